@@ -1,0 +1,40 @@
+# MERLIN: every target prepares what it needs (apt, venv, catkin build) and cleans up after itself.
+#   make demo RTF=5 SEED=7 MISSION=1 APPROACH=merlin
+
+RTF ?= 3
+SEED ?= 1
+MISSION ?= 1
+APPROACH ?= merlin
+CANCEL_AFTER ?= 10
+RECORD ?= false
+
+IN := tools/in_workspace.sh
+RUN := $(IN) rosrun merlin run
+
+.PHONY: help build demo test lint bench clean
+
+help:
+	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD=)"
+	@echo "make test   all tests"
+	@echo "make bench  benchmarks"
+	@echo "make lint   ruff, catkin_lint, roslaunch-check"
+	@echo "make build  only what the others need"
+
+build:
+	@tools/build.sh
+
+demo: build
+	@$(RUN) home.launch mission:=$(MISSION) approach:=$(APPROACH) seed:=$(SEED) rtf:=$(RTF) \
+	  cancel_after:=$(CANCEL_AFTER) record:=$(RECORD) results:=$(CURDIR)/results/demo
+
+test: build
+	@$(IN) python -m pytest test
+
+bench: build
+	@$(IN) python bench/run.py
+
+lint: build
+	@$(IN) tools/lint.sh
+
+clean:
+	rm -rf build devel install .venv

@@ -1,0 +1,1 @@
+"""Brings MERLIN up: launch files, PDDL, and the runner of applications."""

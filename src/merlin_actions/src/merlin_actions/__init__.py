@@ -1,0 +1,1 @@
+"""MERLIN actions: state machines that a planning system dispatches."""

@@ -1,0 +1,1 @@
+"""The Executor, its client and the Goal Dispatcher."""

@@ -1,0 +1,1 @@
+"""The home missions and the experiment of the paper."""

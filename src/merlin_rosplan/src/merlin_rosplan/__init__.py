@@ -1,0 +1,1 @@
+"""The planning system: ROSPlan's node interfaces over a core without ROS."""

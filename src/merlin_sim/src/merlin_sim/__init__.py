@@ -1,0 +1,1 @@
+"""Simulated worlds, robot, navigation and speech."""

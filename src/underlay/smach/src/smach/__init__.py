@@ -1,0 +1,1 @@
+"""Hierarchical state machines in pure Python, API of SMACH."""

@@ -1,0 +1,1 @@
+"""SMACH states and introspection for ROS."""

@@ -1,0 +1,89 @@
+"""Lets pytest collect rostest suites: every ``*.test`` file runs under its own master."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Iterator
+
+import pytest
+
+LIMIT = 280.0  # s, below pytest's own limit, so that the suite's processes are ended here
+
+
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "RosTestFile":
+    """Collects launch files that end in .test."""
+    if file_path.suffix == ".test":
+        return RosTestFile.from_parent(parent, path=file_path)
+    return None
+
+
+class RosTestFile(pytest.File):
+    """One rostest launch file."""
+
+    def collect(self) -> Iterator[pytest.Item]:
+        """One item: a launch file starts its processes once for all its cases."""
+        yield RosTestItem.from_parent(self, name=self.path.stem)
+
+
+class RosTestFailure(Exception):
+    """A rostest suite that failed; carries what it printed."""
+
+
+class RosTestItem(pytest.Item):
+    """Runs one rostest suite in a session of its own and fails with what it printed."""
+
+    def runtest(self) -> None:
+        """Runs the suite; whatever it leaves behind is killed."""
+        home = Path(self.config.rootpath) / "results" / "test" / self.name
+        home.mkdir(parents=True, exist_ok=True)
+        env = dict(os.environ, ROS_HOME=str(home), ROS_LOG_DIR=str(home / "log"), PYTHONUNBUFFERED="1")
+        env.pop("ROS_MASTER_URI", None)
+        results = home / "test_results"
+        env["ROS_TEST_RESULTS_DIR"] = str(results)
+        for old in results.glob("**/*.xml"):
+            old.unlink()
+        process = subprocess.Popen(
+            ["rostest", str(self.path)],
+            env=env,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        )
+        try:
+            output, _ = process.communicate(timeout=LIMIT)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGINT)
+            try:
+                output, _ = process.communicate(timeout=15)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                output, _ = process.communicate()
+            raise RosTestFailure(f"no end after {LIMIT:.0f} s\n{output[-8000:]}") from None
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+        cases = failures = 0
+        for report in results.glob("**/*.xml"):
+            for suite in ElementTree.parse(str(report)).getroot().iter("testsuite"):
+                cases += int(suite.get("tests", 0))
+                failures += int(suite.get("failures", 0)) + int(suite.get("errors", 0))
+        if process.returncode or failures or not cases:
+            raise RosTestFailure(
+                f"exit code {process.returncode}, {cases} cases, {failures} failed\n{output[-12000:]}"
+            )
+
+    def repr_failure(self, excinfo: pytest.ExceptionInfo) -> str:
+        """What the suite printed is the whole story."""
+        if isinstance(excinfo.value, RosTestFailure):
+            return f"rostest {self.path}: {excinfo.value}"
+        return str(super().repr_failure(excinfo))
+
+    def reportinfo(self) -> tuple:
+        """Where the suite is."""
+        return self.path, None, f"rostest {self.path.name}"

@@ -1,0 +1,81 @@
+#!/usr/bin/env bash
+# Prepares the workspace from a bare machine: apt packages, virtual environment, catkin build.
+# Each step is skipped when it has nothing to do, so a second call costs seconds.
+#   UNDERLAY=auto|all|none   which underlay packages to build (tools/underlay.py)
+set -euo pipefail
+cd "$(dirname "$0")/.."
+workspace=$PWD
+
+fail() { echo "build: $*" >&2; exit 1; }
+say() { echo "build: $*"; }
+
+as_root() {
+  if [ "$(id -u)" = 0 ]; then env DEBIAN_FRONTEND=noninteractive "$@"
+  elif command -v sudo >/dev/null; then sudo env DEBIAN_FRONTEND=noninteractive "$@"
+  else fail "'$*' needs root: install sudo or run it once as root"; fi
+}
+
+install_apt() {
+  local wanted missing
+  wanted=$(sed 's/#.*//' apt.txt)
+  # shellcheck disable=SC2086
+  missing=$(comm -13 \
+    <(dpkg-query -W -f '${db:Status-Abbrev} ${Package}\n' $wanted 2>/dev/null | awk '$1 == "ii" {print $2}' | sort -u) \
+    <(tr -s ' \n' '\n' <<<"$wanted" | sed '/^$/d' | sort -u))
+  [ -z "$missing" ] && return
+  say "installing $(wc -w <<<"$missing") Debian packages"
+  local log=$workspace/.apt.log
+  as_root apt-get update -q >"$log" 2>&1 || true   # an old list may do; the install decides
+  # shellcheck disable=SC2086
+  as_root apt-get install -y -q --no-install-recommends $missing >>"$log" 2>&1 || {
+    tail -n 5 "$log" >&2
+    fail "apt-get could not install the packages of apt.txt (network? Debian 12?); the whole log is $log"
+  }
+  rm -f "$log"
+}
+
+make_venv() {
+  local stamp=.venv/.requirements key
+  key=$(cat requirements.txt requirements-nodeps.txt constraints.txt | sha256sum)
+  [ -x .venv/bin/python ] && [ "$(cat $stamp 2>/dev/null)" = "$key" ] && return
+  say "virtual environment .venv"
+  [ -x .venv/bin/python ] || /usr/bin/python3 -m venv --system-site-packages .venv
+  .venv/bin/pip install -q --disable-pip-version-check -c constraints.txt -r requirements.txt 2>.venv/pip.log &&
+    .venv/bin/pip install -q --disable-pip-version-check --no-deps -r requirements-nodeps.txt 2>>.venv/pip.log || {
+    tail -n 5 .venv/pip.log >&2
+    fail "pip could not install requirements.txt (network?)"
+  }
+  echo "$key" >$stamp
+}
+
+build_catkin() {
+  # shellcheck disable=SC1091
+  . .venv/bin/activate
+  python tools/underlay.py "${UNDERLAY:-auto}" || exit 1
+  # The user's own overlays stay below this workspace; without one, Debian's prefix is all there is.
+  local setup
+  for setup in /opt/ros/*/setup.sh; do
+    # shellcheck disable=SC1090
+    if [ -z "${CMAKE_PREFIX_PATH:-}" ] && [ -e "$setup" ]; then set +u; . "$setup"; set -u; fi
+  done
+  local files key stamp=build/.built
+  files=$(find -L src -name CATKIN_IGNORE -o \( -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -path '*/scripts/*' \) -type f | grep -v '^src/CMakeLists.txt$' | sort)
+  # shellcheck disable=SC2086
+  key=$({ echo "$workspace"; cat tools/build.sh; sha256sum $files; } | sha256sum)
+  [ "$(cat $stamp 2>/dev/null)" = "$key" ] && [ -e devel/setup.bash ] && return
+  say "catkin workspace"
+  # Python is what MERLIN speaks; C++ headers stay for the nodes of its users.
+  ROS_LANG_DISABLE=${ROS_LANG_DISABLE:-geneus:genlisp:gennodejs} \
+    catkin_make -j"$(nproc)" -DPYTHON_EXECUTABLE="$workspace/.venv/bin/python" >.catkin.log 2>&1 || {
+    grep -nE -A5 'error|Error|FAILED' .catkin.log | head -n 20 >&2
+    fail "catkin_make failed; the whole log is $workspace/.catkin.log"
+  }
+  mkdir -p build && echo "$key" >$stamp
+}
+
+mkdir -p build
+exec 9>build/.lock
+flock 9 2>/dev/null || true    # two targets at once: the second waits for the first's build
+install_apt
+make_venv
+build_catkin

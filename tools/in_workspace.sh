@@ -1,0 +1,9 @@
+#!/usr/bin/env bash
+# Runs a command in the built workspace: virtual environment active, devel space sourced.
+set -e
+workspace=$(cd "$(dirname "$0")/.." && pwd)
+[ -e "$workspace/devel/setup.bash" ] || { echo "in_workspace: not built yet; run 'make build'" >&2; exit 1; }
+. "$workspace/.venv/bin/activate"
+set +u
+. "$workspace/devel/setup.bash"
+exec "$@"
