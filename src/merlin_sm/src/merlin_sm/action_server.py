@@ -25,8 +25,8 @@ _numbers = itertools.count(1)
 class ServerGoal:
     """A goal that a server received, and what becomes of it.
 
-    The verbs that end it (:meth:`succeed`, :meth:`abort`, :meth:`cancelled`, :meth:`reject`) return False, and
-    do nothing, when it has ended already: whoever comes first decides.
+    The verbs that end it (:meth:`succeed`, :meth:`abort`, :meth:`cancelled`, :meth:`reject`) return False,
+    and do nothing, when it has ended already: whoever comes first decides.
     """
 
     def __init__(self, server: "ActionServer", goal_id: GoalID, goal: Any) -> None:
@@ -123,8 +123,8 @@ class ActionServer:
 
     :param name: of the action; relative names and remapping as usual.
     :param action_spec: the generated ``...Action`` class.
-    :param on_goal: called with each new :class:`ServerGoal` in the subscriber's thread; must not block, and has
-        to accept or reject it, now or later.
+    :param on_goal: called with each new :class:`ServerGoal` in the subscriber's thread; must not block, and
+        has to accept or reject it, now or later.
     :param on_cancel: called once for each goal that shall stop, in the subscriber's thread, at once.
     """
 

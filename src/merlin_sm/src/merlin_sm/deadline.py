@@ -10,7 +10,6 @@ import time
 from typing import Callable, Optional
 
 import rospy
-
 from merlin_msgs.msg import SimStatus
 
 SIM_STATUS_TOPIC = "/merlin_sim/status"

@@ -1,4 +1,4 @@
-"""The service proxy of MERLIN: persistent, safe to share between threads, and aware of a server that restarted."""
+"""The service proxy of MERLIN: persistent, shared between threads, aware of a server that restarted."""
 
 import contextlib
 import select
