@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""An action server and a service that a test can kill. The goal is a NonBlockingDispatch; it waits for a cancel."""
+"""An action server, which waits for a cancel, and a service: for tests that kill their process."""
 
 import rospy
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchAction, NonBlockingDispatchResult

@@ -7,7 +7,7 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal, parse_literals, to_pddl
 
-NAMES = st.from_regex(r"[a-z][a-z0-9_-]{0,8}\Z").filter(
+NAMES = st.from_regex(r"[a-z][a-z0-9_-]{0,8}", fullmatch=True).filter(
     lambda name: name not in ("and", "not", "or", "imply", "forall", "exists", "when")
 )
 LITERALS = st.builds(
