@@ -8,7 +8,6 @@ import abc
 import math
 import queue
 import threading
-import time
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, Dict, FrozenSet, List, NamedTuple, Optional, Tuple, Union
@@ -29,7 +28,7 @@ class FeedbackStatus(IntEnum):
 
 
 class DispatchState(IntEnum):
-    """State of a dispatch; the numbers are those of merlin_msgs/DispatchStatus."""
+    """State of a dispatch."""
 
     IDLE = 0
     RUNNING = 1

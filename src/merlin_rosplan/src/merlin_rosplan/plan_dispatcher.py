@@ -1,5 +1,6 @@
 """ROSPlan's plan dispatchers, simple and Esterel, over the core in :mod:`merlin_rosplan.dispatch`."""
 
+import dataclasses
 import threading
 import time
 from typing import Any, Dict, List, Optional, Tuple, Type
@@ -44,7 +45,7 @@ from merlin_rosplan.dispatch_schedule import (
 )
 from merlin_rosplan.handover import Handover
 from merlin_rosplan.interface_watch import InterfaceWatch
-from merlin_rosplan.knowledge_client import KnowledgeClient, KnowledgeError, goal_text
+from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError, goals_text
 from merlin_rosplan.operator_model import BindingError, Conditions, Operator
 from merlin_rosplan.plan_graph_drawer import PlanGraphDrawer
 from merlin_rosplan.plan_graph_messages import graph_from_message
@@ -54,6 +55,10 @@ SCOPE = "rosplan_plan_dispatcher"
 CANCEL_ACTION = "cancel_action"
 OWN_MARK = "dispatcher"  # key in `information` of feedback that a dispatcher published itself
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
+_WIRE_STATES = {
+    DispatchState.RUNNING: DispatchStatus.RUNNING,
+    DispatchState.CANCELLING: DispatchStatus.CANCELLING,
+}
 SHUTDOWN_DEADLINE = 1.0  # s that running interfaces get to answer when the node ends
 
 
@@ -87,7 +92,7 @@ class PlanDispatcher(Component, Outside):
             cancel=self.number("cancel_deadline", 5.0),
             over_all_grace=self.number("over_all_grace", 1.0, 0.0),
         )
-        self._knowledge = KnowledgeClient(self.knowledge_base)
+        self._knowledge = PlanKnowledge(self.knowledge_base)
         self._interfaces = InterfaceWatch(running_time)
         self._alarm = self.own(RosAlarm(self._tick, f"alarm of {self.scope}"))
 
@@ -155,8 +160,8 @@ class PlanDispatcher(Component, Outside):
         if dispatch is None:
             rospy.loginfo("%s: cancel_dispatch: nothing is dispatched", self.scope)
         else:
+            # As in ROSPlan the answer is no news of the end: that comes from dispatch_plan.
             dispatch.cancel("cancelled by cancel_dispatch")
-            dispatch.ended.wait()
         return EmptyResponse()
 
     def _accept(self, goal: ServerGoal) -> None:
@@ -168,13 +173,14 @@ class PlanDispatcher(Component, Outside):
 
     def _run_goal(self, goal: ServerGoal) -> None:
         report, goal_achieved = self._run()
+        text = report.reason or "every action succeeded"
         result = NonBlockingDispatchResult(success=report.success, goal_achieved=goal_achieved)
         if report.success:
-            goal.succeed(result, report.reason)
+            goal.succeed(result, text)
         elif report.state == DispatchState.CANCELLED:
-            goal.cancelled(result, report.reason)
+            goal.cancelled(result, text)
         else:
-            goal.abort(result, report.reason)
+            goal.abort(result, text)
 
     def _cancel_goal(self, goal: ServerGoal) -> None:
         with self._state:
@@ -195,23 +201,23 @@ class PlanDispatcher(Component, Outside):
     def _run(self) -> Tuple[DispatchReport, bool]:
         """Dispatches the plan received last; the caller has occupied the dispatcher."""
         try:
-            report = self._run_plan()
-        except PlanError as error:
-            report = DispatchReport(DispatchState.FAILED, str(error))
+            try:
+                report = self._run_plan()
+            except PlanError as error:
+                report = DispatchReport(DispatchState.FAILED, str(error))
+            unmet = self._unmet_goals()
         finally:
             with self._state:
                 self._dispatch = self._goal = None
-        try:
-            goal_achieved, unmet = self._goal_achieved()
-            if report.success and not goal_achieved:
-                rospy.logwarn("%s: every action succeeded, but %s", self.scope, unmet)
-        finally:
-            with self._state:
                 self._busy = False
-        self._tell_status(report)
         log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
         log("%s: %s: %s", self.scope, report.state.name, report.reason)
-        return report, goal_achieved
+        if report.success:
+            if unmet:
+                rospy.logwarn("%s: every action succeeded, but %s", self.scope, unmet)
+            report = dataclasses.replace(report, reason=unmet)
+        self._tell_status(report)
+        return report, not unmet
 
     def _run_plan(self) -> DispatchReport:
         plan = self._take_plan()
@@ -239,15 +245,13 @@ class PlanDispatcher(Component, Outside):
             self._fresh = False
             return self._plan
 
-    def _goal_achieved(self) -> Tuple[bool, str]:
+    def _unmet_goals(self) -> str:
+        """What keeps the goal from being achieved, as part of a sentence; empty when it is."""
         try:
             unmet = self._knowledge.unmet_goals()
-        except KnowledgeError as error:
-            rospy.logerr("%s: cannot tell whether the goals hold: %s", self.scope, error)
-            return False, str(error)
-        if not unmet:
-            return True, ""
-        return False, "these goals do not hold: " + ", ".join(goal_text(goal) for goal in unmet)
+        except PlanKnowledgeError as error:
+            return f"nobody can tell whether the goals hold: {error}"
+        return f"these goals do not hold: {goals_text(unmet)}" if unmet else ""
 
     # --- what arrives -------------------------------------------------------------------------------
 
@@ -348,7 +352,7 @@ class PlanDispatcher(Component, Outside):
             if operator is None:
                 operator = self._operators[action.name] = self._knowledge.operator(action.name)
             binding = operator.bind([value for _, value in action.parameters])
-        except (KnowledgeError, BindingError) as error:
+        except (PlanKnowledgeError, BindingError) as error:
             raise DispatchError(f"{action} cannot be dispatched: {error}") from error
         self._bindings[action.id] = binding
         return operator.ground(binding)
@@ -357,7 +361,7 @@ class PlanDispatcher(Component, Outside):
         """Asks the knowledge base."""
         try:
             return self._knowledge.false_of(conditions, self._bindings[action.id])
-        except KnowledgeError as error:
+        except PlanKnowledgeError as error:
             raise DispatchError(f"the conditions of {action} cannot be checked: {error}") from error
 
     def silence(self, operator: str) -> Optional[float]:
@@ -387,7 +391,7 @@ class PlanDispatcher(Component, Outside):
         if rospy.is_shutdown():
             return
         status = DispatchStatus(
-            state=int(report.state),
+            state=_WIRE_STATES.get(report.state, DispatchStatus.IDLE),
             plan_id=self._plan_id,
             running=[
                 RunningAction(
@@ -403,7 +407,6 @@ class PlanDispatcher(Component, Outside):
             steps_total=report.steps_total,
             failed_action=str(report.failed_action) if report.failed_action is not None else "",
             reason=report.reason,
-            unanswered=[str(action) for action in report.unanswered],
         )
         status.header.stamp = rospy.Time.now()
         self._status.publish(status)

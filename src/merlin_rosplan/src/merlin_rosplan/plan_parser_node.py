@@ -13,7 +13,7 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
 from merlin_rosplan.component import Component, ComponentError, run_component
 from merlin_rosplan.handover import Handover
-from merlin_rosplan.knowledge_client import KnowledgeClient, KnowledgeError
+from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.operator_model import BindingError, Operator
 from merlin_rosplan.plan_graph import build_graph
 from merlin_rosplan.plan_graph_messages import graph_to_message
@@ -34,7 +34,7 @@ class PlanParser(Component):
         self._text = ""
         self._new = False
         self._parsing = threading.Lock()  # one plan at a time, published in the order of the calls
-        self._knowledge = KnowledgeClient(self.knowledge_base)
+        self._knowledge = PlanKnowledge(self.knowledge_base)
         topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
         self._plan = self.publisher(topic, self.plan_class, queue_size=1, latch=True)
         self._hand_over = self.own(Handover.sender(topic))
@@ -54,7 +54,7 @@ class PlanParser(Component):
 
         Raises
         ------
-        KnowledgeError: the knowledge base does not answer.
+        PlanKnowledgeError: the knowledge base does not answer.
         """
         raise NotImplementedError
 
@@ -99,7 +99,7 @@ class PlanParser(Component):
             try:
                 steps = parse_plan(text)
                 plan = self.message(steps, self._ground(steps))
-            except (PlanTextError, KnowledgeError, BindingError) as error:
+            except (PlanTextError, PlanKnowledgeError, BindingError) as error:
                 reason = f"cannot parse {source}: {error}"
                 rospy.logerr("%s: %s", self.scope, reason)
                 raise rospy.ServiceException(reason) from error

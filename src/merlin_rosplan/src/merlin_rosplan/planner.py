@@ -193,7 +193,7 @@ class Planning:
     ) -> Tuple[PlannerState, str]:
         name = command.name if command is not None else KAIROS
         if fault is not None:
-            return PlannerState.CRASHED, f"{name} returned a plan that is not valid: {fault}"
+            return PlannerState.INVALID, f"{name} returned a plan that is not valid: {fault}"
         killed_itself = command is not None and command.limit is not None and result.returncode in (124, 137)
         if result.timed_out or killed_itself:
             return PlannerState.TIMEOUT, f"{name} found no plan within {limit:g} s"

@@ -145,7 +145,6 @@ class PlannerInterface(Component):
                 reason=outcome.reason,
                 planner=outcome.planner,
                 seconds=outcome.seconds,
-                plan=outcome.plan,
             )
         )
         log = rospy.loginfo if outcome.state in (PlannerState.SOLVED, PlannerState.CANCELLED) else rospy.logerr

@@ -12,8 +12,8 @@ class PlannerState(IntEnum):
     SOLVED = 2
     UNSOLVABLE = 3  # proven, or the search space is exhausted
     TIMEOUT = 4
-    CRASHED = 5  # ended abnormally, ran out of memory, or returned something that is no valid plan
-    INVALID = 6  # the domain or the problem is not valid PDDL
+    CRASHED = 5  # could not start, ended abnormally, ran out of memory, or said nothing
+    INVALID = 6  # the domain or the problem is not valid PDDL, or the plan did not validate
     CANCELLED = 7
 
 
