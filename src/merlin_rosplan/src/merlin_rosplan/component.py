@@ -49,7 +49,7 @@ class Component:
     # --- names and parameters -------------------------------------------------------------------
 
     def resolve(self, name: str) -> str:
-        """The global name of one of this component's names: ``x`` and ``~x`` are ``<scope>/x``, ``/x`` is ``/x``."""
+        """The global name of one of this component's names: ``x`` and ``~x`` mean ``<scope>/x``."""
         if name.startswith("/"):
             return rospy.resolve_name(name)
         return rospy.resolve_name(f"{self.scope}/{name.lstrip('~')}")
@@ -105,7 +105,7 @@ class Component:
     # --- services and topics --------------------------------------------------------------------
 
     def service(self, name: str, service_class: Type[Any], callback: Callable[[Any], Any]) -> rospy.Service:
-        """Offers a service; a callback raises ``rospy.ServiceException`` with a sentence to make the call fail."""
+        """Offers a service; its callback raises ``rospy.ServiceException`` to make the call fail."""
         return self.own(rospy.Service(self.resolve(name), service_class, callback))
 
     def publisher(

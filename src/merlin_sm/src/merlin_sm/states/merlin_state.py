@@ -13,9 +13,9 @@ PREEMPTED = "preempted"
 class MerlinState(smach.State):
     """Base of MERLIN's states, with the outcomes succeeded, aborted and preempted.
 
-    After a run, `outcome` and `reason` tell how it went. A subclass implements :meth:`run`. What it waits for
-    it announces with :meth:`interruptible`, so that a preempt reaches it in the caller's thread and not at the
-    next look at a flag.
+    After a run, `outcome` and `reason` tell how it went. A subclass implements :meth:`run`. What it waits
+    for it announces with :meth:`interruptible`, so that a preempt reaches it in the caller's thread and not
+    at the next look at a flag.
 
     :param outcomes: further outcomes.
     """
