@@ -39,9 +39,8 @@ class Profile:
     @property
     def duration(self) -> float:
         """Time of the whole motion, s."""
-        if self.way == 0:
-            return 0.0
-        return self.way / self.peak + self.ramp
+        peak = self.peak
+        return self.way / peak + peak / self.acceleration if peak > 0 else 0.0
 
     def way_at(self, time: float) -> float:
         """Way covered after some time (s)."""

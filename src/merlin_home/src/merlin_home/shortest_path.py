@@ -107,7 +107,9 @@ class ShortestPaths:
             useful = self._touches(np.full(count, index), direction) & self._touches(everything, direction)
             useful[index] = False
             others = np.nonzero(useful)[0]
-            seen = self._visible(np.repeat(self._corners[index][None], len(others), axis=0), self._corners[others])
+            seen = self._visible(
+                np.repeat(self._corners[index][None], len(others), axis=0), self._corners[others]
+            )
             others = others[seen]
             edges.append((others, np.hypot(*direction[others].T)))
         return edges
