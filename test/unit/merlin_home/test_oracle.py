@@ -20,6 +20,9 @@ from merlin_home.shortest_path import (
 LIMITS = MotionLimits(speed=0.5, acceleration=1.0, turn_rate=1.0, turn_acceleration=2.0, radius=0.25)
 
 
+BOXES = st.tuples(st.integers(5, 70), st.integers(25, 95), st.integers(2, 12), st.integers(2, 12))
+
+
 def room(rows: int = 80, columns: int = 120) -> np.ndarray:
     """A room of 6 m x 4 m in cells of 5 cm."""
     return np.zeros((rows, columns), dtype=bool)
@@ -92,7 +95,7 @@ def test_the_way_round_a_wall_touches_its_end() -> None:
     occupied = room()
     occupied[:60, 58:60] = True  # a wall at x = 1.9 … 2.0 from the bottom up to y = 1.0
     route = paths(occupied).path((0.0, 0.0), (3.9, 0.0))
-    # Two tangents to discs of 0.25 m round the wall's two upper corners, (1.9, 1.0) and (2.0, 1.0), from 1.9 m
+    # Two tangents to discs of 0.25 m round the wall's upper corners, (1.9, 1.0) and (2.0, 1.0), from 1.9 m
     # beside and 1 m below, and the arcs between.
     reach = math.hypot(1.9, 1.0)
     tangent = math.sqrt(reach**2 - 0.25**2)
@@ -155,7 +158,6 @@ def test_paths_are_free_and_the_same_length_both_ways(boxes: list, x: float, y: 
 
 
 def _distance(point: tuple, a: tuple, b: tuple) -> float:
-    length = math.dist(a, b)
     share = (
         0.0
         if length == 0

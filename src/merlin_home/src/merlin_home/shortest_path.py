@@ -75,7 +75,7 @@ class ShortestPaths:
         return [*vertices, goal]
 
     def _find_corners(self) -> Tuple[np.ndarray, np.ndarray]:
-        """Corners of cells with exactly one blocked cell around: positions (cells), and on which side it is."""
+        """Cell corners with one blocked cell around: positions (cells), and on which side the cell is."""
         blocked = self._blocked
         around = {
             (-1, -1): blocked[:-1, :-1],
@@ -93,7 +93,7 @@ class ShortestPaths:
         return np.concatenate(positions), np.concatenate(quadrants)
 
     def _touches(self, corner: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Whether a line in a direction through a corner touches its obstacle instead of hitting or leaving it."""
+        """Whether a line through a corner touches its obstacle, instead of hitting or leaving it."""
         along = self._quadrants[corner] * direction
         return along[..., 0] * along[..., 1] <= 0
 
@@ -147,7 +147,7 @@ class ShortestPaths:
         return self._blocked[rows, columns]
 
     def _tree(self, goal: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lengths of the shortest paths from all corners to a goal (cells), and the next corner on each (-1: goal)."""
+        """Of the shortest paths from all corners to a goal: lengths (cells), next corners (-1: goal)."""
         lengths = np.full(len(self._corners), np.inf)
         successors = np.full(len(self._corners), -1)
         seen = np.nonzero(self._seen_from(goal))[0]
@@ -166,7 +166,7 @@ class ShortestPaths:
         return lengths, successors, goal
 
     def _free_cell(self, point: Point) -> np.ndarray:
-        """A point in cells; one inside a grown obstacle (a robot may stand closer than that) moves out of it."""
+        """A point in cells; one inside a grown obstacle (real robots stand closer) moves out of it."""
         position = (np.asarray(point) - self._origin) / self._resolution
         if not self._lookup(position):
             return position

@@ -122,7 +122,7 @@ class TaskRecord:
 
     @property
     def right(self) -> bool:
-        """Whether it ended as the list says: cancelled if marked, unless it was done before; else succeeded."""
+        """Whether it ended as the list says; a marked task may have succeeded before its cancel."""
         if not self.task.marked:
             return self.succeeded
         in_time = self.cancel_sent is None or self.idle - self.cancel_sent <= CROSSING
