@@ -128,9 +128,7 @@ def test_a_gap_narrower_than_the_robot_is_no_way() -> None:
 
 
 @given(
-    st.lists(
-        st.tuples(st.integers(5, 70), st.integers(25, 95), st.integers(2, 12), st.integers(2, 12)), max_size=5
-    ),
+    st.lists(BOXES, max_size=5),
     st.floats(-0.4, -0.2),
     st.floats(-1.5, 1.5),
     st.floats(-1.5, 1.5),
@@ -158,12 +156,8 @@ def test_paths_are_free_and_the_same_length_both_ways(boxes: list, x: float, y: 
 
 
 def _distance(point: tuple, a: tuple, b: tuple) -> float:
-    share = (
-        0.0
-        if length == 0
-        else ((point[0] - a[0]) * (b[0] - a[0]) + (point[1] - a[1]) * (b[1] - a[1])) / length**2
-    )
-    share = min(1.0, max(0.0, share))
+    along = (point[0] - a[0]) * (b[0] - a[0]) + (point[1] - a[1]) * (b[1] - a[1])
+    share = min(1.0, max(0.0, along / max(1e-12, math.dist(a, b) ** 2)))
     return math.dist(point, (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])))
 
 

@@ -11,6 +11,10 @@ from .task_record import TaskRecord
 from .trajectory import Trajectory
 
 
+CLOCK_TICK = 0.05
+"""By how much the clocks of two nodes may differ in a simulation, s: they learn of the time by messages."""
+
+
 class Outcome(Protocol):
     """How a request ended."""
 
@@ -52,7 +56,7 @@ class Robot(Protocol):
         """Waits until the Executor takes the next request."""
 
     def action_times(self, since: float) -> List[Tuple[str, float, float]]:
-        """The actions that ran since a time: operator, start, end (s of ROS time)."""
+        """The actions that began since a time: operator, start, end (s of ROS time)."""
 
 
 class MissionStopped(Exception):
@@ -163,7 +167,7 @@ class Mission:
         start, track = self.start, self._robot.trajectory
         sent, idle = start + record.sent, start + record.idle
         record.distance = track.distance(sent, idle)
-        actions = [entry for entry in self._robot.action_times(sent) if entry[1] <= idle]
+        actions = self._robot.action_times(sent - CLOCK_TICK)
         if actions:
             record.first_dispatch = max(sent, min(begin for _, begin, _ in actions)) - start
         for operator, begin, end in actions:
