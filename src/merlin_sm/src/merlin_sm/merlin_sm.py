@@ -20,11 +20,25 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
     ) -> None:
         super().__init__(list(outcomes), list(input_keys), list(output_keys))
         self.reason = ""
-        self.register_start_cb(self._forget_reason)
+        self._cancelled = False
+        self.register_start_cb(self._begin)
         self.register_termination_cb(self._take_reason)
 
-    def _forget_reason(self, userdata: Any, initial_states: List[str]) -> None:
+    def prepare(self) -> None:
+        """Forgets the cancels of earlier runs. Whoever uses :meth:`cancel` calls this before each run."""
+        self._cancelled = False
+
+    def cancel(self) -> None:
+        """Preempts the run; unlike ``request_preempt()`` also one that is prepared and has not begun."""
+        self._cancelled = True
+        self.request_preempt()
+
+    def _begin(self, userdata: Any, initial_states: List[str]) -> None:
         self.reason = ""
+        if self._cancelled:
+            # SMACH forgets the flag of an idle machine when a run begins. request_preempt() would deadlock in
+            # a callback of the original SMACH, so the flag it sets is set here.
+            self._preempt_requested = True
 
     def _take_reason(self, userdata: Any, terminal_states: List[str], outcome: str) -> None:
         children = self.get_children()

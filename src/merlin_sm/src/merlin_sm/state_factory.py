@@ -6,6 +6,12 @@ import smach
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.knowledge import KnowledgeState
 from merlin_sm.states.navigation import NavigationState
+from merlin_sm.states.planning import (
+    DispatchPlanState,
+    GenerateProblemState,
+    ParsePlanState,
+    PlanState,
+)
 from merlin_sm.states.recognition import RecognizeState
 from merlin_sm.states.ros_calls import ServiceCallState, TopicState
 from merlin_sm.states.speech import ListenState, SpeakState
@@ -16,18 +22,22 @@ StateMaker = Callable[..., smach.State]
 class MerlinStateFactory:
     """A registry from name to state class. Ready states are registered on import; users register theirs.
 
-    ===========  =======================================================================
-    name         state
-    ===========  =======================================================================
-    navigation   :class:`merlin_sm.states.navigation.NavigationState`
-    speak        :class:`merlin_sm.states.speech.SpeakState`
-    listen       :class:`merlin_sm.states.speech.ListenState`
-    recognize    :class:`merlin_sm.states.recognition.RecognizeState`
-    action       :class:`merlin_sm.states.action_state.ActionState`
-    service      :class:`merlin_sm.states.ros_calls.ServiceCallState`
-    topic        :class:`merlin_sm.states.ros_calls.TopicState`
-    knowledge    :class:`merlin_sm.states.knowledge.KnowledgeState`
-    ===========  =======================================================================
+    ================  ==================================================================
+    name              state
+    ================  ==================================================================
+    navigation        :class:`merlin_sm.states.navigation.NavigationState`
+    speak             :class:`merlin_sm.states.speech.SpeakState`
+    listen            :class:`merlin_sm.states.speech.ListenState`
+    recognize         :class:`merlin_sm.states.recognition.RecognizeState`
+    action            :class:`merlin_sm.states.action_state.ActionState`
+    service           :class:`merlin_sm.states.ros_calls.ServiceCallState`
+    topic             :class:`merlin_sm.states.ros_calls.TopicState`
+    knowledge         :class:`merlin_sm.states.knowledge.KnowledgeState`
+    generate_problem  :class:`merlin_sm.states.planning.GenerateProblemState`
+    plan              :class:`merlin_sm.states.planning.PlanState`
+    parse_plan        :class:`merlin_sm.states.planning.ParsePlanState`
+    dispatch_plan     :class:`merlin_sm.states.planning.DispatchPlanState`
+    ================  ==================================================================
     """
 
     _makers: Dict[str, StateMaker] = {}
@@ -61,9 +71,13 @@ class MerlinStateFactory:
 
 for _name, _maker in (
     ("action", ActionState),
+    ("dispatch_plan", DispatchPlanState),
+    ("generate_problem", GenerateProblemState),
     ("knowledge", KnowledgeState),
     ("listen", ListenState),
     ("navigation", NavigationState),
+    ("parse_plan", ParsePlanState),
+    ("plan", PlanState),
     ("recognize", RecognizeState),
     ("service", ServiceCallState),
     ("speak", SpeakState),

@@ -13,8 +13,9 @@ PREEMPTED = "preempted"
 class MerlinState(smach.State):
     """Base of MERLIN's states, with the outcomes succeeded, aborted and preempted.
 
-    A subclass implements :meth:`run`. What it waits for it announces with :meth:`interruptible`, so that a
-    preempt reaches it in the caller's thread and not at the next look at a flag.
+    After a run, `outcome` and `reason` tell how it went. A subclass implements :meth:`run`. What it waits
+    for it announces with :meth:`interruptible`, so that a preempt reaches it in the caller's thread and not
+    at the next look at a flag.
 
     :param outcomes: further outcomes.
     """
@@ -27,6 +28,7 @@ class MerlinState(smach.State):
     ) -> None:
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *outcomes], list(input_keys), list(output_keys))
         self.reason = ""
+        self.outcome = ""
         self._interrupt_lock = threading.Lock()  # guards _interrupt
         self._interrupt: Optional[Callable[[], None]] = None
 
@@ -37,6 +39,10 @@ class MerlinState(smach.State):
     def execute(self, userdata: Any) -> str:
         """Runs the state; SMACH calls it."""
         self.reason = ""
+        self.outcome = self._execute(userdata)
+        return self.outcome
+
+    def _execute(self, userdata: Any) -> str:
         if not self.preempt_requested():
             outcome = self.run(userdata)
             if not self.preempt_requested() or outcome != PREEMPTED:
