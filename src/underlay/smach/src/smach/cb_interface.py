@@ -61,7 +61,7 @@ class CBInterface:
         return tuple(self._outcomes)
 
 
-class cb_interface:  # noqa: N801 the name is SMACH's
+class cb_interface:
     """Decorator that declares the interface of a callback.
 
     :param outcomes: that it may return.

@@ -194,7 +194,9 @@ class Concurrence(Container):
                 f"Concurrence '{self._path()}': outcome_cb raised {type(error).__name__}: {error}"
             ) from error
         if not outcome:
-            smach.logwarn(f"Concurrence '{self._path()}': outcome_cb returned {outcome!r}; using the outcome map")
+            smach.logwarn(
+                f"Concurrence '{self._path()}': outcome_cb returned {outcome!r}; using the outcome map"
+            )
             return None
         if outcome not in self._outcomes:
             raise InvalidTransitionError(

@@ -120,7 +120,9 @@ class ConcurrentRun:
             self.active.remove(label)
         try:
             if failure is not None:
-                self._fail(f"State '{container._path(label)}' of type '{type(child).__name__}' failed", failure)
+                self._fail(
+                    f"State '{container._path(label)}' of type '{type(child).__name__}' failed", failure
+                )
             elif outcome is not None:
                 self._child_terminated()
             container.call_transition_cbs()

@@ -1,7 +1,6 @@
 """The base of all states that consist of other states."""
 
 import contextlib
-import threading
 import traceback
 import weakref
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
@@ -42,7 +41,7 @@ class Container(PreemptibleContainer):
         self._start_cbs: List[_Callback] = []
         self._transition_cbs: List[_Callback] = []
         self._termination_cbs: List[_Callback] = []
-        self._smach_parent: Optional["weakref.ref[Container]"] = None
+        self._smach_parent: Optional[weakref.ref[Container]] = None
         self._smach_label = ""
 
     # --- what it consists of -------------------------------------------------------------------------------
@@ -163,7 +162,9 @@ class Container(PreemptibleContainer):
         """Has ``transition_cb(userdata, active_states, *cb_args)`` called after each transition."""
         self._transition_cbs.append((transition_cb, list(cb_args)))
 
-    def register_termination_cb(self, termination_cb: Callable[..., None], cb_args: Iterable[Any] = ()) -> None:
+    def register_termination_cb(
+        self, termination_cb: Callable[..., None], cb_args: Iterable[Any] = ()
+    ) -> None:
         """Has ``termination_cb(userdata, terminal_states, container_outcome, *cb_args)`` called at the end."""
         self._termination_cbs.append((termination_cb, list(cb_args)))
 
@@ -245,7 +246,13 @@ class Container(PreemptibleContainer):
 
     def __getstate__(self) -> Dict[str, Any]:
         state = dict(self.__dict__)
-        for name in ("_smach_changed", "_smach_executing", "_smach_forwards", "_smach_runner", "_smach_parent"):
+        for name in (
+            "_smach_changed",
+            "_smach_executing",
+            "_smach_forwards",
+            "_smach_runner",
+            "_smach_parent",
+        ):
             state.pop(name, None)
         state["_is_running"] = False
         return state

@@ -29,7 +29,7 @@ class StateMachine(Container):
         self._transitions: Dict[str, Dict[str, Optional[str]]] = {}
         self._remappings: Dict[str, Dict[str, str]] = {}
         self._constants: Dict[str, Dict[str, Any]] = {}
-        self._pending_connectors: List["tuple[str, str]"] = []  # (label, outcome) that lead to the next state
+        self._pending_connectors: List[tuple[str, str]] = []  # (label, outcome) that lead to the next state
         self._initial_state_label: Optional[str] = None
         self._current_label: Optional[str] = None
         self._current_state: Optional[State] = None
@@ -87,7 +87,9 @@ class StateMachine(Container):
         where = self._path(label)
         outcomes = state.get_registered_outcomes()
         defaults = dict(construction.defaults())
-        bindings = {key: to for key, to in (defaults.pop("transitions", None) or {}).items() if key in outcomes}
+        bindings = {
+            key: to for key, to in (defaults.pop("transitions", None) or {}).items() if key in outcomes
+        }
         bindings.update(transitions or {})
         remapping = {**(defaults.pop("remapping", None) or {}), **remapping_of(remapping, where)}
         constants = {**(defaults.pop("constants", None) or {}), **(constants or {})}
