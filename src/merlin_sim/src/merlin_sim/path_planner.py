@@ -60,8 +60,8 @@ class PathPlanner:
         if self.grid.cells[cell] != FREE:
             return f"{where} lies in unknown space"
         if self.distance[cell] < self.radius:
-            gap = self.distance[cell]
-            return f"{where} is {gap:.2f} m from an obstacle, less than the robot's radius of {self.radius:.2f} m"
+            gap = f"{self.distance[cell]:.2f} m"
+            return f"{where} is {gap} from an obstacle, less than the robot's radius of {self.radius:.2f} m"
         return ""
 
     def plan(self, start: Point, goal: Point, obstacles: Optional[np.ndarray] = None) -> List[Point]:

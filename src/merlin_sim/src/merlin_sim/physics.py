@@ -6,8 +6,11 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any, Dict, Tuple
 
-import pybullet
-from pybullet_utils.bullet_client import BulletClient
+from merlin_sim.silence import silence
+
+with silence():  # the engine greets on standard output when it is imported
+    import pybullet
+    from pybullet_utils.bullet_client import BulletClient
 
 from merlin_sim.drive import DriveGeometry
 from merlin_sim.world import Pose, Solid, World
@@ -25,7 +28,8 @@ class RobotBody:
         with NamedTemporaryFile("w", suffix=".urdf") as file:
             file.write(urdf)
             file.flush()
-            self.body = engine.loadURDF(file.name, useFixedBase=False)
+            with silence():
+                self.body = engine.loadURDF(file.name, useFixedBase=False)
         joints = {}
         for index in range(engine.getNumJoints(self.body)):
             info = engine.getJointInfo(self.body, index)
@@ -87,7 +91,8 @@ class Physics:
     """
 
     def __init__(self, world: World, step: float) -> None:
-        self._engine = BulletClient(pybullet.DIRECT)
+        with silence():
+            self._engine = BulletClient(pybullet.DIRECT)
         self._engine.setGravity(0, 0, -9.81)
         self._engine.setTimeStep(step)
         self._engine.setPhysicsEngineParameter(numSolverIterations=30)

@@ -37,6 +37,7 @@ class SimulatorNode:
 
     def __init__(self) -> None:
         self._parameters = read_parameters()
+        _refuse_second_clock()
         self._achieved = 0.0  # real-time factor of the last second
         self._pacer = Pacer(self._parameters.real_time_factor)
         self._clock = PromptPublisher("/clock", Clock, latch=True)
@@ -123,6 +124,14 @@ class SimulatorNode:
     def _stop(self) -> None:
         self._stopped.set()
         self._pacer.stop()
+
+
+def _refuse_second_clock() -> None:
+    # Two clocks make time jump back and forth for every node of the master.
+    for topic, nodes in rospy.get_master().getSystemState()[2][0]:
+        others = [node for node in nodes if node != rospy.get_name()]
+        if topic == "/clock" and others:
+            raise ParameterError(f"{others[0]} already publishes /clock; one simulator per master")
 
 
 def _time(tick: int) -> rospy.Time:
