@@ -1,6 +1,7 @@
 """Keeps what a C++ library prints away from the terminal."""
 
 import contextlib
+import ctypes
 import os
 import sys
 from typing import Iterator
@@ -16,6 +17,7 @@ def silence() -> Iterator[None]:
         os.dup2(nowhere, 1)
         yield
     finally:
+        ctypes.CDLL(None).fflush(None)  # what C's own buffer still holds belongs to the silence
         os.dup2(kept, 1)
         os.close(kept)
         os.close(nowhere)

@@ -1,0 +1,109 @@
+"""MerlinAction: the bridge between a plan dispatcher and an action's state machine (paper, section 3.2.3)."""
+
+import threading
+from typing import Any
+
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from merlin_msgs.msg import DispatchStatus, RunActionAction, RunActionGoal
+from rosplan_dispatch_msgs.msg import ActionDispatch
+
+from merlin_actions.action_interface import ActionInterface
+from merlin_actions.execution import Ending, Execution
+from merlin_actions.names import ros_name
+from merlin_sm.action_client import ActionClient, ClientGoal
+
+
+class MerlinAction(ActionInterface):
+    """Runs an operator on the action server ``actions/<name>``; a cancel reaches the machine while it runs.
+
+    :param server_wait: s of running time to wait for the action server.
+    :param cancel_limit: s of running time in which the machine has to stop; zero or less: no limit.
+    :param run_limit: s of ROS time in which it has to end; zero or less: no limit.
+
+    Further parameters are those of :class:`ActionInterface`.
+    """
+
+    def __init__(
+        self,
+        operator: str,
+        server_wait: float = 2.0,
+        cancel_limit: float = 4.5,
+        run_limit: float = 1800.0,
+        **options: Any,
+    ) -> None:
+        super().__init__(operator, **options)
+        self._server_wait = server_wait
+        self._cancel_limit = cancel_limit
+        self._run_limit = run_limit
+        self._client = ActionClient(f"actions/{ros_name(operator)}", RunActionAction)
+
+    def run(self, execution: Execution) -> Ending:
+        """Sends the goal and waits for the machine's end."""
+        if not self._client.wait_for_server(self._server_wait):
+            return Ending(False, f"no action server {self._client.name} within {self._server_wait:g} s")
+        ended = threading.Event()
+        sent = self._client.send(
+            RunActionGoal(
+                parameters=execution.parameters,
+                action_id=execution.dispatch.action_id,
+                plan_id=execution.dispatch.plan_id,
+                duration=execution.dispatch.duration,
+            ),
+            on_done=lambda _: ended.set(),
+        )
+
+        def cancel() -> None:
+            sent.cancel()
+            ended.set()
+
+        execution.interruptible(cancel)
+        late = self._wait(ended)
+        if late:
+            sent.cancel()
+        if not sent.done and not sent.wait(self._cancel_limit):
+            what = f"still runs after {self._run_limit:g} s" if late else "was cancelled"
+            return Ending(
+                False,
+                f"{execution.text} {what}, and {self._client.name} does not stop ({self._cancel_limit:g} s)",
+            )
+        if late and sent.status != GoalStatus.SUCCEEDED:
+            return Ending(False, f"{execution.text} did not end within {self._run_limit:g} s and was stopped")
+        return self._ending(execution, sent)
+
+    def _wait(self, ended: threading.Event) -> bool:
+        """Waits for the end or a cancel; True when the run limit passed."""
+        limit = rospy.Duration(self._run_limit) if self._run_limit > 0 else None
+        begin = rospy.Time.now()
+        while not ended.wait(1.0):
+            if rospy.is_shutdown():
+                return False
+            if limit is not None and rospy.Time.now() - begin > limit:
+                return True
+        return False
+
+    @staticmethod
+    def _ending(execution: Execution, sent: ClientGoal) -> Ending:
+        if sent.status == GoalStatus.SUCCEEDED:
+            return Ending(True)
+        reason = getattr(sent.result, "reason", "") or sent.text
+        if execution.cancelled.is_set() and sent.status in (GoalStatus.PREEMPTED, GoalStatus.RECALLED):
+            return Ending(False, "cancelled")
+        if sent.status == GoalStatus.LOST:
+            return Ending(False, f"the state machine of {execution.text} is gone: {sent.text}")
+        return Ending(False, reason or f"{execution.text} ended with status {sent.status}")
+
+    def start(self) -> None:
+        """See :meth:`ActionInterface.start`."""
+        dispatcher = rospy.resolve_name(self._topics[0]).rsplit("/", 1)[0]
+        self._running: frozenset = frozenset()
+        rospy.Subscriber(
+            f"{dispatcher}/dispatch_status", DispatchStatus, self._note_dispatcher, tcp_nodelay=True
+        )
+        super().start()
+
+    def _note_dispatcher(self, status: DispatchStatus) -> None:
+        self._running = frozenset((action.plan_id, action.action_id) for action in status.running)
+
+    def _expected(self, dispatch: ActionDispatch) -> bool:
+        return (dispatch.plan_id, dispatch.action_id) in self._running

@@ -1,0 +1,84 @@
+"""MerlinActionSM: the base class of MERLIN's actions, each a state machine (paper, section 3.2.3)."""
+
+from typing import Any, Dict, List, Sequence
+
+import smach
+from merlin_actions.names import snake_case
+from merlin_sm.merlin_sm import MerlinSM
+from merlin_sm.state_factory import MerlinStateFactory
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
+
+
+class MerlinActionSM(MerlinSM):
+    """A PDDL action as a state machine. A subclass adds its states in :meth:`build`:
+
+    .. code-block:: python
+
+        class Navigate(MerlinActionSM):
+            parameters = ["from", "to"]
+            if_interrupted = ["(robot_at anywhere)"]
+
+            def build(self):
+                self.add("DRIVE", self.state("navigation"), remapping={"target": "to"})
+
+    The parameters of the action are userdata of the machine. Its outcomes are succeeded, aborted, preempted
+    and :attr:`outcomes`. Everything else is done by who runs it: the action server ``actions/<name>``,
+    preemption, feedback, introspection.
+    """
+
+    operator = ""
+    """Name of the PDDL operator; the class name in snake case when empty."""
+
+    parameters: Sequence[str] = ()
+    """Its variables without ``?``, compared with the domain at start."""
+
+    outcomes: Sequence[str] = ()
+    """Outcomes besides succeeded, aborted and preempted; they count as failures."""
+
+    while_running: Sequence[str] = ()
+    """PDDL literals that hold while the action runs, with the action's ``?variables``."""
+
+    if_interrupted: Sequence[str] = ()
+    """PDDL literals that hold after it was stopped or failed, with the action's ``?variables``. When empty,
+    the start effects are undone."""
+
+    def __init__(self) -> None:
+        super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *self.outcomes], input_keys=list(self.parameters))
+        with self:
+            self.build()
+
+    def build(self) -> None:
+        """Adds the states; the machine is open for construction."""
+        raise NotImplementedError(f"{type(self).__name__} has to implement build()")
+
+    @classmethod
+    def operator_name(cls) -> str:
+        """The PDDL operator that this machine runs."""
+        return cls.operator or snake_case(cls.__name__)
+
+    @staticmethod
+    def state(name: str, *args: Any, **options: Any) -> smach.State:
+        """Makes a ready or registered state: :meth:`MerlinStateFactory.create`."""
+        return MerlinStateFactory.create(name, *args, **options)
+
+    def run_once(self, parameters: Dict[str, str]) -> str:
+        """Runs the machine to its end.
+
+        :param parameters: variable → object.
+        :return: its outcome.
+        """
+        userdata = smach.UserData()
+        for name in self.parameters:
+            userdata[name] = parameters[name]
+        return str(self.execute(userdata))
+
+    def check_signature(self, variables: List[str]) -> None:
+        """Compares the declared parameters with those of the domain.
+
+        :raises ValueError: when they differ.
+        """
+        if list(self.parameters) != variables:
+            raise ValueError(
+                f"{type(self).__name__} declares the parameters {list(self.parameters)}, but operator "
+                f"{self.operator_name()} of the domain has {variables}"
+            )

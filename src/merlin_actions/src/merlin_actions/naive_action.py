@@ -1,0 +1,68 @@
+"""The naive integration that the paper compares MERLIN with: ROSPlan's way of handling messages in sequence.
+
+The state machine runs directly inside the action interface, in the thread that reads the dispatch topic. A
+``cancel_action`` is therefore read only after the machine has ended; by then the action has succeeded, its
+effects are true and are applied, and the dispatcher stops before the next action (paper, section 3.2.3).
+"""
+
+import sys
+from typing import Any
+
+import rospy
+
+from merlin_actions.action_interface import ActionInterface, wait_for_knowledge_base
+from merlin_actions.execution import Ending, Execution
+from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_actions.names import load_class, ros_name
+from merlin_sm.introspection import show
+from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError
+from merlin_sm.states.merlin_state import SUCCEEDED
+
+
+class NaiveAction(ActionInterface):
+    """Runs a machine inside the callback of the dispatch topic.
+
+    :param machine: it.
+
+    Further parameters are those of :class:`ActionInterface`.
+    """
+
+    def __init__(self, machine: MerlinActionSM, **options: Any) -> None:
+        super().__init__(machine.operator_name(), **options)
+        self.machine = machine
+        machine.check_signature([parameter.key for parameter in self.formula.typed_parameters])
+
+    def run(self, execution: Execution) -> Ending:
+        """Runs the machine to its natural end."""
+        outcome = self.machine.run_once(execution.binding)
+        if outcome == SUCCEEDED:
+            return Ending(True)
+        return Ending(False, self.machine.reason or f"the machine ended with {outcome}")
+
+    def _spawn(self, execution: Execution) -> None:
+        self._carry_out(execution)
+
+    def _declared(self, key: str) -> list:
+        return list(getattr(self.machine, key))
+
+
+def main() -> None:
+    """Runs a node with the naive actions of an application."""
+    rospy.init_node("naive_actions")
+    knowledge_base = rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
+    try:
+        wait_for_knowledge_base(knowledge_base, rospy.get_param("~knowledge_base_wait", 30.0))
+        actions = [
+            NaiveAction(load_class(path)(), knowledge_base=knowledge_base)
+            for path in rospy.get_param("~actions")
+        ]
+    except (KnowledgeError, ValueError, KeyError, rospy.ServiceException) as error:
+        rospy.logfatal(f"naive_actions: {error}")
+        sys.exit(1)
+    shown = [show(ros_name(action.operator).upper(), action.machine) for action in actions]
+    for action in actions:
+        action.start()
+    rospy.loginfo(f"naive actions: {', '.join(action.operator for action in actions)}")
+    rospy.spin()
+    for server in shown:
+        server.stop()

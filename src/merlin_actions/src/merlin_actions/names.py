@@ -1,0 +1,57 @@
+"""Names of actions: PDDL operators, ROS names and the classes that run them."""
+
+import importlib
+import re
+from typing import Dict, Iterable
+
+import rospy
+
+
+def ros_name(operator: str) -> str:
+    """The name below ``actions/`` of a PDDL operator: ``check-table`` is no legal ROS name."""
+    return operator.lower().replace("-", "_")
+
+
+def by_ros_name(operators: Iterable[str]) -> Dict[str, str]:
+    """ROS name → operator.
+
+    :raises ValueError: when two operators get the same ROS name.
+    """
+    names: Dict[str, str] = {}
+    for operator in operators:
+        name = ros_name(operator)
+        if name in names:
+            raise ValueError(
+                f"the operators {names[name]!r} and {operator!r} both map to actions/{name}; rename one"
+            )
+        names[name] = operator
+    return names
+
+
+def snake_case(class_name: str) -> str:
+    """``OrderToBarman`` → ``order_to_barman``."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", class_name).lower()
+
+
+def load_class(path: str) -> type:
+    """The class behind ``package.module:Class``.
+
+    :raises ValueError: when there is none, with the reason.
+    """
+    module_name, colon, class_name = path.partition(":")
+    if not colon:
+        raise ValueError(f"{path!r} is no class path; write package.module:Class")
+    try:
+        found = getattr(importlib.import_module(module_name), class_name)
+    except ImportError as error:
+        raise ValueError(f"{path!r}: {error}") from error
+    except AttributeError:
+        raise ValueError(f"{path!r}: module {module_name} has no {class_name}") from None
+    if not isinstance(found, type):
+        raise ValueError(f"{path!r} is no class")
+    return found
+
+
+def action_param(operator: str, key: str) -> str:
+    """The parameter by which the host of an action tells its bridge something."""
+    return rospy.resolve_name(f"actions/{ros_name(operator)}/{key}")

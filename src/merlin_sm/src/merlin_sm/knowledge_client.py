@@ -1,0 +1,166 @@
+"""Access to a ROSPlan knowledge base, ours or the original. One client per knowledge base and process."""
+
+import threading
+from typing import Dict, List, NamedTuple, Optional, Sequence
+
+import rospy
+from diagnostic_msgs.msg import KeyValue
+from rosplan_knowledge_msgs.msg import DomainFormula, DomainOperator, KnowledgeItem
+from rosplan_knowledge_msgs.srv import (
+    GetAttributeService,
+    GetDomainAttributeService,
+    GetDomainOperatorDetailsService,
+    GetDomainOperatorService,
+    GetDomainTypeService,
+    GetInstanceService,
+    KnowledgeQueryService,
+    KnowledgeUpdateServiceArray,
+    KnowledgeUpdateServiceArrayRequest,
+)
+
+from merlin_sm.pddl_text import to_pddl
+from merlin_sm.service_proxy import ServiceProxy
+
+DEFAULT_KNOWLEDGE_BASE = "rosplan_knowledge_base"
+ADD = KnowledgeUpdateServiceArrayRequest.ADD_KNOWLEDGE
+ADD_GOAL = KnowledgeUpdateServiceArrayRequest.ADD_GOAL
+REMOVE = KnowledgeUpdateServiceArrayRequest.REMOVE_KNOWLEDGE
+REMOVE_GOAL = KnowledgeUpdateServiceArrayRequest.REMOVE_GOAL
+CALL_LIMIT = 10.0  # s of wall time for one call; a knowledge base answers in milliseconds
+
+
+class Update(NamedTuple):
+    """One step of a transaction: ADD, REMOVE, ADD_GOAL or REMOVE_GOAL, and the item."""
+
+    kind: int
+    item: KnowledgeItem
+
+
+class KnowledgeError(RuntimeError):
+    """The knowledge base refused an update or did not answer; the text says why."""
+
+
+class KnowledgeClient:
+    """Calls the services of one knowledge base.
+
+    :param name: of the knowledge base, relative names allowed.
+    """
+
+    def __init__(self, name: str = DEFAULT_KNOWLEDGE_BASE) -> None:
+        self.name = rospy.resolve_name(name)
+        proxy = self._proxy
+        self._update = proxy("update_array", KnowledgeUpdateServiceArray)
+        self._query = proxy("query_state", KnowledgeQueryService)
+        self._instances = proxy("state/instances", GetInstanceService)
+        self._propositions = proxy("state/propositions", GetAttributeService)
+        self._functions = proxy("state/functions", GetAttributeService)
+        self._goals = proxy("state/goals", GetAttributeService)
+        self._types = proxy("domain/types", GetDomainTypeService)
+        self._predicates = proxy("domain/predicates", GetDomainAttributeService)
+        self._function_names = proxy("domain/functions", GetDomainAttributeService)
+        self._operators = proxy("domain/operators", GetDomainOperatorService)
+        self._operator = proxy("domain/operator_details", GetDomainOperatorDetailsService)
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        """Waits until the knowledge base answers, s of wall time; None: until ROS shuts down."""
+        return self._update.wait(timeout)
+
+    def update(self, updates: Sequence[Update]) -> None:
+        """Applies a transaction.
+
+        :raises KnowledgeError: when it was refused. Ours changes nothing then; the original never refuses.
+        """
+        if (
+            updates
+            and not self._update([step.kind for step in updates], [step.item for step in updates]).success
+        ):
+            texts = ", ".join(to_pddl(step.item) for step in updates[:5])
+            raise KnowledgeError(f"{self.name} refused an update with {texts}; its log says why")
+
+    def query(self, items: Sequence[KnowledgeItem]) -> List[bool]:
+        """Whether each item holds. Negative facts are asked as positive ones, which every version answers."""
+        positive = [_positive(item) for item in items]
+        results = self._query(positive).results
+        return [bool(result) != bool(item.is_negative) for item, result in zip(items, results)]
+
+    def instances(self, type_name: str = "", constants: bool = True, subtypes: bool = True) -> List[str]:
+        """Names of the objects of a type; an empty type means all."""
+        return list(dict.fromkeys(self._instances(type_name, constants, subtypes).instances))
+
+    def propositions(self, predicate: str = "") -> List[KnowledgeItem]:
+        """Facts of a predicate; an empty one means all."""
+        return list(self._propositions(predicate).attributes)
+
+    def functions(self, function: str = "") -> List[KnowledgeItem]:
+        """Values of a numeric function; an empty one means all."""
+        return list(self._functions(function).attributes)
+
+    def goals(self) -> List[KnowledgeItem]:
+        """All goals."""
+        return list(self._goals("").attributes)
+
+    def types(self) -> Dict[str, str]:
+        """Types of the domain, with their parents."""
+        answer = self._types()
+        return dict(zip(answer.types, answer.super_types))
+
+    def predicates(self) -> Dict[str, DomainFormula]:
+        """Predicates of the domain by name."""
+        return {formula.name: formula for formula in self._predicates().items}
+
+    def function_signatures(self) -> Dict[str, DomainFormula]:
+        """Numeric functions of the domain by name."""
+        return {formula.name: formula for formula in self._function_names().items}
+
+    def operators(self) -> Dict[str, DomainFormula]:
+        """Operators of the domain by name."""
+        return {formula.name: formula for formula in self._operators().operators}
+
+    def operator(self, name: str) -> DomainOperator:
+        """One operator with its conditions and effects."""
+        return self._operator(name).op
+
+    def _proxy(self, suffix: str, service_class: type) -> ServiceProxy:
+        return ServiceProxy(f"{self.name}/{suffix}", service_class, timeout=CALL_LIMIT)
+
+
+_clients: Dict[str, KnowledgeClient] = {}
+_clients_lock = threading.Lock()  # guards _clients
+
+
+def knowledge_client(name: str = DEFAULT_KNOWLEDGE_BASE) -> KnowledgeClient:
+    """The process's client of a knowledge base, made at its first use."""
+    resolved = rospy.resolve_name(name)
+    with _clients_lock:
+        if resolved not in _clients:
+            _clients[resolved] = KnowledgeClient(resolved)
+        return _clients[resolved]
+
+
+def fact(predicate: str, *arguments: str, negative: bool = False) -> KnowledgeItem:
+    """A fact as a knowledge item. Arguments count by position."""
+    return KnowledgeItem(
+        knowledge_type=KnowledgeItem.FACT,
+        attribute_name=predicate,
+        values=[KeyValue(key="", value=argument) for argument in arguments],
+        is_negative=negative,
+    )
+
+
+def function_value(function: str, arguments: Sequence[str], value: float) -> KnowledgeItem:
+    """The value of a numeric function as a knowledge item."""
+    item = fact(function, *arguments)
+    item.knowledge_type = KnowledgeItem.FUNCTION
+    item.function_value = value
+    return item
+
+
+def instance(type_name: str, name: str) -> KnowledgeItem:
+    """An object as a knowledge item."""
+    return KnowledgeItem(knowledge_type=KnowledgeItem.INSTANCE, instance_type=type_name, instance_name=name)
+
+
+def _positive(item: KnowledgeItem) -> KnowledgeItem:
+    if not item.is_negative:
+        return item
+    return fact(item.attribute_name, *[value.value for value in item.values])

@@ -1,0 +1,46 @@
+"""MerlinSM: a SMACH state machine that knows the planning system (paper, Figure 2)."""
+
+from typing import Any, List, Sequence
+
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from smach import StateMachine
+
+
+class MerlinSM(StateMachine, MerlinROSPlanAssistant):
+    """SMACH's state machine plus the knowledge functions of :class:`MerlinROSPlanAssistant`.
+
+    Parameters are those of :class:`smach.StateMachine`.
+
+    After a run, :attr:`reason` is the sentence that the last state left (states of MERLIN have a ``reason``),
+    also out of nested machines.
+    """
+
+    def __init__(
+        self, outcomes: Sequence[str], input_keys: Sequence[str] = (), output_keys: Sequence[str] = ()
+    ) -> None:
+        super().__init__(list(outcomes), list(input_keys), list(output_keys))
+        self.reason = ""
+        self._cancelled = False
+        self.register_start_cb(self._begin)
+        self.register_termination_cb(self._take_reason)
+
+    def prepare(self) -> None:
+        """Forgets the cancels of earlier runs. Whoever uses :meth:`cancel` calls this before each run."""
+        self._cancelled = False
+
+    def cancel(self) -> None:
+        """Preempts the run; unlike ``request_preempt()`` also one that is prepared and has not begun."""
+        self._cancelled = True
+        self.request_preempt()
+
+    def _begin(self, userdata: Any, initial_states: List[str]) -> None:
+        self.reason = ""
+        if self._cancelled:
+            # SMACH forgets the flag of an idle machine when a run begins. request_preempt() would deadlock in
+            # a callback of the original SMACH, so the flag it sets is set here.
+            self._preempt_requested = True
+
+    def _take_reason(self, userdata: Any, terminal_states: List[str], outcome: str) -> None:
+        children = self.get_children()
+        reasons = [getattr(children[label], "reason", "") for label in terminal_states if label in children]
+        self.reason = "; ".join(filter(None, reasons))

@@ -1,0 +1,223 @@
+"""PDDL text of facts and goals, to knowledge items and back.
+
+Literals, numeric comparisons and conjunctions, as goals and action effects need them. Whole domains and
+problems are the planning system's business.
+"""
+
+import re
+from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Union
+
+from diagnostic_msgs.msg import KeyValue
+from rosplan_knowledge_msgs.msg import (
+    DomainFormula,
+    DomainInequality,
+    ExprBase,
+    ExprComposite,
+    KnowledgeItem,
+)
+
+_TOKEN = re.compile(r"\s*(?:;[^\n]*\n\s*)*([()]|[^\s();]+)")
+_NAME = re.compile(r"[a-zA-Z][\w-]*\Z")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\Z")
+_COMPARISONS = {
+    ">": DomainInequality.GREATER,
+    ">=": DomainInequality.GREATEREQ,
+    "<": DomainInequality.LESS,
+    "<=": DomainInequality.LESSEQ,
+    "=": DomainInequality.EQUALS,
+}
+_OPERATORS = {"+": ExprBase.ADD, "-": ExprBase.SUB, "*": ExprBase.MUL, "/": ExprBase.DIV}
+_COMPARISON_TEXT = {value: text for text, value in _COMPARISONS.items()}
+_OPERATOR_TEXT = {value: text for text, value in _OPERATORS.items()}
+
+Expression = Union["Symbol", List["Expression"]]
+
+
+class PDDLSyntaxError(ValueError):
+    """Text that is no PDDL; the message says what is wrong and at which column."""
+
+
+class Symbol(NamedTuple):
+    """A word of PDDL text and the column where it begins, counted from 1."""
+
+    text: str
+    column: int
+
+
+def parse_goal(text: str) -> List[KnowledgeItem]:
+    """The goals of a PDDL goal text.
+
+    :param text: a literal, a comparison, or an ``and``: ``(and (checked kitchen) (>= (battery) 20))``.
+    :raises PDDLSyntaxError: when it is something else.
+    """
+    return list(_goals(_read(text)))
+
+
+def parse_literals(texts: Sequence[str], binding: Optional[Dict[str, str]] = None) -> List[KnowledgeItem]:
+    """Facts, positive and negative, with ``?variables`` replaced.
+
+    :param binding: variable without ``?`` → object.
+    :raises PDDLSyntaxError: for other PDDL, or for a variable that is not bound.
+    """
+    items: List[KnowledgeItem] = []
+    for text in texts:
+        for item in parse_goal(text):
+            if item.knowledge_type != KnowledgeItem.FACT:
+                raise PDDLSyntaxError(f"{text!r} is no literal")
+            for value in item.values:
+                if value.value.startswith("?"):
+                    name = value.value[1:]
+                    if binding is None or name not in binding:
+                        raise PDDLSyntaxError(f"{text!r}: nothing is bound to ?{name}")
+                    value.value = binding[name]
+            items.append(item)
+    return items
+
+
+def to_pddl(item: KnowledgeItem) -> str:
+    """A knowledge item as PDDL text."""
+    if item.knowledge_type == KnowledgeItem.INSTANCE:
+        return f"{item.instance_name} - {item.instance_type}"
+    if item.knowledge_type == KnowledgeItem.INEQUALITY:
+        operator = _COMPARISON_TEXT.get(item.ineq.comparison_type, "?")
+        return f"({operator} {_expression_text(item.ineq.LHS)} {_expression_text(item.ineq.RHS)})"
+    if item.knowledge_type == KnowledgeItem.EXPRESSION:
+        return f"{item.optimization} {_expression_text(item.expr)}"
+    formula = _formula_text(item.attribute_name, [value.value for value in item.values])
+    if item.knowledge_type == KnowledgeItem.FUNCTION:
+        return f"(= {formula} {item.function_value:g})"
+    return f"(not {formula})" if item.is_negative else formula
+
+
+def action_text(name: str, parameters: Sequence[KeyValue]) -> str:
+    """A ground action as PDDL text: ``(navigate anywhere kitchen)``."""
+    return _formula_text(name, [parameter.value for parameter in parameters])
+
+
+def _formula_text(name: str, arguments: Sequence[str]) -> str:
+    return f"({' '.join([name, *arguments])})"
+
+
+def _read(text: str) -> Expression:
+    stack: List[List[Expression]] = [[]]
+    opened: List[int] = []
+    position = 0
+    while position < len(text.rstrip()):
+        match = _TOKEN.match(text, position)
+        if match is None:
+            break
+        word, column, position = match.group(1), match.start(1) + 1, match.end()
+        if word == "(":
+            stack.append([])
+            opened.append(column)
+        elif word == ")":
+            if not opened:
+                raise PDDLSyntaxError(f"{text!r}, column {column}: ')' without '('")
+            opened.pop()
+            closed = stack.pop()
+            stack[-1].append(closed)
+        else:
+            stack[-1].append(Symbol(word, column))
+    if opened:
+        raise PDDLSyntaxError(f"{text!r}, column {opened[-1]}: '(' is never closed")
+    if len(stack[0]) != 1 or isinstance(stack[0][0], Symbol):
+        raise PDDLSyntaxError(f"{text!r}: expected one goal in parentheses, like (checked kitchen)")
+    return stack[0][0]
+
+
+def _head(expression: Expression) -> Symbol:
+    if isinstance(expression, Symbol):
+        raise PDDLSyntaxError(f"column {expression.column}: expected '(' before {expression.text!r}")
+    if not expression or not isinstance(expression[0], Symbol):
+        raise PDDLSyntaxError("an empty or nested pair of parentheses where a name is expected")
+    return expression[0]
+
+
+def _goals(expression: Expression) -> Iterator[KnowledgeItem]:
+    head = _head(expression)
+    rest = expression[1:]
+    word = head.text.lower()
+    if word == "and":
+        for part in rest:
+            yield from _goals(part)
+    elif word == "not":
+        if len(rest) != 1:
+            raise PDDLSyntaxError(f"column {head.column}: 'not' takes one fact")
+        for item in _goals(rest[0]):
+            if item.knowledge_type != KnowledgeItem.FACT or item.is_negative:
+                raise PDDLSyntaxError(f"column {head.column}: only a plain fact can be negated")
+            item.is_negative = True
+            yield item
+    elif word in _COMPARISONS:
+        if len(rest) != 2:
+            raise PDDLSyntaxError(f"column {head.column}: {word!r} compares two expressions")
+        ineq = DomainInequality(
+            comparison_type=_COMPARISONS[word],
+            LHS=ExprComposite(tokens=list(_tokens(rest[0]))),
+            RHS=ExprComposite(tokens=list(_tokens(rest[1]))),
+        )
+        yield KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=ineq)
+    elif word in ("or", "imply", "forall", "exists", "when"):
+        raise PDDLSyntaxError(f"column {head.column}: {word!r} cannot stand in such a goal")
+    else:
+        yield KnowledgeItem(
+            knowledge_type=KnowledgeItem.FACT, attribute_name=_name(head), values=list(_arguments(rest))
+        )
+
+
+def _arguments(symbols: Sequence[Expression]) -> Iterator[KeyValue]:
+    for symbol in symbols:
+        if not isinstance(symbol, Symbol):
+            raise PDDLSyntaxError("an argument has to be a name, not an expression")
+        yield KeyValue(key="", value=symbol.text)
+
+
+def _name(symbol: Symbol) -> str:
+    if not _NAME.match(symbol.text):
+        raise PDDLSyntaxError(f"column {symbol.column}: {symbol.text!r} is no name")
+    return symbol.text
+
+
+def _tokens(expression: Expression) -> Iterator[ExprBase]:
+    if isinstance(expression, Symbol):
+        if not _NUMBER.match(expression.text):
+            raise PDDLSyntaxError(
+                f"column {expression.column}: {expression.text!r} is neither a number nor a function"
+            )
+        yield ExprBase(expr_type=ExprBase.CONSTANT, constant=float(expression.text))
+        return
+    head = _head(expression)
+    if head.text in _OPERATORS and len(expression) == 3:
+        yield ExprBase(expr_type=ExprBase.OPERATOR, op=_OPERATORS[head.text])
+        for part in expression[1:]:
+            yield from _tokens(part)
+    elif head.text == "-" and len(expression) == 2:
+        yield ExprBase(expr_type=ExprBase.OPERATOR, op=ExprBase.UMINUS)
+        yield from _tokens(expression[1])
+    else:
+        formula = DomainFormula(name=_name(head), typed_parameters=list(_arguments(expression[1:])))
+        yield ExprBase(expr_type=ExprBase.FUNCTION, function=formula)
+
+
+def _expression_text(expression: ExprComposite) -> str:
+    tokens = iter(expression.tokens)
+
+    def text() -> str:
+        token = next(tokens, None)
+        if token is None:
+            return "?"
+        if token.expr_type == ExprBase.CONSTANT:
+            return f"{token.constant:g}"
+        if token.expr_type == ExprBase.FUNCTION:
+            return _formula_text(
+                token.function.name, [value.value for value in token.function.typed_parameters]
+            )
+        if token.expr_type == ExprBase.OPERATOR:
+            if token.op == ExprBase.UMINUS:
+                return f"(- {text()})"
+            return f"({_OPERATOR_TEXT[token.op]} {text()} {text()})"
+        return {ExprBase.HASHT: "#t", ExprBase.TOTAL_TIME: "total-time", ExprBase.DURATION: "?duration"}[
+            token.special_type
+        ]
+
+    return text()

@@ -1,0 +1,213 @@
+"""Drives the stages of a planning system with ROSPlan's interfaces: problem, plan, parse.
+
+Every stage hands its product to the next one by a latched topic. A stage counts as done when its product was
+seen on that topic; services that answer earlier do not mislead (design rules for the original ROSPlan).
+"""
+
+import threading
+from enum import Enum
+from typing import Any, Callable, List, NamedTuple, Optional, Sequence
+
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from merlin_msgs.msg import PlannerStatus
+from roslib.message import get_message_class
+from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlanNode, PlanAction, PlanGoal
+from std_msgs.msg import String
+from std_srvs.srv import Empty
+
+from merlin_sm.action_client import ActionClient
+from merlin_sm.deadline import Deadline
+from merlin_sm.service_proxy import ServiceError, ServiceProxy
+
+HAND_OVER = 2.0  # s of running time within which a product has to appear on its topic
+Interruptible = Callable[[Optional[Callable[[], None]]], None]
+
+
+class Planned(Enum):
+    """What a planner said."""
+
+    SOLVED = "solved"
+    UNSOLVABLE = "unsolvable"
+    TIMEOUT = "timeout"
+    ERROR = "error"
+    CANCELLED = "cancelled"
+
+
+class PlanningResult(NamedTuple):
+    """The planner's verdict and its reason."""
+
+    verdict: Planned
+    reason: str = ""
+
+
+class StageError(RuntimeError):
+    """A stage failed; the text is a sentence that says why."""
+
+
+class TopicWatch:
+    """Remembers the last message of a topic and waits for a newer one."""
+
+    def __init__(self, topic: str, message_class: type) -> None:
+        self.topic = rospy.resolve_name(topic)
+        self._changed = threading.Condition()  # guards count and message
+        self.count = 0
+        self.message: Any = None
+        self._subscriber = rospy.Subscriber(self.topic, message_class, self._receive, tcp_nodelay=True)
+
+    def wait_newer(self, count: int, timeout: float) -> Any:
+        """The last message, once more than `count` have come; None when none comes in time (running time)."""
+        with self._changed:
+            newer = Deadline(timeout).wait(self._changed, lambda: self.count > count)
+            return self.message if newer else None
+
+    def _receive(self, message: Any) -> None:
+        with self._changed:
+            self.count += 1
+            self.message = message
+            self._changed.notify_all()
+
+
+class PlanningClient:
+    """The stages before dispatch. Names are those of the planning system's nodes (scopes).
+
+    :param problem: the problem interface.
+    :param planner: the planner interface.
+    :param parser: the parsing interface.
+    """
+
+    def __init__(
+        self,
+        problem: str = "rosplan_problem_interface",
+        planner: str = "rosplan_planner_interface",
+        parser: str = "rosplan_parsing_interface",
+    ) -> None:
+        self._planner = rospy.resolve_name(planner)
+        self._parser = rospy.resolve_name(parser)
+        self._generate = ServiceProxy(f"{problem}/problem_generation_server", Empty)
+        self._parse = ServiceProxy(f"{parser}/parse_plan", Empty)
+        self._client = ActionClient(f"{planner}/start_planning", PlanAction)
+        self._problem = TopicWatch(f"{problem}/problem_instance", String)
+        self._output = TopicWatch(f"{planner}/planner_output", String)
+        self._plan: Optional[TopicWatch] = None
+        self._status: Optional[PlannerStatus] = None
+        rospy.Subscriber(f"{planner}/planner_status", PlannerStatus, self._receive_status, tcp_nodelay=True)
+
+    def wait(self, timeout: float) -> None:
+        """Waits until all stages are there, s of running time.
+
+        :raises StageError: naming the first that is missing.
+        """
+        for proxy in (self._generate, self._parse):
+            if not proxy.wait(timeout):
+                raise StageError(
+                    f"no service {proxy.name} after {timeout:g} s; is the planning system launched?"
+                )
+        if not self._client.wait_for_server(timeout):
+            raise StageError(f"no action server {self._client.name} after {timeout:g} s")
+
+    def generate_problem(self) -> None:
+        """Has the problem written.
+
+        :raises StageError: when that fails.
+        """
+        count = self._problem.count
+        self._call(self._generate)
+        if self._problem.wait_newer(count, HAND_OVER) is None:
+            raise StageError(
+                f"{self._generate.name} answered, but no problem appeared on {self._problem.topic}"
+            )
+
+    def plan(self, interruptible: Interruptible) -> PlanningResult:
+        """Has a plan made. The interruption cancels the planner."""
+        if not self._client.alive and not self._client.wait_for_server(HAND_OVER):
+            return PlanningResult(Planned.ERROR, f"the planner {self._client.name} is not there")
+        count = self._output.count
+        self._status = None
+        ended = threading.Event()
+        sent = self._client.send(self._goal(), on_done=lambda _: ended.set())
+        cancelled = threading.Event()
+
+        def cancel() -> None:
+            cancelled.set()
+            sent.cancel()
+            ended.set()
+
+        interruptible(cancel)
+        Deadline(None).wait_event(ended)
+        interruptible(None)
+        if cancelled.is_set():
+            # The original planner interface plans on; its late answer is overtaken by the next problem.
+            sent.wait(HAND_OVER)
+            return PlanningResult(Planned.CANCELLED, "cancelled while planning")
+        if sent.status == GoalStatus.SUCCEEDED and self._output.wait_newer(count, HAND_OVER) is not None:
+            return PlanningResult(Planned.SOLVED)
+        return self._failure(sent.text, sent.status)
+
+    def parse_plan(self) -> List[ActionDispatch]:
+        """Has the plan parsed and returns its actions in order.
+
+        :raises StageError: when there is none.
+        """
+        watch = self._plan_watch()
+        count = watch.count
+        for _ in range(2):  # the parser may get the planner's output a moment after its caller
+            self._call(self._parse)
+            message = watch.wait_newer(count, HAND_OVER / 2)
+            if message is not None:
+                return plan_actions(message)
+        raise StageError(f"{self._parse.name} answered, but no plan appeared on {watch.topic}")
+
+    def _goal(self) -> PlanGoal:
+        prefix = self._planner + "/"
+        return PlanGoal(
+            domain_path=rospy.get_param(prefix + "domain_path", ""),
+            problem_path=rospy.get_param(prefix + "problem_path", ""),
+            data_path=rospy.get_param(prefix + "data_path", ""),
+            planner_command=rospy.get_param(prefix + "planner_command", ""),
+            use_problem_topic=bool(rospy.get_param(prefix + "use_problem_topic", True)),
+        )
+
+    def _failure(self, text: str, status: int) -> PlanningResult:
+        known = self._status
+        if known is not None and known.state in _VERDICTS:
+            return PlanningResult(_VERDICTS[known.state], known.reason or text)
+        if status == GoalStatus.LOST:
+            return PlanningResult(Planned.ERROR, text)
+        # The original planner interface tells a failure from an unsolvable problem nowhere.
+        return PlanningResult(Planned.ERROR, text or "the planner found no plan")
+
+    def _receive_status(self, status: PlannerStatus) -> None:
+        self._status = status
+
+    def _plan_watch(self) -> TopicWatch:
+        if self._plan is None:
+            topic = f"{self._parser}/complete_plan"
+            types = dict(rospy.get_published_topics())
+            if topic not in types:
+                raise StageError(f"nobody publishes plans on {topic}")
+            self._plan = TopicWatch(topic, get_message_class(types[topic]))
+        return self._plan
+
+    @staticmethod
+    def _call(proxy: ServiceProxy) -> None:
+        try:
+            proxy()
+        except ServiceError as error:
+            raise StageError(str(error)) from error
+
+
+def plan_actions(plan: Any) -> Sequence[ActionDispatch]:
+    """The actions of a CompletePlan or an EsterelPlan, in order."""
+    if hasattr(plan, "plan"):
+        return list(plan.plan)
+    return [node.action for node in plan.nodes if node.node_type == EsterelPlanNode.ACTION_START]
+
+
+_VERDICTS = {
+    PlannerStatus.UNSOLVABLE: Planned.UNSOLVABLE,
+    PlannerStatus.TIMEOUT: Planned.TIMEOUT,
+    PlannerStatus.CRASHED: Planned.ERROR,
+    PlannerStatus.INVALID: Planned.ERROR,
+    PlannerStatus.CANCELLED: Planned.CANCELLED,
+}

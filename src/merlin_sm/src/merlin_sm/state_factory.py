@@ -1,0 +1,86 @@
+"""MerlinStateFactory: makes states by name (paper, section 3.2.1)."""
+
+from typing import Any, Callable, Dict, List
+
+import smach
+from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.knowledge import KnowledgeState
+from merlin_sm.states.navigation import NavigationState
+from merlin_sm.states.planning import (
+    DispatchPlanState,
+    GenerateProblemState,
+    ParsePlanState,
+    PlanState,
+)
+from merlin_sm.states.recognition import RecognizeState
+from merlin_sm.states.ros_calls import ServiceCallState, TopicState
+from merlin_sm.states.speech import ListenState, SpeakState
+
+StateMaker = Callable[..., smach.State]
+
+
+class MerlinStateFactory:
+    """A registry from name to state class. Ready states are registered on import; users register theirs.
+
+    ================  ==================================================================
+    name              state
+    ================  ==================================================================
+    navigation        :class:`merlin_sm.states.navigation.NavigationState`
+    speak             :class:`merlin_sm.states.speech.SpeakState`
+    listen            :class:`merlin_sm.states.speech.ListenState`
+    recognize         :class:`merlin_sm.states.recognition.RecognizeState`
+    action            :class:`merlin_sm.states.action_state.ActionState`
+    service           :class:`merlin_sm.states.ros_calls.ServiceCallState`
+    topic             :class:`merlin_sm.states.ros_calls.TopicState`
+    knowledge         :class:`merlin_sm.states.knowledge.KnowledgeState`
+    generate_problem  :class:`merlin_sm.states.planning.GenerateProblemState`
+    plan              :class:`merlin_sm.states.planning.PlanState`
+    parse_plan        :class:`merlin_sm.states.planning.ParsePlanState`
+    dispatch_plan     :class:`merlin_sm.states.planning.DispatchPlanState`
+    ================  ==================================================================
+    """
+
+    _makers: Dict[str, StateMaker] = {}
+
+    @classmethod
+    def register(cls, name: str, maker: StateMaker) -> StateMaker:
+        """Registers a state class, or any function that makes a state, under a name.
+
+        :raises ValueError: when the name is taken by another one.
+        """
+        if cls._makers.get(name, maker) is not maker:
+            raise ValueError(f"the state {name!r} is registered already, as {cls._makers[name]}")
+        cls._makers[name] = maker
+        return maker
+
+    @classmethod
+    def create(cls, name: str, *args: Any, **options: Any) -> smach.State:
+        """Makes a new state; arguments are those of its class.
+
+        :raises KeyError: for an unknown name; the text lists those there are.
+        """
+        if name not in cls._makers:
+            raise KeyError(f"no state {name!r}; registered are: {', '.join(cls.names())}")
+        return cls._makers[name](*args, **options)
+
+    @classmethod
+    def names(cls) -> List[str]:
+        """The registered names, sorted."""
+        return sorted(cls._makers)
+
+
+for _name, _maker in (
+    ("action", ActionState),
+    ("dispatch_plan", DispatchPlanState),
+    ("generate_problem", GenerateProblemState),
+    ("knowledge", KnowledgeState),
+    ("listen", ListenState),
+    ("navigation", NavigationState),
+    ("parse_plan", ParsePlanState),
+    ("plan", PlanState),
+    ("recognize", RecognizeState),
+    ("service", ServiceCallState),
+    ("speak", SpeakState),
+    ("topic", TopicState),
+):
+    MerlinStateFactory.register(_name, _maker)

@@ -1,0 +1,1 @@
+"""The ready states of :class:`merlin_sm.state_factory.MerlinStateFactory`."""

@@ -1,0 +1,113 @@
+"""A state that runs a goal on an action server."""
+
+import threading
+from typing import Any, Callable, Dict, Optional, Sequence
+
+import rospy
+from actionlib_msgs.msg import GoalStatus
+
+from merlin_sm.action_client import ActionClient, ClientGoal
+from merlin_sm.deadline import Deadline
+from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+
+SERVER_WAIT = 5.0  # s of running time for a server that is not there yet
+CANCEL_LIMIT = 5.0  # s of running time within which a server has to stop
+
+_clients: Dict[str, ActionClient] = {}
+_clients_lock = threading.Lock()  # guards _clients
+
+
+def shared_client(name: str, action_spec: type) -> ActionClient:
+    """The process's client of an action; many states share it."""
+    resolved = rospy.resolve_name(name)
+    with _clients_lock:
+        if resolved not in _clients:
+            _clients[resolved] = ActionClient(name, action_spec)
+        return _clients[resolved]
+
+
+class ActionState(MerlinState):
+    """Sends a goal and waits for its end; a preempt cancels it at once.
+
+    Ends with succeeded when the server says SUCCEEDED, with preempted when it was preempted and the server
+    stopped, else with aborted and the reason. A server that does not stop within `cancel_limit` is reported
+    by name.
+
+    :param name: of the action.
+    :param action_spec: the generated ``...Action`` class.
+    :param goal: the goal, or a function from userdata to the goal; raise ValueError to abort with its text.
+    :param on_result: called with userdata and the result after SUCCEEDED; may return another outcome.
+    :param server_wait: s of running time to wait for the server.
+    :param cancel_limit: s of running time for the server to stop after a cancel.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        action_spec: type,
+        goal: Any,
+        on_result: Optional[Callable[[Any, Any], Optional[str]]] = None,
+        outcomes: Sequence[str] = (),
+        input_keys: Sequence[str] = (),
+        output_keys: Sequence[str] = (),
+        server_wait: float = SERVER_WAIT,
+        cancel_limit: float = CANCEL_LIMIT,
+    ) -> None:
+        super().__init__(outcomes, input_keys, output_keys)
+        self._name = name
+        self._goal = goal
+        self._on_result = on_result
+        self._server_wait = server_wait
+        self._cancel_limit = cancel_limit
+        self._client = shared_client(name, action_spec)
+
+    def run(self, userdata: Any) -> str:
+        """Sends the goal and waits for its end."""
+        try:
+            goal = self._goal(userdata) if callable(self._goal) else self._goal
+        except (ValueError, LookupError) as error:
+            return self.fail(str(error))
+        if not self._client.alive and not self._wait_for_server():
+            if self.preempt_requested():
+                return PREEMPTED
+            return self.fail(f"no action server {self._client.name} within {self._server_wait:g} s")
+        ended = threading.Event()
+        sent = self._client.send(goal, on_done=lambda _: ended.set())
+        cancelled = threading.Event()
+
+        def cancel() -> None:
+            sent.cancel()
+            cancelled.set()
+            ended.set()
+
+        self.interruptible(cancel)
+        Deadline(None).wait_event(ended)
+        self.interruptible(None)
+        if cancelled.is_set() and not sent.wait(self._cancel_limit):
+            return self.fail(f"{self._client.name} did not stop within {self._cancel_limit:g} s")
+        return self._outcome(userdata, sent)
+
+    def _wait_for_server(self) -> bool:
+        # Short waits, because a preempt ends this one too and a server that appears announces itself to the
+        # client's condition only.
+        for _ in range(max(1, round(self._server_wait / 0.1))):
+            if self.preempt_requested() or self._client.wait_for_server(0.1):
+                break
+        return self._client.alive and not self.preempt_requested()
+
+    def _outcome(self, userdata: Any, sent: ClientGoal) -> str:
+        if sent.status == GoalStatus.SUCCEEDED:
+            return (self._on_result(userdata, sent.result) if self._on_result else None) or SUCCEEDED
+        if sent.status in (GoalStatus.PREEMPTED, GoalStatus.RECALLED) and self.preempt_requested():
+            return PREEMPTED
+        status = _STATUS_TEXT.get(sent.status, str(sent.status))
+        return self.fail(f"{self._client.name} {status}" + (f": {sent.text}" if sent.text else ""))
+
+
+_STATUS_TEXT = {
+    GoalStatus.PREEMPTED: "was preempted by somebody else",
+    GoalStatus.RECALLED: "was recalled by somebody else",
+    GoalStatus.ABORTED: "aborted",
+    GoalStatus.REJECTED: "refused the goal",
+    GoalStatus.LOST: "was lost",
+}

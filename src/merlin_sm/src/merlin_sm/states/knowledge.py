@@ -1,0 +1,36 @@
+"""A state that changes what the robot knows."""
+
+from typing import Any, List, Sequence
+
+from merlin_sm.knowledge_client import KnowledgeError
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_sm.service_proxy import ServiceError
+from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
+
+
+class KnowledgeState(MerlinState, MerlinROSPlanAssistant):
+    """Removes and adds facts in one transaction.
+
+    :param add: PDDL facts; ``{key}`` is replaced by the userdata of that name.
+    :param remove: likewise.
+    :param keys: the userdata keys that the facts name.
+    """
+
+    def __init__(self, add: Sequence[str] = (), remove: Sequence[str] = (), keys: Sequence[str] = ()) -> None:
+        super().__init__(input_keys=keys)
+        self._add = list(add)
+        self._remove = list(remove)
+        self._keys = list(keys)
+
+    def run(self, userdata: Any) -> str:
+        """Applies the change."""
+        values = {key: userdata[key] for key in self._keys}
+
+        def filled(texts: List[str]) -> List[str]:
+            return [text.format(**values) for text in texts]
+
+        try:
+            self.change_facts(add=filled(self._add), remove=filled(self._remove))
+        except (ValueError, KnowledgeError, ServiceError) as error:
+            return self.fail(str(error))
+        return SUCCEEDED

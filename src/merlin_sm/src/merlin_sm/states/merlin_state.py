@@ -1,0 +1,76 @@
+"""MerlinState: a SMACH state that wakes at once when it is preempted, and says why it failed."""
+
+import threading
+from typing import Any, Callable, Optional, Sequence
+
+import smach
+
+SUCCEEDED = "succeeded"
+ABORTED = "aborted"
+PREEMPTED = "preempted"
+
+
+class MerlinState(smach.State):
+    """Base of MERLIN's states, with the outcomes succeeded, aborted and preempted.
+
+    After a run, `outcome` and `reason` tell how it went. A subclass implements :meth:`run`. What it waits
+    for it announces with :meth:`interruptible`, so that a preempt reaches it in the caller's thread and not
+    at the next look at a flag.
+
+    :param outcomes: further outcomes.
+    """
+
+    def __init__(
+        self,
+        outcomes: Sequence[str] = (),
+        input_keys: Sequence[str] = (),
+        output_keys: Sequence[str] = (),
+    ) -> None:
+        super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *outcomes], list(input_keys), list(output_keys))
+        self.reason = ""
+        self.outcome = ""
+        self._interrupt_lock = threading.Lock()  # guards _interrupt
+        self._interrupt: Optional[Callable[[], None]] = None
+
+    def run(self, userdata: Any) -> str:
+        """Does the work and returns an outcome; raise or call :meth:`fail` when it cannot be done."""
+        raise NotImplementedError(f"{type(self).__name__} has to implement run()")
+
+    def execute(self, userdata: Any) -> str:
+        """Runs the state; SMACH calls it."""
+        self.reason = ""
+        self.outcome = self._execute(userdata)
+        return self.outcome
+
+    def _execute(self, userdata: Any) -> str:
+        if not self.preempt_requested():
+            outcome = self.run(userdata)
+            if not self.preempt_requested() or outcome != PREEMPTED:
+                return outcome
+        self.service_preempt()
+        self.reason = self.reason or "cancelled"
+        return PREEMPTED
+
+    def fail(self, reason: str) -> str:
+        """Remembers why and returns the outcome aborted."""
+        self.reason = reason
+        return ABORTED
+
+    def request_preempt(self) -> None:
+        """Sets the flag and interrupts what the state waits for, in the caller's thread."""
+        super().request_preempt()
+        with self._interrupt_lock:
+            interrupt = self._interrupt
+        if interrupt is not None:
+            interrupt()
+
+    def interruptible(self, interrupt: Optional[Callable[[], None]]) -> None:
+        """Announces what ends the present wait; None: nothing any more.
+
+        A preempt that came before is passed on at once, so none is lost between two steps. `interrupt` may be
+        called twice and from any thread.
+        """
+        with self._interrupt_lock:
+            self._interrupt = interrupt
+        if interrupt is not None and self.preempt_requested():
+            interrupt()

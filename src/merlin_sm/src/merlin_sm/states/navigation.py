@@ -1,0 +1,58 @@
+"""Navigation: drive to a point of interest or to a pose through move_base."""
+
+import math
+from typing import Any
+
+import rospy
+from geometry_msgs.msg import PoseStamped
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+
+from merlin_sm.states.action_state import ActionState
+
+POINTS_PARAM = "world/points_of_interest"
+
+
+def point_of_interest(name: str) -> PoseStamped:
+    """The pose of a point of interest, from the parameters below ``world/points_of_interest``.
+
+    :return: pose in frame map.
+    :raises ValueError: when there is no such point, naming those there are.
+    """
+    points = rospy.get_param(POINTS_PARAM, {})
+    if name not in points:
+        known = ", ".join(sorted(points)) or "none"
+        raise ValueError(
+            f"unknown point of interest {name!r}; {rospy.resolve_name(POINTS_PARAM)} has: {known}"
+        )
+    try:
+        x, y, yaw = (float(points[name][key]) for key in ("x", "y", "yaw"))
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"point of interest {name!r} needs numbers x, y (m) and yaw (rad)") from None
+    pose = PoseStamped()
+    pose.header.frame_id = "map"
+    pose.pose.position.x, pose.pose.position.y = x, y
+    pose.pose.orientation.z, pose.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    return pose
+
+
+class NavigationState(ActionState):
+    """Drives to ``userdata.target``: the name of a point of interest, or a PoseStamped.
+
+    :param target: drives there instead; userdata is not read then.
+    :param action: name of the move_base action.
+    """
+
+    def __init__(self, target: Any = None, action: str = "move_base", **options: Any) -> None:
+        keys = [] if target is not None else ["target"]
+        super().__init__(
+            action,
+            MoveBaseAction,
+            lambda userdata: _goal(target if target is not None else userdata.target),
+            input_keys=keys,
+            **options,
+        )
+
+
+def _goal(target: Any) -> MoveBaseGoal:
+    pose = target if isinstance(target, PoseStamped) else point_of_interest(str(target))
+    return MoveBaseGoal(target_pose=pose)

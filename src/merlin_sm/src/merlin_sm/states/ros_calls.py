@@ -1,0 +1,114 @@
+"""States that call a service or wait for a topic."""
+
+import threading
+from typing import Any, Callable, List, Optional, Sequence
+
+import rospy
+
+from merlin_sm.deadline import Deadline
+from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+
+
+class ServiceCallState(MerlinState):
+    """Calls a service.
+
+    :param name: of the service.
+    :param service_class: the generated service type.
+    :param request: the request, or a function from userdata to it.
+    :param on_response: called with userdata and the response; may return an outcome.
+    :param wait: s of wall time to wait for the service.
+    :param timeout: s of wall time to wait for the answer; None: as long as it takes.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        service_class: type,
+        request: Any = None,
+        on_response: Optional[Callable[[Any, Any], Optional[str]]] = None,
+        outcomes: Sequence[str] = (),
+        input_keys: Sequence[str] = (),
+        output_keys: Sequence[str] = (),
+        wait: float = 5.0,
+        timeout: Optional[float] = None,
+    ) -> None:
+        super().__init__(outcomes, input_keys, output_keys)
+        self._service_class = service_class
+        self._request = request
+        self._on_response = on_response
+        self._wait = wait
+        self._proxy = ServiceProxy(name, service_class, timeout)
+
+    def run(self, userdata: Any) -> str:
+        """Calls the service; a preempt ends the wait, the call itself goes on at the server."""
+        request = self._request(userdata) if callable(self._request) else self._request
+        ended = threading.Event()
+        answers: List[Any] = []
+
+        def call() -> None:
+            try:
+                if not self._proxy.wait(self._wait):
+                    raise ServiceError(f"no service {self._proxy.name} within {self._wait:g} s")
+                answers.append(self._proxy() if request is None else self._proxy(request))
+            except ServiceError as error:
+                answers.append(error)
+            ended.set()
+
+        threading.Thread(target=call, name=f"call of {self._proxy.name}", daemon=True).start()
+        self.interruptible(ended.set)
+        Deadline(None).wait_event(ended)
+        self.interruptible(None)
+        if not answers:
+            return PREEMPTED
+        if isinstance(answers[0], ServiceError):
+            return self.fail(str(answers[0]))
+        return (self._on_response(userdata, answers[0]) if self._on_response else None) or SUCCEEDED
+
+
+class TopicState(MerlinState):
+    """Waits for a message.
+
+    :param topic: its name.
+    :param message_class: its type.
+    :param accept: a function from userdata and message to True (the message is the one), or an outcome.
+    :param timeout: s of running time; None: as long as it takes.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        message_class: type,
+        accept: Callable[[Any, Any], Any] = lambda userdata, message: True,
+        timeout: Optional[float] = None,
+        outcomes: Sequence[str] = (),
+        input_keys: Sequence[str] = (),
+        output_keys: Sequence[str] = (),
+    ) -> None:
+        super().__init__(outcomes, input_keys, output_keys)
+        self._topic = topic
+        self._message_class = message_class
+        self._accept = accept
+        self._timeout = timeout
+
+    def run(self, userdata: Any) -> str:
+        """Subscribes until a message is accepted."""
+        ended = threading.Event()
+        accepted: List[Any] = []
+
+        def receive(message: Any) -> None:
+            answer = self._accept(userdata, message)
+            if answer:
+                accepted.append(answer)
+                ended.set()
+
+        subscriber = rospy.Subscriber(self._topic, self._message_class, receive, tcp_nodelay=True)
+        self.interruptible(ended.set)
+        Deadline(self._timeout).wait_event(ended)
+        self.interruptible(None)
+        subscriber.unregister()
+        if accepted:
+            return str(accepted[0]) if isinstance(accepted[0], str) else SUCCEEDED
+        if self.preempt_requested():
+            return PREEMPTED
+        return self.fail(f"nothing fitting arrived on {subscriber.resolved_name} within {self._timeout} s")

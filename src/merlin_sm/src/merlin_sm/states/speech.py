@@ -1,0 +1,73 @@
+"""Speech out and in: sound_play and the listen action."""
+
+from typing import Any, Optional
+
+import rospy
+from merlin_msgs.msg import ListenAction, ListenGoal
+from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
+
+from merlin_sm.states.action_state import ActionState
+
+MISUNDERSTOOD = "misunderstood"
+
+
+class SpeakState(ActionState):
+    """Says ``userdata.text``, or a fixed text, and ends when it has been said.
+
+    :param text: fixed text; ``{key}`` is replaced by the userdata of that name.
+    :param keys: the userdata keys that a fixed text names.
+    :param voice: of the synthesis, empty: its default.
+    :param volume: 0..1.
+    """
+
+    def __init__(
+        self,
+        text: Optional[str] = None,
+        keys: tuple = (),
+        voice: str = "",
+        volume: float = 1.0,
+        action: str = "sound_play",
+        **options: Any,
+    ) -> None:
+        inputs = list(keys) if text is not None else ["text"]
+
+        def goal(userdata: Any) -> SoundRequestGoal:
+            said = userdata.text if text is None else text.format(**{key: userdata[key] for key in keys})
+            if not str(said).strip():
+                raise ValueError("there is no text to say")
+            request = SoundRequest(
+                sound=SoundRequest.SAY,
+                command=SoundRequest.PLAY_ONCE,
+                arg=str(said),
+                arg2=voice,
+                volume=volume,
+            )
+            return SoundRequestGoal(sound_request=request)
+
+        super().__init__(action, SoundRequestAction, goal, input_keys=inputs, **options)
+
+
+class ListenState(ActionState):
+    """Listens for what a grammar allows, and puts it into ``userdata.heard``.
+
+    The outcome misunderstood means that nothing that fits was heard in time.
+
+    :param grammar: JSGF text.
+    :param timeout: s of ROS time; 0: the server's default.
+    """
+
+    def __init__(self, grammar: str, timeout: float = 0.0, action: str = "listen", **options: Any) -> None:
+        def keep(userdata: Any, result: Any) -> Optional[str]:
+            userdata.heard = result.text
+            return None if result.text else MISUNDERSTOOD
+
+        goal = ListenGoal(grammar=grammar, timeout=rospy.Duration(timeout))
+        super().__init__(
+            action,
+            ListenAction,
+            goal,
+            on_result=keep,
+            outcomes=[MISUNDERSTOOD],
+            output_keys=["heard"],
+            **options,
+        )
