@@ -193,9 +193,7 @@ class LaunchRun:
         node = self._parent.node_of(event.process)
         name = event.process.rsplit("-", 1)[0]
         if node is not None and node.required:
-            self._say(
-                f"node '{name}' died with exit code {event.exit_code}; the run cannot go on{self._logs()}"
-            )
+            self._say(f"required node '{name}' died with exit code {event.exit_code}{self._logs()}")
             return _positive(event.exit_code) or EXIT_FAILED
         if event.exit_code:
             self._say(f"node '{name}' died with exit code {event.exit_code}{self._logs()}")
