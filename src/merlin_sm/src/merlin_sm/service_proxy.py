@@ -7,7 +7,9 @@ import threading
 import time
 from typing import Any, Optional
 
+import rosgraph
 import rospy
+from rosgraph.network import write_ros_handshake_header
 from rospy.exceptions import ROSException, TransportException
 
 
@@ -79,11 +81,13 @@ class ServiceProxy:
     def available(self) -> bool:
         """Whether the master knows the service and its server accepts connections."""
         try:
-            uri = rospy.get_master().lookupService(self.name)[2]
+            uri = rosgraph.Master(rospy.get_name()).lookupService(self.name)
             host, port = rospy.core.parse_rosrpc_uri(uri)
-            with socket.create_connection((host, port), timeout=1.0):
+            with socket.create_connection((host, port), timeout=1.0) as connection:
+                header = {"probe": "1", "md5sum": "*", "callerid": rospy.get_name(), "service": self.name}
+                write_ros_handshake_header(connection, header)
                 return True
-        except (OSError, ROSException, rospy.MasterException, TypeError):
+        except (OSError, rosgraph.MasterException):
             return False
 
     def close(self) -> None:

@@ -1,0 +1,210 @@
+"""Conditions, numeric expressions and effects of PDDL as values.
+
+Terms are strings: a variable starts with a question mark, anything else is an object.
+"""
+
+from dataclasses import dataclass, field
+from typing import Callable, Dict, Mapping, Optional, Tuple, Union
+
+START = "start"
+OVER_ALL = "over all"
+END = "end"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A typed name: parameter, quantified variable, constant or object. More than one type means `either`."""
+
+    name: str
+    types: Tuple[str, ...] = ("object",)
+
+    @property
+    def label(self) -> str:
+        """The name without a question mark."""
+        return self.name.lstrip("?")
+
+
+@dataclass(frozen=True)
+class Number:
+    """A constant."""
+
+    value: float
+
+
+@dataclass(frozen=True)
+class Fluent:
+    """A numeric function with its arguments."""
+
+    name: str
+    args: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """``+ - * /`` over one (only ``-``) or more operands."""
+
+    op: str
+    parts: Tuple["Numeric", ...]
+
+
+@dataclass(frozen=True)
+class Special:
+    """``#t``, ``?duration``, ``total-time``, ``(is-violated x)``; ``total-cost`` where it is no function."""
+
+    name: str
+    args: Tuple[str, ...] = ()
+
+
+Numeric = Union[Number, Fluent, Arithmetic, Special]
+
+
+@dataclass(frozen=True)
+class Atom:
+    """A predicate with its arguments."""
+
+    name: str
+    args: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Equal:
+    """Two terms name the same object."""
+
+    left: str
+    right: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """``> >= < <= =`` between numbers."""
+
+    op: str
+    left: Numeric
+    right: Numeric
+
+
+@dataclass(frozen=True)
+class Not:
+    """Negation."""
+
+    part: "Condition"
+
+
+@dataclass(frozen=True)
+class And:
+    """Conjunction; true when empty."""
+
+    parts: Tuple["Condition", ...] = ()
+
+
+@dataclass(frozen=True)
+class Or:
+    """Disjunction; false when empty."""
+
+    parts: Tuple["Condition", ...] = ()
+
+
+@dataclass(frozen=True)
+class Forall:
+    """Holds for all objects of the variables' types."""
+
+    variables: Tuple[Variable, ...]
+    part: "Condition"
+
+
+@dataclass(frozen=True)
+class Exists:
+    """Holds for some objects of the variables' types."""
+
+    variables: Tuple[Variable, ...]
+    part: "Condition"
+
+
+@dataclass(frozen=True)
+class Preference:
+    """A wish: it costs when violated, and never makes a condition false."""
+
+    name: str
+    part: "Condition"
+
+
+Condition = Union[Atom, Equal, Comparison, Not, And, Or, Forall, Exists, Preference]
+
+
+@dataclass(frozen=True)
+class TimedCondition:
+    """A condition of an operator and when it must hold; a plain operator's hold at its start."""
+
+    when: str
+    condition: Condition
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One primitive effect, with the quantifiers and conditions that stood around it.
+
+    Exactly one of `atom` (with `negative`) and `fluent` (with `op` and `value`) is set. `when` is START or
+    END, or OVER_ALL for a continuous effect; `condition` holds the `when` conditions, each with its time.
+    """
+
+    when: str
+    atom: Optional[Atom] = None
+    negative: bool = False
+    fluent: Optional[Fluent] = None
+    op: str = "assign"
+    value: Optional[Numeric] = None
+    variables: Tuple[Variable, ...] = ()
+    conditions: Tuple[TimedCondition, ...] = field(default=())
+
+
+def numeric_text(value: float) -> str:
+    """A number as PDDL writes it: no exponent, no needless digits, exact when read back."""
+    if value == int(value) and abs(value) < 1e15:
+        return str(int(value))
+    text = repr(float(value))
+    return f"{value:.20f}".rstrip("0") if "e" in text else text
+
+
+def _call(name: str, args: Tuple[str, ...]) -> str:
+    return f"({' '.join((name, *args))})"
+
+
+def _variables_text(variables: Tuple[Variable, ...]) -> str:
+    return " ".join(f"{variable.name} - {types_text(variable.types)}" for variable in variables)
+
+
+def types_text(types: Tuple[str, ...]) -> str:
+    """A type, or ``(either a b)``."""
+    return types[0] if len(types) == 1 else f"(either {' '.join(types)})"
+
+
+_WRITERS: Dict[type, Callable[..., str]] = {
+    Number: lambda f: numeric_text(f.value),
+    Fluent: lambda f: _call(f.name, f.args),
+    Arithmetic: lambda f: f"({f.op} {' '.join(map(to_pddl, f.parts))})",
+    Special: lambda f: _call(f.name, f.args) if f.name not in ("#t", "?duration") else f.name,
+    Atom: lambda f: _call(f.name, f.args),
+    Equal: lambda f: f"(= {f.left} {f.right})",
+    Comparison: lambda f: f"({f.op} {to_pddl(f.left)} {to_pddl(f.right)})",
+    Not: lambda f: f"(not {to_pddl(f.part)})",
+    And: lambda f: f"({' '.join(('and', *map(to_pddl, f.parts)))})",
+    Or: lambda f: f"({' '.join(('or', *map(to_pddl, f.parts)))})",
+    Forall: lambda f: f"(forall ({_variables_text(f.variables)}) {to_pddl(f.part)})",
+    Exists: lambda f: f"(exists ({_variables_text(f.variables)}) {to_pddl(f.part)})",
+    Preference: lambda f: f"(preference {f.name} {to_pddl(f.part)})",
+}
+
+
+def to_pddl(formula: Union[Numeric, Condition]) -> str:
+    """A condition or numeric expression as PDDL text."""
+    return _WRITERS[type(formula)](formula)
+
+
+def bind(term: str, bindings: Mapping[str, str]) -> str:
+    """The object a term stands for.
+
+    Raises
+    ------
+    KeyError: the term is a variable without a value.
+    """
+    return bindings[term] if term.startswith("?") else term

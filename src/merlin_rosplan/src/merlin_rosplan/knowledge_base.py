@@ -1,0 +1,254 @@
+"""The knowledge base: ROSPlan's services and topics over the store."""
+
+import os
+from typing import Any, List, Optional, Tuple
+
+import rospy
+from merlin_msgs.msg import KnowledgeChanges
+from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ApplyEffectsResponse
+from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
+from rosplan_knowledge_msgs.srv import (
+    KnowledgeUpdateService,
+    KnowledgeUpdateServiceArray,
+    KnowledgeUpdateServiceArrayRequest,
+    KnowledgeUpdateServiceArrayResponse,
+    KnowledgeUpdateServiceRequest,
+    KnowledgeUpdateServiceResponse,
+    SetNamedBool,
+    SetNamedBoolRequest,
+    SetNamedBoolResponse,
+)
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
+
+from merlin_rosplan.component import KNOWLEDGE_BASE, Component, ComponentError, run_component
+from merlin_rosplan.domain import Domain
+from merlin_rosplan.domain_reader import read_domain
+from merlin_rosplan.domain_services import DomainServices
+from merlin_rosplan.effects import EffectApplier
+from merlin_rosplan.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter
+from merlin_rosplan.knowledge_store import KnowledgeStore
+from merlin_rosplan.pddl_text import PddlError
+from merlin_rosplan.problem_reader import read_problem
+from merlin_rosplan.state_services import StateServices
+from merlin_rosplan.timed_knowledge import TimedKnowledge
+from merlin_rosplan.transaction import Change, Transaction
+
+_ONLY_PDDL = "only PDDL domains (.pddl) are known, no PPDDL, RDDL or HDDL"
+
+
+def caller(request: Any) -> str:
+    """Name of the node that sent a service request."""
+    return request._connection_header.get("callerid", "") if request._connection_header else ""
+
+
+def ros_nanoseconds() -> int:
+    """Now in ROS time, ns."""
+    return int(rospy.get_rostime().to_nsec())
+
+
+class KnowledgeBase(Component):
+    """The knowledge base as a component. See the README for its names and parameters.
+
+    Raises
+    ------
+    ComponentError: no domain, or the state file cannot be used.
+    """
+
+    def __init__(self, scope: str = KNOWLEDGE_BASE) -> None:
+        super().__init__(scope)
+        self.domain = self._read_domain()
+        self.strict = bool(self.param("strict", True))
+        self.param("use_unknowns", False)  # ROSPlan reads it and never uses it
+        self.store = KnowledgeStore(self.domain, self.strict, ros_nanoseconds)
+        self._reader = KnowledgeReader(self.domain)
+        self._writer = KnowledgeWriter(self.domain)
+        self._status = self.publisher("status/update", StatusUpdate)
+        self._changes = self.publisher("changes", KnowledgeChanges, queue_size=1000)
+        self._load_problem()
+        self.store.listen(self._publish_change)
+        self.own(TimedKnowledge(self.store, self.scope))
+        DomainServices(self, self.domain, self.store.sensed)
+        StateServices(self, self.store)
+        self.service("update", KnowledgeUpdateService, self._update)
+        self.service("update_array", KnowledgeUpdateServiceArray, self._update_array)
+        self.service("clear", Empty, self._clear)
+        self.service("update_constraints_oneof", KnowledgeUpdateServiceArray, self._oneof)
+        self.service("update_sensed_predicates", SetNamedBool, self._sensed)
+        self.service("apply_effects", ApplyEffects, self._apply_effects)
+
+    def on_shutdown(self) -> None:
+        """Closes the store."""
+        self.store.close()
+
+    # --- start ----------------------------------------------------------------------------------
+
+    def _read_domain(self) -> Domain:
+        path = self.param("domain_path", None) or rospy.get_param(
+            "/rosplan/domain_path", "common/domain.pddl"
+        )
+        self.domain_path = os.path.abspath(str(path))
+        extension = os.path.splitext(self.domain_path)[1]
+        if extension != ".pddl":
+            raise ComponentError(f"{self.resolve('domain_path')} is '{path}': {_ONLY_PDDL}")
+        try:
+            return read_domain(self.domain_path)
+        except PddlError as error:
+            raise ComponentError(f"the domain cannot be used: {error}") from error
+
+    def _load_problem(self) -> None:
+        path = self.param("problem_path", "")
+        if not path:
+            return
+        try:
+            self.store.load_problem(read_problem(str(path), self.domain), rospy.get_name())
+        except (PddlError, KnowledgeError) as error:
+            if self.strict:
+                raise ComponentError(f"the problem cannot be used: {error}") from error
+            rospy.logerr("%s starts with nothing: the problem cannot be used: %s", self.scope, error)
+
+    # --- changes --------------------------------------------------------------------------------
+
+    def _publish_change(self, change: Change) -> None:
+        if not self._changes.get_num_connections():
+            return
+        write = self._writer
+        message = KnowledgeChanges(
+            version=change.version,
+            client=change.client,
+            added=[write.item(row) for row in change.added],
+            removed=[write.item(row) for row in change.removed],
+            changed=[write.item(row) for row in change.changed],
+            goals_added=[write.goal(goal) for goal in change.goals_added],
+            goals_removed=[write.goal(goal) for goal in change.goals_removed],
+            cleared=change.cleared,
+        )
+        message.header.stamp = rospy.get_rostime()
+        self._changes.publish(message)
+
+    def _update(self, request: KnowledgeUpdateServiceRequest) -> KnowledgeUpdateServiceResponse:
+        return KnowledgeUpdateServiceResponse(
+            self._apply("update", [request.update_type], [request.knowledge], caller(request))
+        )
+
+    def _update_array(
+        self, request: KnowledgeUpdateServiceArrayRequest
+    ) -> KnowledgeUpdateServiceArrayResponse:
+        client = caller(request)
+        success = self._apply("update_array", list(request.update_type), request.knowledge, client)
+        if success:
+            self._status.publish(StatusUpdate(client, rospy.get_rostime()))
+        return KnowledgeUpdateServiceArrayResponse(success)
+
+    def _apply(self, service: str, kinds: List[int], items: List[KnowledgeItem], client: str) -> bool:
+        """All of the updates, or none of them."""
+        if len(kinds) != len(items) and self.strict:
+            self._refused(service, client, f"{len(kinds)} update types for {len(items)} items")
+            return False
+        number = 0
+        try:
+            with self.store.transaction(client) as transaction:
+                for kind, item in zip(kinds, items):
+                    self._step(transaction, kind, item)
+                    number += 1
+        except KnowledgeError as error:
+            place = f"item {number}: " if len(items) > 1 else ""
+            self._refused(service, client, f"{place}{error}")
+            return False
+        return True
+
+    def _step(self, transaction: Transaction, kind: int, message: KnowledgeItem) -> None:
+        request = KnowledgeUpdateServiceRequest
+        if kind in (request.ADD_KNOWLEDGE, request.REMOVE_KNOWLEDGE):
+            if message.knowledge_type in (KnowledgeItem.EXPRESSION, KnowledgeItem.INEQUALITY) and (
+                not self.strict or kind == request.REMOVE_KNOWLEDGE
+            ):
+                return
+            item = self._reader.item(message)
+            at = message.initial_time.to_nsec()
+            (transaction.add if kind == request.ADD_KNOWLEDGE else transaction.remove)(item, at)
+        elif kind == request.ADD_GOAL:
+            transaction.add_goal(self._reader.goal(message, self.store.objects))
+        elif kind == request.REMOVE_GOAL:
+            transaction.remove_goal(self._reader.goal(message, self.store.objects))
+        elif kind == request.ADD_METRIC:
+            transaction.set_metric(self._reader.metric(message))
+        elif kind == request.REMOVE_METRIC:
+            transaction.set_metric(None)
+        elif self.strict:
+            raise KnowledgeError(f"there is no update_type {kind}")
+
+    def _refused(self, service: str, client: str, reason: str) -> None:
+        rospy.logwarn("%s/%s refused what %s sent: %s", self.scope, service, client, reason)
+
+    def _clear(self, request: EmptyRequest) -> EmptyResponse:
+        try:
+            with self.store.transaction(caller(request)) as transaction:
+                transaction.clear()
+        except KnowledgeError as error:
+            raise rospy.ServiceException(str(error)) from error
+        return EmptyResponse()
+
+    def _oneof(self, request: KnowledgeUpdateServiceArrayRequest) -> KnowledgeUpdateServiceArrayResponse:
+        """Keeps a group of which one is true; nothing reads it, in ROSPlan neither."""
+        client = caller(request)
+        try:
+            with self.store.transaction(client) as transaction:
+                items = [self._reader.item(message).text() for message in request.knowledge]
+                state = transaction.state
+                transaction.note(state.oneof, " ".join(items), {"items": items})
+        except KnowledgeError as error:
+            self._refused("update_constraints_oneof", client, str(error))
+            return KnowledgeUpdateServiceArrayResponse(False)
+        return KnowledgeUpdateServiceArrayResponse(True)
+
+    def _sensed(self, request: SetNamedBoolRequest) -> SetNamedBoolResponse:
+        client = caller(request)
+        name = request.name.lower()
+        if self.strict and name not in self.domain.predicates and name not in self.domain.functions:
+            self._refused("update_sensed_predicates", client, f"unknown predicate '{request.name}'")
+            return SetNamedBoolResponse(False)
+        try:
+            with self.store.transaction(client) as transaction:
+                transaction.note(transaction.state.sensed, name, {} if request.value else None)
+        except KnowledgeError as error:
+            self._refused("update_sensed_predicates", client, str(error))
+            return SetNamedBoolResponse(False)
+        return SetNamedBoolResponse(True)
+
+    def _apply_effects(self, request: ApplyEffectsRequest) -> ApplyEffectsResponse:
+        client = caller(request)
+        try:
+            with self.store.transaction(client) as transaction:
+                parameters = {pair.key: pair.value for pair in request.parameters}
+                applier = EffectApplier(transaction, request.operator_name, parameters, request.token)
+                phases = {
+                    ApplyEffectsRequest.START: applier.start,
+                    ApplyEffectsRequest.END: applier.end,
+                    ApplyEffectsRequest.ROLLBACK: applier.rollback,
+                }
+                if request.phase not in phases:
+                    raise KnowledgeError(f"there is no phase {request.phase}")
+                message = phases[request.phase]()
+        except KnowledgeError as error:
+            self._refused("apply_effects", client, str(error))
+            return ApplyEffectsResponse(False, str(error))
+        self._status.publish(StatusUpdate(client, rospy.get_rostime()))
+        return ApplyEffectsResponse(True, message)
+
+    # --- for components of the same process ------------------------------------------------------
+
+    def snapshot(self) -> Tuple[Domain, Any]:
+        """The domain and everything that is stored, at one moment."""
+        return self.domain, self.store.snapshot()[1]
+
+
+def knowledge_base_in_process(name: str) -> Optional[KnowledgeBase]:
+    """The knowledge base of that global name, if it lives in this process."""
+    found = Component.in_process(name)
+    return found if isinstance(found, KnowledgeBase) else None
+
+
+def main() -> None:
+    """Entry point of ``rosrun merlin_rosplan knowledge_base``."""
+    run_component(KnowledgeBase, KNOWLEDGE_BASE)

@@ -1,0 +1,175 @@
+"""Reads PDDL text into nested lists of words that know where they stand.
+
+PDDL knows no upper case: words are lower-cased here, as ROSPlan's lexer does.
+"""
+
+import bisect
+import difflib
+import re
+from pathlib import Path
+from typing import Iterable, List, Optional, Union
+
+#: Deeper nesting than any domain needs; keeps every later recursion within Python's limit.
+MAX_DEPTH = 100
+
+_TOKEN = re.compile(r"\s+|;[^\n]*|([()])|([^\s();]+)")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_\-]*\Z")
+_VARIABLE = re.compile(r"\?[A-Za-z_][A-Za-z0-9_\-]*\Z")
+
+
+class PddlError(Exception):
+    """Something in PDDL text is wrong; the text of the error starts with ``file:line:column``."""
+
+    def __init__(self, message: str, source: str = "", line: int = 0, column: int = 0) -> None:
+        self.message = message
+        self.source = source
+        self.line = line
+        self.column = column
+        place = ":".join(str(part) for part in (source, line, column) if part)
+        super().__init__(f"{place}: {message}" if place else message)
+
+
+class Word(str):
+    """One word of PDDL, lower-cased, with its place (line and column count from 1)."""
+
+    source: str
+    line: int
+    column: int
+
+    @classmethod
+    def at(cls, text: str, source: str, line: int, column: int) -> "Word":
+        """Makes a word that stands at a place."""
+        word = cls(text)
+        word.source, word.line, word.column = source, line, column
+        return word
+
+    def error(self, message: str) -> PddlError:
+        """An error at this place."""
+        return PddlError(message, self.source, self.line, self.column)
+
+
+class Expression(List["Node"]):
+    """What stands between two parentheses, with the place of the opening one."""
+
+    def __init__(self, source: str, line: int, column: int) -> None:
+        super().__init__()
+        self.source = source
+        self.line = line
+        self.column = column
+
+    def error(self, message: str) -> PddlError:
+        """An error at this place."""
+        return PddlError(message, self.source, self.line, self.column)
+
+    @property
+    def head(self) -> str:
+        """The first word; empty when there is none."""
+        return str(self[0]) if self and isinstance(self[0], Word) else ""
+
+    def text(self) -> str:
+        """The expression as PDDL on one line."""
+        parts = (part.text() if isinstance(part, Expression) else str(part) for part in self)
+        return f"({' '.join(parts)})"
+
+
+Node = Union[Word, Expression]
+
+
+def read_text(text: str, source: str = "") -> List[Node]:
+    """Reads all expressions of a text.
+
+    Raises
+    ------
+    PddlError: a parenthesis is missing or too many, or the nesting is absurd.
+    """
+    lines = [0] + [match.end() for match in re.finditer("\n", text)]
+    found: List[Node] = []
+    open_: List[Expression] = []
+    position = 0
+    while position < len(text):
+        match = _TOKEN.match(text, position)
+        assert match is not None  # the alternatives cover every character
+        position = match.end()
+        parenthesis, word = match.groups()
+        if parenthesis is None and word is None:
+            continue
+        row = bisect.bisect_right(lines, match.start())
+        column = match.start() - lines[row - 1] + 1
+        if parenthesis == "(":
+            if len(open_) == MAX_DEPTH:
+                raise PddlError(f"more than {MAX_DEPTH} parentheses inside each other", source, row, column)
+            open_.append(Expression(source, row, column))
+            continue
+        if parenthesis == ")":
+            if not open_:
+                raise PddlError("this ')' closes nothing", source, row, column)
+            node: Node = open_.pop()
+        else:
+            node = Word.at(word.lower(), source, row, column)
+        (open_[-1] if open_ else found).append(node)
+    if open_:
+        raise open_[-1].error(f"the '(' of '({open_[-1].head}' is never closed")
+    return found
+
+
+def read_expression(text: str, source: str = "") -> Expression:
+    """Reads a text that must be exactly one expression in parentheses.
+
+    Raises
+    ------
+    PddlError: it is something else.
+    """
+    nodes = read_text(text, source)
+    if not nodes:
+        raise PddlError("there is no PDDL here", source, 1, 1)
+    if not isinstance(nodes[0], Expression):
+        raise nodes[0].error(f"expected '(', found '{nodes[0]}'")
+    if len(nodes) > 1:
+        raise nodes[1].error("nothing may follow the closing parenthesis")
+    return nodes[0]
+
+
+def read_file(path: Union[str, Path]) -> Expression:
+    """Reads a file that holds one expression.
+
+    Raises
+    ------
+    PddlError: the file cannot be read, or holds something else.
+    """
+    try:
+        text = Path(path).read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise PddlError(f"cannot be read: {error.strerror or error}", str(path)) from error
+    except (UnicodeDecodeError, ValueError) as error:
+        raise PddlError(f"is not UTF-8 text: {error}", str(path)) from error
+    return read_expression(text, str(path))
+
+
+def is_name(text: str) -> bool:
+    """Whether the text is a name in PDDL."""
+    return _NAME.match(text) is not None
+
+
+def name_of(node: Node, what: str) -> Word:
+    """The node as a name.
+
+    Raises
+    ------
+    PddlError: it is none; `what` says what was expected.
+    """
+    if not isinstance(node, Word):
+        raise node.error(f"expected {what}, found '{node.text()[:40]}'")
+    if not is_name(node):
+        raise node.error(f"expected {what}, found '{node}'")
+    return node
+
+
+def is_variable(text: str) -> bool:
+    """Whether the text is a variable in PDDL, with its question mark."""
+    return _VARIABLE.match(text) is not None
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """`` (did you mean 'x'?)`` or nothing."""
+    close: Optional[List[str]] = difflib.get_close_matches(name, list(known), n=1)
+    return f" (did you mean '{close[0]}'?)" if close else ""
