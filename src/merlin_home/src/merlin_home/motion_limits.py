@@ -125,9 +125,7 @@ class SetOff:
         before = self._braking_way()
         self._rest = limits.drive(distance - self._gains[-1] + before)
         self._skipped = self._speed / limits.acceleration
-        self.duration = max(
-            turn.duration if distance > 0 else 0.0, self._turned + self._rest.duration - self._skipped
-        )
+        self.duration = self._turned + self._rest.duration - self._skipped
 
     def way_at(self, time: float) -> float:
         """The most that it has covered after some time (s), m."""

@@ -1,8 +1,9 @@
 """The best that a robot could do: the yardstick of the experiment.
 
 For one task, from the pose in which it was sent: turn to the direction of the shortest path while setting
-off, drive along it as fast as the limits allow, stop at the point of interest, and speak. Deliberation, communication, detours and caution take no time here; no run can reach this, and the ratio
-of oracle to measurement says how close one came.
+off, drive along it as fast as the limits allow, stop at the point of interest, and speak. Deliberation,
+communication, detours and caution take no time here; no run can reach this, and the ratio of oracle to
+measurement says how close one came.
 """
 
 import math
