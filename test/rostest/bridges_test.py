@@ -83,9 +83,7 @@ class Bridges(unittest.TestCase):
         return message
 
     def cancel(self, dispatch, **changes):
-        message = ActionDispatch(
-            dispatch.action_id, dispatch.plan_id, "cancel_action", dispatch.parameters, 0, 0
-        )
+        message = ActionDispatch(dispatch.action_id, dispatch.plan_id, "cancel_action", dispatch.parameters, 0, 0)
         for key, value in changes.items():
             setattr(message, key, value)
         self.dispatches.publish(message)

@@ -143,13 +143,7 @@ class Executor(unittest.TestCase):
         self.assertOutcome(first.result, "SUCCEEDED")
 
     def test_what_makes_no_sense_is_refused_before_it_is_sent(self):
-        for goal in (
-            "(checked moon)",
-            "(clean kitchen)",
-            "(checked kitchen bathroom)",
-            "checked",
-            "(checked",
-        ):
+        for goal in ("(checked moon)", "(clean kitchen)", "(checked kitchen bathroom)", "checked", "(checked"):
             with self.assertRaises(ValueError):
                 self.client.send(goal)
         with self.assertRaises(GoalError):

@@ -70,7 +70,7 @@ def test_ahead_a_task_is_drive_and_speech() -> None:
 
 def test_setting_off_gains_while_it_turns() -> None:
     # Half a turn takes pi + 0.5 s and faces the path within a right angle after pi/2 + 0.25 s. From then on
-    # full speed at once and a constant turn rate would gain 0.5 m/s * 1 s, the integral of the cosine. Speeding
+    # full speed at once and a constant turn rate would gain 0.5 m/s * 1 s, the cosine's integral. Speeding
     # up takes 0.0206 m of that, the integral of (0.5 - t) sin(t) over 0.5 s; the slow end of the turn, 0.25 s
     # more at almost no angle, adds 0.125 m.
     drive = LIMITS.set_off(math.pi, 3.0)
