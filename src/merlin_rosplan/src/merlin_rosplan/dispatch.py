@@ -8,7 +8,7 @@ import abc
 import math
 import queue
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Dict, FrozenSet, List, NamedTuple, Optional, Tuple, Union
 
@@ -44,7 +44,7 @@ class DispatchError(Exception):
 
 @dataclass(frozen=True)
 class DispatchLimits:
-    """Patience of a dispatcher, s. They run on the monotonic clock and stand still while the simulator is paused.
+    """Patience of a dispatcher, s, on the monotonic clock less the time the simulator is paused.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class DispatchLimits:
     accept: an action whose interface is alive must be taken within this time.
     liveness: an interface that announced itself regularly and has been silent this long is dead.
     cancel: how long a cancelled action's interface may take to answer; zero or less: as long as it takes.
-    over_all_grace: an action whose own end effects break its over-all condition has this long to report its end.
+    over_all_grace: an action whose own end effects break its over-all condition reports its end within it.
     """
 
     acknowledge: float = 2.0
@@ -120,6 +120,10 @@ class Outside(abc.ABC):
         """Seconds since the operator's interface last announced itself; None when it never has."""
 
     @abc.abstractmethod
+    def young(self, operator: str) -> bool:
+        """Whether the operator's interface announced itself for the first time only seconds ago."""
+
+    @abc.abstractmethod
     def wake_at(self, when: Optional[float]) -> None:
         """Asks for a :class:`Tick` at a ROS time, s; None takes the wish back."""
 
@@ -168,6 +172,7 @@ class _Running:
     pending: Conditions  # over-all conditions that the start effects bring about; watched once seen true
     names: FrozenSet[str] = frozenset()
     taken: bool = False
+    sent_again: bool = False
     grace: Optional[Any] = None
     broken: str = ""
 
@@ -191,12 +196,14 @@ class Dispatch:
         ROSPlan's own interfaces, which do not set it: it counts once the interface has taken the action.
     """
 
-    def __init__(self, schedule: Schedule, outside: Outside, limits: DispatchLimits, plan_id: int = 0) -> None:
+    def __init__(
+        self, schedule: Schedule, outside: Outside, limits: DispatchLimits, plan_id: int = 0
+    ) -> None:
         self.plan_id = plan_id
         self._schedule = schedule
         self._outside = outside
         self._limits = limits
-        self._events: "queue.Queue[Event]" = queue.Queue()
+        self._events: queue.Queue[Event] = queue.Queue()
         self._cancelled = threading.Event()
         self._running: Dict[int, _Running] = {}
         self._failure: Optional[_Failure] = None
@@ -276,7 +283,7 @@ class Dispatch:
         if not self._running and not self._schedule.finished and not self._cancelled.is_set():
             waiting = self._schedule.waiting()
             if self._schedule.wake_time() is None and waiting:
-                self._fail(f"the plan cannot go on: nothing runs, and {waiting[0]} waits for something that never ends")
+                self._fail(f"the plan cannot go on: nothing runs, and {waiting[0]} waits for what never ends")
 
     def _start(self, action: PlannedAction) -> bool:
         operator = self._outside.operator(action)
@@ -308,10 +315,10 @@ class Dispatch:
             _names(over_all),
         )
         self._last = action
+        self._report()  # first: an interface that has just started asks the status whether it is meant
         self._outside.send(action)
         self._outside.tell(action, FeedbackStatus.ENABLED)
         self._schedule.started(action.id, self._outside.now())
-        self._report()
         return True
 
     def _handle(self, event: Optional[Event]) -> None:
@@ -335,9 +342,9 @@ class Dispatch:
         if record is None or feedback.plan_id not in (0, self.plan_id):
             return  # of an earlier run, or an answer told twice
         status = feedback.status
-        if status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED) and feedback.plan_id == 0:
-            if not record.taken and self.plan_id != 0:
-                return  # latched since an earlier run: interfaces report that they have taken an action first
+        final = status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
+        if final and not record.taken and feedback.plan_id != self.plan_id:
+            return  # latched since an earlier run: interfaces report that they have taken an action first
         if status == FeedbackStatus.SUCCEEDED:
             self._done += 1
             del self._running[feedback.action_id]
@@ -377,9 +384,7 @@ class Dispatch:
         own = (
             all(broken_by_own_end(record.operator, atom, False) for atom in broken.positive)
             and all(broken_by_own_end(record.operator, atom, True) for atom in broken.negative)
-            and all(
-                entry.functions & record.operator.end_effects.functions for entry in broken.comparisons
-            )
+            and all(entry.functions & record.operator.end_effects.functions for entry in broken.comparisons)
         )
         record.broken = describe(broken)
         if not own:
@@ -394,11 +399,18 @@ class Dispatch:
         if record.grace is not None and record.grace.remaining() <= 0:
             self._fail(f"{action} cannot go on: {record.broken}", action)
         elif silence is not None and silence > self._limits.liveness > 0:
-            self._fail(f"the action interface of {action.name} is gone: last heard of {silence:.1f} s ago", action)
+            self._fail(
+                f"the action interface of {action.name} is gone: last heard of {silence:.1f} s ago", action
+            )
             del self._running[action.id]
         elif not record.taken and record.acknowledge.remaining() <= 0 and silence is None:
             self._fail(f"no action interface for {action.name}", action)
             del self._running[action.id]
+        elif not record.taken and record.acknowledge.remaining() <= 0 and not record.sent_again:
+            # An interface that has just started takes what is latched for an action of an earlier run.
+            record.sent_again = True
+            if self._outside.young(action.name):
+                self._outside.send(action)
         elif not record.taken and record.accept.remaining() <= 0:
             self._fail(
                 f"the action interface of {action.name} is alive but did not take {action} "
@@ -423,7 +435,9 @@ class Dispatch:
             if left <= 0:
                 break
             try:
-                event = self._events.get(timeout=min(left, 1.0))  # who dies in silence is noticed every second
+                event = self._events.get(
+                    timeout=min(left, 1.0)
+                )  # who dies in silence is noticed every second
             except queue.Empty:
                 event = None
             if isinstance(event, Feedback):

@@ -3,13 +3,11 @@
 import dataclasses
 import threading
 import time
-from typing import Any, Dict, List, Optional, Tuple, Type
+from typing import Any, Dict, Optional, Tuple, Type
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import DispatchStatus, KnowledgeChanges, RunningAction
-from merlin_sm.action_server import ActionServer, ServerGoal
-from merlin_sm.deadline import Deadline, running_time
 from rosplan_dispatch_msgs.msg import (
     ActionDispatch,
     ActionFeedback,
@@ -45,11 +43,13 @@ from merlin_rosplan.dispatch_schedule import (
 )
 from merlin_rosplan.handover import Handover
 from merlin_rosplan.interface_watch import InterfaceWatch
-from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError, goals_text
 from merlin_rosplan.operator_model import BindingError, Conditions, Operator
 from merlin_rosplan.plan_graph_drawer import PlanGraphDrawer
 from merlin_rosplan.plan_graph_messages import graph_from_message
+from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError, goals_text
 from merlin_rosplan.ros_alarm import RosAlarm
+from merlin_sm.action_server import ActionServer, ServerGoal
+from merlin_sm.deadline import Deadline, running_time
 
 SCOPE = "rosplan_plan_dispatcher"
 CANCEL_ACTION = "cancel_action"
@@ -107,8 +107,12 @@ class PlanDispatcher(Component, Outside):
         self._tell_status(DispatchReport(DispatchState.IDLE, "nothing dispatched yet"))
 
         self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback, queue_size=1000)
-        self.subscriber(f"{self.knowledge_base}/pddl_action_parameters", DomainFormula, self._receive_announcement)
-        self._changes = self.subscriber(f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes)
+        self.subscriber(
+            f"{self.knowledge_base}/pddl_action_parameters", DomainFormula, self._receive_announcement
+        )
+        self._changes = self.subscriber(
+            f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes
+        )
         self.subscriber(f"{self.knowledge_base}/status/update", StatusUpdate, self._receive_update)
         self._plan_topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
         subscription = self.own(Handover.receiver(self._plan_topic, self._receive_plan))
@@ -116,7 +120,10 @@ class PlanDispatcher(Component, Outside):
 
         self._server = self.own(
             ActionServer(
-                self.resolve("dispatch_plan_action"), NonBlockingDispatchAction, self._accept, self._cancel_goal
+                self.resolve("dispatch_plan_action"),
+                NonBlockingDispatchAction,
+                self._accept,
+                self._cancel_goal,
             )
         )
         self._server.start()
@@ -169,7 +176,9 @@ class PlanDispatcher(Component, Outside):
             goal.reject(NonBlockingDispatchResult(), "a plan is being dispatched already")
             return
         goal.accept()
-        threading.Thread(target=self._run_goal, args=(goal,), name=f"dispatch {self.scope}", daemon=True).start()
+        threading.Thread(
+            target=self._run_goal, args=(goal,), name=f"dispatch {self.scope}", daemon=True
+        ).start()
 
     def _run_goal(self, goal: ServerGoal) -> None:
         report, goal_achieved = self._run()
@@ -368,6 +377,10 @@ class PlanDispatcher(Component, Outside):
         """Seconds since the operator's interface announced itself."""
         return self._interfaces.silence(operator)
 
+    def young(self, operator: str) -> bool:
+        """Whether the operator's interface has just started."""
+        return self._interfaces.young(operator)
+
     def wake_at(self, when: Optional[float]) -> None:
         """Sets the alarm."""
         self._alarm.set(when)
@@ -490,12 +503,15 @@ def dispatcher_class(kind: str) -> Type[PlanDispatcher]:
     ------
     ComponentError: it is neither.
     """
-    classes: Dict[str, Type[PlanDispatcher]] = {"simple": SimplePlanDispatcher, "esterel": EsterelPlanDispatcher}
+    classes: Dict[str, Type[PlanDispatcher]] = {
+        "simple": SimplePlanDispatcher,
+        "esterel": EsterelPlanDispatcher,
+    }
     if kind not in classes:
         raise ComponentError(f"~kind is '{kind}', expected 'simple' or 'esterel'")
     return classes[kind]
 
 
 def main() -> None:
-    """Entry point of ``rosrun merlin_rosplan plan_dispatcher``; `~kind` is ``simple`` or ``esterel`` (default)."""
+    """Entry point of the executable ``plan_dispatcher``; `~kind` is ``simple`` or ``esterel`` (default)."""
     run_component(lambda scope: dispatcher_class(str(rospy.get_param("~kind", "esterel")))(scope), SCOPE)

@@ -9,6 +9,7 @@ from typing import Any, Optional
 
 import rospy
 from rospy.exceptions import ROSException, TransportException
+from rospy.impl.validators import ParameterInvalid
 
 
 class ServiceError(rospy.ServiceException):
@@ -83,7 +84,7 @@ class ServiceProxy:
             host, port = rospy.core.parse_rosrpc_uri(uri)
             with socket.create_connection((host, port), timeout=1.0):
                 return True
-        except (OSError, ROSException, rospy.MasterException, TypeError):
+        except (OSError, ROSException, ParameterInvalid, TypeError):
             return False
 
     def close(self) -> None:
