@@ -7,6 +7,7 @@ import threading
 import time
 from typing import Any, Optional
 
+import rosgraph
 import rospy
 from rospy.exceptions import ROSException, TransportException
 
@@ -79,11 +80,11 @@ class ServiceProxy:
     def available(self) -> bool:
         """Whether the master knows the service and its server accepts connections."""
         try:
-            uri = rospy.get_master().lookupService(self.name)[2]
+            uri = rosgraph.Master(rospy.get_name()).lookupService(self.name)
             host, port = rospy.core.parse_rosrpc_uri(uri)
             with socket.create_connection((host, port), timeout=1.0):
                 return True
-        except (OSError, ROSException, rospy.MasterException, TypeError):
+        except (OSError, rosgraph.MasterException):
             return False
 
     def close(self) -> None:

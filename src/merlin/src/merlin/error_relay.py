@@ -1,0 +1,60 @@
+"""Passes on what the nodes of a run write to standard error, until the run ends.
+
+A node that is stopped while it still starts dies with a traceback that tells nobody anything; a warning in
+the middle of a run does. So the lines go to the screen while the run lasts, and to the log file always.
+"""
+
+import os
+import threading
+from pathlib import Path
+from typing import BinaryIO
+
+STDERR = 2
+
+
+class ErrorRelay:
+    """Stands in for this process's standard error; processes started meanwhile inherit it.
+
+    Use as a context manager around everything that starts processes.
+    """
+
+    def __init__(self, log_file: Path) -> None:
+        """
+        Parameters:
+            log_file: takes every line.
+        """
+        self._log_file = log_file
+        self._muted = threading.Event()
+        # Reads until the last holder of the pipe has ended; joined in __exit__.
+        self._reader = threading.Thread(target=self._relay, name="error_relay", daemon=True)
+
+    def __enter__(self) -> "ErrorRelay":
+        self._screen = os.dup(STDERR)
+        self._source, sink = os.pipe()
+        os.dup2(sink, STDERR)
+        os.close(sink)
+        self._reader.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.dup2(self._screen, STDERR)
+        self._reader.join(timeout=5.0)
+        os.close(self._screen)
+
+    def say(self, text: str) -> None:
+        """Puts one line of our own on the screen."""
+        os.write(self._screen, f"{text}\n".encode())
+
+    def mute(self) -> None:
+        """From now on the nodes' lines go to the log file only."""
+        self._muted.set()
+
+    def _relay(self) -> None:
+        with self._log_file.open("ab", buffering=0) as log, os.fdopen(self._source, "rb") as source:
+            self._copy(source, log)
+
+    def _copy(self, source: BinaryIO, log: BinaryIO) -> None:
+        for line in source:
+            log.write(line)
+            if not self._muted.is_set():
+                os.write(self._screen, line)

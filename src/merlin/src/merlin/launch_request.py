@@ -1,0 +1,126 @@
+"""What the user asked to run: a launch file, its arguments, and the port of the master.
+
+Everything that can be wrong with a command line is found here, before any process is started.
+"""
+
+import difflib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Dict, Iterable, List, Optional
+
+import roslaunch.arg_dump
+import rospkg
+from roslaunch.core import RLException
+
+PORT_ARGUMENT = "port"
+
+
+class LaunchError(Exception):
+    """The run cannot start; the text is one line that says what is wrong and what to do."""
+
+
+@dataclass(frozen=True)
+class LaunchRequest:
+    """A checked command line.
+
+    Attributes:
+        launch_file: the file to run.
+        arguments: arguments of the launch file, name → text.
+        port: port of the ROS master; None: any free one.
+    """
+
+    launch_file: Path
+    arguments: Dict[str, str] = field(default_factory=dict)
+    port: Optional[int] = None
+
+    @classmethod
+    def from_command_line(cls, words: Iterable[str]) -> "LaunchRequest":
+        """Reads `<launch file> name:=value …`.
+
+        Raises:
+            LaunchError: no such launch file, no such argument, a required argument is missing, a bad port.
+        """
+        files, pairs = [], {}
+        for word in words:
+            name, assigned, value = word.partition(":=")
+            if assigned:
+                pairs[name] = value
+            else:
+                files.append(word)
+        if len(files) != 1:
+            raise LaunchError(
+                "name one launch file, e.g. 'rosrun merlin run home.launch mission:=1'; there are: "
+                + ", ".join(application_names())
+            )
+        launch_file = find_launch_file(files[0])
+        declared = declared_arguments(launch_file)
+        port = None
+        if PORT_ARGUMENT in pairs and PORT_ARGUMENT not in declared:
+            port = _port(pairs.pop(PORT_ARGUMENT))
+        _check_names(launch_file, pairs, declared)
+        return cls(launch_file, pairs, port)
+
+    def words(self) -> List[str]:
+        """The arguments as roslaunch takes them."""
+        return [f"{name}:={value}" for name, value in self.arguments.items()]
+
+
+def launch_folder() -> Path:
+    """Folder of the launch files that come with MERLIN."""
+    return Path(rospkg.RosPack().get_path("merlin")) / "launch"
+
+
+def application_names() -> List[str]:
+    """Names of the applications that come with MERLIN."""
+    return sorted(path.name for path in launch_folder().glob("*.launch"))
+
+
+def find_launch_file(name: str) -> Path:
+    """The file of a path, or of a name in MERLIN's launch folder.
+
+    Raises:
+        LaunchError: there is none.
+    """
+    for path in (Path(name), launch_folder() / name):
+        if path.is_file():
+            return path.resolve()
+    raise LaunchError(
+        f"there is no launch file '{name}'; give a path or one of: {', '.join(application_names())}"
+    )
+
+
+def declared_arguments(launch_file: Path) -> Dict[str, Optional[str]]:
+    """Arguments that a launch file declares, name → default (None: required).
+
+    Raises:
+        LaunchError: the file cannot be read as a launch file.
+    """
+    try:
+        found = roslaunch.arg_dump.get_args([str(launch_file)])
+    except RLException as error:
+        raise LaunchError(f"{launch_file}: {one_line(error)}") from error
+    return {name: default for name, (_doc, default) in found.items()}
+
+
+def one_line(error: object) -> str:
+    """The first paragraph of an error's text on one line."""
+    paragraph = str(error).strip().split("\n\n", 1)[0]
+    return " ".join(paragraph.split()) or type(error).__name__
+
+
+def _check_names(launch_file: Path, given: Dict[str, str], declared: Dict[str, Optional[str]]) -> None:
+    for name in given:
+        if name in declared:
+            continue
+        near = difflib.get_close_matches(name, declared, 1)
+        hint = f"did you mean '{near[0]}'?" if near else "it knows: " + ", ".join(sorted(declared))
+        raise LaunchError(f"{launch_file.name} has no argument '{name}'; {hint}")
+    missing = [name for name, default in declared.items() if default is None and name not in given]
+    if missing:
+        raise LaunchError(f"{launch_file.name} needs {', '.join(f'{name}:=…' for name in missing)}")
+
+
+def _port(text: str) -> int:
+    if text.isdigit() and 0 < int(text) < 65536:
+        return int(text)
+    raise LaunchError(f"port:={text} is not a TCP port; give a number from 1 to 65535, or leave it out")

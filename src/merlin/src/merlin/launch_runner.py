@@ -1,0 +1,238 @@
+"""Runs an application: `rosrun merlin run <launch file> name:=value …`.
+
+Everything of the launch file is started below a ROS master of its own. The run ends when the node named
+`mission` ends, with that node's exit code; when a required node dies; or on SIGINT, SIGTERM, SIGHUP.
+Nothing is left running. The screen belongs to the mission: what the others print goes to the log folder,
+their warnings and errors (stderr) excepted.
+"""
+
+import contextlib
+import os
+import queue
+import signal
+import sys
+from pathlib import Path
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional
+
+import roslaunch
+import roslib.packages
+import rospkg
+from roslaunch.core import Node, RLException
+from roslaunch.pmon import ProcessListener
+
+from .error_relay import ErrorRelay
+from .launch_request import LaunchError, LaunchRequest, one_line
+from .master import Master
+from .orphans import adopt_orphans, end_children
+
+MISSION_NODE = "mission"
+INTERRUPT_TIMEOUT = 6.0
+"""Wall seconds between SIGINT and SIGTERM of a node that does not end (a bag is being closed)."""
+TERMINATE_TIMEOUT = 1.0
+"""Wall seconds between SIGTERM and SIGKILL."""
+FILE_PARAMETERS = ("domain_path", "problem_path", "world_file", "world_path", "map_file")
+"""Parameters that name a file which has to be there when a node starts."""
+EXIT_FAILED = 1
+EXIT_REFUSED = 2
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class _Death(NamedTuple):
+    """A process of the run has ended."""
+
+    process: str
+    exit_code: Optional[int]
+
+
+class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
+    """roslaunch on a master that runs already; every death from the first process on reaches `events`."""
+
+    def __init__(self, run_id: str, request: LaunchRequest, port: int, events: "queue.SimpleQueue") -> None:
+        super().__init__(
+            run_id,
+            [(str(request.launch_file), request.words())],
+            port=port,
+            show_summary=False,
+            sigint_timeout=INTERRUPT_TIMEOUT,
+            sigterm_timeout=TERMINATE_TIMEOUT,
+        )
+        self._events = events
+
+    def load(self) -> None:
+        """Reads the launch file.
+
+        Raises:
+            RLException: it, or a file it includes, cannot be read.
+            LaunchError: it names a file that is missing.
+        """
+        self._load_config()
+        check_files({key: param.value for key, param in self.config.params.items()})
+        # roslaunch starts its core nodes (rosout) only together with a master of its own.
+        self.config.nodes.extend(self.config.nodes_core)
+        check_executables(self.config.nodes)
+        for node in self.config.nodes:
+            node.output = "screen" if node.name == MISSION_NODE else "log"
+
+    def _start_pm(self) -> None:
+        super()._start_pm()
+        self.pm.add_process_listener(self)
+
+    def process_died(self, process_name: str, exit_code: Optional[int]) -> None:
+        """Called by roslaunch's process monitor."""
+        self._events.put(_Death(process_name, exit_code))
+
+    def node_of(self, process: str) -> Optional[Node]:
+        """The launch file's entry of a process."""
+        return next((node for node in self.config.nodes if node.process_name == process), None)
+
+
+def check_files(parameters: Dict[str, Any]) -> None:
+    """Looks for the files that parameters name.
+
+    Raises:
+        LaunchError: one is missing.
+    """
+    for key, value in parameters.items():
+        if key.rsplit("/", 1)[-1] in FILE_PARAMETERS and value and not Path(str(value)).is_file():
+            raise LaunchError(
+                f"the file {value} (parameter {key}) is missing; give the path of one that exists"
+            )
+
+
+def check_executables(nodes: Iterable[Node]) -> None:
+    """Looks for the executables of nodes; roslaunch itself would start the others and go on.
+
+    Raises:
+        LaunchError: one is missing.
+    """
+    rospack = rospkg.RosPack()
+    for node in nodes:
+        try:
+            found = roslib.packages.find_node(node.package, node.type, rospack=rospack)
+        except rospkg.ResourceNotFound:
+            found = []
+        if not found:
+            raise LaunchError(
+                f"there is no executable {node.package}/{node.type} (node '{node.name}'); "
+                "correct the name, or run 'make build' if it is new"
+            )
+
+
+class LaunchRun:
+    """One run, from the first process to the last.
+
+    Attributes:
+        log_folder: where the nodes' logs are.
+    """
+
+    def __init__(self, request: LaunchRequest) -> None:
+        self._request = request
+        self._events: queue.SimpleQueue[object] = queue.SimpleQueue()
+        self._master: Optional[Master] = None
+        self._parent: Optional[_Parent] = None
+        self._missions: Dict[str, Optional[int]] = {}
+        self._run_id = roslaunch.core.generate_run_id()
+        self.log_folder = Path(rospkg.get_log_dir()) / self._run_id
+
+    def run(self) -> int:
+        """Runs to the end.
+
+        Returns:
+            The exit code: the mission's, 128 + signal, or 1 and 2 for a run that failed or could not start.
+        """
+        adopt_orphans()
+        roslib.set_interactive(True)  # else roslaunch takes the signal handlers for itself
+        previous = {number: signal.signal(number, self._signalled) for number in SIGNALS}
+        self.log_folder.mkdir(parents=True, exist_ok=True)
+        log_file = self.log_folder / "run.log"
+        with contextlib.ExitStack() as stack:
+            self._relay = stack.enter_context(ErrorRelay(log_file))
+            log = stack.enter_context(log_file.open("a", buffering=1))
+            # Nodes inherit the descriptors, not these objects: only roslaunch's own lines go to the file.
+            stack.enter_context(contextlib.redirect_stdout(log))
+            stack.enter_context(contextlib.redirect_stderr(log))
+            stack.callback(self._stop)
+            roslaunch.configure_logging(self._run_id)
+            code = self._start_and_wait()
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        return code
+
+    def _start_and_wait(self) -> int:
+        try:
+            self._master = Master(self._request.port)
+            os.environ["ROS_MASTER_URI"] = f"http://localhost:{self._master.port}"
+            self._parent = _Parent(self._run_id, self._request, self._master.port, self._events)
+            self._parent.load()
+            self._parent.start(auto_terminate=False)
+        except (RLException, LaunchError, rospkg.ResourceNotFound) as error:
+            self._say(f"{self._request.launch_file.name}: {one_line(error)}")
+            return EXIT_REFUSED
+        nodes = self._parent.config.nodes
+        self._missions = {node.process_name: None for node in nodes if node.name == MISSION_NODE}
+        while True:
+            code = self._handle(self._events.get())
+            if code is not None:
+                return code
+
+    def _handle(self, event: object) -> Optional[int]:
+        """The exit code when the event ends the run."""
+        if isinstance(event, signal.Signals):
+            self._say(f"{event.name}: stopping")
+            return 128 + event
+        assert isinstance(event, _Death) and self._parent is not None
+        if event.process in self._missions:
+            self._missions[event.process] = _positive(event.exit_code)
+            codes = list(self._missions.values())
+            if None in codes:
+                return None
+            code = max(code for code in codes if code is not None)
+            if code:
+                self._say(f"the mission ended with exit code {code}{self._logs()}")
+            return code
+        node = self._parent.node_of(event.process)
+        name = event.process.rsplit("-", 1)[0]
+        if node is not None and node.required:
+            self._say(
+                f"node '{name}' died with exit code {event.exit_code}; the run cannot go on{self._logs()}"
+            )
+            return _positive(event.exit_code) or EXIT_FAILED
+        if event.exit_code:
+            self._say(f"node '{name}' died with exit code {event.exit_code}{self._logs()}")
+        return None
+
+    def _signalled(self, number: int, _frame: object) -> None:
+        self._events.put(signal.Signals(number))
+
+    def _say(self, text: str) -> None:
+        self._relay.say(f"merlin run: {text}")
+
+    def _stop(self) -> None:
+        self._relay.mute()
+        if self._parent is not None:
+            self._parent.shutdown()
+        left: List[int] = end_children()
+        if left:
+            print(f"killed {len(left)} processes that their nodes left behind")
+        if self._master is not None:
+            self._master.stop()
+
+    def _logs(self) -> str:
+        return f"; logs: {self.log_folder}"
+
+
+def _positive(exit_code: Optional[int]) -> int:
+    """An exit code as a shell shows it: a process killed by signal n ends with 128 + n."""
+    if exit_code is None:
+        return EXIT_FAILED
+    return exit_code if exit_code >= 0 else 128 - exit_code
+
+
+def main() -> int:
+    """Entry point of `rosrun merlin run`."""
+    try:
+        request = LaunchRequest.from_command_line(sys.argv[1:])
+    except LaunchError as error:
+        print(f"merlin run: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+    return LaunchRun(request).run()

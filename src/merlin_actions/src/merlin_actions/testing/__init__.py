@@ -1,0 +1,1 @@
+"""Simulated action servers for tests: real ROS processes with seeded delays, failures, hangs and crashes."""

@@ -1,0 +1,104 @@
+"""An action server of any type that behaves as its parameters say."""
+
+import os
+import sys
+import threading
+from typing import Callable, Optional
+
+import rospy
+from roslib.message import get_message_class
+
+from merlin_actions.testing.behaviour import Act, Behaviour
+from merlin_sm.action_server import ServerGoal
+from merlin_sm.serial_action_server import SerialActionServer
+
+
+class SimulatedActionServer:
+    """Serves an action; each goal's fate comes from a :class:`Behaviour`.
+
+    :param name: of the action.
+    :param action_spec: the generated ``...Action`` class.
+    :param behaviour: of its goals.
+    :param on_start: called when a goal begins.
+    :param on_stop: called when it ends or is cancelled, at once, possibly twice.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        action_spec: type,
+        behaviour: Behaviour,
+        on_start: Callable[[], None] = lambda: None,
+        on_stop: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._behaviour = behaviour
+        self._on_start = on_start
+        self._on_stop = on_stop
+        self.goals = 0
+        self._over = threading.Event()
+        self._server = SerialActionServer(name, action_spec, self._execute, self._cancel)
+
+    def start(self) -> None:
+        """Begins to serve."""
+        self._server.start()
+
+    def shutdown(self) -> None:
+        """Stops serving."""
+        self._server.shutdown()
+
+    def _cancel(self, goal: ServerGoal) -> None:
+        self._on_stop()
+        self._over.set()
+
+    def _execute(self, goal: ServerGoal) -> None:
+        act, duration = self._behaviour.draw(self.goals)
+        self.goals += 1
+        self._over.clear()
+        if not goal.cancel_requested:
+            self._on_start()
+            timer = rospy.Timer(rospy.Duration(max(duration, 1e-4)), lambda _: self._over.set(), oneshot=True)
+            self._over.wait()
+            timer.shutdown()
+        cancelled = goal.cancel_requested
+        if act is Act.CRASH and not cancelled:
+            os._exit(17)
+        if act is Act.HANG:
+            # Until the node ends: a hung server is one that does nothing any more.
+            rospy.spin()
+        self._on_stop()
+        if cancelled:
+            goal.cancelled(text="stopped on request")
+        elif act is Act.FAIL:
+            goal.abort(text="failed as its parameters say")
+        else:
+            goal.succeed(text="done")
+
+
+def behaviour_from_params(prefix: str = "~") -> Behaviour:
+    """A behaviour from the parameters duration, spread, fail, hang, crash, seed.
+
+    :raises ValueError: for values that make no sense.
+    """
+    values = {
+        key: float(rospy.get_param(prefix + key))
+        for key in ("duration", "spread", "fail", "hang", "crash")
+        if rospy.has_param(prefix + key)
+    }
+    return Behaviour(seed=int(rospy.get_param(prefix + "seed", 0)), **values)
+
+
+def main() -> None:
+    """Runs a node: `~action` (name) and `~type` (``move_base_msgs/MoveBaseAction``), and a behaviour."""
+    rospy.init_node("simulated_action_server")
+    try:
+        name, type_name = rospy.get_param("~action"), rospy.get_param("~type")
+        action_spec: Optional[type] = get_message_class(type_name)
+        if action_spec is None:
+            raise ValueError(f"there is no message type {type_name!r}")
+        server = SimulatedActionServer(name, action_spec, behaviour_from_params())
+    except (KeyError, ValueError) as error:
+        rospy.logfatal(f"simulated_action_server: {error}")
+        sys.exit(1)
+    server.start()
+    rospy.spin()
+    server.shutdown()

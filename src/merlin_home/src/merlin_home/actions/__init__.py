@@ -1,0 +1,1 @@
+"""The PDDL actions of the home domain as state machines."""

@@ -1,0 +1,217 @@
+"""Node `mission`: runs one of the paper's missions and writes what came of it.
+
+Exit code: 0 when every task ended as the list says, 1 when one did not, 2 when the mission could not begin or
+go on, 130 when it was interrupted.
+"""
+
+import sys
+import time
+from typing import Optional, Tuple
+
+import rospy
+from merlin_msgs.msg import MissionStatus
+from merlin_msgs.srv import SetRealTimeFactor
+from nav_msgs.msg import OccupancyGrid
+
+from merlin_executor.goal_check import GoalError
+from merlin_sm.knowledge_client import KnowledgeError
+from merlin_sm.service_proxy import ServiceError, ServiceProxy
+
+from .actions.ask import QUESTION
+from .executor_robot import ExecutorRobot
+from .ground_truth import GroundTruth, grid_of, receive_one
+from .mission import Mission, MissionStopped
+from .mission_settings import MissionSettings, SettingsError
+from .oracle import Oracle
+from .path_plot import MapPicture, plot_path
+from .progress_view import ProgressView, ended_line, live_line, result_table
+from .real_time_factor import CANCEL_AHEAD, RealTimeFactor
+from .result_files import write_run
+from .shortest_path import NoPathError, ShortestPaths
+from .spoken_question import SpeechLengthError, speech_length
+from .task_record import RunRecord, TaskRecord
+from .trajectory import Sample, Trajectory
+from .versions import versions
+
+EXIT_NOT_AS_LISTED = 1
+EXIT_STOPPED = 2
+EXIT_INTERRUPTED = 130
+SETTLE = 2.0
+"""Wall seconds to wait for the robot's last standstill."""
+
+
+class MissionNode:
+    """Connects a :class:`Mission` with ROS and the screen."""
+
+    def __init__(self, settings: MissionSettings) -> None:
+        self._settings = settings
+        self._tasks = settings.make_list()
+        self._view = ProgressView()
+        self._status = rospy.Publisher("merlin/mission", MissionStatus, latch=True, queue_size=10)
+        self._factor = RealTimeFactor(settings.policy, settings.factor, self._set_factor)
+        self._set_factor_service: Optional[ServiceProxy] = None
+        self._trajectory = Trajectory()
+        self._robot = ExecutorRobot(self._trajectory, self._executor_changed)
+        self._mission = Mission(
+            self._tasks,
+            self._robot,
+            settings.cancel_after,
+            (CANCEL_AHEAD, self._factor.cancel_is_near),
+            self._task_changed,
+        )
+        self._truth = GroundTruth(self._trajectory, self._show_live)
+
+    def run(self) -> int:
+        """Runs the mission; returns the exit code."""
+        settings = self._settings
+        rospy.on_shutdown(self._mission.stop)
+        self._publish(MissionStatus.STARTING, "waiting for the robot")
+        began = time.monotonic()
+        run = RunRecord(settings.columns(), self._mission.records, versions=versions())
+        code = 0
+        try:
+            grid = self._wait_for_robot()
+            self._view.line(self._headline())
+            began = time.monotonic()
+            self._factor.mission_starts()
+            self._mission.run()
+        except (MissionStopped, GoalError, KnowledgeError, ServiceError) as error:
+            run.ended = str(error)
+            code = EXIT_INTERRUPTED if run.ended == "interrupted" else EXIT_STOPPED
+            self._view.line(f"mission: {run.ended}")
+            if self._mission.start is None:
+                self._publish(MissionStatus.FAILED, run.ended)
+                return code
+        run.wall = time.monotonic() - began
+        self._finish(run, None if code == EXIT_INTERRUPTED else grid)
+        return code or (0 if run.right else EXIT_NOT_AS_LISTED)
+
+    def _wait_for_robot(self) -> OccupancyGrid:
+        timeout = self._settings.startup
+        self._robot.wait_until_ready(timeout)
+        if not self._trajectory.wait_until(0.0, timeout):
+            raise MissionStopped(f"nothing on {rospy.resolve_name('ground_truth')} after {timeout:.0f} s")
+        grid = receive_one("/map", OccupancyGrid, timeout)
+        if grid is None:
+            raise MissionStopped(f"no map on /map after {timeout:.0f} s")
+        return grid
+
+    def _finish(self, run: RunRecord, grid: Optional[OccupancyGrid]) -> None:
+        settings, start = self._settings, self._mission.start
+        assert start is not None
+        if grid is not None:
+            self._trajectory.wait_until(rospy.get_time() + 0.5, SETTLE)
+        self._mission.measure_stops()
+        if grid is not None:
+            self._add_oracle(run, grid)
+        paths = write_run(settings.results, run)
+        if grid is not None:
+            paths["path.png"] = settings.results / "path.png"
+            samples = self._trajectory.samples(start)
+            cancelled = {start + record.cancel_sent for record in run.tasks if record.cancel_sent is not None}
+            plot_path(
+                paths["path.png"],
+                MapPicture(*grid_of(grid)),
+                settings.points,
+                [(sample.x, sample.y) for sample in samples],
+                [self._position(moment) for moment in sorted(cancelled)],
+                f"Mission {settings.mission}, {settings.approach}, seed {settings.seed}",
+            )
+        for line in ["", *result_table(run), ""]:
+            self._view.line(line)
+        for path in paths.values():
+            self._view.line(f"written: {path}")
+        ended_well = run.right
+        state = MissionStatus.SUCCEEDED if ended_well else MissionStatus.FAILED
+        if run.ended == "interrupted":
+            state = MissionStatus.CANCELLED
+        self._publish(state, "every task ended as listed" if ended_well else run.ended)
+
+    def _position(self, moment: float) -> Tuple[float, float]:
+        sample = self._trajectory.samples(end=moment)[-1]
+        return sample.x, sample.y
+
+    def _add_oracle(self, run: RunRecord, grid: OccupancyGrid) -> None:
+        settings = self._settings
+        try:
+            length = settings.speech_length or speech_length(QUESTION)
+            paths = ShortestPaths(*grid_of(grid), settings.limits.radius)
+            oracle = Oracle(paths, settings.limits, length, settings.goal_tolerance)
+            for record in run.tasks:
+                if record.start is None:
+                    continue
+                x, y, yaw = record.start
+                limit = settings.cancel_after if record.task.marked else float("inf")
+                best = oracle.task((x, y), yaw, settings.points[record.task.poi], limit)
+                record.oracle_time, record.oracle_distance = best.time, best.distance
+        except (SpeechLengthError, NoPathError) as error:
+            self._view.line(f"mission: no oracle: {error}")
+
+    def _headline(self) -> str:
+        settings = self._settings
+        marked = sum(task.marked for task in self._tasks)
+        return (
+            f"Mission {settings.mission} ({settings.approach}, seed {settings.seed}): "
+            f"{len(self._tasks)} tasks, {marked} of them cancelled after {settings.cancel_after:g} s; "
+            f"simulated time, real-time factor {settings.factor:g}"
+        )
+
+    def _set_factor(self, factor: float) -> None:
+        if not rospy.get_param("/use_sim_time", False):
+            return
+        if self._set_factor_service is None:
+            self._set_factor_service = ServiceProxy(
+                "/merlin_sim/set_real_time_factor", SetRealTimeFactor, timeout=5.0
+            )
+        answer = self._set_factor_service(factor)
+        if not answer.success:
+            raise MissionStopped(f"the simulator refused real-time factor {factor:g}: {answer.message}")
+
+    def _executor_changed(self, action_runs: bool) -> None:
+        if action_runs:
+            self._factor.action_starts()
+
+    def _task_changed(self, record: TaskRecord) -> None:
+        count = len(self._tasks)
+        if record.outcome:
+            self._factor.task_starts()
+            self._view.line(ended_line(record, count))
+        else:
+            self._publish(MissionStatus.RUNNING, f"check {record.task.poi}", record.task.number)
+
+    def _show_live(self, sample: Sample) -> None:
+        records, start = self._mission.records, self._mission.start
+        if not records or records[-1].outcome or start is None:
+            return
+        record = records[-1]
+        sent = start + record.sent
+        metres = self._trajectory.distance(sent, sample.time)
+        doing = self._robot.doing
+        self._view.live(live_line(record, len(self._tasks), doing, sample.time - sent, metres))
+
+    def _publish(self, state: int, description: str, task: Optional[int] = None) -> None:
+        number = task if task is not None else len(self._mission.records)
+        message = MissionStatus(
+            mission=f"home mission {self._settings.mission}",
+            state=state,
+            task=number,
+            tasks=len(self._tasks),
+            description=description,
+        )
+        message.header.stamp = rospy.Time.now()
+        if not rospy.is_shutdown():
+            self._status.publish(message)
+
+
+def main() -> int:
+    """Entry point of the node; returns the exit code."""
+    rospy.init_node("mission")
+    try:
+        settings = MissionSettings.read(
+            lambda name, default: rospy.get_param(f"~{name}", default),
+            rospy.get_param("world/points_of_interest", {}),
+        )
+    except SettingsError as error:
+        print(f"mission: {error}", file=sys.stderr)
+        return EXIT_STOPPED
+    return MissionNode(settings).run()

@@ -1,0 +1,94 @@
+"""Where the robot really was, for the metrics: positions over time, distances, standstills."""
+
+import bisect
+import math
+import threading
+from typing import List, NamedTuple, Optional
+
+STANDSTILL = 0.005
+"""Speed below which the robot counts as standing, m/s (and rad/s)."""
+
+
+class Sample(NamedTuple):
+    """The true state of the robot at one moment: s of ROS time; frame map, m and rad; m/s, rad/s."""
+
+    time: float
+    x: float
+    y: float
+    yaw: float
+    speed: float
+    turn_rate: float
+
+    @property
+    def standing(self) -> bool:
+        """Whether the robot moves neither forwards nor around."""
+        return abs(self.speed) < STANDSTILL and abs(self.turn_rate) < STANDSTILL
+
+
+class Trajectory:
+    """The samples of one run, in the order of time; one thread adds, any may read."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._samples: List[Sample] = []
+        self._times: List[float] = []
+        self._ways: List[float] = []
+
+    def add(self, sample: Sample) -> None:
+        """Adds a sample; one that is not newer than the last (time jumped back) is left out."""
+        with self._changed:
+            if self._times and sample.time <= self._times[-1]:
+                return
+            way = 0.0
+            if self._samples:
+                last = self._samples[-1]
+                way = self._ways[-1] + math.hypot(sample.x - last.x, sample.y - last.y)
+            self._samples.append(sample)
+            self._times.append(sample.time)
+            self._ways.append(way)
+            self._changed.notify_all()
+
+    def samples(self, start: float = -math.inf, end: float = math.inf) -> List[Sample]:
+        """The samples of a span of time, both ends included."""
+        with self._changed:
+            return self._samples[
+                bisect.bisect_left(self._times, start) : bisect.bisect_right(self._times, end)
+            ]
+
+    def last(self) -> Optional[Sample]:
+        """The newest sample; None: none yet."""
+        with self._changed:
+            return self._samples[-1] if self._samples else None
+
+    def wait_until(self, time: float, timeout: float) -> bool:
+        """Waits for a sample at or after a time.
+
+        Parameters:
+            time: s of ROS time.
+            timeout: wall seconds.
+
+        Returns:
+            False when none came.
+        """
+        with self._changed:
+            return self._changed.wait_for(lambda: bool(self._times) and self._times[-1] >= time, timeout)
+
+    def distance(self, start: float, end: float) -> float:
+        """Metres driven between two times, interpolated between samples."""
+        return self._way(end) - self._way(start)
+
+    def standstill_after(self, time: float) -> Optional[float]:
+        """The first moment at or after a time in which the robot stands (s); None: it never did."""
+        return next((sample.time for sample in self.samples(time) if sample.standing), None)
+
+    def _way(self, time: float) -> float:
+        with self._changed:
+            if not self._times:
+                return 0.0
+            index = bisect.bisect_right(self._times, time)
+            if index == 0:
+                return self._ways[0]
+            if index == len(self._times):
+                return self._ways[-1]
+            share = (time - self._times[index - 1]) / (self._times[index] - self._times[index - 1])
+            return self._ways[index - 1] + share * (self._ways[index] - self._ways[index - 1])

@@ -1,0 +1,509 @@
+"""Dispatching one plan: starts what the schedule allows, watches what runs, stops at the first failure.
+
+One thread runs a dispatch and decides; everybody else only puts events into its queue. So nothing polls, and
+no decision is made with a lock held.
+"""
+
+import abc
+import math
+import queue
+import threading
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, Dict, FrozenSet, List, NamedTuple, Optional, Tuple, Union
+
+from merlin_rosplan.dispatch_schedule import PlannedAction, Schedule
+from merlin_rosplan.operator_model import Conditions, Operator, broken_by_own_end, over_all_before_start
+
+
+class FeedbackStatus(IntEnum):
+    """Status in an ActionFeedback."""
+
+    PRECONDITION_FALSE = 0
+    ENABLED = 1
+    SUCCEEDED = 2
+    DISPATCHED_TO_START_STATE = 3
+    SUCCEEDED_TO_START_STATE = 4
+    FAILED = 10
+
+
+class DispatchState(IntEnum):
+    """State of a dispatch."""
+
+    IDLE = 0
+    RUNNING = 1
+    CANCELLING = 2
+    SUCCEEDED = 3
+    FAILED = 4
+    CANCELLED = 5
+
+
+class DispatchError(Exception):
+    """Something outside does not work (the knowledge base does not answer, …); ends the dispatch."""
+
+
+@dataclass(frozen=True)
+class DispatchLimits:
+    """Patience of a dispatcher, s. They run on the monotonic clock and stand still while the simulator is paused.
+
+    Parameters
+    ----------
+    acknowledge: an action whose interface has never been heard of must be taken within this time.
+    accept: an action whose interface is alive must be taken within this time.
+    liveness: an interface that announced itself regularly and has been silent this long is dead.
+    cancel: how long a cancelled action's interface may take to answer; zero or less: as long as it takes.
+    over_all_grace: an action whose own end effects break its over-all condition has this long to report its end.
+    """
+
+    acknowledge: float = 2.0
+    accept: float = 10.0
+    liveness: float = 5.0
+    cancel: float = 5.0
+    over_all_grace: float = 1.0
+
+
+@dataclass(frozen=True)
+class DispatchReport:
+    """How a dispatch stands, or how it ended."""
+
+    state: DispatchState
+    reason: str
+    running: Tuple[PlannedAction, ...] = ()
+    steps_done: int = 0
+    steps_total: int = 0
+    failed_action: Optional[PlannedAction] = None
+    unanswered: Tuple[PlannedAction, ...] = ()
+
+    @property
+    def success(self) -> bool:
+        """Whether every action of the plan succeeded."""
+        return self.state == DispatchState.SUCCEEDED
+
+
+class Outside(abc.ABC):
+    """What a dispatch needs from the world. Called in the thread that runs the dispatch only."""
+
+    @abc.abstractmethod
+    def now(self) -> float:
+        """ROS time, s."""
+
+    @abc.abstractmethod
+    def deadline(self, seconds: float) -> Any:
+        """A deadline with ``remaining()``; zero or less means never."""
+
+    @abc.abstractmethod
+    def send(self, action: PlannedAction) -> None:
+        """Dispatches an action."""
+
+    @abc.abstractmethod
+    def send_cancel(self, action: PlannedAction) -> None:
+        """Tells the action's interface to stop."""
+
+    @abc.abstractmethod
+    def close(self, action: PlannedAction) -> None:
+        """Publishes the tombstone, so that nobody who subscribes later executes the last action."""
+
+    @abc.abstractmethod
+    def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
+        """Publishes the dispatcher's own feedback, if it publishes any."""
+
+    @abc.abstractmethod
+    def operator(self, action: PlannedAction) -> Operator:
+        """The ground operator of an action; raises DispatchError when there is none."""
+
+    @abc.abstractmethod
+    def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
+        """Those of the action's conditions that do not hold now; raises DispatchError."""
+
+    @abc.abstractmethod
+    def silence(self, operator: str) -> Optional[float]:
+        """Seconds since the operator's interface last announced itself; None when it never has."""
+
+    @abc.abstractmethod
+    def wake_at(self, when: Optional[float]) -> None:
+        """Asks for a :class:`Tick` at a ROS time, s; None takes the wish back."""
+
+    @abc.abstractmethod
+    def changed(self, report: DispatchReport) -> None:
+        """Something worth telling has happened."""
+
+
+class Feedback(NamedTuple):
+    """An action interface reports."""
+
+    action_id: int
+    status: int
+    plan_id: int = 0
+    reason: str = ""
+
+
+class Cancel(NamedTuple):
+    """Somebody wants the dispatch to stop."""
+
+    reason: str
+
+
+class KnowledgeChanged(NamedTuple):
+    """The knowledge base changed; `names` of predicates and functions, None when it does not say."""
+
+    names: Optional[FrozenSet[str]] = None
+
+
+class Tick(NamedTuple):
+    """The time asked for by ``wake_at`` has come."""
+
+
+Event = Union[Feedback, Cancel, KnowledgeChanged, Tick]
+
+
+@dataclass
+class _Running:
+    """An action that was dispatched and has not ended."""
+
+    action: PlannedAction
+    operator: Operator
+    acknowledge: Any
+    accept: Any
+    watched: Conditions
+    pending: Conditions  # over-all conditions that the start effects bring about; watched once seen true
+    names: FrozenSet[str] = frozenset()
+    taken: bool = False
+    grace: Optional[Any] = None
+    broken: str = ""
+
+
+@dataclass
+class _Failure:
+    state: DispatchState
+    reason: str
+    action: Optional[PlannedAction] = None
+
+
+class Dispatch:
+    """One run of a plan.
+
+    Parameters
+    ----------
+    schedule: the plan.
+    outside: the world.
+    limits: patience.
+    plan_id: number of this run; feedback about another run is ignored. Feedback with plan id 0 is from
+        ROSPlan's own interfaces, which do not set it: it counts once the interface has taken the action.
+    """
+
+    def __init__(self, schedule: Schedule, outside: Outside, limits: DispatchLimits, plan_id: int = 0) -> None:
+        self.plan_id = plan_id
+        self._schedule = schedule
+        self._outside = outside
+        self._limits = limits
+        self._events: "queue.Queue[Event]" = queue.Queue()
+        self._cancelled = threading.Event()
+        self._running: Dict[int, _Running] = {}
+        self._failure: Optional[_Failure] = None
+        self._done = 0
+        self._last: Optional[PlannedAction] = None
+        self._unanswered: List[PlannedAction] = []
+        self.ended = threading.Event()
+
+    # --- from any thread --------------------------------------------------------------------------
+
+    def put(self, event: Event) -> None:
+        """Tells the dispatch that something has happened."""
+        self._events.put(event)
+
+    def cancel(self, reason: str = "cancelled") -> None:
+        """Stops the dispatch: no further action starts, running ones are told to stop."""
+        self._cancelled.set()
+        self._events.put(Cancel(reason))
+
+    # --- the dispatch's own thread ----------------------------------------------------------------
+
+    def run(self) -> DispatchReport:
+        """Runs the plan to its end, however that comes. Raises nothing of its own."""
+        try:
+            self._schedule.begin(self._outside.now())
+            self._report()
+            self._loop()
+        except DispatchError as error:
+            self._fail(str(error))
+        try:
+            if self._failure is not None:
+                self._stop_running()
+        finally:
+            self._outside.wake_at(None)
+            if self._last is not None:
+                self._outside.close(self._last)
+            self.ended.set()
+        report = self._report()
+        return report
+
+    def _loop(self) -> None:
+        while self._failure is None:
+            self._start_ready()
+            if self._failure is not None or (self._schedule.finished and not self._running):
+                return
+            self._outside.wake_at(self._schedule.wake_time())
+            self._handle(self._next_event())
+
+    def _next_event(self) -> Optional[Event]:
+        try:
+            patience = self._patience()
+            return self._events.get(timeout=None if math.isinf(patience) else max(patience, 0.001))
+        except queue.Empty:
+            return None
+
+    def _patience(self) -> float:
+        """Seconds until one of the running actions may have to be given up."""
+        patience = math.inf
+        for record in self._running.values():
+            if not record.taken:
+                first = record.acknowledge.remaining()
+                patience = min(patience, first if first > 0 else min(record.accept.remaining(), 1.0))
+            else:
+                patience = min(patience, 1.0)  # its interface may die in silence
+            if record.grace is not None:
+                patience = min(patience, record.grace.remaining())
+        return patience
+
+    def _start_ready(self) -> None:
+        while not self._cancelled.is_set():
+            ready = self._schedule.ready(self._outside.now())
+            if not ready:
+                break
+            for action in ready:
+                if self._cancelled.is_set() or not self._start(action):
+                    return
+        if not self._running and not self._schedule.finished and not self._cancelled.is_set():
+            waiting = self._schedule.waiting()
+            if self._schedule.wake_time() is None and waiting:
+                self._fail(f"the plan cannot go on: nothing runs, and {waiting[0]} waits for something that never ends")
+
+    def _start(self, action: PlannedAction) -> bool:
+        operator = self._outside.operator(action)
+        first = over_all_before_start(operator)
+        needed = Conditions(
+            operator.at_start.positive + first.positive,
+            operator.at_start.negative + first.negative,
+            operator.at_start.comparisons + first.comparisons,
+        )
+        unmet = self._outside.false_of(action, needed)
+        if self._cancelled.is_set():
+            return False
+        if not unmet.empty:
+            self._outside.tell(action, FeedbackStatus.PRECONDITION_FALSE)
+            self._fail(f"{action} cannot start: {describe(unmet)}", action)
+            return False
+        over_all = operator.over_all
+        self._running[action.id] = _Running(
+            action,
+            operator,
+            self._outside.deadline(self._limits.acknowledge),
+            self._outside.deadline(self._limits.accept),
+            first,
+            Conditions(
+                tuple(atom for atom in over_all.positive if atom not in first.positive),
+                tuple(atom for atom in over_all.negative if atom not in first.negative),
+                tuple(entry for entry in over_all.comparisons if entry not in first.comparisons),
+            ),
+            _names(over_all),
+        )
+        self._last = action
+        self._outside.send(action)
+        self._outside.tell(action, FeedbackStatus.ENABLED)
+        self._schedule.started(action.id, self._outside.now())
+        self._report()
+        return True
+
+    def _handle(self, event: Optional[Event]) -> None:
+        if isinstance(event, Cancel):
+            self._failure = _Failure(DispatchState.CANCELLED, event.reason)
+            return
+        if isinstance(event, Feedback):
+            self._feedback(event)
+        elif isinstance(event, KnowledgeChanged):
+            self._watch_over_all(event)
+        if self._failure is None:
+            late = self._schedule.late(self._outside.now())
+            if late is not None:
+                self._fail(f"a time bound of the plan is broken: {late}")
+        for record in list(self._running.values()):
+            if self._failure is None:
+                self._check_interface(record)
+
+    def _feedback(self, feedback: Feedback) -> None:
+        record = self._running.get(feedback.action_id)
+        if record is None or feedback.plan_id not in (0, self.plan_id):
+            return  # of an earlier run, or an answer told twice
+        status = feedback.status
+        if status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED) and feedback.plan_id == 0:
+            if not record.taken and self.plan_id != 0:
+                return  # latched since an earlier run: interfaces report that they have taken an action first
+        if status == FeedbackStatus.SUCCEEDED:
+            self._done += 1
+            del self._running[feedback.action_id]
+            self._schedule.ended(feedback.action_id, self._outside.now())
+            self._report()
+        elif status == FeedbackStatus.FAILED:
+            del self._running[feedback.action_id]
+            why = f": {feedback.reason}" if feedback.reason else ""
+            self._fail(f"{record.action} failed{why}", record.action)
+        elif status in (FeedbackStatus.ENABLED, FeedbackStatus.DISPATCHED_TO_START_STATE):
+            record.taken = True
+
+    def _watch_over_all(self, event: KnowledgeChanged) -> None:
+        for record in list(self._running.values()):
+            if record.names and (event.names is None or record.names & event.names):
+                self._check_over_all(record)
+                if self._failure is not None:
+                    return
+
+    def _check_over_all(self, record: _Running) -> None:
+        pending = record.pending
+        if not pending.empty:
+            still = self._outside.false_of(record.action, pending)
+            seen = _without(pending, still)
+            record.pending = still
+            record.watched = Conditions(
+                record.watched.positive + seen.positive,
+                record.watched.negative + seen.negative,
+                record.watched.comparisons + seen.comparisons,
+            )
+        if record.watched.empty:
+            return
+        broken = self._outside.false_of(record.action, record.watched)
+        if broken.empty:
+            record.grace = None
+            return
+        own = (
+            all(broken_by_own_end(record.operator, atom, False) for atom in broken.positive)
+            and all(broken_by_own_end(record.operator, atom, True) for atom in broken.negative)
+            and all(
+                entry.functions & record.operator.end_effects.functions for entry in broken.comparisons
+            )
+        )
+        record.broken = describe(broken)
+        if not own:
+            self._fail(f"{record.action} cannot go on: {record.broken}", record.action)
+        elif record.grace is None:
+            # Interfaces apply the end effects before they report the end.
+            record.grace = self._outside.deadline(self._limits.over_all_grace)
+
+    def _check_interface(self, record: _Running) -> None:
+        action = record.action
+        silence = self._outside.silence(action.name)
+        if record.grace is not None and record.grace.remaining() <= 0:
+            self._fail(f"{action} cannot go on: {record.broken}", action)
+        elif silence is not None and silence > self._limits.liveness > 0:
+            self._fail(f"the action interface of {action.name} is gone: last heard of {silence:.1f} s ago", action)
+            del self._running[action.id]
+        elif not record.taken and record.acknowledge.remaining() <= 0 and silence is None:
+            self._fail(f"no action interface for {action.name}", action)
+            del self._running[action.id]
+        elif not record.taken and record.accept.remaining() <= 0:
+            self._fail(
+                f"the action interface of {action.name} is alive but did not take {action} "
+                f"within {self._limits.accept:g} s",
+                action,
+            )
+
+    def _fail(self, reason: str, action: Optional[PlannedAction] = None) -> None:
+        if self._failure is None:
+            self._failure = _Failure(DispatchState.FAILED, reason, action)
+
+    def _stop_running(self) -> None:
+        """Tells the running interfaces to stop and waits for their answers."""
+        if not self._running:
+            return
+        self._report(DispatchState.CANCELLING)
+        for record in self._running.values():
+            self._outside.send_cancel(record.action)
+        deadline = self._outside.deadline(self._limits.cancel)
+        while self._running:
+            left = deadline.remaining()
+            if left <= 0:
+                break
+            try:
+                event = self._events.get(timeout=min(left, 1.0))  # who dies in silence is noticed every second
+            except queue.Empty:
+                event = None
+            if isinstance(event, Feedback):
+                self._answer(event)
+            for record in list(self._running.values()):
+                silence = self._outside.silence(record.action.name)
+                if silence is not None and silence > self._limits.liveness > 0:
+                    self._give_up(record)
+        for record in list(self._running.values()):
+            self._give_up(record)
+
+    def _give_up(self, record: _Running) -> None:
+        self._unanswered.append(record.action)
+        del self._running[record.action.id]
+
+    def _answer(self, feedback: Feedback) -> None:
+        record = self._running.get(feedback.action_id)
+        if record is None or feedback.plan_id not in (0, self.plan_id):
+            return
+        if feedback.status == FeedbackStatus.SUCCEEDED:
+            self._done += 1
+            self._schedule.ended(feedback.action_id, self._outside.now())
+        if feedback.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED):
+            del self._running[feedback.action_id]
+            self._report(DispatchState.CANCELLING)
+        else:
+            record.taken = True
+
+    def _report(self, state: Optional[DispatchState] = None) -> DispatchReport:
+        failure = self._failure
+        total = len(self._schedule.actions)
+        if state is None:
+            if failure is None:
+                done = self._schedule.finished and not self._running
+                state = DispatchState.SUCCEEDED if done else DispatchState.RUNNING
+            elif failure.state == DispatchState.CANCELLED and self._schedule.finished:
+                state = DispatchState.SUCCEEDED
+            else:
+                state = failure.state
+        reason = failure.reason if failure is not None else f"{self._done} of {total} actions done"
+        if failure is not None and state == DispatchState.SUCCEEDED:
+            reason = "the last action had ended when the cancel came through"
+        if self._unanswered:
+            names = ", ".join(str(action) for action in self._unanswered)
+            reason += f"; no answer to the cancel from {names}"
+        report = DispatchReport(
+            state,
+            reason,
+            tuple(record.action for record in self._running.values()),
+            self._done,
+            total,
+            failure.action if failure is not None else None,
+            tuple(self._unanswered),
+        )
+        self._outside.changed(report)
+        return report
+
+
+def describe(conditions: Conditions) -> str:
+    """False conditions as part of a sentence."""
+    parts = [f"{atom} does not hold" for atom in conditions.positive]
+    parts += [f"{atom} holds" for atom in conditions.negative]
+    parts += [
+        f"a comparison of {', '.join(sorted(entry.functions)) or 'numbers'} is false"
+        for entry in conditions.comparisons
+    ]
+    return ", ".join(parts)
+
+
+def _names(conditions: Conditions) -> FrozenSet[str]:
+    atoms = conditions.positive + conditions.negative
+    names = {atom.name.lower() for atom in atoms}
+    for entry in conditions.comparisons:
+        names |= entry.functions
+    return frozenset(names)
+
+
+def _without(conditions: Conditions, removed: Conditions) -> Conditions:
+    return Conditions(
+        tuple(atom for atom in conditions.positive if atom not in removed.positive),
+        tuple(atom for atom in conditions.negative if atom not in removed.negative),
+        tuple(entry for entry in conditions.comparisons if entry not in removed.comparisons),
+    )

@@ -1,0 +1,37 @@
+"""Which action interfaces are alive, from the announcements that each makes every second."""
+
+import threading
+from typing import Callable, Dict, Optional, Tuple
+
+
+class InterfaceWatch:
+    """Remembers when each operator's interface was last heard of; thread-safe.
+
+    Parameters
+    ----------
+    clock: s, monotonic; should stand still while the simulator is paused.
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()  # guards the register
+        self._heard: Dict[str, Tuple[float, float]] = {}  # operator -> (when, s since the one before)
+
+    def announce(self, operator: str) -> None:
+        """The interface of an operator has announced itself."""
+        now = self._clock()
+        with self._lock:
+            known = self._heard.get(operator.lower())
+            self._heard[operator.lower()] = (now, now - known[0] if known is not None else 0.0)
+
+    def silence(self, operator: str) -> Optional[float]:
+        """Seconds since an operator's interface was heard of, None when it never was.
+
+        ROSPlan's interfaces count their second in ROS time: one that announces itself more slowly than once
+        per second of ours is given proportionally more of them.
+        """
+        with self._lock:
+            known = self._heard.get(operator.lower())
+        if known is None:
+            return None
+        return (self._clock() - known[0]) / min(max(1.0, known[1]), 10.0)

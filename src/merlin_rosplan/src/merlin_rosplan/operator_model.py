@@ -1,0 +1,196 @@
+"""Operators as the parser and the dispatcher see them: conditions and effects by time, ready to be grounded.
+
+They are read from ``rosplan_knowledge_msgs/DomainOperator`` by attribute, so nothing here needs ROS, and they
+carry what that message can carry: no duration, disjunction, quantifier or conditional effect.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, Dict, FrozenSet, Iterable, List, Sequence, Tuple
+
+
+@dataclass(frozen=True)
+class Atom:
+    """A predicate with arguments: operator variables (or constants) before grounding, objects after it."""
+
+    name: str
+    arguments: Tuple[str, ...] = ()
+
+    def ground(self, binding: Dict[str, str]) -> "Atom":
+        """Variables replaced; what is no variable is a constant and stands for itself."""
+        return Atom(self.name, tuple(binding.get(argument, argument) for argument in self.arguments))
+
+    @property
+    def key(self) -> "Atom":
+        """The atom for comparing: names in PDDL do not depend on case."""
+        return Atom(self.name.lower(), tuple(argument.lower() for argument in self.arguments))
+
+    def __str__(self) -> str:
+        return "(" + " ".join((self.name,) + self.arguments) + ")"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A numeric condition.
+
+    Parameters
+    ----------
+    message: the DomainInequality it came from, not grounded.
+    functions: names of the functions it reads.
+    """
+
+    message: Any
+    functions: FrozenSet[str]
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions of one time label."""
+
+    positive: Tuple[Atom, ...] = ()
+    negative: Tuple[Atom, ...] = ()
+    comparisons: Tuple[Comparison, ...] = ()
+
+    def ground(self, binding: Dict[str, str]) -> "Conditions":
+        """Atoms grounded; comparisons are grounded when they are asked."""
+        return Conditions(
+            tuple(atom.ground(binding) for atom in self.positive),
+            tuple(atom.ground(binding) for atom in self.negative),
+            self.comparisons,
+        )
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing to check."""
+        return not (self.positive or self.negative or self.comparisons)
+
+
+@dataclass(frozen=True)
+class Effects:
+    """Effects of one time label; of numeric ones only which functions they change."""
+
+    add: Tuple[Atom, ...] = ()
+    delete: Tuple[Atom, ...] = ()
+    functions: FrozenSet[str] = frozenset()
+
+    def ground(self, binding: Dict[str, str]) -> "Effects":
+        """Atoms grounded."""
+        return Effects(
+            tuple(atom.ground(binding) for atom in self.add),
+            tuple(atom.ground(binding) for atom in self.delete),
+            self.functions,
+        )
+
+
+class BindingError(ValueError):
+    """Arguments that do not fit an operator; the text says how."""
+
+
+@dataclass(frozen=True)
+class Operator:
+    """An operator, or with objects for variables one of its ground actions."""
+
+    name: str
+    parameters: Tuple[str, ...]
+    at_start: Conditions = field(default_factory=Conditions)
+    over_all: Conditions = field(default_factory=Conditions)
+    at_end: Conditions = field(default_factory=Conditions)
+    start_effects: Effects = field(default_factory=Effects)
+    end_effects: Effects = field(default_factory=Effects)
+
+    @staticmethod
+    def from_message(message: Any) -> "Operator":
+        """Reads a DomainOperator."""
+        return Operator(
+            message.formula.name,
+            tuple(parameter.key for parameter in message.formula.typed_parameters),
+            _conditions(
+                message.at_start_simple_condition, message.at_start_neg_condition, message.at_start_comparison
+            ),
+            _conditions(
+                message.over_all_simple_condition, message.over_all_neg_condition, message.over_all_comparison
+            ),
+            _conditions(
+                message.at_end_simple_condition, message.at_end_neg_condition, message.at_end_comparison
+            ),
+            _effects(
+                message.at_start_add_effects, message.at_start_del_effects, message.at_start_assign_effects
+            ),
+            _effects(message.at_end_add_effects, message.at_end_del_effects, message.at_end_assign_effects),
+        )
+
+    def bind(self, arguments: Sequence[str]) -> Dict[str, str]:
+        """Objects by parameter, from a plan's list of arguments.
+
+        Raises
+        ------
+        BindingError: the number of arguments is not the number of parameters.
+        """
+        if len(arguments) != len(self.parameters):
+            raise BindingError(
+                f"{self.name} has {len(self.parameters)} parameters ({' '.join(self.parameters) or 'none'}), "
+                f"not {len(arguments)} ({' '.join(arguments) or 'none'})"
+            )
+        return dict(zip(self.parameters, arguments))
+
+    def ground(self, binding: Dict[str, str]) -> "Operator":
+        """The ground action; parameters without an object stay variables."""
+        return Operator(
+            self.name,
+            tuple(binding.get(parameter, parameter) for parameter in self.parameters),
+            self.at_start.ground(binding),
+            self.over_all.ground(binding),
+            self.at_end.ground(binding),
+            self.start_effects.ground(binding),
+            self.end_effects.ground(binding),
+        )
+
+
+def over_all_before_start(action: Operator) -> Conditions:
+    """The over-all conditions of a ground action that must hold already before it starts.
+
+    Those its own start effects bring about do not: they hold from the start on, not before it.
+    """
+    added = {atom.key for atom in action.start_effects.add}
+    deleted = {atom.key for atom in action.start_effects.delete}
+    return Conditions(
+        tuple(atom for atom in action.over_all.positive if atom.key not in added),
+        tuple(atom for atom in action.over_all.negative if atom.key not in deleted),
+        tuple(
+            comparison
+            for comparison in action.over_all.comparisons
+            if not comparison.functions & action.start_effects.functions
+        ),
+    )
+
+
+def broken_by_own_end(action: Operator, atom: Atom, negative: bool) -> bool:
+    """Whether the end effects of a ground action make one of its own over-all conditions false."""
+    effects = action.end_effects.add if negative else action.end_effects.delete
+    return atom.key in {effect.key for effect in effects}
+
+
+def _atom(formula: Any) -> Atom:
+    return Atom(formula.name, tuple(parameter.key for parameter in formula.typed_parameters))
+
+
+def _atoms(formulas: Iterable[Any]) -> Tuple[Atom, ...]:
+    return tuple(_atom(formula) for formula in formulas)
+
+
+def _functions(tokens: Iterable[Any]) -> List[str]:
+    return [token.function.name.lower() for token in tokens if token.expr_type == token.FUNCTION]
+
+
+def _conditions(positive: Iterable[Any], negative: Iterable[Any], comparisons: Iterable[Any]) -> Conditions:
+    return Conditions(
+        _atoms(positive),
+        _atoms(negative),
+        tuple(
+            Comparison(entry, frozenset(_functions(entry.LHS.tokens) + _functions(entry.RHS.tokens)))
+            for entry in comparisons
+        ),
+    )
+
+
+def _effects(add: Iterable[Any], delete: Iterable[Any], assign: Iterable[Any]) -> Effects:
+    return Effects(_atoms(add), _atoms(delete), frozenset(entry.LHS.name.lower() for entry in assign))

@@ -1,0 +1,501 @@
+"""ROSPlan's plan dispatchers, simple and Esterel, over the core in :mod:`merlin_rosplan.dispatch`."""
+
+import dataclasses
+import threading
+import time
+from typing import Any, Dict, List, Optional, Tuple, Type
+
+import rospy
+from diagnostic_msgs.msg import KeyValue
+from merlin_msgs.msg import DispatchStatus, KnowledgeChanges, RunningAction
+from merlin_sm.action_server import ActionServer, ServerGoal
+from merlin_sm.deadline import Deadline, running_time
+from rosplan_dispatch_msgs.msg import (
+    ActionDispatch,
+    ActionFeedback,
+    CompletePlan,
+    EsterelPlan,
+    NonBlockingDispatchAction,
+    NonBlockingDispatchFeedback,
+    NonBlockingDispatchResult,
+)
+from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceRequest, DispatchServiceResponse
+from rosplan_knowledge_msgs.msg import DomainFormula, StatusUpdate
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
+
+from merlin_rosplan.component import Component, ComponentError, run_component
+from merlin_rosplan.dispatch import (
+    Dispatch,
+    DispatchError,
+    DispatchLimits,
+    DispatchReport,
+    DispatchState,
+    Feedback,
+    FeedbackStatus,
+    KnowledgeChanged,
+    Outside,
+    Tick,
+)
+from merlin_rosplan.dispatch_schedule import (
+    GraphSchedule,
+    PlanError,
+    PlannedAction,
+    Schedule,
+    SequentialSchedule,
+)
+from merlin_rosplan.handover import Handover
+from merlin_rosplan.interface_watch import InterfaceWatch
+from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError, goals_text
+from merlin_rosplan.operator_model import BindingError, Conditions, Operator
+from merlin_rosplan.plan_graph_drawer import PlanGraphDrawer
+from merlin_rosplan.plan_graph_messages import graph_from_message
+from merlin_rosplan.ros_alarm import RosAlarm
+
+SCOPE = "rosplan_plan_dispatcher"
+CANCEL_ACTION = "cancel_action"
+OWN_MARK = "dispatcher"  # key in `information` of feedback that a dispatcher published itself
+IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
+_WIRE_STATES = {
+    DispatchState.RUNNING: DispatchStatus.RUNNING,
+    DispatchState.CANCELLING: DispatchStatus.CANCELLING,
+}
+SHUTDOWN_DEADLINE = 1.0  # s that running interfaces get to answer when the node ends
+
+
+class PlanDispatcher(Component, Outside):
+    """Base of both dispatchers.
+
+    Services ``dispatch_plan``, ``cancel_dispatch``; action server ``dispatch_plan_action``; topics
+    ``action_dispatch``, ``dispatch_status`` and what the subclass adds.
+    """
+
+    plan_class: Type[Any] = CompletePlan
+    publishes_feedback = True
+
+    def __init__(self, scope: str = SCOPE) -> None:
+        super().__init__(scope)
+        self._state = threading.Condition()  # guards the fields down to _goal
+        self._plan: Optional[Any] = None
+        self._fresh = False
+        self._dispatch: Optional[Dispatch] = None
+        self._busy = False
+        self._goal: Optional[ServerGoal] = None
+        # Interfaces latch their last feedback: an id from an earlier life of this node must not fit again.
+        self._plan_id = int(time.time()) % 1_000_000 * 1000
+        self._operators: Dict[str, Operator] = {}
+        self._bindings: Dict[int, Dict[str, str]] = {}
+        self._dispatched: Dict[int, rospy.Time] = {}
+        self._limits = DispatchLimits(
+            acknowledge=self.number("ack_timeout", 2.0, 0.0),
+            accept=self.number("accept_timeout", 10.0, 0.0),
+            liveness=self.number("liveness_timeout", 5.0, 0.0),
+            cancel=self.number("cancel_deadline", 5.0),
+            over_all_grace=self.number("over_all_grace", 1.0, 0.0),
+        )
+        self._knowledge = PlanKnowledge(self.knowledge_base)
+        self._interfaces = InterfaceWatch(running_time)
+        self._alarm = self.own(RosAlarm(self._tick, f"alarm of {self.scope}"))
+
+        dispatch_topic = str(self.param("action_dispatch_topic", "action_dispatch"))
+        feedback_topic = str(self.param("action_feedback_topic", "action_feedback"))
+        # Latched as in ROSPlan; its queue of one would lose actions and cancels sent back to back.
+        self._actions = self.publisher(dispatch_topic, ActionDispatch, queue_size=1000, latch=True)
+        self._feedback: Optional[rospy.Publisher] = None
+        if self.publishes_feedback:
+            self._feedback = self.publisher(feedback_topic, ActionFeedback, queue_size=1000, latch=True)
+        self._status = self.publisher("dispatch_status", DispatchStatus, queue_size=100, latch=True)
+        self._tell_status(DispatchReport(DispatchState.IDLE, "nothing dispatched yet"))
+
+        self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback, queue_size=1000)
+        self.subscriber(f"{self.knowledge_base}/pddl_action_parameters", DomainFormula, self._receive_announcement)
+        self._changes = self.subscriber(f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes)
+        self.subscriber(f"{self.knowledge_base}/status/update", StatusUpdate, self._receive_update)
+        self._plan_topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
+        subscription = self.own(Handover.receiver(self._plan_topic, self._receive_plan))
+        self.subscriber(self._plan_topic, self.plan_class, subscription.from_topic, queue_size=1)
+
+        self._server = self.own(
+            ActionServer(
+                self.resolve("dispatch_plan_action"), NonBlockingDispatchAction, self._accept, self._cancel_goal
+            )
+        )
+        self._server.start()
+        self.service("dispatch_plan", DispatchService, self._serve)
+        self.service("cancel_dispatch", Empty, self._serve_cancel)
+
+    def on_shutdown(self) -> None:
+        """Tells running interfaces to stop and gives them a moment to answer."""
+        with self._state:
+            dispatch = self._dispatch
+            self._state.notify_all()
+        if dispatch is not None:
+            dispatch.cancel("the dispatcher ends")
+            dispatch.ended.wait(SHUTDOWN_DEADLINE)
+
+    # --- for subclasses ---------------------------------------------------------------------------
+
+    def make_schedule(self, plan: Any) -> Schedule:
+        """The schedule of a plan message.
+
+        Raises
+        ------
+        PlanError: the plan cannot be dispatched.
+        """
+        raise NotImplementedError
+
+    def received(self, plan: Any) -> None:
+        """A plan has come; for subclasses that show it."""
+
+    # --- services and action ------------------------------------------------------------------------
+
+    def _serve(self, _: DispatchServiceRequest) -> DispatchServiceResponse:
+        if not self._occupy(None):
+            raise rospy.ServiceException("a plan is being dispatched already")
+        report, goal_achieved = self._run()
+        return DispatchServiceResponse(success=report.success, goal_achieved=goal_achieved)
+
+    def _serve_cancel(self, _: EmptyRequest) -> EmptyResponse:
+        with self._state:
+            dispatch = self._dispatch
+        if dispatch is None:
+            rospy.loginfo("%s: cancel_dispatch: nothing is dispatched", self.scope)
+        else:
+            # As in ROSPlan the answer is no news of the end: that comes from dispatch_plan.
+            dispatch.cancel("cancelled by cancel_dispatch")
+        return EmptyResponse()
+
+    def _accept(self, goal: ServerGoal) -> None:
+        if not self._occupy(goal):
+            goal.reject(NonBlockingDispatchResult(), "a plan is being dispatched already")
+            return
+        goal.accept()
+        threading.Thread(target=self._run_goal, args=(goal,), name=f"dispatch {self.scope}", daemon=True).start()
+
+    def _run_goal(self, goal: ServerGoal) -> None:
+        report, goal_achieved = self._run()
+        text = report.reason or "every action succeeded"
+        result = NonBlockingDispatchResult(success=report.success, goal_achieved=goal_achieved)
+        if report.success:
+            goal.succeed(result, text)
+        elif report.state == DispatchState.CANCELLED:
+            goal.cancelled(result, text)
+        else:
+            goal.abort(result, text)
+
+    def _cancel_goal(self, goal: ServerGoal) -> None:
+        with self._state:
+            dispatch = self._dispatch if self._goal is goal else None
+        if dispatch is not None:
+            dispatch.cancel("cancelled through dispatch_plan_action")
+
+    # --- one dispatch -------------------------------------------------------------------------------
+
+    def _occupy(self, goal: Optional[ServerGoal]) -> bool:
+        with self._state:
+            if self._busy:
+                return False
+            self._busy = True
+            self._goal = goal
+            return True
+
+    def _run(self) -> Tuple[DispatchReport, bool]:
+        """Dispatches the plan received last; the caller has occupied the dispatcher."""
+        try:
+            try:
+                report = self._run_plan()
+            except PlanError as error:
+                report = DispatchReport(DispatchState.FAILED, str(error))
+            unmet = self._unmet_goals()
+        finally:
+            with self._state:
+                self._dispatch = self._goal = None
+                self._busy = False
+        log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
+        log("%s: %s: %s", self.scope, report.state.name, report.reason)
+        if report.success:
+            if unmet:
+                rospy.logwarn("%s: every action succeeded, but %s", self.scope, unmet)
+            report = dataclasses.replace(report, reason=unmet)
+        self._tell_status(report)
+        return report, not unmet
+
+    def _run_plan(self) -> DispatchReport:
+        plan = self._take_plan()
+        schedule = self.make_schedule(plan)
+        self._operators.clear()
+        self._bindings.clear()
+        self._dispatched.clear()
+        self._plan_id += 1
+        dispatch = Dispatch(schedule, self, self._limits, self._plan_id)
+        with self._state:
+            self._dispatch = dispatch
+            goal = self._goal
+        # A cancel before this point found no dispatch to stop.
+        if self.closed or (goal is not None and goal.cancel_requested):
+            dispatch.cancel("cancelled before it began")
+        return dispatch.run()
+
+    def _take_plan(self) -> Any:
+        with self._state:
+            self._state.wait_for(lambda: self._fresh or self.closed, timeout=IN_FLIGHT)
+            if self._plan is None:
+                raise PlanError(f"there is no plan: nothing was received on {self._plan_topic}")
+            if not self._fresh and not self.param("allow_redispatch", False):
+                raise PlanError("there is no new plan: the last one was dispatched already")
+            self._fresh = False
+            return self._plan
+
+    def _unmet_goals(self) -> str:
+        """What keeps the goal from being achieved, as part of a sentence; empty when it is."""
+        try:
+            unmet = self._knowledge.unmet_goals()
+        except PlanKnowledgeError as error:
+            return f"nobody can tell whether the goals hold: {error}"
+        return f"these goals do not hold: {goals_text(unmet)}" if unmet else ""
+
+    # --- what arrives -------------------------------------------------------------------------------
+
+    def _receive_plan(self, plan: Any) -> None:
+        with self._state:
+            self._plan, self._fresh = plan, True
+            self._state.notify_all()
+        self.received(plan)
+
+    def _receive_feedback(self, message: ActionFeedback) -> None:
+        if any(entry.key == OWN_MARK for entry in message.information):
+            return
+        with self._state:
+            dispatch, goal = self._dispatch, self._goal
+        if dispatch is None:
+            return
+        reason = next((entry.value for entry in message.information if entry.key == "reason"), "")
+        dispatch.put(Feedback(message.action_id, message.status, message.plan_id, reason))
+        if goal is not None:
+            goal.feedback(NonBlockingDispatchFeedback(feedback=message))
+
+    def _receive_announcement(self, message: DomainFormula) -> None:
+        self._interfaces.announce(message.name)
+
+    def _receive_changes(self, message: KnowledgeChanges) -> None:
+        with self._state:
+            dispatch = self._dispatch
+        if dispatch is None:
+            return
+        if message.cleared:
+            dispatch.put(KnowledgeChanged())
+            return
+        names = {
+            item.attribute_name.lower()
+            for items in (message.added, message.removed, message.changed)
+            for item in items
+        }
+        dispatch.put(KnowledgeChanged(frozenset(names)))
+
+    def _receive_update(self, _: StatusUpdate) -> None:
+        # A knowledge base that publishes the changes themselves says more there.
+        if self._changes.get_num_connections() == 0:
+            with self._state:
+                dispatch = self._dispatch
+            if dispatch is not None:
+                dispatch.put(KnowledgeChanged())
+
+    def _tick(self) -> None:
+        with self._state:
+            dispatch = self._dispatch
+        if dispatch is not None:
+            dispatch.put(Tick())
+
+    # --- Outside: what the dispatch needs -------------------------------------------------------------
+
+    def now(self) -> float:
+        """ROS time, s."""
+        return float(rospy.get_time())
+
+    def deadline(self, seconds: float) -> Deadline:
+        """A deadline that stands still while the simulator is paused."""
+        return Deadline(SHUTDOWN_DEADLINE if self.closed and not 0 < seconds < SHUTDOWN_DEADLINE else seconds)
+
+    def send(self, action: PlannedAction) -> None:
+        """Publishes the action."""
+        self._dispatched[action.id] = rospy.Time.now()
+        self._actions.publish(self._message(action, action.name))
+
+    def send_cancel(self, action: PlannedAction) -> None:
+        """Publishes ``cancel_action`` for the action."""
+        self._actions.publish(self._message(action, CANCEL_ACTION))
+
+    def close(self, action: PlannedAction) -> None:
+        """Publishes the tombstone: latched in place of the last action."""
+        if not rospy.is_shutdown():
+            self._actions.publish(self._message(action, CANCEL_ACTION))
+
+    def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
+        """Publishes feedback of our own, marked as such."""
+        if self._feedback is None:
+            return
+        message = ActionFeedback(
+            action_id=action.id,
+            plan_id=self._plan_id,
+            status=int(status),
+            information=[KeyValue(key=OWN_MARK, value=self.scope)],
+        )
+        self._feedback.publish(message)
+        with self._state:
+            goal = self._goal
+        if goal is not None:
+            goal.feedback(NonBlockingDispatchFeedback(feedback=message))
+
+    def operator(self, action: PlannedAction) -> Operator:
+        """The ground operator; asks the knowledge base once per operator and plan."""
+        try:
+            operator = self._operators.get(action.name)
+            if operator is None:
+                operator = self._operators[action.name] = self._knowledge.operator(action.name)
+            binding = operator.bind([value for _, value in action.parameters])
+        except (PlanKnowledgeError, BindingError) as error:
+            raise DispatchError(f"{action} cannot be dispatched: {error}") from error
+        self._bindings[action.id] = binding
+        return operator.ground(binding)
+
+    def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
+        """Asks the knowledge base."""
+        try:
+            return self._knowledge.false_of(conditions, self._bindings[action.id])
+        except PlanKnowledgeError as error:
+            raise DispatchError(f"the conditions of {action} cannot be checked: {error}") from error
+
+    def silence(self, operator: str) -> Optional[float]:
+        """Seconds since the operator's interface announced itself."""
+        return self._interfaces.silence(operator)
+
+    def wake_at(self, when: Optional[float]) -> None:
+        """Sets the alarm."""
+        self._alarm.set(when)
+
+    def changed(self, report: DispatchReport) -> None:
+        """Publishes the status while a dispatch runs; the end is told when the goals have been checked."""
+        if report.state in (DispatchState.RUNNING, DispatchState.CANCELLING):
+            self._tell_status(report)
+
+    def _message(self, action: PlannedAction, name: str) -> ActionDispatch:
+        return ActionDispatch(
+            action_id=action.id,
+            plan_id=self._plan_id,
+            name=name,
+            parameters=[KeyValue(key=label, value=value) for label, value in action.parameters],
+            duration=action.duration,
+            dispatch_time=action.time,
+        )
+
+    def _tell_status(self, report: DispatchReport) -> None:
+        if rospy.is_shutdown():
+            return
+        status = DispatchStatus(
+            state=_WIRE_STATES.get(report.state, DispatchStatus.IDLE),
+            plan_id=self._plan_id,
+            running=[
+                RunningAction(
+                    action_id=action.id,
+                    plan_id=self._plan_id,
+                    name=action.name,
+                    parameters=[KeyValue(key=label, value=value) for label, value in action.parameters],
+                    dispatched=self._dispatched.get(action.id, rospy.Time()),
+                )
+                for action in report.running
+            ],
+            steps_done=report.steps_done,
+            steps_total=report.steps_total,
+            failed_action=str(report.failed_action) if report.failed_action is not None else "",
+            reason=report.reason,
+        )
+        status.header.stamp = rospy.Time.now()
+        self._status.publish(status)
+
+
+class SimplePlanDispatcher(PlanDispatcher):
+    """Runs a CompletePlan, one action after the other."""
+
+    def make_schedule(self, plan: CompletePlan) -> Schedule:
+        """The list, in its order."""
+        return SequentialSchedule(planned_action(message) for message in plan.plan)
+
+
+class EsterelPlanDispatcher(PlanDispatcher):
+    """Runs an EsterelPlan, in parallel where its graph allows; draws the graph on ``plan_graph``."""
+
+    plan_class = EsterelPlan
+    publishes_feedback = False
+
+    def __init__(self, scope: str = SCOPE) -> None:
+        self._drawer: Optional[PlanGraphDrawer] = None  # plans may arrive before the rest is there
+        super().__init__(scope)
+        self._drawer = self.own(
+            PlanGraphDrawer(
+                self.resolve(str(self.param("plan_graph_topic", "plan_graph"))),
+                bool(self.param("display_edge_type", False)),
+            )
+        )
+        with self._state:
+            plan = self._plan
+        if plan is not None:
+            self.received(plan)
+
+    def make_schedule(self, plan: EsterelPlan) -> Schedule:
+        """The graph; with `~timeout_actions` its time bounds are kept."""
+        graph, messages = graph_from_message(plan)
+        schedule = GraphSchedule(
+            graph,
+            [planned_action(message) for message in messages],
+            bool(self.param("timeout_actions", False)),
+            self.number("action_timeout_fraction", 0.0, 0.0),
+        )
+        if self._drawer is not None:
+            self._drawer.show(graph, messages, schedule)
+        return schedule
+
+    def received(self, plan: EsterelPlan) -> None:
+        """Draws a plan that has just come, unless one runs."""
+        with self._state:
+            idle = self._dispatch is None
+        if idle and self._drawer is not None:
+            try:
+                graph, messages = graph_from_message(plan)
+            except PlanError as error:
+                rospy.logerr("%s: %s", self.scope, error)
+                return
+            self._drawer.show(graph, messages, None)
+
+    def changed(self, report: DispatchReport) -> None:
+        """Draws the graph again."""
+        super().changed(report)
+        if self._drawer is not None:
+            self._drawer.refresh()
+
+
+def planned_action(message: ActionDispatch) -> PlannedAction:
+    """An action of a plan message."""
+    return PlannedAction(
+        message.action_id,
+        message.name,
+        tuple((entry.key, entry.value) for entry in message.parameters),
+        message.duration,
+        message.dispatch_time,
+    )
+
+
+def dispatcher_class(kind: str) -> Type[PlanDispatcher]:
+    """The dispatcher of a kind, ``simple`` or ``esterel``.
+
+    Raises
+    ------
+    ComponentError: it is neither.
+    """
+    classes: Dict[str, Type[PlanDispatcher]] = {"simple": SimplePlanDispatcher, "esterel": EsterelPlanDispatcher}
+    if kind not in classes:
+        raise ComponentError(f"~kind is '{kind}', expected 'simple' or 'esterel'")
+    return classes[kind]
+
+
+def main() -> None:
+    """Entry point of ``rosrun merlin_rosplan plan_dispatcher``; `~kind` is ``simple`` or ``esterel`` (default)."""
+    run_component(lambda scope: dispatcher_class(str(rospy.get_param("~kind", "esterel")))(scope), SCOPE)

@@ -1,0 +1,272 @@
+"""The plan graph ("Esterel plan"): a simple temporal network of action starts and ends.
+
+Numbers, names and bounds are those of ROSPlan's Esterel parser: node 0 is the start of the plan, action k has
+the start node 2k+1 and the end node 2k+2, edge ids are indices.
+"""
+
+import sys
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Dict, Iterable, List, NamedTuple, Optional, Sequence, Set, Tuple
+
+from merlin_rosplan.operator_model import Atom, Operator
+from merlin_rosplan.plan_text import PlanStep
+
+NO_BOUND = sys.float_info.max  # "no upper bound" on the wire
+MIN_BOUND = 0.001  # what a bound of zero becomes, s
+_DIGITS = 6  # of a time; sums of rounded times must not sort an end behind the start it makes possible
+
+
+class NodeType(IntEnum):
+    """Kind of a node; the numbers are those of EsterelPlanNode."""
+
+    ACTION_START = 0
+    ACTION_END = 1
+    PLAN_START = 2
+
+
+class EdgeType(IntEnum):
+    """Kind of an edge; the numbers are those of EsterelPlanEdge."""
+
+    CONDITION = 0
+    START_END = 1
+    INTERFERENCE = 2
+
+
+@dataclass
+class Node:
+    """A start, an end, or the start of the plan. `action` is the action's index, -1 for the plan's start."""
+
+    id: int
+    type: NodeType
+    name: str
+    action: int
+    edges_in: List[int] = field(default_factory=list)
+    edges_out: List[int] = field(default_factory=list)
+
+
+@dataclass
+class Edge:
+    """`sink` happens between `lower` and `upper` seconds after `source`."""
+
+    id: int
+    type: EdgeType
+    source: int
+    sink: int
+    lower: float = MIN_BOUND
+    upper: float = NO_BOUND
+
+
+class TimedLiteral(NamedTuple):
+    """A fact that becomes true (or false, if negative) at a time of the plan, s from its start."""
+
+    time: float
+    atom: Atom
+    negative: bool = False
+
+
+@dataclass
+class PlanGraph:
+    """Nodes and edges; both lists are indexed by id."""
+
+    nodes: List[Node] = field(default_factory=list)
+    edges: List[Edge] = field(default_factory=list)
+    _pairs: Dict[Tuple[int, int], int] = field(default_factory=dict, repr=False)
+
+    def connect(
+        self, type_: EdgeType, source: int, sink: int, lower: float = 0.0, upper: float = NO_BOUND
+    ) -> Edge:
+        """Adds an edge; a second one between the same nodes only tightens the first."""
+        lower = max(lower, MIN_BOUND)
+        upper = max(upper, MIN_BOUND)
+        known = self._pairs.get((source, sink))
+        if known is not None:
+            edge = self.edges[known]
+            edge.lower = max(edge.lower, lower)
+            edge.upper = min(edge.upper, upper)
+            return edge
+        edge = Edge(len(self.edges), type_, source, sink, lower, upper)
+        self.edges.append(edge)
+        self._pairs[(source, sink)] = edge.id
+        self.nodes[source].edges_out.append(edge.id)
+        self.nodes[sink].edges_in.append(edge.id)
+        return edge
+
+
+class _Touched:
+    """Who has done what to one atom so far, in the order of the plan."""
+
+    __slots__ = ("adders", "deleters", "needers", "forbidders")
+
+    def __init__(self) -> None:
+        self.adders: List[int] = []
+        self.deleters: List[int] = []
+        self.needers: List[int] = []
+        self.forbidders: List[int] = []
+
+
+class _Happening(NamedTuple):
+    """What one node needs and changes."""
+
+    positive: Sequence[Atom]
+    negative: Sequence[Atom]
+    add: Sequence[Atom]
+    delete: Sequence[Atom]
+    # protected until this node, besides what it needs itself: the over-all conditions at an action's end
+    keep_positive: Sequence[Atom] = ()
+    keep_negative: Sequence[Atom] = ()
+
+
+def build_graph(
+    steps: Sequence[PlanStep],
+    actions: Sequence[Operator],
+    timed: Iterable[TimedLiteral] = (),
+    epsilon: float = 0.01,
+) -> PlanGraph:
+    """Makes the graph of a plan.
+
+    Parameters
+    ----------
+    steps: the plan.
+    actions: its ground actions, one for each step.
+    timed: timed literals, times from the start of the plan.
+    epsilon: s by which a condition must be used before a timed literal breaks it.
+    """
+    graph = PlanGraph([Node(0, NodeType.PLAN_START, "plan_start", -1)])
+    for index, step in enumerate(steps):
+        graph.nodes.append(Node(2 * index + 1, NodeType.ACTION_START, f"{step.name}_start", index))
+        graph.nodes.append(Node(2 * index + 2, NodeType.ACTION_END, f"{step.name}_end", index))
+
+    def time_of(node: Node) -> float:
+        step = steps[node.action]
+        return round(step.time + (step.duration if node.type == NodeType.ACTION_END else 0.0), _DIGITS)
+
+    literals = _index(timed)
+    touched: Dict[Atom, _Touched] = {}
+    for node in sorted(graph.nodes[1:], key=lambda entry: (time_of(entry), entry.id)):
+        action = actions[node.action]
+        start = node.id - 1 if node.type == NodeType.ACTION_END else None
+        happening = _happening(action, node.type)
+        if start is not None:
+            duration = steps[node.action].duration
+            graph.connect(EdgeType.START_END, start, node.id, duration, duration)
+        supported = _support(graph, node, happening, touched, literals, time_of(node), epsilon)
+        supported |= _interference(graph, node, start, happening, touched)
+        if not supported:
+            graph.connect(EdgeType.CONDITION, 0, node.id)
+        _remember(node.id, happening, touched)
+    return graph
+
+
+def _index(timed: Iterable[TimedLiteral]) -> Dict[Atom, List[TimedLiteral]]:
+    literals: Dict[Atom, List[TimedLiteral]] = {}
+    for literal in sorted(timed, key=lambda entry: entry.time):
+        literals.setdefault(literal.atom.key, []).append(literal)
+    return literals
+
+
+def _keys(*groups: Iterable[Atom]) -> List[Atom]:
+    return list(dict.fromkeys(atom.key for group in groups for atom in group))
+
+
+def _happening(action: Operator, type_: NodeType) -> _Happening:
+    if type_ == NodeType.ACTION_START:
+        return _Happening(
+            _keys(action.at_start.positive, action.over_all.positive),
+            _keys(action.at_start.negative, action.over_all.negative),
+            _keys(action.start_effects.add),
+            _keys(action.start_effects.delete),
+        )
+    return _Happening(
+        _keys(action.at_end.positive),
+        _keys(action.at_end.negative),
+        _keys(action.end_effects.add),
+        _keys(action.end_effects.delete),
+        _keys(action.over_all.positive),
+        _keys(action.over_all.negative),
+    )
+
+
+def _support(
+    graph: PlanGraph,
+    node: Node,
+    happening: _Happening,
+    touched: Dict[Atom, _Touched],
+    literals: Dict[Atom, List[TimedLiteral]],
+    now: float,
+    epsilon: float,
+) -> bool:
+    """Edges from whatever makes the node's conditions true; whether there is one from an action."""
+    supported = False
+    for negative, atoms in ((False, happening.positive), (True, happening.negative)):
+        for atom in atoms:
+            seen = touched.get(atom)
+            providers = (seen.deleters if negative else seen.adders) if seen is not None else []
+            provider = providers[-1] if providers else None
+            if provider is not None:
+                graph.connect(EdgeType.CONDITION, provider, node.id)
+                supported = True
+            elif atom in literals:
+                given = [entry.time for entry in literals[atom] if entry.negative == negative]
+                past = [time for time in given if time <= now + epsilon]
+                if past:
+                    graph.connect(EdgeType.CONDITION, 0, node.id, lower=past[-1])
+                    supported = True
+    # Over-all conditions have to last until the end, so a literal that breaks them bounds the end node.
+    end = node.type == NodeType.ACTION_END
+    positive = list(happening.positive) + list(happening.keep_positive) if end else happening.positive
+    negatives = list(happening.negative) + list(happening.keep_negative) if end else happening.negative
+    for negative, atoms in ((False, positive), (True, negatives)):
+        for atom in atoms:
+            breaks = _first_break(literals.get(atom, ()), negative, now)
+            if breaks is not None:
+                graph.connect(EdgeType.CONDITION, 0, node.id, upper=breaks - epsilon)
+                supported = True
+    return supported
+
+
+def _first_break(literals: Iterable[TimedLiteral], negative: bool, after: float) -> Optional[float]:
+    for literal in literals:
+        if literal.time > after and literal.negative != negative:
+            return literal.time
+    return None
+
+
+def _interference(
+    graph: PlanGraph,
+    node: Node,
+    start: Optional[int],
+    happening: _Happening,
+    touched: Dict[Atom, _Touched],
+) -> bool:
+    """Edges from every earlier node whose condition or effect this node's effects contradict."""
+    earlier: Set[int] = set()
+    for atom in happening.add:
+        seen = touched.get(atom)
+        if seen is not None:
+            earlier.update(seen.deleters)
+            earlier.update(seen.forbidders)
+    for atom in happening.delete:
+        seen = touched.get(atom)
+        if seen is not None:
+            earlier.update(seen.adders)
+            earlier.update(seen.needers)
+    if start is not None:
+        earlier.discard(start)
+    for source in sorted(earlier):
+        graph.connect(EdgeType.INTERFERENCE, source, node.id)
+    return bool(earlier)
+
+
+def _remember(node: int, happening: _Happening, touched: Dict[Atom, _Touched]) -> None:
+    for attribute, atoms in (
+        ("adders", happening.add),
+        ("deleters", happening.delete),
+        ("needers", list(happening.positive) + list(happening.keep_positive)),
+        ("forbidders", list(happening.negative) + list(happening.keep_negative)),
+    ):
+        for atom in atoms:
+            record = touched.get(atom)
+            if record is None:
+                record = touched[atom] = _Touched()
+            getattr(record, attribute).append(node)

@@ -1,0 +1,129 @@
+"""What the parser and the dispatcher ask the knowledge base, over ROS, so that any ROSPlan knowledge base will do."""
+
+import copy
+from typing import Any, Callable, Dict, List, Sequence, TypeVar
+
+import rospy
+from merlin_sm.knowledge_client import CALL_LIMIT, fact, knowledge_client
+from merlin_sm.pddl_text import to_pddl
+from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from rosplan_knowledge_msgs.msg import DomainInequality, KnowledgeItem
+from rosplan_knowledge_msgs.srv import GetAttributeService
+
+from merlin_rosplan.operator_model import Atom, Conditions, Operator
+from merlin_rosplan.plan_graph import TimedLiteral
+
+_Answer = TypeVar("_Answer")
+
+
+class PlanKnowledgeError(Exception):
+    """The knowledge base does not answer, or does not know; the text says what."""
+
+
+class PlanKnowledge:
+    """Asks one knowledge base about operators, conditions and goals; safe to share between threads.
+
+    Every method raises :class:`PlanKnowledgeError` when there is no answer.
+
+    Parameters
+    ----------
+    knowledge_base: its global name.
+    """
+
+    def __init__(self, knowledge_base: str) -> None:
+        self._client = knowledge_client(knowledge_base)
+        self._timed = ServiceProxy(f"{knowledge_base}/state/timed_knowledge", GetAttributeService, CALL_LIMIT)
+
+    def operator(self, name: str) -> Operator:
+        """One operator of the domain; one that it does not have is an error too."""
+        try:
+            return Operator.from_message(self._client.operator(name))
+        except ServiceError as error:
+            if "does not answer" in str(error):
+                raise PlanKnowledgeError(str(error)) from error
+            raise PlanKnowledgeError(f"the domain has no operator '{name}' ({error})") from error
+
+    def false_of(self, conditions: Conditions, binding: Dict[str, str]) -> Conditions:
+        """Those conditions that do not hold now, asked in one call.
+
+        A negative one holds when the positive fact is absent: ROSPlan's own knowledge base answers true for
+        a negative query only when an explicit negative fact is stored.
+
+        Parameters
+        ----------
+        conditions: ground atoms; comparisons are grounded here.
+        binding: objects by operator variable.
+        """
+        positive = [atom for atom in conditions.positive if atom.name != "="]
+        negative = [atom for atom in conditions.negative if atom.name != "="]
+        items = [fact(atom.name, *atom.arguments) for atom in positive + negative]
+        items += [comparison_item(entry.message, binding) for entry in conditions.comparisons]
+        results = self.query(items) if items else []
+        holds = dict(zip(positive + negative, results))
+        return Conditions(
+            tuple(
+                atom for atom in conditions.positive if not (_equal(atom) if atom.name == "=" else holds[atom])
+            ),
+            tuple(atom for atom in conditions.negative if (_equal(atom) if atom.name == "=" else holds[atom])),
+            tuple(
+                entry
+                for entry, true in zip(conditions.comparisons, results[len(positive) + len(negative) :])
+                if not true
+            ),
+        )
+
+    def query(self, items: Sequence[KnowledgeItem]) -> List[bool]:
+        """Whether each item is true now; negative facts are asked as positive ones and turned round."""
+        results = _answer(lambda: self._client.query(items))
+        if len(results) != len(items):
+            raise PlanKnowledgeError(
+                f"{self._client.name}/query_state gave {len(results)} answers to {len(items)} items"
+            )
+        return results
+
+    def unmet_goals(self) -> List[KnowledgeItem]:
+        """The goals that do not hold now."""
+        goals = _answer(self._client.goals)
+        return [goal for goal, true in zip(goals, self.query(goals) if goals else []) if not true]
+
+    def timed_literals(self) -> List[TimedLiteral]:
+        """Facts that wait for their time; times in s from now."""
+        items = _answer(lambda: self._timed(predicate_name="")).attributes
+        now = rospy.Time.now()
+        return [
+            TimedLiteral(
+                (item.initial_time - now).to_sec(),
+                Atom(item.attribute_name, tuple(value.value for value in item.values)),
+                bool(item.is_negative),
+            )
+            for item in items
+            if item.knowledge_type == KnowledgeItem.FACT
+        ]
+
+
+def goals_text(goals: Sequence[KnowledgeItem]) -> str:
+    """Goals as PDDL."""
+    return ", ".join(to_pddl(goal) for goal in goals)
+
+
+def _answer(call: Callable[[], _Answer]) -> _Answer:
+    try:
+        return call()
+    except ServiceError as error:
+        raise PlanKnowledgeError(str(error)) from error
+
+
+def comparison_item(inequality: DomainInequality, binding: Dict[str, str]) -> KnowledgeItem:
+    """A numeric condition with objects for the operator's variables."""
+    ground = copy.deepcopy(inequality)
+    ground.grounded = True
+    for side in (ground.LHS, ground.RHS):
+        for token in side.tokens:
+            if token.expr_type == token.FUNCTION:
+                for parameter in token.function.typed_parameters:
+                    parameter.value = binding.get(parameter.key, parameter.key)
+    return KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=ground)
+
+
+def _equal(atom: Atom) -> bool:
+    return len({argument.lower() for argument in atom.arguments}) <= 1

@@ -1,0 +1,112 @@
+"""The command line of an external planner: ``timeout 10 /opt/popf/popf -n DOMAIN PROBLEM``."""
+
+import os
+import re
+import shlex
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import List, Optional
+
+_PLACEHOLDER = re.compile(r"(?<![\w/.-])(DOMAIN|PROBLEM)(?![\w/])")
+_LPG_OUTPUT = re.compile(r"-out\s+\S+")
+_TIMEOUT_VALUE_OPTIONS = {"-k", "-s", "--kill-after", "--signal"}
+_UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+class PlannerCommandError(ValueError):
+    """A planner command that cannot be run; the text says why."""
+
+
+@dataclass(frozen=True)
+class PlannerCommand:
+    """What a ``planner_command`` says.
+
+    Parameters
+    ----------
+    text: the command as it was given, with the placeholders DOMAIN and PROBLEM.
+    program: the planner itself, behind ``timeout 10``, ``nice`` and settings of variables.
+    limit: s that a leading ``timeout N`` grants, None without one.
+    """
+
+    text: str
+    program: str
+    limit: Optional[float]
+
+    @property
+    def name(self) -> str:
+        """Name of the program, without its folder."""
+        return os.path.basename(self.program)
+
+    def program_path(self) -> Optional[str]:
+        """Where the program is, None when it is missing or not executable."""
+        return shutil.which(self.program)
+
+    def arguments(self, domain: Path, problem: Path, directory: Path, limit: float) -> List[str]:
+        """The command to start: a shell with all placeholders filled in.
+
+        Parameters
+        ----------
+        domain, problem: absolute paths; they stand for the first DOMAIN and the first PROBLEM.
+        directory: where the planner runs and LPG's ``-out`` goes.
+        limit: s after which even an orphan ends itself; 0 means never.
+        """
+        paths = {"DOMAIN": str(domain), "PROBLEM": str(problem)}
+
+        def fill(match: "re.Match[str]") -> str:
+            path = paths.pop(match.group(1), None)
+            return match.group(0) if path is None else shlex.quote(path)
+
+        text = _PLACEHOLDER.sub(fill, self.text)
+        if self.name.lower().startswith("lpg"):
+            text = _LPG_OUTPUT.sub(f"-out {shlex.quote(str(directory / 'lpgplan'))}", text)
+        if os.sep in self.program and not os.path.isabs(self.program):
+            # The planner runs in a folder of its own; a relative path was meant from ours.
+            text = text.replace(self.program, shlex.quote(os.path.abspath(self.program)), 1)
+        shell = ["/bin/sh", "-c", text]
+        if limit > 0 and shutil.which("timeout"):
+            # Were this process killed, nobody else would end the planner.
+            return ["timeout", "-s", "KILL", f"{limit + 2.0:.1f}"] + shell
+        return shell
+
+
+def parse_command(text: str) -> PlannerCommand:
+    """Takes a command apart.
+
+    Raises
+    ------
+    PlannerCommandError: quotes do not match, there is no program, or PROBLEM is missing.
+    """
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise PlannerCommandError(f"planner command '{text}': {error}") from None
+    limit: Optional[float] = None
+    index = 0
+    while index < len(words):
+        word = words[index]
+        if re.match(r"^[A-Za-z_]\w*=", word) or word in ("exec", "nohup", "env"):
+            index += 1
+        elif os.path.basename(word) == "timeout":
+            index += 1
+            while index < len(words) and words[index].startswith("-"):
+                index += 2 if words[index] in _TIMEOUT_VALUE_OPTIONS else 1
+            if index < len(words):
+                limit = _seconds(words[index])
+            index += 1
+        elif os.path.basename(word) == "nice":
+            index += 1
+            while index < len(words) and words[index].startswith("-"):
+                index += 2 if words[index] == "-n" else 1
+        else:
+            break
+    if index >= len(words):
+        raise PlannerCommandError(f"planner command '{text}' names no program")
+    if not re.search(r"\bPROBLEM\b", text):
+        raise PlannerCommandError(f"planner command '{text}' lacks the placeholder PROBLEM")
+    return PlannerCommand(text, words[index], limit)
+
+
+def _seconds(word: str) -> Optional[float]:
+    match = re.match(r"^(\d+(?:\.\d*)?)([smhd]?)$", word)
+    return float(match.group(1)) * _UNITS[match.group(2) or "s"] if match else None

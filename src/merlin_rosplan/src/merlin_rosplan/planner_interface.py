@@ -1,0 +1,233 @@
+"""ROSPlan's planner interface: PDDL problem in, plan out."""
+
+import contextlib
+import itertools
+import os
+import tempfile
+import threading
+from pathlib import Path
+from typing import Optional, Set
+
+import rospy
+from merlin_msgs.msg import PlannerStatus
+from merlin_sm.action_server import ServerGoal
+from merlin_sm.serial_action_server import SerialActionServer
+from rosplan_dispatch_msgs.msg import PlanAction, PlanFeedback, PlanResult
+from rosplan_dispatch_msgs.srv import PlanningService, PlanningServiceRequest, PlanningServiceResponse
+from std_msgs.msg import String
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
+
+from merlin_rosplan import pddl_check
+from merlin_rosplan.component import Component, ComponentError, run_component
+from merlin_rosplan.handover import Handover
+from merlin_rosplan.planner import Planning, PlannerSettings
+from merlin_rosplan.planning_outcome import PlannerState, PlanningOutcome
+
+SCOPE = "rosplan_planner_interface"
+
+
+class PlannerInterface(Component):
+    """Plans on request, one problem at a time.
+
+    Services ``planning_server``, ``planning_server_params``; action server ``start_planning``, whose cancel
+    kills the planner; topics ``planner_output`` and ``planner_status``, both latched.
+    """
+
+    def __init__(self, scope: str = SCOPE) -> None:
+        super().__init__(scope)
+        self._planning_lock = threading.Lock()  # held while a planning runs: there is one at a time
+        self._state = threading.Condition()  # guards the fields below
+        self._problem: Optional[str] = None
+        self._current: Optional[Planning] = None
+        self._current_goal: Optional[str] = None
+        self._warned: Set[str] = set()
+        self._numbers = itertools.count(1)
+        self._folder = tempfile.TemporaryDirectory(prefix="planner_interface-")
+        self._settings()  # complains now about parameters that make no sense
+        if not pddl_check.available():
+            rospy.logwarn("%s: kairos is not installed: PDDL and plans are not checked", self.scope)
+        topic = self.resolve(str(self.param("planner_topic", "planner_output")))
+        self._output = self.publisher(topic, String, queue_size=1, latch=True)
+        self._hand_over = self.own(Handover.sender(topic))
+        self._status = self.publisher("planner_status", PlannerStatus, queue_size=10, latch=True)
+        self._tell(PlannerStatus(state=PlannerStatus.IDLE, reason="nothing planned yet"))
+        problem_topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
+        subscription = self.own(Handover.receiver(problem_topic, self._receive_problem))
+        self.subscriber(problem_topic, String, subscription.from_topic, queue_size=1)
+        self._action = self.own(
+            SerialActionServer(self.resolve("start_planning"), PlanAction, self._execute, self._cancel)
+        )
+        self._action.start()
+        self.service("planning_server", Empty, self._serve)
+        self.service("planning_server_params", PlanningService, self._serve_params)
+
+    def on_shutdown(self) -> None:
+        """Kills the planner that runs."""
+        with self._state:
+            current = self._current
+            self._state.notify_all()
+        if current is not None:
+            current.cancel()
+        with contextlib.suppress(OSError):
+            self._folder.cleanup()
+
+    # --- requests ---------------------------------------------------------------------------------
+
+    def _settings(self, command: Optional[str] = None) -> PlannerSettings:
+        return PlannerSettings(
+            command=str(self.param("planner_command", "")) if command is None else command,
+            fallback=bool(self.param("planner_fallback", True)),
+            time_limit=self.number("time_limit", 60.0, 0.0),
+            anytime=self.number("anytime", 0.0, 0.0),
+            check_input=bool(self.param("check_input", True)),
+        )
+
+    def _request_of_params(self) -> PlanningServiceRequest:
+        return PlanningServiceRequest(
+            use_problem_topic=bool(self.param("use_problem_topic", False)),
+            domain_path=str(self.param("domain_path", "")),
+            problem_path=str(self.param("problem_path", "")),
+            data_path=str(self.param("data_path", "")),
+            planner_command=str(self.param("planner_command", "")),
+        )
+
+    def _serve(self, _: EmptyRequest) -> EmptyResponse:
+        outcome = self._plan(self._request_of_params())
+        if not outcome.solved:
+            raise rospy.ServiceException(f"{outcome.state.name}: {outcome.reason}")
+        return EmptyResponse()
+
+    def _serve_params(self, request: PlanningServiceRequest) -> PlanningServiceResponse:
+        return PlanningServiceResponse(plan_found=self._plan(request).solved)
+
+    def _execute(self, goal: ServerGoal) -> None:
+        wanted = goal.goal
+        request = PlanningServiceRequest(
+            wanted.domain_path,
+            wanted.problem_path,
+            wanted.data_path,
+            wanted.planner_command,
+            wanted.use_problem_topic,
+        )
+        if not (wanted.domain_path or wanted.problem_path or wanted.use_problem_topic):
+            request = self._request_of_params()
+        goal.feedback(PlanFeedback(current_phase="planning", current_status="RUNNING"))
+        outcome = self._plan(request, goal)
+        result = PlanResult(result_status=outcome.state.name)
+        text = outcome.reason
+        if outcome.solved:
+            goal.succeed(result, text)
+        elif outcome.state == PlannerState.CANCELLED:
+            goal.cancelled(result, text)
+        else:
+            goal.abort(result, f"{outcome.state.name}: {text}")
+
+    def _cancel(self, goal: ServerGoal) -> None:
+        with self._state:
+            # Only a planning that this action's goal started: the services' callers did not ask for a cancel.
+            current = self._current if self._current_goal == goal.id else None
+        if current is not None:
+            current.cancel()
+
+    # --- planning ---------------------------------------------------------------------------------
+
+    def _receive_problem(self, message: String) -> None:
+        with self._state:
+            self._problem = message.data
+            self._state.notify_all()
+
+    def _plan(self, request: PlanningServiceRequest, goal: Optional[ServerGoal] = None) -> PlanningOutcome:
+        with self._planning_lock:
+            outcome = self._plan_one(request, goal)
+        self._tell(
+            PlannerStatus(
+                state=int(outcome.state),
+                reason=outcome.reason,
+                planner=outcome.planner,
+                seconds=outcome.seconds,
+            )
+        )
+        log = rospy.loginfo if outcome.state in (PlannerState.SOLVED, PlannerState.CANCELLED) else rospy.logerr
+        log(
+            "%s: %s by %s in %.3f s: %s",
+            self.scope,
+            outcome.state.name,
+            outcome.planner or "nobody",
+            outcome.seconds,
+            outcome.reason,
+        )
+        return outcome
+
+    def _plan_one(self, request: PlanningServiceRequest, goal: Optional[ServerGoal]) -> PlanningOutcome:
+        problem_path = request.problem_path
+        if request.use_problem_topic:
+            try:
+                problem_path = self._write_problem(problem_path)
+            except (OSError, ValueError) as error:
+                return PlanningOutcome(PlannerState.INVALID, str(error))
+        domain_path = request.domain_path or self._domain_of_knowledge_base()
+        for name, path in (("domain", domain_path), ("problem", problem_path)):
+            if not path:
+                return PlanningOutcome(PlannerState.INVALID, f"no {name}: {name}_path is empty")
+        try:
+            settings = self._settings(request.planner_command)
+        except ComponentError as error:
+            return PlanningOutcome(PlannerState.INVALID, str(error))
+        planning = Planning(settings, domain_path, problem_path, self._data_folder(request.data_path))
+        with self._state:
+            self._current = planning
+            self._current_goal = goal.id if goal is not None else None
+        # A cancel before this point found no planning to kill.
+        if self.closed or (goal is not None and goal.cancel_requested):
+            planning.cancel()
+        self._tell(PlannerStatus(state=PlannerStatus.RUNNING, reason=f"planning {problem_path}"))
+        try:
+            outcome = planning.run()
+        finally:
+            with self._state:
+                self._current = self._current_goal = None
+        if planning.warning is not None and planning.warning not in self._warned:
+            self._warned.add(planning.warning)
+            rospy.logwarn("%s: %s", self.scope, planning.warning)
+        if outcome.solved:
+            message = String(outcome.plan)
+            self._hand_over.hand_over(message)
+            self._output.publish(message)
+        return outcome
+
+    def _write_problem(self, problem_path: str) -> str:
+        """Writes the problem received on the topic to a file, as ROSPlan does; returns its path."""
+        with self._state:
+            if self._problem is None:
+                # A caller that asks right after the problem was published must not lose the race.
+                self._state.wait_for(lambda: self._problem is not None or self.closed, timeout=0.5)
+            problem = self._problem
+        if problem is None:
+            raise ValueError(
+                f"no problem was received on {self.resolve(str(self.param('problem_topic', 'problem_instance')))}"
+            )
+        path = Path(problem_path) if problem_path else Path(self._folder.name) / "problem.pddl"
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.{next(self._numbers)}")
+        temporary.write_text(problem)
+        temporary.replace(path)
+        return str(path)
+
+    def _data_folder(self, data_path: str) -> Optional[str]:
+        if not data_path:
+            return None
+        if not os.path.isdir(data_path):
+            rospy.logwarn("%s: data_path %s is no folder: the planner's output is not kept", self.scope, data_path)
+            return None
+        return data_path
+
+    def _domain_of_knowledge_base(self) -> str:
+        return str(rospy.get_param(f"{self.knowledge_base}/domain_path", rospy.get_param("/rosplan/domain_path", "")))
+
+    def _tell(self, status: PlannerStatus) -> None:
+        status.header.stamp = rospy.Time.now()
+        self._status.publish(status)
+
+
+def main() -> None:
+    """Entry point of ``rosrun merlin_rosplan planner_interface``."""
+    run_component(PlannerInterface, SCOPE)

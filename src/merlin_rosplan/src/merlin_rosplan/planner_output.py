@@ -1,0 +1,222 @@
+"""What planners print, read: POPF, OPTIC, FF, Metric-FF, Fast Downward, Temporal Fast Downward, LPG and kairos.
+
+A planner is recognised by what it prints and not by its name, so a wrapper script around one works too.
+"""
+
+import json
+import re
+from typing import Iterable, List, NamedTuple, Optional, Tuple
+
+from merlin_rosplan.plan_text import NO_DURATION, PlanStep, parse_line
+from merlin_rosplan.planning_outcome import PlannerState
+
+Plan = List[PlanStep]
+
+
+class Verdict(NamedTuple):
+    """Why there is no plan."""
+
+    state: PlannerState
+    reason: str
+
+
+_FF_PLAN = re.compile(r"ff: found legal plan", re.IGNORECASE)
+_FF_STEP = re.compile(r"^\s*(?:step)?\s*(\d+):\s*([A-Za-z][^()\[\]]*?)\s*$")
+_FD_PLAN = re.compile(r"^(?:\[t=[^\]]*\]\s*)?Actual search time", re.MULTILINE)
+_FD_STEP = re.compile(r"^([a-z][^()\[\]:]*?)\s+\((\d+)\)\s*$")
+_FILE_STEP = re.compile(r"^\s*\(([^()]+)\)\s*$")
+_SOLVED_MARK = re.compile(
+    r"; Plan found|;;;; Solution Found|goal can be simplified to TRUE|The empty plan solves it|^Solution found",
+    re.IGNORECASE | re.MULTILINE,
+)
+_UNSOLVABLE = re.compile(
+    r"^.*(?:problem unsolvable|problem proven unsolvable|goal can be simplified to FALSE|"
+    r"no plan will solve it|completely explored state space|search stopped without finding a solution|"
+    r"problem is unsolvable|problem not solvable|goals? .*(?:cannot|can not|can't|not) (?:be )?reach(?:ed|able)|"
+    r"kairos: unsolvable).*$",
+    re.IGNORECASE | re.MULTILINE,
+)
+_BAD_INPUT = re.compile(
+    r"^.*(?:syntax error|parse error|undeclared|unknown (?:predicate|type|constant|object|function|symbol)|"
+    r"error: .*(?:expected|undefined)|line: ?\d+: error|pddl:\d+:\d+: error|parsing error).*$",
+    re.IGNORECASE | re.MULTILINE,
+)
+_MEMORY = re.compile(r"^.*(?:out of memory|bad_alloc|memory limit|cannot allocate memory).*$", re.I | re.M)
+_NUMBERED = re.compile(r"(\d+)(?!.*\d)")
+_PLAN_FILES = ("sas_plan", "fdplan", "tfdplan", "lpgplan", "plan", "found_plan", "output")
+
+# Fast Downward's exit codes, as its documentation lists them.
+_FAST_DOWNWARD_EXIT = {
+    10: (PlannerState.UNSOLVABLE, "the translator proved that the problem has no plan"),
+    11: (PlannerState.UNSOLVABLE, "the search proved that the problem has no plan"),
+    12: (PlannerState.UNSOLVABLE, "the search ended without a plan; it was not complete, so this is no proof"),
+    20: (PlannerState.CRASHED, "the translator ran out of memory"),
+    21: (PlannerState.TIMEOUT, "the translator ran out of time"),
+    22: (PlannerState.CRASHED, "the search ran out of memory"),
+    23: (PlannerState.TIMEOUT, "the search ran out of time"),
+    24: (PlannerState.TIMEOUT, "the search ran out of memory and time"),
+    31: (PlannerState.INVALID, "the translator does not accept the input"),
+    33: (PlannerState.INVALID, "the search does not accept the input"),
+    34: (PlannerState.CRASHED, "the search does not support a feature of the task"),
+}
+
+
+def candidate_plans(output: str, files: Iterable[Tuple[str, str]] = ()) -> List[Plan]:
+    """The plans that a planner left behind, the one to prefer first.
+
+    An anytime planner that was stopped may have been printing: its last plan can be cut off. So there are
+    several candidates, and the first one that validates is the plan.
+
+    Parameters
+    ----------
+    output: what it printed.
+    files: (name, content) of the files it wrote.
+    """
+    plans: List[Plan] = []
+    for _, content in sorted(
+        (entry for entry in files if is_plan_file(entry[0])), key=lambda entry: _file_order(entry[0])
+    ):
+        blocks = _timed_blocks(content)
+        if blocks:
+            plans.append(blocks[-1])
+        else:
+            steps = _sequential(_FILE_STEP, content.splitlines())
+            if steps or re.search(r"^;\s*cost\s*=", content, re.MULTILINE):
+                plans.append(steps)
+    if _FF_PLAN.search(output):
+        plans.extend(_ff_plans(output))
+    elif _FD_PLAN.search(output):
+        plans.extend(_fast_downward_plans(output))
+    plans.extend(_kairos_plans(output))
+    plans.extend(_timed_blocks(output))
+    if not plans and re.search(r"^;\s*cost\s*=", output, re.MULTILINE):
+        last = re.split(r"^;\s*cost\s*=.*$", output, flags=re.MULTILINE)[-1]
+        plans.append(_sequential(_FILE_STEP, last.splitlines()))
+    if not plans and _SOLVED_MARK.search(output):
+        plans.append([])
+    plans.reverse()
+    return plans
+
+
+def is_plan_file(name: str) -> bool:
+    """Whether a file's name is one that planners give to their plans."""
+    return name.lower().startswith(_PLAN_FILES) or name.upper().endswith(".SOL")
+
+
+def verdict(output: str, errors: str, returncode: int, name: str = "") -> Optional[Verdict]:
+    """Why a planner left no plan, as far as it said; None when it just ended.
+
+    Parameters
+    ----------
+    output, errors: what it printed.
+    returncode: its exit code, minus a signal's number.
+    name: of the program; exit codes mean something for Fast Downward only.
+    """
+    text = output + "\n" + errors
+    found = _UNSOLVABLE.search(text)
+    if found:
+        return Verdict(PlannerState.UNSOLVABLE, _sentence(found.group(0)))
+    if "downward" in name.lower() and returncode in _FAST_DOWNWARD_EXIT:
+        state, reason = _FAST_DOWNWARD_EXIT[returncode]
+        bad = _BAD_INPUT.search(text) if state == PlannerState.INVALID else None
+        return Verdict(state, f"{reason}: {_sentence(bad.group(0))}" if bad else reason)
+    found = _BAD_INPUT.search(text)
+    if found:
+        where = text[found.end() :].strip().splitlines()
+        detail = _sentence(found.group(0))
+        # FF names what it stumbled over in the line below.
+        if detail.endswith(":") and where:
+            detail += " " + where[0].strip()
+        return Verdict(PlannerState.INVALID, detail)
+    found = _MEMORY.search(text)
+    if found:
+        return Verdict(PlannerState.CRASHED, _sentence(found.group(0)))
+    return None
+
+
+def _sentence(line: str) -> str:
+    return line.strip().strip(";*").strip()
+
+
+def _file_order(name: str) -> Tuple[int, str]:
+    number = _NUMBERED.search(name)
+    return (int(number.group(1)) if number else 0, name)
+
+
+def _timed_blocks(text: str) -> List[Plan]:
+    """Runs of ``<time>: (<action>) [<duration>]`` lines; comments do not interrupt one."""
+    blocks: List[Plan] = []
+    current: Plan = []
+    for line in text.splitlines():
+        stripped = line.strip()
+        step = None if stripped.startswith(";") else parse_line(line)
+        if step is not None:
+            current.append(step)
+        elif current and not stripped.startswith(";"):
+            blocks.append(current)
+            current = []
+        elif current and re.match(r";+\s*(?:Plan|Solution|better plan|Time|Cost)", stripped, re.IGNORECASE):
+            blocks.append(current)
+            current = []
+    if current:
+        blocks.append(current)
+    return blocks
+
+
+def _sequential(pattern: "re.Pattern[str]", lines: Iterable[str]) -> Plan:
+    steps: Plan = []
+    for line in lines:
+        found = pattern.match(line)
+        if found:
+            words = found.group(1).split()
+            steps.append(PlanStep(float(len(steps)), words[0], tuple(words[1:]), NO_DURATION))
+    return steps
+
+
+def _kairos_plans(output: str) -> List[Plan]:
+    """kairos' JSON, one line per plan, each better than the one before."""
+    plans: List[Plan] = []
+    for line in output.splitlines():
+        if not line.startswith('{"temporal"'):
+            continue
+        try:
+            steps = json.loads(line)["steps"]
+            plans.append(
+                [
+                    PlanStep(float(step["time"]), words[0], tuple(words[1:]), step["duration"] or NO_DURATION)
+                    for step, words in ((step, step["action"].strip("()").split()) for step in steps)
+                ]
+            )
+        except (ValueError, KeyError, IndexError, TypeError):
+            continue  # cut off by a time limit; the plans before it are whole
+    return plans
+
+
+def _ff_plans(output: str) -> List[Plan]:
+    plans: List[Plan] = []
+    for part in _FF_PLAN.split(output)[1:]:
+        steps: Plan = []
+        for line in part.splitlines()[1:]:
+            found = _FF_STEP.match(line)
+            if found:
+                words = found.group(2).split()
+                # Metric-FF closes a plan for a compiled goal with an action of its own.
+                if words[0].upper() != "REACH-GOAL":
+                    steps.append(PlanStep(float(len(steps)), words[0], tuple(words[1:]), NO_DURATION))
+            elif steps:
+                break
+        plans.append(steps)
+    return plans
+
+
+def _fast_downward_plans(output: str) -> List[Plan]:
+    plans: List[Plan] = []
+    for part in _FD_PLAN.split(output)[1:]:
+        body = part.splitlines()[1:]
+        steps: List[str] = []
+        for line in body:
+            if not _FD_STEP.match(line):
+                break
+            steps.append(line)
+        plans.append(_sequential(_FD_STEP, steps))
+    return plans

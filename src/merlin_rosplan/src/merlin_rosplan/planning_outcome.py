@@ -1,0 +1,42 @@
+"""What became of one planning: enum and a sentence."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class PlannerState(IntEnum):
+    """State of a planner; the numbers are those of merlin_msgs/PlannerStatus."""
+
+    IDLE = 0
+    RUNNING = 1
+    SOLVED = 2
+    UNSOLVABLE = 3  # proven, or the search space is exhausted
+    TIMEOUT = 4
+    CRASHED = 5  # could not start, ended abnormally, ran out of memory, or said nothing
+    INVALID = 6  # the domain or the problem is not valid PDDL, or the plan did not validate
+    CANCELLED = 7
+
+
+@dataclass(frozen=True)
+class PlanningOutcome:
+    """The end of one planning.
+
+    Parameters
+    ----------
+    state: how it ended.
+    reason: one sentence; for SOLVED the size of the plan.
+    plan: text in POPF's form, empty unless SOLVED (and when the empty plan solves the problem).
+    planner: which program planned.
+    seconds: of wall time.
+    """
+
+    state: PlannerState
+    reason: str
+    plan: str = ""
+    planner: str = ""
+    seconds: float = 0.0
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a plan."""
+        return self.state == PlannerState.SOLVED

@@ -1,0 +1,71 @@
+"""An alarm at a ROS time: woken by the clock that ROS uses, wall or simulated, also when it jumps back."""
+
+import threading
+from typing import Callable, Optional
+
+import rospy
+
+
+class RosAlarm:
+    """Calls back once when a ROS time has come; setting it again moves it.
+
+    Parameters
+    ----------
+    callback: called in the alarm's own thread.
+    name: of that thread.
+    """
+
+    def __init__(self, callback: Callable[[], None], name: str) -> None:
+        self._callback = callback
+        self._name = name
+        self._changed = threading.Condition()  # guards the fields below
+        self._when: Optional[float] = None
+        self._stopping = False
+        self._thread: Optional[threading.Thread] = None
+
+    def set(self, when: Optional[float]) -> None:
+        """Rings at a ROS time, s; None: not at all. A time that is past rings at once."""
+        with self._changed:
+            if when == self._when:
+                return
+            self._when = when
+            if when is not None and self._thread is None:
+                self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+                self._thread.start()
+            self._changed.notify_all()
+        self._poke()
+
+    def shutdown(self) -> None:
+        """Ends the thread."""
+        with self._changed:
+            self._stopping = True
+            self._when = None
+            self._changed.notify_all()
+        self._poke()
+
+    @staticmethod
+    def _poke() -> None:
+        if not rospy.rostime.is_wallclock():
+            condition = rospy.rostime.get_rostime_cond()
+            with condition:
+                condition.notify_all()
+
+    def _run(self) -> None:
+        while not rospy.is_shutdown():
+            with self._changed:
+                while self._when is None and not self._stopping:
+                    self._changed.wait()
+                if self._stopping:
+                    return
+                left = self._when - rospy.get_time()
+                due = left <= 0
+                if due:
+                    self._when = None
+                elif rospy.rostime.is_wallclock():
+                    self._changed.wait(left)
+            if due:
+                self._callback()
+            elif not rospy.rostime.is_wallclock():
+                condition = rospy.rostime.get_rostime_cond()
+                with condition:
+                    condition.wait(0.5)  # every tick of /clock notifies; the limit is for shutdown

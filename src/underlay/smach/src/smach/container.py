@@ -1,0 +1,287 @@
+"""The base of all states that consist of other states."""
+
+import contextlib
+import traceback
+import weakref
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+
+import smach
+from smach import construction
+from smach.exceptions import InvalidStateError, InvalidUserCodeError
+from smach.log import wake_at_shutdown
+from smach.preemption import PreemptibleContainer
+from smach.state import State, names
+from smach.user_data import Remapper, UserData
+
+Edge = Tuple[str, str, Optional[str]]
+_Callback = Tuple[Callable[..., None], List[Any]]
+
+
+class Container(PreemptibleContainer):
+    """A state that executes other states, its children; abstract.
+
+    :param outcomes: that executing it may end with.
+    :param input_keys: userdata keys copied from the parent when it starts.
+    :param output_keys: userdata keys copied to the parent when it ends.
+    :ivar userdata: shared by its children. What is set from outside survives between runs; what only a run
+        brought about is there until the next run begins.
+    :cvar keeps_userdata: set to True (on the object or a class) to keep also that, as SMACH does.
+    """
+
+    keeps_userdata: bool = False
+
+    def __init__(
+        self,
+        outcomes: Optional[Iterable[str]] = None,
+        input_keys: Optional[Iterable[str]] = None,
+        output_keys: Optional[Iterable[str]] = None,
+    ) -> None:
+        super().__init__(outcomes, input_keys, output_keys)
+        self.userdata = UserData()
+        self._start_cbs: List[_Callback] = []
+        self._transition_cbs: List[_Callback] = []
+        self._termination_cbs: List[_Callback] = []
+        self._smach_parent: Optional[weakref.ref[Container]] = None
+        self._smach_label = ""
+
+    # --- what it consists of -------------------------------------------------------------------------------
+
+    def get_children(self) -> Dict[str, State]:
+        """The children by label."""
+        raise NotImplementedError
+
+    def __getitem__(self, key: str) -> State:
+        return self.get_children()[key]
+
+    def get_initial_states(self) -> List[str]:
+        """Labels of the children that a run starts with."""
+        raise NotImplementedError
+
+    def set_initial_state(self, initial_states: Sequence[str], userdata: Optional[UserData] = None) -> None:
+        """Chooses the children that a run starts with and adds to the userdata."""
+        raise NotImplementedError
+
+    def get_active_states(self) -> List[str]:
+        """Labels of the children being executed."""
+        raise NotImplementedError
+
+    def get_idle_states(self) -> List[str]:
+        """What :meth:`get_active_states` returns between runs."""
+        return []
+
+    def get_internal_edges(self) -> List[Edge]:
+        """Transitions as (outcome, from label, to label); None: to the container's outcome of that name."""
+        raise NotImplementedError
+
+    def check_consistency(self) -> None:
+        """Checks the definition.
+
+        :raises SmachError: it cannot be executed.
+        """
+        raise NotImplementedError
+
+    # --- construction --------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Makes it the container that ``add`` of this thread adds to."""
+        construction.push(self)
+
+    def close(self) -> None:
+        """Ends :meth:`open`.
+
+        :raises SmachError: the definition is not complete or contradicts itself.
+        """
+        construction.pop(self)
+        self.check_consistency()
+
+    def is_opened(self) -> bool:
+        """Whether this thread has it open."""
+        return construction.is_open(self)
+
+    def assert_opened(self, msg: str = "Not currently open.") -> None:
+        """Raises InvalidStateError unless this thread has it open."""
+        if not self.is_opened():
+            raise InvalidStateError(f"{self._path()}: {msg}")
+
+    @contextlib.contextmanager
+    def opened(self, **kwargs: Any) -> Iterator["Container"]:
+        """Opens it for a ``with`` block.
+
+        :param kwargs: arguments (``transitions``, ``remapping``, …) for every ``add`` in the block; those given
+            to an ``add`` itself come first.
+        """
+        construction.push(self, kwargs)
+        try:
+            yield self
+        except BaseException:
+            construction.pop(self)
+            raise
+        self.close()
+
+    def __enter__(self) -> "Container":
+        self.open()
+        return self
+
+    def __exit__(self, error_type: Optional[type], error: Optional[BaseException], trace: Any) -> None:
+        if error is None:
+            self.close()
+        else:
+            construction.pop(self)
+
+    def _adopt(self, label: str, state: State) -> None:
+        """Checks a child that is being added, and makes it one.
+
+        :raises InvalidStateError: the label is taken, or the state is none.
+        """
+        where = self._path(label)
+        if not isinstance(label, str) or not label:
+            raise InvalidStateError(f"'{where}': a label must be a text that is not empty, not {label!r}")
+        if not isinstance(state, State):
+            raise InvalidStateError(f"'{where}': {state!r} is not a smach.State")
+        if label in self.get_children():
+            raise InvalidStateError(f"'{where}': there is a state of this label already")
+        if state is self:
+            raise InvalidStateError(f"'{where}': a container cannot contain itself")
+        if isinstance(state, Container):
+            state._smach_parent = weakref.ref(self)
+            state._smach_label = label
+
+    def _path(self, label: str = "") -> str:
+        """Where it (or its child) is, as far as it is known: labels from the outermost container."""
+        parent = self._smach_parent() if self._smach_parent is not None else None
+        own = parent._path(self._smach_label) if parent is not None else ""
+        return f"{own}/{label}" if label else own or "/"
+
+    # --- callbacks -----------------------------------------------------------------------------------------
+
+    def register_start_cb(self, start_cb: Callable[..., None], cb_args: Iterable[Any] = ()) -> None:
+        """Has ``start_cb(userdata, initial_states, *cb_args)`` called when a run begins."""
+        self._start_cbs.append((start_cb, list(cb_args)))
+
+    def register_transition_cb(self, transition_cb: Callable[..., None], cb_args: Iterable[Any] = ()) -> None:
+        """Has ``transition_cb(userdata, active_states, *cb_args)`` called after each transition."""
+        self._transition_cbs.append((transition_cb, list(cb_args)))
+
+    def register_termination_cb(
+        self, termination_cb: Callable[..., None], cb_args: Iterable[Any] = ()
+    ) -> None:
+        """Has ``termination_cb(userdata, terminal_states, container_outcome, *cb_args)`` called at the end."""
+        self._termination_cbs.append((termination_cb, list(cb_args)))
+
+    def unregister_cb(self, cb: Callable[..., None]) -> None:
+        """Ends what any of the three register functions began with this callback. SMACH has no such method."""
+        for name in ("_start_cbs", "_transition_cbs", "_termination_cbs"):
+            setattr(self, name, [entry for entry in getattr(self, name) if entry[0] != cb])
+
+    def call_start_cbs(self) -> None:
+        """Calls the start callbacks."""
+        self._call(self._start_cbs, "start", self.get_initial_states)
+
+    def call_transition_cbs(self) -> None:
+        """Calls the transition callbacks."""
+        self._call(self._transition_cbs, "transition", self.get_active_states)
+
+    def call_termination_cbs(self, terminal_states: List[str], outcome: Optional[str]) -> None:
+        """Calls the termination callbacks."""
+        self._call(self._termination_cbs, "termination", lambda: terminal_states, outcome)
+
+    def _call(self, cbs: List[_Callback], kind: str, states: Callable[[], List[str]], *args: Any) -> None:
+        for cb, cb_args in cbs:
+            try:
+                cb(self.userdata, list(states()), *args, *cb_args)
+            except Exception:
+                smach.logerr(
+                    f"Container '{self._path()}': a {kind} callback raised an exception; the others are called, "
+                    f"the run goes on.\n{traceback.format_exc()}"
+                )
+
+    # --- userdata ------------------------------------------------------------------------------------------
+
+    def _copy_input_keys(self, parent_ud: Any) -> None:
+        if parent_ud is not None:
+            self._copy(parent_ud, self.userdata, self._input_keys, "input")
+
+    def _copy_output_keys(self, parent_ud: Any) -> None:
+        if parent_ud is not None:
+            self._copy(self.userdata, parent_ud, self._output_keys, "output")
+
+    def _copy(self, source: Any, target: Any, keys: Iterable[str], kind: str) -> None:
+        for key in keys:
+            try:
+                value = source[key]
+            except KeyError:
+                smach.logwarn(f"Container '{self._path()}': the {kind} key '{key}' has no value to copy")
+            else:
+                target[key] = value
+
+    def _view(
+        self, state: State, remapping: Mapping[str, str], constants: Optional[Mapping[str, Any]] = None
+    ) -> Remapper:
+        """The userdata as a child sees it."""
+        return Remapper(
+            self.userdata,
+            state.get_registered_input_keys(),
+            state.get_registered_output_keys(),
+            remapping,
+            constants,
+        )
+
+    # --- running -------------------------------------------------------------------------------------------
+
+    def _begin_run(self) -> bool:
+        by_container = super()._begin_run()
+        self.userdata._begin_run(self.keeps_userdata)
+        return by_container
+
+    def _end_run(self, by_container: bool) -> None:
+        self.userdata._end_run()
+        super()._end_run(by_container)
+
+    def _user_code_error(self, label: str, state: State, error: BaseException) -> InvalidUserCodeError:
+        return InvalidUserCodeError(
+            f"State '{self._path(label)}' of type '{type(state).__name__}' raised "
+            f"{type(error).__name__}: {error}\n"
+            + "".join(traceback.format_exception(type(error), error, error.__traceback__))
+        )
+
+    def __getstate__(self) -> Dict[str, Any]:
+        state = dict(self.__dict__)
+        for name in (
+            "_smach_changed",
+            "_smach_executing",
+            "_smach_forwards",
+            "_smach_runner",
+            "_smach_parent",
+        ):
+            state.pop(name, None)
+        state["_is_running"] = False
+        return state
+
+    def __setstate__(self, state: Dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._smach_parent = None
+        self._make_lock()
+        for label, child in self.get_children().items():
+            if isinstance(child, Container):
+                child._smach_parent, child._smach_label = weakref.ref(self), label
+
+    def _make_lock(self) -> None:
+        super()._make_lock()
+        wake_at_shutdown(self._smach_changed)
+
+
+def remapping_of(remapping: Optional[Mapping[str, str]], where: str) -> Dict[str, str]:
+    """A copy of a remapping argument; an empty list counts as none.
+
+    :raises InvalidStateError: it is not a mapping.
+    """
+    if not remapping:
+        return {}
+    if not isinstance(remapping, Mapping):
+        raise InvalidStateError(
+            f"'{where}': remapping must be a dict state key -> container key, not {remapping!r}"
+        )
+    return dict(remapping)
+
+
+__all__ = ["Container", "Edge", "names", "remapping_of"]

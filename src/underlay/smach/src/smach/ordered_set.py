@@ -1,0 +1,40 @@
+"""A set that keeps the order in which its members came: structure messages must not change between processes."""
+
+from collections.abc import MutableSet
+from typing import Any, Dict, Iterable, Iterator
+
+
+class OrderedSet(MutableSet):
+    """A set with the order of insertion.
+
+    :param items: the first members.
+    """
+
+    __slots__ = ("_items",)
+
+    def __init__(self, items: Iterable[Any] = ()) -> None:
+        self._items: Dict[Any, None] = dict.fromkeys(items)
+
+    def __contains__(self, item: object) -> bool:
+        return item in self._items
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def add(self, item: Any) -> None:
+        """Adds a member at the end, unless it is one."""
+        self._items[item] = None
+
+    def discard(self, item: Any) -> None:
+        """Removes a member if it is one."""
+        self._items.pop(item, None)
+
+    def update(self, items: Iterable[Any]) -> None:
+        """Adds several members."""
+        self._items.update(dict.fromkeys(items))
+
+    def __repr__(self) -> str:
+        return f"OrderedSet({list(self._items)!r})"

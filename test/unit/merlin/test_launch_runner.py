@@ -1,0 +1,164 @@
+"""The runner with real processes: how a run ends, what it says, and that nothing of it is left."""
+
+import contextlib
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import List, Tuple
+
+import pytest
+
+LAUNCH_FILE = Path(__file__).resolve().parents[2] / "data" / "runner" / "runner.launch"
+RUN = [sys.executable, "-c", "from merlin.launch_runner import main; raise SystemExit(main())"]
+
+
+class Run:
+    """One run in a session of its own."""
+
+    def __init__(self, tmp_path: Path, *words: str) -> None:
+        env = dict(os.environ, ROS_HOME=str(tmp_path), ROS_LOG_DIR=str(tmp_path / "log"))
+        env.pop("ROS_MASTER_URI", None)
+        self._mark = f"MERLIN_TEST={tmp_path}"
+        env["MERLIN_TEST"] = str(tmp_path)
+        self.process = subprocess.Popen(
+            [*RUN, *words], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+
+    def end(self) -> Tuple[int, List[str], List[str]]:
+        """Exit code, lines of standard output, lines of standard error."""
+        out, err = self.process.communicate(timeout=60)
+        return self.process.returncode, out.splitlines(), err.splitlines()
+
+    def read_until(self, text: str) -> str:
+        """Reads standard output up to the line that holds the text."""
+        for line in self.process.stdout:
+            if text in line:
+                return line
+        raise AssertionError(f"'{text}' never came: {self.process.communicate()}")
+
+    def left(self) -> List[str]:
+        """Command lines of living processes that inherited this run's environment."""
+        found = []
+        for folder in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):  # ended meanwhile
+                if self._mark.encode() in (folder / "environ").read_bytes():
+                    found.append((folder / "cmdline").read_text().replace("\0", " "))
+        return found
+
+
+def run(tmp_path: Path, *words: str) -> Tuple[int, List[str], List[str]]:
+    started = Run(tmp_path, *words)
+    result = started.end()
+    assert started.left() == []
+    return result
+
+
+@pytest.mark.parametrize("code", [0, 3])
+def test_ends_with_the_missions_exit_code_and_shows_only_its_lines(tmp_path: Path, code: int) -> None:
+    exit_code, out, err = run(tmp_path, str(LAUNCH_FILE), f"mission:=exit {code}")
+    assert exit_code == code
+    assert out == ["mission: last line"]
+    if code:
+        assert len(err) == 1
+        assert "exit code 3" in err[0]
+        assert Path(err[0].rsplit("logs: ", 1)[1]).is_dir()
+    else:
+        assert err == []
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ((), "name one launch file"),
+        (("nowhere.launch",), "no launch file 'nowhere.launch'"),
+        ((str(LAUNCH_FILE), "misson:=exit 0"), "did you mean 'mission'?"),
+        ((str(LAUNCH_FILE), "port:=eleven"), "not a TCP port"),
+        ((str(LAUNCH_FILE), "domain:=/nowhere/domain.pddl"), "/nowhere/domain.pddl"),
+        ((str(LAUNCH_FILE), "executable:=nothing"), "merlin_test/nothing"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    tmp_path: Path, words: Tuple[str, ...], expected: str
+) -> None:
+    exit_code, out, err = run(tmp_path, *words)
+    assert exit_code == 2
+    assert out == []
+    assert len(err) == 1
+    assert expected in err[0]
+
+
+def test_unreadable_launch_file_is_one_line(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.launch"
+    broken.write_text("<launch><include file='/nowhere.launch'/></launch>")
+    exit_code, _, err = run(tmp_path, str(broken))
+    assert exit_code == 2
+    assert len(err) == 1
+    assert "/nowhere.launch" in err[0]
+
+
+def test_a_busy_port_is_refused(tmp_path: Path) -> None:
+    with socket.socket() as holder:
+        holder.bind(("", 0))
+        holder.listen()
+        port = holder.getsockname()[1]
+        exit_code, _, err = run(tmp_path, str(LAUNCH_FILE), f"port:={port}")
+    assert exit_code == 2
+    assert len(err) == 1
+    assert str(port) in err[0]
+
+
+def test_two_runs_beside_each_other(tmp_path: Path) -> None:
+    first = Run(tmp_path / "a", str(LAUNCH_FILE), "mission:=wait")
+    second = Run(tmp_path / "b", str(LAUNCH_FILE), "mission:=exit 0")
+    assert second.end()[0] == 0
+    first.read_until("ready")
+    first.process.send_signal(signal.SIGTERM)
+    assert first.end()[0] == 143
+    assert first.left() == second.left() == []
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_stops_everything(tmp_path: Path, number: int, code: int) -> None:
+    started = Run(tmp_path, str(LAUNCH_FILE), "mission:=wait")
+    started.read_until("ready")
+    started.process.send_signal(number)
+    exit_code, _, err = started.end()
+    assert exit_code == code
+    assert "stopping" in err[0]
+    assert started.left() == []
+
+
+def test_a_node_that_ignores_signals_is_killed(tmp_path: Path) -> None:
+    started = Run(tmp_path, str(LAUNCH_FILE), "mission:=deaf", "other:=deaf")
+    started.read_until("ready")
+    began = time.monotonic()
+    started.process.send_signal(signal.SIGINT)
+    assert started.end()[0] == 130
+    assert time.monotonic() - began < 30
+    assert started.left() == []
+
+
+def test_what_a_node_leaves_behind_is_ended(tmp_path: Path) -> None:
+    exit_code, out, _ = run(tmp_path, str(LAUNCH_FILE), "mission:=litter")
+    assert exit_code == 0
+    child = int(re.search(r"left (\d+) behind", out[0]).group(1))
+    assert not Path(f"/proc/{child}").exists()
+
+
+def test_a_required_node_that_dies_ends_the_run_by_name(tmp_path: Path) -> None:
+    exit_code, _, err = run(tmp_path, str(LAUNCH_FILE), "mission:=wait", "other:=exit 4", "required:=true")
+    assert exit_code == 4
+    assert "node 'other' died with exit code 4" in err[0]
+
+
+def test_another_node_that_dies_is_only_reported(tmp_path: Path) -> None:
+    started = Run(tmp_path, str(LAUNCH_FILE), "mission:=wait", "other:=exit 4")
+    started.read_until("ready")
+    assert "node 'other' died" in started.process.stderr.readline()
+    started.process.send_signal(signal.SIGINT)
+    assert started.end()[0] == 130

@@ -1,0 +1,87 @@
+"""Goals and facts as PDDL text."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosplan_knowledge_msgs.msg import KnowledgeItem
+
+from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal, parse_literals, to_pddl
+
+NAMES = st.from_regex(r"[a-z][a-z0-9_-]{0,8}", fullmatch=True).filter(
+    lambda name: name not in ("and", "not", "or", "imply", "forall", "exists", "when")
+)
+LITERALS = st.builds(
+    lambda name, arguments, negative: (
+        f"(not ({' '.join([name, *arguments])}))" if negative else f"({' '.join([name, *arguments])})"
+    ),
+    NAMES,
+    st.lists(NAMES, max_size=3),
+    st.booleans(),
+)
+
+
+@given(LITERALS)
+def test_a_literal_survives_the_way_there_and_back(text: str) -> None:
+    assert [to_pddl(item) for item in parse_goal(text)] == [text]
+
+
+@given(st.lists(LITERALS, min_size=1, max_size=4))
+def test_a_conjunction_is_its_parts_in_order(texts: list) -> None:
+    items = parse_goal("(and " + "\n ".join(texts) + ")")
+    assert [to_pddl(item) for item in items] == texts
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(>= (battery) 20)",
+        "(< (+ (load r1) 2) (* 3 (capacity r1)))",
+        "(= (distance a b) 4.5)",
+        "(> (- (x)) -1)",
+    ],
+)
+def test_comparisons_survive(text: str) -> None:
+    (item,) = parse_goal(text)
+    assert item.knowledge_type == KnowledgeItem.INEQUALITY
+    assert to_pddl(item) == text
+
+
+@pytest.mark.parametrize(
+    "text, part",
+    [
+        ("(checked kitchen", "never closed"),
+        ("checked kitchen)", "without '('"),
+        ("", "expected one goal"),
+        ("checked", "expected one goal"),
+        ("(a) (b)", "expected one goal"),
+        ("()", "empty"),
+        ("(checked (kitchen))", "argument"),
+        ("(or (a) (b))", "'or'"),
+        ("(not (a) (b))", "one fact"),
+        ("(not (not (a)))", "plain fact"),
+        ("(> (battery))", "two expressions"),
+        ("(> (battery) full)", "neither a number nor a function"),
+        ("(9lives)", "no name"),
+    ],
+)
+def test_what_is_no_goal_is_refused_with_the_reason(text: str, part: str) -> None:
+    with pytest.raises(PDDLSyntaxError, match="(?i)" + part.replace("(", r"\(").replace(")", r"\)")):
+        parse_goal(text)
+
+
+@given(st.text(max_size=40))
+def test_any_text_gives_goals_or_a_reason(text: str) -> None:
+    try:
+        parse_goal(text)
+    except PDDLSyntaxError as error:
+        assert str(error)
+
+
+def test_variables_are_bound() -> None:
+    items = parse_literals(["(robot_at ?to)", "(not (robot_at ?from))"], {"to": "kitchen", "from": "hall"})
+    assert [to_pddl(item) for item in items] == ["(robot_at kitchen)", "(not (robot_at hall))"]
+
+
+def test_an_unbound_variable_is_named() -> None:
+    with pytest.raises(PDDLSyntaxError, match=r"\?to"):
+        parse_literals(["(robot_at ?to)"], {})
