@@ -345,8 +345,8 @@ class KnowledgeBaseTest(unittest.TestCase):
         def client(number):
             update = rospy.ServiceProxy(f"{KB}/update", KnowledgeUpdateService, persistent=True)
             for _ in range(50):
-                for kind in (Update.ADD_KNOWLEDGE, Update.REMOVE_KNOWLEDGE):
-                    results.append(update(kind, instance("poi", f"spot{number}")).success)
+                results.append(update(Update.ADD_KNOWLEDGE, instance("poi", f"spot{number}")).success)
+                results.append(update(Update.REMOVE_KNOWLEDGE, instance("poi", f"spot{number}")).success)
             update.close()
 
         threads = [threading.Thread(target=client, args=(number,)) for number in range(8)]
