@@ -39,6 +39,10 @@ class PreemptibleContainer(State):
         """Whether it is being executed."""
         return self._is_running
 
+    def runs_in_this_thread(self) -> bool:
+        """Whether the calling thread is the one that executes it. SMACH has no such method."""
+        return self._smach_runner is threading.current_thread()
+
     def wait_until_idle(self, timeout: Optional[float] = None) -> bool:
         """Waits until it is not being executed. SMACH has no such method.
 
@@ -47,7 +51,7 @@ class PreemptibleContainer(State):
         """
         end = None if timeout is None else time.monotonic() + timeout
         with self._smach_changed:
-            while self._is_running and self._smach_runner is not threading.current_thread():
+            while self._is_running and not self.runs_in_this_thread():
                 left = None if end is None else end - time.monotonic()
                 if left is not None and left <= 0.0:
                     break

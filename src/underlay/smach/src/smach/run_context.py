@@ -11,7 +11,9 @@ import threading
 from typing import Any, NamedTuple, Optional
 
 _numbers = itertools.count(1)
-flag_lock = threading.Lock()  # owner of every state's `_preempt_requested` together with `_preempt_number`
+# Owner of every state's `_preempt_requested` together with `_preempt_number`. Re-entrant, because a signal handler may
+# preempt a container while its thread is right here.
+flag_lock = threading.RLock()
 
 
 class Run(NamedTuple):
