@@ -246,8 +246,7 @@ class Container(PreemptibleContainer):
 
     def __getstate__(self) -> Dict[str, Any]:
         state = dict(self.__dict__)
-        for name in (
-            "_smach_changed",
+        for name in ("_smach_lock", "_smach_changed",
             "_smach_executing",
             "_smach_forwards",
             "_smach_runner",

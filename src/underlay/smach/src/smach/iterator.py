@@ -170,13 +170,13 @@ class Iterator(Container):
         try:
             self.check_consistency()
             self._copy_input_keys(parent_ud)
-            smach.loginfo(f"Iterator starting with state '{self._state_label}'")
+            smach.logdebug(f"Iterator starting with state '{self._state_label}'")
             self.call_start_cbs()
             outcome = self._loop()
             if outcome is None:
-                smach.loginfo(f"Iterator '{self._path()}' ends because of a shutdown")
+                smach.logdebug(f"Iterator '{self._path()}' ends because of a shutdown")
             else:
-                smach.loginfo(f"Iterator terminating with outcome '{outcome}'")
+                smach.logdebug(f"Iterator terminating with outcome '{outcome}'")
                 self.call_termination_cbs([self._state_label], outcome)
             return outcome
         finally:
@@ -219,7 +219,7 @@ class Iterator(Container):
         except Exception as error:
             raise self._user_code_error(self._state_label, state, error) from error
         finally:
-            with self._smach_changed:
+            with self._smach_lock:
                 unserved = self._end_child(self._state_label, state)
                 preempted = self._preempt_requested
                 if not unserved:

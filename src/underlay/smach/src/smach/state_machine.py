@@ -219,13 +219,13 @@ class StateMachine(Container):
             self.check_consistency()
             self._copy_input_keys(parent_ud)
             self._set_current(self._initial_state_label)
-            smach.loginfo(f"State machine starting in initial state '{self._initial_state_label}'")
+            smach.logdebug(f"State machine starting in initial state '{self._initial_state_label}'")
             self.call_start_cbs()
             outcome = None
             while outcome is None and not smach.is_shutdown():
                 outcome = self._step()
             if outcome is None:
-                smach.loginfo(f"State machine '{self._path()}' ends because of a shutdown")
+                smach.logdebug(f"State machine '{self._path()}' ends because of a shutdown")
             else:
                 self.call_termination_cbs([str(self._current_label)], outcome)
             return outcome
@@ -237,7 +237,7 @@ class StateMachine(Container):
                 self._end_run(by_container)
 
     def _set_current(self, label: Optional[str]) -> None:
-        with self._smach_changed:
+        with self._smach_lock:
             self._current_label = label
             self._current_state = self._states[label] if label is not None else None
 
@@ -258,7 +258,7 @@ class StateMachine(Container):
         except Exception as error:
             raise self._user_code_error(label, state, error) from error
         finally:
-            with self._smach_changed:
+            with self._smach_lock:
                 if not self._end_child(label, state):
                     self._preempt_requested = False
         if outcome is None and smach.is_shutdown():
@@ -270,7 +270,7 @@ class StateMachine(Container):
             )
         target = self._transitions[label].get(outcome)
         if target in self._states:
-            smach.loginfo(f"State machine transitioning '{label}':'{outcome}'-->'{target}'")
+            smach.logdebug(f"State machine transitioning '{label}':'{outcome}'-->'{target}'")
             self._set_current(target)
             self.call_transition_cbs()
             return None
@@ -280,7 +280,7 @@ class StateMachine(Container):
                 f"Outcome '{outcome}' of state '{self._path(label)}' leads to '{container_outcome}', which is "
                 f"neither a state nor an outcome of the machine"
             )
-        smach.loginfo(f"State machine terminating '{label}':'{outcome}':'{container_outcome}'")
+        smach.logdebug(f"State machine terminating '{label}':'{outcome}':'{container_outcome}'")
         return container_outcome
 
     def request_preempt(self) -> None:
