@@ -90,7 +90,9 @@ class Stages:
             self.system.set_goals(("checked", poi))
             answer = self.run_once()
             self.assertTrue(answer.success and answer.goal_achieved, poi)
-            self.assertEqual(self.system.knowledge.query([fact("checked", poi), fact("robot_at", poi)]), [True, True])
+            self.assertEqual(
+                self.system.knowledge.query([fact("checked", poi), fact("robot_at", poi)]), [True, True]
+            )
         asked = [m.parameters[0].value for m in actions.messages if m.name == "ask"]
         self.assertEqual(asked, ["kitchen", "bathroom", "main_door", "dorm_room"])
 
