@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any, Callable, List, Optional
 
 import pytest
+
 import smach
 
 LIMIT = 10.0  # s after which something that must happen counts as hanging

@@ -1,8 +1,9 @@
-"""Defects D1 to D9 and D11: definitions are checked where they are made, and share nothing with their makers."""
+"""Defects D1 to D9 and D11: definitions are checked where they are made, and share nothing with the caller."""
 
 import threading
 
 import pytest
+
 import smach
 
 

@@ -5,6 +5,7 @@ import threading
 import traceback
 
 import pytest
+
 import smach
 
 

@@ -1,6 +1,7 @@
 """The Iterator, and defect D8: it goes through all items, again in each run, and hides no error."""
 
 import pytest
+
 import smach
 
 

@@ -2,9 +2,10 @@
 
 import threading
 
-import smach
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
+import smach
 
 LIMIT = 20.0  # s after which a run counts as hanging
 OUTCOMES = ["done", "failed", "preempted"]

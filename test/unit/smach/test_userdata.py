@@ -5,6 +5,7 @@ import pickle
 import threading
 
 import pytest
+
 import smach
 
 

@@ -22,10 +22,10 @@ class Concurrence(Container):
     :param output_keys: userdata keys copied to the parent when it ends.
     :param outcome_map: outcome -> {child label: child outcome}; of the entries that hold, the one with most
         criteria decides, of equal ones the first.
-    :param outcome_cb: called with {child label: child outcome}; returns the outcome, or None to leave it to the
-        map and the default.
-    :param child_termination_cb: called with {child label: child outcome or None} whenever a child ends; a list
-        of labels preempts these, anything else that is true preempts all that still run.
+    :param outcome_cb: called with {child label: child outcome}; returns the outcome, or None to leave it to
+        the map and the default.
+    :param child_termination_cb: called with {child label: child outcome or None} whenever a child ends; a
+        list of labels preempts these, anything else that is true preempts all that still run.
     :raises InvalidStateError: the policies contradict the outcomes.
     """
 
@@ -89,8 +89,8 @@ class Concurrence(Container):
             for label, child_outcome in criteria.items():
                 if label not in self._states:
                     raise InvalidStateError(
-                        f"Concurrence '{self._path()}': the outcome map's '{outcome}' names the child '{label}', "
-                        f"which does not exist; children: {list(self._states)}"
+                        f"Concurrence '{self._path()}': the outcome map's '{outcome}' names "
+                        f"the child '{label}', which does not exist; children: {list(self._states)}"
                     )
                 registered = self._states[label].get_registered_outcomes()
                 if child_outcome not in registered:
@@ -200,8 +200,8 @@ class Concurrence(Container):
             return None
         if outcome not in self._outcomes:
             raise InvalidTransitionError(
-                f"Concurrence '{self._path()}': outcome_cb returned '{outcome}', which is not one of its outcomes "
-                f"{list(self._outcomes)}"
+                f"Concurrence '{self._path()}': outcome_cb returned '{outcome}', which is not one "
+                f"of its outcomes {list(self._outcomes)}"
             )
         return outcome
 

@@ -88,7 +88,8 @@ class Iterator(Container):
                 it = _Remembered(it) if iter(it) is it else it
             except TypeError:
                 raise InvalidStateError(
-                    f"Iterator '{self._path()}': items must be iterable or return something iterable, not {it!r}"
+                    f"Iterator '{self._path()}': items must be iterable or return something "
+                    f"iterable, not {it!r}"
                 ) from None
         self._items, self._items_label = it, it_label
 
@@ -201,7 +202,8 @@ class Iterator(Container):
                 return None
             if outcome not in state.get_registered_outcomes():
                 raise InvalidTransitionError(
-                    f"State '{self._path(self._state_label)}' ended with {outcome!r}, which is not one of its "
+                    f"State '{self._path(self._state_label)}' ended with {outcome!r}, which is "
+                    "not one of its "
                     f"registered outcomes {list(state.get_registered_outcomes())}"
                 )
             if preempted or self._breaks(outcome):
@@ -247,7 +249,8 @@ class Iterator(Container):
         if preempted and PREEMPTED in self._outcomes:
             return PREEMPTED
         raise InvalidTransitionError(
-            f"Iterator '{self._path()}' was preempted and its state ended with '{outcome}', but neither '{final}' "
+            f"Iterator '{self._path()}' was preempted and its state ended with '{outcome}', but "
+            f"neither '{final}' "
             f"nor '{PREEMPTED}' is one of its outcomes {list(self._outcomes)}"
         )
 

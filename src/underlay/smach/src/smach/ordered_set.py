@@ -1,4 +1,4 @@
-"""A set that keeps the order in which its members came, so that structure messages are the same everywhere."""
+"""A set that keeps the order in which its members came: structure messages are the same everywhere."""
 
 from collections.abc import MutableSet
 from typing import Any, Dict, Iterable, Iterator, Optional, Tuple

@@ -77,7 +77,8 @@ class PreemptibleContainer(State):
                 child.request_preempt()
             except Exception:
                 smach.logerr(
-                    f"State '{self._path(label)}': request_preempt() raised an exception\n{traceback.format_exc()}"
+                    f"State '{self._path(label)}': request_preempt() raised an "
+                    f"exception\n{traceback.format_exc()}"
                 )
             finally:
                 with self._smach_lock:
@@ -93,7 +94,8 @@ class PreemptibleContainer(State):
         with self._smach_lock:
             if self._is_running:
                 raise InvalidStateError(
-                    f"Container '{self._path()}' is being executed already; it cannot be executed a second time"
+                    f"Container '{self._path()}' is being executed already; it cannot be "
+                    "executed a second time"
                 )
             by_container = run_context.begin_run(self)
             self._is_running = True

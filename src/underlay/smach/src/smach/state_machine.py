@@ -51,7 +51,7 @@ class StateMachine(Container):
         :param transitions: outcome -> label of the next state, or outcome of the machine; what is not listed
             (or None) ends the machine with the outcome of the same name.
         :param remapping: userdata key of the state -> userdata key of the machine.
-        :param constants: userdata key of the machine -> value the state reads there, only during its execution.
+        :param constants: userdata key of the machine -> value that this state reads there.
         :return: the state.
         :raises SmachError: with the path of the container and the label.
         """
@@ -145,7 +145,8 @@ class StateMachine(Container):
             raise InvalidStateError(f"State machine '{self._path()}' has no initial state: it has no states")
         if self._initial_state_label not in self._states:
             raise InvalidStateError(
-                f"State machine '{self._path()}': the initial state '{self._initial_state_label}' is not one of "
+                f"State machine '{self._path()}': the initial state "
+                f"'{self._initial_state_label}' is not one of "
                 f"its states {list(self._states)}"
             )
         errors = []
@@ -153,7 +154,8 @@ class StateMachine(Container):
             for outcome, target in transitions.items():
                 if target is None and outcome not in self._outcomes:
                     errors.append(
-                        f"outcome '{outcome}' of state '{self._path(label)}' has no transition, and the machine "
+                        f"outcome '{outcome}' of state '{self._path(label)}' has no transition, "
+                        "and the machine "
                         "has no outcome of that name"
                     )
                 elif target is not None and target not in self._states and target not in self._outcomes:
@@ -265,7 +267,8 @@ class StateMachine(Container):
             return None
         if outcome not in state.get_registered_outcomes():
             raise InvalidTransitionError(
-                f"State '{self._path(label)}' of type '{type(state).__name__}' ended with {outcome!r}, which is "
+                f"State '{self._path(label)}' of type '{type(state).__name__}' ended with "
+                f"{outcome!r}, which is "
                 f"not one of its registered outcomes {list(state.get_registered_outcomes())}"
             )
         target = self._transitions[label].get(outcome)
@@ -277,7 +280,8 @@ class StateMachine(Container):
         container_outcome = outcome if target is None else target
         if container_outcome not in self._outcomes:
             raise InvalidTransitionError(
-                f"Outcome '{outcome}' of state '{self._path(label)}' leads to '{container_outcome}', which is "
+                f"Outcome '{outcome}' of state '{self._path(label)}' leads to "
+                f"'{container_outcome}', which is "
                 f"neither a state nor an outcome of the machine"
             )
         smach.logdebug(f"State machine terminating '{label}':'{outcome}':'{container_outcome}'")
