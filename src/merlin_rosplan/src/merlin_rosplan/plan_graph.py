@@ -93,16 +93,53 @@ class PlanGraph:
         return edge
 
 
-class _Touched:
-    """Who has done what to one atom so far, in the order of the plan."""
+class _Run:
+    """Consecutive nodes that all want an atom true (or all want it false), in the order of the plan."""
 
-    __slots__ = ("adders", "deleters", "needers", "forbidders")
+    __slots__ = ("positive", "nodes", "changes")
+
+    def __init__(self, positive: bool) -> None:
+        self.positive = positive
+        self.nodes: List[int] = []
+        self.changes = False  # whether one of them makes it so
+
+
+class _Touched:
+    """Who has needed or changed one atom so far."""
+
+    __slots__ = ("runs", "last_adder", "last_deleter")
 
     def __init__(self) -> None:
-        self.adders: List[int] = []
-        self.deleters: List[int] = []
-        self.needers: List[int] = []
-        self.forbidders: List[int] = []
+        self.runs: List[_Run] = []
+        self.last_adder: Optional[int] = None
+        self.last_deleter: Optional[int] = None
+
+    def note(self, node: int, positive: bool, changes: bool) -> None:
+        """A node needs the atom true or false, or makes it so."""
+        if not self.runs or self.runs[-1].positive != positive:
+            self.runs.append(_Run(positive))
+        self.runs[-1].nodes.append(node)
+        self.runs[-1].changes |= changes
+        if changes and positive:
+            self.last_adder = node
+        elif changes:
+            self.last_deleter = node
+
+    def against(self, positive: bool, reduce: bool) -> List[int]:
+        """Earlier nodes that a node making the atom `positive` contradicts.
+
+        Reduced: those behind two changes are left out. Each of them precedes the first change, that one the
+        second, and the second the node.
+        """
+        nodes: List[int] = []
+        for index in range(len(self.runs) - 1, -1, -1):
+            run = self.runs[index]
+            if run.positive == positive:
+                continue
+            nodes.extend(run.nodes)
+            if reduce and run.changes and index > 0 and self.runs[index - 1].changes:
+                break
+        return nodes
 
 
 class _Happening(NamedTuple):
@@ -122,6 +159,7 @@ def build_graph(
     actions: Sequence[Operator],
     timed: Iterable[TimedLiteral] = (),
     epsilon: float = 0.01,
+    reduce: bool = False,
 ) -> PlanGraph:
     """Makes the graph of a plan.
 
@@ -131,6 +169,8 @@ def build_graph(
     actions: its ground actions, one for each step.
     timed: timed literals, times from the start of the plan.
     epsilon: s by which a condition must be used before a timed literal breaks it.
+    reduce: leave out interference edges that follow from others. ROSPlan draws them all, and their number
+        grows with the square of the plan's length.
     """
     graph = PlanGraph([Node(0, NodeType.PLAN_START, "plan_start", -1)])
     for index, step in enumerate(steps):
@@ -151,7 +191,7 @@ def build_graph(
             duration = steps[node.action].duration
             graph.connect(EdgeType.START_END, start, node.id, duration, duration)
         supported = _support(graph, node, happening, touched, literals, time_of(node), epsilon)
-        supported |= _interference(graph, node, start, happening, touched)
+        supported |= _interference(graph, node, start, happening, touched, reduce)
         if not supported:
             graph.connect(EdgeType.CONDITION, 0, node.id)
         _remember(node.id, happening, touched)
@@ -201,8 +241,9 @@ def _support(
     for negative, atoms in ((False, happening.positive), (True, happening.negative)):
         for atom in atoms:
             seen = touched.get(atom)
-            providers = (seen.deleters if negative else seen.adders) if seen is not None else []
-            provider = providers[-1] if providers else None
+            provider = None
+            if seen is not None:
+                provider = seen.last_deleter if negative else seen.last_adder
             if provider is not None:
                 graph.connect(EdgeType.CONDITION, provider, node.id)
                 supported = True
@@ -238,19 +279,15 @@ def _interference(
     start: Optional[int],
     happening: _Happening,
     touched: Dict[Atom, _Touched],
+    reduce: bool,
 ) -> bool:
     """Edges from every earlier node whose condition or effect this node's effects contradict."""
     earlier: Set[int] = set()
-    for atom in happening.add:
-        seen = touched.get(atom)
-        if seen is not None:
-            earlier.update(seen.deleters)
-            earlier.update(seen.forbidders)
-    for atom in happening.delete:
-        seen = touched.get(atom)
-        if seen is not None:
-            earlier.update(seen.adders)
-            earlier.update(seen.needers)
+    for positive, atoms in ((True, happening.add), (False, happening.delete)):
+        for atom in atoms:
+            seen = touched.get(atom)
+            if seen is not None:
+                earlier.update(seen.against(positive, reduce))
     if start is not None:
         earlier.discard(start)
     for source in sorted(earlier):
@@ -259,14 +296,15 @@ def _interference(
 
 
 def _remember(node: int, happening: _Happening, touched: Dict[Atom, _Touched]) -> None:
-    for attribute, atoms in (
-        ("adders", happening.add),
-        ("deleters", happening.delete),
-        ("needers", list(happening.positive) + list(happening.keep_positive)),
-        ("forbidders", list(happening.negative) + list(happening.keep_negative)),
+    for positive, changes, groups in (
+        (True, False, (happening.positive, happening.keep_positive)),
+        (False, False, (happening.negative, happening.keep_negative)),
+        (False, True, (happening.delete,)),
+        (True, True, (happening.add,)),
     ):
-        for atom in atoms:
-            record = touched.get(atom)
-            if record is None:
-                record = touched[atom] = _Touched()
-            getattr(record, attribute).append(node)
+        for atoms in groups:
+            for atom in atoms:
+                record = touched.get(atom)
+                if record is None:
+                    record = touched[atom] = _Touched()
+                record.note(node, positive, changes)
