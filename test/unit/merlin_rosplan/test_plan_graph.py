@@ -5,7 +5,14 @@ import random
 import pytest
 
 from merlin_rosplan.dispatch_schedule import GraphSchedule, PlanError, PlannedAction, SequentialSchedule
-from merlin_rosplan.operator_model import Atom, Conditions, Effects, Operator, over_all_before_start
+from merlin_rosplan.operator_model import (
+    Atom,
+    Comparison,
+    Conditions,
+    Effects,
+    Operator,
+    over_all_before_start,
+)
 from merlin_rosplan.plan_graph import MIN_BOUND, NO_BOUND, EdgeType, PlanGraph, TimedLiteral, build_graph
 from merlin_rosplan.plan_text import PlanStep
 
@@ -97,6 +104,21 @@ def test_timed_literals_bound_who_depends_on_them():
 def test_names_do_not_depend_on_case():
     steps, actions = plan((0, "move", ("a", "Kitchen"), 5), (5, "ask", ("KITCHEN",), 5))
     assert (2, 3) in edges(build_graph(steps, actions))
+
+
+def test_changes_of_a_number_keep_their_order():
+    battery = Atom("battery", ("r",))
+    paint = Operator(
+        "paint",
+        ("r",),
+        at_start=Conditions(comparisons=(Comparison(None, (battery,)),)),
+        start_effects=Effects(writes=(battery,)),
+    )
+    look = Operator("look", ("r",), at_start=Conditions(comparisons=(Comparison(None, (battery,)),)))
+    operators = [paint, look, look, paint]
+    steps = [PlanStep(float(i), operator.name, ("ann",), 10.0) for i, operator in enumerate(operators)]
+    found = edges(build_graph(steps, [operator.ground({"r": "ann"}) for operator in operators]))
+    assert {(1, 3), (1, 5), (3, 7), (5, 7)} <= set(found) and (3, 5) not in found
 
 
 def test_zero_durations_get_the_smallest_bound():

@@ -142,6 +142,16 @@ class _Touched:
         return nodes
 
 
+class _Number:
+    """Who has changed one function value last, and who has read it since."""
+
+    __slots__ = ("writer", "readers")
+
+    def __init__(self) -> None:
+        self.writer: Optional[int] = None
+        self.readers: List[int] = []
+
+
 class _Happening(NamedTuple):
     """What one node needs and changes."""
 
@@ -152,6 +162,8 @@ class _Happening(NamedTuple):
     # protected until this node, besides what it needs itself: the over-all conditions at an action's end
     keep_positive: Sequence[Atom] = ()
     keep_negative: Sequence[Atom] = ()
+    reads: Sequence[Atom] = ()  # function values
+    writes: Sequence[Atom] = ()
 
 
 def build_graph(
@@ -183,6 +195,7 @@ def build_graph(
 
     literals = _index(timed)
     touched: Dict[Atom, _Touched] = {}
+    numbers: Dict[Atom, _Number] = {}
     for node in sorted(graph.nodes[1:], key=lambda entry: (time_of(entry), entry.id)):
         action = actions[node.action]
         start = node.id - 1 if node.type == NodeType.ACTION_END else None
@@ -192,6 +205,7 @@ def build_graph(
             graph.connect(EdgeType.START_END, start, node.id, duration, duration)
         supported = _support(graph, node, happening, touched, literals, time_of(node), epsilon)
         supported |= _interference(graph, node, start, happening, touched, reduce)
+        supported |= _numeric_order(graph, node, start, happening, numbers)
         if not supported:
             graph.connect(EdgeType.CONDITION, 0, node.id)
         _remember(node.id, happening, touched)
@@ -216,6 +230,11 @@ def _happening(action: Operator, type_: NodeType) -> _Happening:
             _keys(action.at_start.negative, action.over_all.negative),
             _keys(action.start_effects.add),
             _keys(action.start_effects.delete),
+            reads=_keys(
+                *(entry.reads for entry in action.at_start.comparisons + action.over_all.comparisons),
+                action.start_effects.reads,
+            ),
+            writes=_keys(action.start_effects.writes),
         )
     return _Happening(
         _keys(action.at_end.positive),
@@ -224,6 +243,11 @@ def _happening(action: Operator, type_: NodeType) -> _Happening:
         _keys(action.end_effects.delete),
         _keys(action.over_all.positive),
         _keys(action.over_all.negative),
+        _keys(
+            *(entry.reads for entry in action.at_end.comparisons + action.over_all.comparisons),
+            action.end_effects.reads,
+        ),
+        _keys(action.end_effects.writes),
     )
 
 
@@ -293,6 +317,33 @@ def _interference(
     for source in sorted(earlier):
         graph.connect(EdgeType.INTERFERENCE, source, node.id)
     return bool(earlier)
+
+
+def _numeric_order(
+    graph: PlanGraph, node: Node, start: Optional[int], happening: _Happening, numbers: Dict[Atom, _Number]
+) -> bool:
+    """Edges that keep changes of a number in order, among themselves and with who reads it.
+
+    ROSPlan has none of these: there, actions that use up the same resource start together.
+    """
+    supported = False
+    for term in happening.reads:
+        number = numbers.setdefault(term, _Number())
+        if number.writer is not None and number.writer != start:
+            graph.connect(EdgeType.CONDITION, number.writer, node.id)
+            supported = True
+    for term in happening.writes:
+        number = numbers.setdefault(term, _Number())
+        earlier = number.readers + ([number.writer] if number.writer is not None else [])
+        for source in earlier:
+            if source != start:
+                graph.connect(EdgeType.INTERFERENCE, source, node.id)
+                supported = True
+        number.writer, number.readers = node.id, []
+    for term in happening.reads:
+        if term not in happening.writes:
+            numbers[term].readers.append(node.id)
+    return supported
 
 
 def _remember(node: int, happening: _Happening, touched: Dict[Atom, _Touched]) -> None:
