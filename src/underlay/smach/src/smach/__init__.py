@@ -5,7 +5,6 @@ The package needs neither ROS nor any other library. What the names do is told i
 
 from smach import util
 from smach.cb_interface import CBInterface, cb_interface, has_smach_interface
-from smach.cb_state import CBState
 from smach.concurrence import Concurrence
 from smach.container import Container
 from smach.exceptions import (
@@ -18,7 +17,7 @@ from smach.exceptions import (
 from smach.iterator import Iterator
 from smach.log import is_shutdown, logdebug, logerr, loginfo, logwarn, set_loggers, set_shutdown_check
 from smach.sequence import Sequence
-from smach.state import State
+from smach.state import CBState, State
 from smach.state_machine import StateMachine
 from smach.user_data import Remapper, UserData, set_strict_userdata
 

@@ -101,12 +101,13 @@ def _is_view(value: Any) -> bool:
 
 def _refusal(view: ReadOnly, what: str) -> str:
     return (
-        f"{what} of a {type(unwrap(view)).__name__} is read-only here: the userdata key is an input key of this "
+        f"{what} of a {type(unwrap(view)).__name__} is read-only here: the userdata key is an "
+        "input key of this "
         "state; declare it in io_keys to change it"
     )
 
 
-_view_classes: "weakref.WeakKeyDictionary[type, type]" = weakref.WeakKeyDictionary()
+_view_classes = weakref.WeakKeyDictionary()  # type: ignore[var-annotated]
 
 
 def _view_class(wrapped: type) -> type:

@@ -1,0 +1,214 @@
+"""Brings a robot to a pose: plans, follows, waits for what is in the way, goes round it, or says why not.
+
+Knows no ROS: the node feeds poses and scans in and sends the velocities that come out.
+"""
+
+import enum
+import math
+from dataclasses import dataclass, field
+from typing import List, Optional, Tuple
+
+import numpy as np
+
+from merlin_sim.obstacle_memory import ObstacleMemory
+from merlin_sim.occupancy_grid import OccupancyGrid
+from merlin_sim.path_follower import Cruise, Path, PathFollower
+from merlin_sim.path_planner import NoPath, PathPlanner
+from merlin_sim.scan_guard import ScanGuard
+from merlin_sim.world import Point, Pose, wrap
+
+# What the move_base of ROS says; clients compare with these.
+REACHED_TEXT = "Goal reached."
+NO_PLAN_TEXT = "Failed to find a valid plan. Even after executing recovery behaviors."
+NO_CONTROL_TEXT = "Failed to find a valid control. Even after executing recovery behaviors."
+OSCILLATION_TEXT = "Robot is oscillating. Even after executing recovery behaviors."
+
+AHEAD = 2.0  # m of path that is watched for obstacles
+STOP_GAP = 0.25  # m before the place where an obstacle would be too close at which the robot waits
+STANDING = 0.02  # m/s and rad/s below which the robot counts as standing
+LOST_PATH = 0.5  # m off the path at which a new one is planned
+
+
+class Outcome(enum.Enum):
+    """How driving stands."""
+
+    DRIVING = "driving"
+    WAITING = "waiting"
+    REACHED = "reached"
+    NO_PLAN = "no plan"
+    NO_CONTROL = "no control"
+
+
+@dataclass(frozen=True)
+class NavigationSettings:
+    """How a robot is driven; m, rad, s."""
+
+    radius: float = 0.25
+    clearance: float = 0.05  # of plans from mapped and seen obstacles
+    guard: float = 0.015  # around the robot that the live scan must leave free
+    cruise: Cruise = field(default_factory=Cruise)
+    xy_goal_tolerance: float = 0.10
+    yaw_goal_tolerance: float = 0.10  # pi or more: any final yaw
+    replan_after: float = 1.0  # waited for somebody to go away before a way round is looked for
+    patience: float = 20.0  # waited in all before it gives up
+    recover_after: float = 4.0  # without movement, though nothing blocks the path
+    recoveries: int = 3
+    keep_obstacles: float = 30.0  # remembered unseen
+
+
+@dataclass(frozen=True)
+class Step:
+    """What to do now: speeds (m/s, rad/s), how it stands and a sentence about it."""
+
+    speed: float
+    turn: float
+    outcome: Outcome
+    text: str = ""
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is nothing more to do."""
+        return self.outcome not in (Outcome.DRIVING, Outcome.WAITING)
+
+
+class Navigator:
+    """Drives one robot on one map, to one goal at a time. Used by one thread at a time."""
+
+    def __init__(self, grid: OccupancyGrid, settings: NavigationSettings) -> None:
+        self.settings = settings
+        self.planner = PathPlanner(grid, settings.radius, settings.clearance)
+        self.memory = ObstacleMemory(grid, self.planner.distance, settings.keep_obstacles)
+        self._guard = ScanGuard(settings.radius, settings.guard, settings.cruise.acceleration)
+        self._goal: Optional[Pose] = None
+        self._follower: Optional[PathFollower] = None
+        self.path: List[Point] = []  # corners of the path that is followed
+
+    def see(self, pose: Pose, angles: np.ndarray, ranges: np.ndarray, now: float) -> None:
+        """Takes a scan, made at a pose of the laser; angles relative to it."""
+        hit = np.isfinite(ranges)
+        self._guard.see(
+            np.stack([ranges[hit] * np.cos(angles[hit]), ranges[hit] * np.sin(angles[hit])], axis=1)
+        )
+        self.memory.see(pose, angles, ranges, now)
+
+    def start(self, goal: Pose, pose: Pose, now: float) -> None:
+        """Begins to drive to a goal.
+
+        :raises NoPath: when the goal can never be reached on this map.
+        """
+        self._goal = goal
+        self._follower = None
+        self._blocked_since: Optional[float] = None
+        self._planned_at = -math.inf
+        self._why = ""
+        self._moved_at, self._moved_from = now, pose
+        self._recoveries = 0
+        self._backing: Optional[Pose] = None
+        self._at_goal = False
+        try:
+            self._follow(self.planner.plan(pose.point, goal.point, self.memory.points(now)))
+        except NoPath:
+            # What was seen may go away; what is on the map does not.
+            self._follow(self.planner.plan(pose.point, goal.point))
+
+    def step(self, pose: Pose, velocity: Tuple[float, float], now: float) -> Step:
+        """What to do at a pose, at a measured velocity (m/s, rad/s)."""
+        assert self._goal is not None and self._follower is not None, "start() comes first"
+        settings = self.settings
+        self._follower.locate(pose)
+        if self._at_goal or pose.distance(self._goal) <= settings.xy_goal_tolerance:
+            self._at_goal = True  # passing the edge of the tolerance while turning starts nothing anew
+            return self._finish(pose, velocity)
+        if self._follower.offset > LOST_PATH:
+            self._replan(pose, now)
+        limit = settings.cruise.speed
+        room = self._room_ahead(now)
+        if room < AHEAD:
+            if self._blocked_since is None:
+                self._blocked_since = now
+            waited = now - self._blocked_since
+            due = min(waited, now - self._planned_at) >= settings.replan_after
+            if due and self._replan(pose, now):
+                self._blocked_since = None
+                return self.step(pose, velocity, now)
+            if waited >= settings.patience:
+                return Step(
+                    0.0, 0.0, Outcome.NO_PLAN, f"{NO_PLAN_TEXT} {self._why or 'The path is blocked.'}"
+                )
+            limit = min(limit, math.sqrt(2 * settings.cruise.acceleration * max(0.0, room - STOP_GAP)))
+            if limit < 0.03:
+                self._moved_at, self._moved_from = now, pose  # standing is right here
+                return Step(0.0, 0.0, Outcome.WAITING, "something is in the way")
+        else:
+            self._blocked_since = None
+        return self._drive(pose, limit, now)
+
+    def clear(self) -> None:
+        """Forgets what was seen beside the map."""
+        self.memory.forget()
+
+    def _drive(self, pose: Pose, limit: float, now: float) -> Step:
+        assert self._follower is not None
+        settings = self.settings
+        if self._backing is not None:
+            speed = self._guard.allowed(-0.1, 0.0)
+            if speed == 0.0 or pose.distance(self._backing) > 0.15 or now - self._moved_at > 3.0:
+                self._backing = None
+                self._moved_at, self._moved_from = now, pose
+                self._replan(pose, now)
+            return Step(speed, 0.0, Outcome.DRIVING, "backing off")
+        if pose.distance(self._moved_from) > 0.05 or abs(wrap(pose.yaw - self._moved_from.yaw)) > 0.1:
+            self._moved_at, self._moved_from = now, pose
+        if now - self._moved_at > settings.recover_after:
+            self._recoveries += 1
+            if self._recoveries > settings.recoveries:
+                return Step(
+                    0.0,
+                    0.0,
+                    Outcome.NO_CONTROL,
+                    f"{NO_CONTROL_TEXT} The robot does not get away from where it is.",
+                )
+            self._backing = pose
+            self._moved_at = now
+        speed, turn = self._follower.command(pose, limit)
+        return Step(self._guard.allowed(speed, turn), turn, Outcome.DRIVING)
+
+    def _finish(self, pose: Pose, velocity: Tuple[float, float]) -> Step:
+        assert self._goal is not None and self._follower is not None
+        error = wrap(self._goal.yaw - pose.yaw)
+        if self.settings.yaw_goal_tolerance < math.pi and abs(error) > self.settings.yaw_goal_tolerance:
+            return Step(0.0, self._follower.turn(error), Outcome.DRIVING)
+        if abs(velocity[0]) > STANDING or abs(velocity[1]) > STANDING:
+            return Step(0.0, 0.0, Outcome.DRIVING)
+        return Step(0.0, 0.0, Outcome.REACHED, REACHED_TEXT)
+
+    def _room_ahead(self, now: float) -> float:
+        """How far along the path the robot can go before something seen is too close, m; AHEAD at most."""
+        assert self._follower is not None
+        points = self.memory.points(now)
+        if not len(points):
+            return AHEAD
+        along = np.arange(0.0, min(AHEAD, self._follower.remaining) + 0.05, 0.05)
+        ahead = self._follower.path.at(self._follower.progress + along)
+        low, high = ahead.min(axis=0) - 0.5, ahead.max(axis=0) + 0.5
+        points = points[((points >= low) & (points <= high)).all(axis=1)]
+        if not len(points):
+            return AHEAD
+        gaps = np.hypot(ahead[:, :1] - points[:, 0], ahead[:, 1:] - points[:, 1]).min(axis=1)
+        # Where the robot is already, it is: only what comes nearer counts.
+        close = gaps < min(self.settings.radius + self.settings.clearance - 0.03, gaps[0] - 0.01)
+        return float(along[np.argmax(close)]) if close.any() else AHEAD
+
+    def _replan(self, pose: Pose, now: float) -> bool:
+        assert self._goal is not None
+        self._planned_at = now
+        try:
+            self._follow(self.planner.plan(pose.point, self._goal.point, self.memory.points(now)))
+        except NoPath as error:
+            self._why = f"{str(error)[0].upper()}{str(error)[1:]}."
+            return False
+        return True
+
+    def _follow(self, path: List[Point]) -> None:
+        self.path = path
+        self._follower = PathFollower(Path(path), self.settings.cruise)

@@ -1,0 +1,80 @@
+"""Keeps simulated time in step with wall time, at a factor that can change, with pauses."""
+
+import threading
+import time
+from typing import Optional
+
+MAX_LAG = 0.1  # s of wall time behind schedule that is made up for; more is given up
+
+
+class Pacer:
+    """Paces one simulation loop.
+
+    :param factor: simulated seconds per second of wall time; 0: as fast as possible.
+    """
+
+    def __init__(self, factor: float) -> None:
+        self._changed = threading.Condition()  # guards the fields below
+        self._factor = factor
+        self._paused = False
+        self._stopped = False
+        self._due: Optional[float] = None  # monotonic time at which the next step is due
+        self._measured_from = (time.monotonic(), 0.0)
+        self._simulated = 0.0
+
+    @property
+    def factor(self) -> float:
+        """The factor asked for."""
+        return self._factor
+
+    @property
+    def paused(self) -> bool:
+        """Whether time stands still."""
+        return self._paused
+
+    def set_factor(self, factor: float) -> None:
+        """Changes the factor from the next step on."""
+        with self._changed:
+            self._factor = factor
+            self._due = None
+            self._changed.notify_all()
+
+    def set_paused(self, paused: bool) -> None:
+        """Stops time, or lets it go on."""
+        with self._changed:
+            self._paused = paused
+            self._due = None
+            self._changed.notify_all()
+
+    def stop(self) -> None:
+        """Ends every wait, now and later."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify_all()
+
+    def wait(self, step: float) -> bool:
+        """Waits until the next step of `step` simulated seconds is due; False when it was stopped."""
+        with self._changed:
+            while not self._stopped:
+                if self._paused:
+                    self._changed.wait()
+                    continue
+                now = time.monotonic()
+                if self._due is None or self._factor == 0.0 or now - self._due > MAX_LAG:
+                    self._due = now
+                left = self._due - now
+                if left <= 0.0:
+                    if self._factor > 0.0:
+                        self._due += step / self._factor
+                    self._simulated += step
+                    return True
+                self._changed.wait(left)
+            return False
+
+    def achieved(self) -> float:
+        """The factor really achieved since the last call."""
+        with self._changed:
+            now = time.monotonic()
+            since, simulated = self._measured_from
+            self._measured_from = (now, self._simulated)
+            return (self._simulated - simulated) / (now - since) if now > since else 0.0

@@ -1,0 +1,93 @@
+"""Drives along a path: fast where it is straight, round corners without stopping, braking late."""
+
+import math
+from dataclasses import dataclass
+from typing import Sequence, Tuple
+
+import numpy as np
+
+from merlin_sim.world import Point, Pose, wrap
+
+LOOKAHEAD = 0.25  # m along the path to the point that is steered for
+GAIN = 2.6  # rad/s of turning per radian of heading error
+FULL_SPEED_ERROR = 0.45  # rad of heading error up to which it drives at full speed
+STAND_ERROR = 1.2  # rad of heading error from which it turns on the spot
+BRAKE_USE = 0.9  # part of the turning acceleration that the end of a turn is planned with
+WINDOW = 1.0  # m of path ahead of the last progress in which the robot is looked for
+
+
+@dataclass(frozen=True)
+class Cruise:
+    """How the robot is driven: m/s, rad/s, m/s², rad/s²."""
+
+    speed: float = 0.30
+    turn_speed: float = 1.0
+    acceleration: float = 1.0
+    turn_acceleration: float = 2.0
+
+
+class Path:
+    """A polyline measured by the distance along it."""
+
+    def __init__(self, points: Sequence[Point]) -> None:
+        corners = np.array(points, dtype=float)
+        lengths = np.hypot(*np.diff(corners, axis=0).T) if len(corners) > 1 else np.zeros(0)
+        keep = np.concatenate([[True], lengths > 1e-9])
+        self._corners = corners[keep]
+        self._distances = np.concatenate([[0.0], np.cumsum(lengths[lengths > 1e-9])])
+        self.length = float(self._distances[-1])
+
+    def at(self, distances: np.ndarray) -> np.ndarray:
+        """The points (n x 2) at distances along the path; beyond its ends, the ends."""
+        return np.stack(
+            [np.interp(distances, self._distances, self._corners[:, axis]) for axis in (0, 1)], axis=-1
+        )
+
+    def nearest(self, point: Point, first: float, last: float) -> Tuple[float, float]:
+        """The place nearest to a point between two distances along the path, and how far off the point is."""
+        along = np.arange(max(first, 0.0), min(last, self.length) + 0.02, 0.02)
+        offsets = self.at(along) - np.asarray(point)
+        index = int(np.argmin(np.hypot(offsets[:, 0], offsets[:, 1])))
+        return min(float(along[index]), self.length), float(np.hypot(*offsets[index]))
+
+
+class PathFollower:
+    """Follows one path.
+
+    :param path: in the frame of the poses.
+    """
+
+    def __init__(self, path: Path, cruise: Cruise) -> None:
+        self.path = path
+        self._cruise = cruise
+        self.progress = 0.0  # m along the path
+        self.offset = 0.0  # m off the path
+
+    @property
+    def remaining(self) -> float:
+        """Length of the path ahead, m."""
+        return self.path.length - self.progress
+
+    def locate(self, pose: Pose) -> None:
+        """Tells where the robot is; progress never goes back far."""
+        self.progress, self.offset = self.path.nearest(
+            pose.point, self.progress - 0.2, self.progress + WINDOW
+        )
+
+    def command(self, pose: Pose, limit: float) -> Tuple[float, float]:
+        """Speed (m/s, at most `limit`) and turning speed (rad/s) from a pose."""
+        target = self.path.at(np.array([self.progress + LOOKAHEAD]))[0]
+        dx, dy = target[0] - pose.x, target[1] - pose.y
+        error = wrap(math.atan2(dy, dx) - pose.yaw)
+        if abs(error) >= STAND_ERROR:
+            return 0.0, self.turn(error)
+        slow = (STAND_ERROR - abs(error)) / (STAND_ERROR - FULL_SPEED_ERROR)
+        speed = min(limit, self._cruise.speed) * min(1.0, slow)
+        near = math.hypot(dx, dy)
+        # Close to the end the bearing of the goal says little; turning for it would make the robot dance.
+        return speed, self.turn(error) * min(1.0, near / LOOKAHEAD)
+
+    def turn(self, error: float) -> float:
+        """Turning speed that removes a heading error (rad) without overshooting."""
+        braking = math.sqrt(2 * BRAKE_USE * self._cruise.turn_acceleration * abs(error))
+        return math.copysign(min(GAIN * abs(error), braking, self._cruise.turn_speed), error)

@@ -1,0 +1,154 @@
+"""The physical world: PyBullet without a window, filled from a world file."""
+
+import math
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any, Dict, Tuple
+
+from merlin_sim.silence import silence
+
+with silence():  # the engine greets on standard output when it is imported
+    import pybullet
+    from pybullet_utils.bullet_client import BulletClient
+
+from merlin_sim.drive import DriveGeometry
+from merlin_sim.world import Pose, Solid, World
+
+WHEEL_TORQUE = 12.0  # Nm
+BURIED = -50.0  # m; where things are that are not there at the moment
+
+
+class RobotBody:
+    """A robot in the physical world: its wheels are driven, the rest follows."""
+
+    def __init__(self, engine: Any, urdf: str, start: Pose, geometry: DriveGeometry) -> None:
+        self._engine = engine
+        self._ride_height = geometry.wheel_radius
+        with NamedTemporaryFile("w", suffix=".urdf") as file:
+            file.write(urdf)
+            file.flush()
+            with silence():
+                self.body = engine.loadURDF(file.name, useFixedBase=False)
+        joints = {}
+        for index in range(engine.getNumJoints(self.body)):
+            info = engine.getJointInfo(self.body, index)
+            joints[info[1].decode()] = index
+        self._wheels = [joints["left_wheel_joint"], joints["right_wheel_joint"]]
+        for index in range(-1, engine.getNumJoints(self.body)):
+            # Casters and the hull slide; only the wheels grip.
+            grip = 1.0 if index in self._wheels else 0.0
+            engine.changeDynamics(
+                self.body, index, lateralFriction=grip, rollingFriction=0.0, restitution=0.0
+            )
+        self.place(start)
+
+    def place(self, pose: Pose) -> None:
+        """Puts it somewhere, standing still."""
+        turn = self._engine.getQuaternionFromEuler([0, 0, pose.yaw])
+        self._engine.resetBasePositionAndOrientation(self.body, [pose.x, pose.y, self._ride_height], turn)
+        self._engine.resetBaseVelocity(self.body, [0, 0, 0], [0, 0, 0])
+
+    def drive(self, left: float, right: float) -> None:
+        """Sets the speeds of the wheels' motors, rad/s."""
+        self._engine.setJointMotorControlArray(
+            self.body,
+            self._wheels,
+            pybullet.VELOCITY_CONTROL,
+            targetVelocities=[left, right],
+            forces=[WHEEL_TORQUE, WHEEL_TORQUE],
+        )
+
+    def wheel_angles(self) -> Tuple[float, float]:
+        """How far the left and right wheel have turned, rad."""
+        states = self._engine.getJointStates(self.body, self._wheels)
+        return states[0][0], states[1][0]
+
+    def pose(self) -> Pose:
+        """Where it is, in the map frame."""
+        position, turn = self._engine.getBasePositionAndOrientation(self.body)
+        x, y, z, w = turn
+        return Pose(position[0], position[1], math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+    def velocity(self) -> Tuple[float, float]:
+        """Speed along its heading (m/s) and turning speed (rad/s)."""
+        linear, angular = self._engine.getBaseVelocity(self.body)
+        yaw = self.pose().yaw
+        return linear[0] * math.cos(yaw) + linear[1] * math.sin(yaw), angular[2]
+
+    def touches(self) -> bool:
+        """Whether it touches anything but the floor (body 0)."""
+        return any(
+            contact[2] != 0 and contact[1] != contact[2] and contact[8] < 0.001
+            for contact in self._engine.getContactPoints(bodyA=self.body)
+        )
+
+
+class Physics:
+    """Owns the engine; used by one thread at a time.
+
+    :param step: length of a physics step, s.
+    """
+
+    def __init__(self, world: World, step: float) -> None:
+        with silence():
+            self._engine = BulletClient(pybullet.DIRECT)
+        self._engine.setGravity(0, 0, -9.81)
+        self._engine.setTimeStep(step)
+        self._engine.setPhysicsEngineParameter(numSolverIterations=30)
+        floor = self._engine.createCollisionShape(pybullet.GEOM_PLANE)
+        self._engine.changeDynamics(
+            self._engine.createMultiBody(0, floor), -1, lateralFriction=1.0, restitution=0.0
+        )
+        self._solids: Dict[str, int] = {}
+        for solid in [*world.wall_solids(), *world.furniture, *world.unmapped]:
+            self.add(solid)
+        for door in world.doors:
+            leaf = door.leaf(world.wall_thickness, world.wall_height)
+            self.add(leaf)
+            self.show(leaf, not door.open)
+
+    def add(self, solid: Solid) -> None:
+        """Puts a thing into the world that the robots cannot push."""
+        if solid.radius is not None:
+            shape = self._engine.createCollisionShape(
+                pybullet.GEOM_CYLINDER, radius=solid.radius, height=solid.height
+            )
+        else:
+            assert solid.size is not None
+            half = [solid.size[0] / 2, solid.size[1] / 2, solid.height / 2]
+            shape = self._engine.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
+        body = self._engine.createMultiBody(0, shape)
+        self._engine.changeDynamics(body, -1, lateralFriction=0.5, restitution=0.0)
+        self._solids[solid.name] = body
+        self._put(body, solid.pose, solid.height / 2)
+
+    def show(self, solid: Solid, there: bool) -> None:
+        """Moves a thing to where it is said to stand, or out of the world."""
+        self._put(self._solids[solid.name], solid.pose, solid.height / 2 if there else BURIED)
+
+    def add_robot(self, urdf: Path, start: Pose, geometry: DriveGeometry) -> RobotBody:
+        """Adds a robot."""
+        return RobotBody(self._engine, _massive_part(urdf), start, geometry)
+
+    def step(self) -> None:
+        """Lets one step of time pass."""
+        self._engine.stepSimulation()
+
+    def close(self) -> None:
+        """Gives the engine back."""
+        self._engine.disconnect()
+
+    def _put(self, body: int, pose: Pose, height: float) -> None:
+        turn = self._engine.getQuaternionFromEuler([0, 0, pose.yaw])
+        self._engine.resetBasePositionAndOrientation(body, [pose.x, pose.y, height], turn)
+
+
+def _massive_part(urdf: Path) -> str:
+    # The engine gives 1 kg to links without mass, such as base_footprint (REP 120) and the optical frame.
+    root = ElementTree.parse(urdf).getroot()
+    massless = {link.get("name") for link in root.iter("link") if link.find("inertial") is None}
+    for element in list(root):
+        if element.get("name") in massless or any(child.get("link") in massless for child in element):
+            root.remove(element)
+    return ElementTree.tostring(root, encoding="unicode")

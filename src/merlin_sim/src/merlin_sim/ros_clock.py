@@ -1,0 +1,39 @@
+"""Waits for ROS time without polling, and without sleeping past whoever wants it to stop."""
+
+import threading
+
+import rospy
+from rosgraph_msgs.msg import Clock
+
+
+class RosClock:
+    """ROS time to wait for: simulated time as its messages come, wall time otherwise."""
+
+    def __init__(self) -> None:
+        self._ticked = threading.Condition()  # guards the waiting; notified at each tick and by wake()
+        self._simulated = bool(rospy.get_param("/use_sim_time", False))
+        if self._simulated:
+            self._subscriber = rospy.Subscriber("/clock", Clock, self._tick, tcp_nodelay=True, queue_size=1)
+
+    def wait(self, seconds: float, stop: threading.Event) -> bool:
+        """Waits for seconds of ROS time; False when `stop` was set (see :meth:`wake`) or ROS shut down."""
+        now = rospy.get_time()
+        left = seconds
+        with self._ticked:
+            while left > 0.0:
+                if stop.is_set() or rospy.is_shutdown():
+                    return False
+                # The slice is for shutdown, which notifies nobody.
+                self._ticked.wait(1.0 if self._simulated else min(left, 1.0))
+                before, now = now, rospy.get_time()
+                left -= max(0.0, now - before)  # time that jumps back takes nothing away
+        return not stop.is_set()
+
+    def wake(self) -> None:
+        """Lets every wait look at its stop event."""
+        with self._ticked:
+            self._ticked.notify_all()
+
+    def _tick(self, _: Clock) -> None:
+        with self._ticked:
+            self._ticked.notify_all()

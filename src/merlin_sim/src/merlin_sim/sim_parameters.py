@@ -1,0 +1,113 @@
+"""The simulator's parameters, checked."""
+
+import re
+from dataclasses import dataclass
+from typing import Any, List
+
+import rospy
+
+from merlin_sim.drive import DriveLimits, OdometryNoise
+from merlin_sim.lidar import LidarModel
+from merlin_sim.localization import PoseNoise
+from merlin_sim.parameters import ParameterError, number
+from merlin_sim.simulation import RobotSpec
+from merlin_sim.world import Pose, World
+
+
+@dataclass(frozen=True)
+class SimParameters:
+    """Private parameters of the simulator, except those of the robots."""
+
+    world: str
+    urdf: str
+    seed: int
+    real_time_factor: float
+    localization: str
+    pose_noise: PoseNoise
+
+
+def read_parameters() -> SimParameters:
+    """Reads the private parameters.
+
+    :raises ParameterError: when one is missing or out of range.
+    """
+    world = rospy.get_param("~world", "")
+    if not isinstance(world, str) or not world:
+        raise ParameterError("parameter ~world is missing: the path of a world file (see docs/simulation.md)")
+    seed = rospy.get_param("~seed", 1)
+    if isinstance(seed, bool) or not isinstance(seed, int):
+        raise ParameterError(f"parameter ~seed is {seed!r}, not a whole number")
+    localization = rospy.get_param("~localization", "truth")
+    if localization not in ("truth", "none"):
+        raise ParameterError(f"parameter ~localization is {localization!r}, not one of truth, none")
+    return SimParameters(
+        world=world,
+        urdf=str(rospy.get_param("~urdf", "")),
+        seed=seed,
+        real_time_factor=number("~real_time_factor", 1.0, 0.0),
+        localization=localization,
+        pose_noise=PoseNoise(
+            xy=number("~localization_noise_xy", PoseNoise.xy, 0.0),
+            yaw=number("~localization_noise_yaw", PoseNoise.yaw, 0.0),
+        ),
+    )
+
+
+def read_robots(world: World) -> List[RobotSpec]:
+    """Reads ``~robots``: namespaces, or maps with namespace, x, y and yaw.
+
+    A robot without a pose takes the next of the world's starts.
+
+    :raises ParameterError: when a robot cannot be placed.
+    """
+    robots = rospy.get_param("~robots", [""])
+    if not isinstance(robots, list) or not robots:
+        raise ParameterError(f"parameter ~robots is {robots!r}, not a list of namespaces or of maps")
+    limits = DriveLimits(
+        speed=number("~max_speed", DriveLimits.speed, 0.01),
+        turn_speed=number("~max_turn_speed", DriveLimits.turn_speed, 0.01),
+        acceleration=number("~acceleration", DriveLimits.acceleration, 0.01),
+        turn_acceleration=number("~turn_acceleration", DriveLimits.turn_acceleration, 0.01),
+    )
+    noise = OdometryNoise(
+        distance_scale=number("~odometry_distance_scale", 0.0, 0.0),
+        turn_scale=number("~odometry_turn_scale", 0.0, 0.0),
+        distance=number("~odometry_distance_noise", 0.005, 0.0),
+        turn=number("~odometry_turn_noise", 0.005, 0.0),
+    )
+    lidar = LidarModel(sigma=number("~scan_noise", LidarModel.sigma, 0.0))
+    timeout = number("~cmd_vel_timeout", RobotSpec.command_timeout, 0.05)
+    starts = iter(world.starts)
+    specs = []
+    for item in robots:
+        name, start = _placed(item, starts, world)
+        specs.append(RobotSpec(name, start, limits, noise, lidar, timeout))
+    names = [spec.name for spec in specs]
+    if len(set(names)) != len(names):
+        raise ParameterError(f"parameter ~robots names a namespace twice: {names}")
+    return specs
+
+
+def _placed(item: Any, starts: Any, world: World) -> Any:
+    fields = item if isinstance(item, dict) else {"namespace": item}
+    name = fields.get("namespace", "")
+    if not isinstance(name, str) or not re.match(r"^([A-Za-z][A-Za-z0-9_]*)?$", name.strip("/")):
+        raise ParameterError(f"parameter ~robots: {name!r} is no namespace")
+    unknown = set(fields) - {"namespace", "x", "y", "yaw"}
+    if unknown:
+        raise ParameterError(f"parameter ~robots: unknown field {sorted(unknown)[0]} of robot {name!r}")
+    if "x" in fields or "y" in fields:
+        try:
+            return name.strip("/"), Pose(
+                float(fields["x"]), float(fields["y"]), float(fields.get("yaw", 0.0))
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise ParameterError(
+                f"parameter ~robots: robot {name!r} needs numbers x and y (and yaw): {error}"
+            ) from error
+    start = next(starts, None)
+    if start is None:
+        raise ParameterError(
+            f"parameter ~robots: no start left for robot {name!r}; world {world.name} has {len(world.starts)}"
+        )
+    return name.strip("/"), start

@@ -1,0 +1,117 @@
+"""A world with robots in it, step by step. Knows no ROS and no wall time."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Dict, List
+
+import numpy as np
+
+from merlin_sim.drive import BaseController, DriveGeometry, DriveLimits, OdometryNoise, WheelOdometry
+from merlin_sim.lidar import Lidar, LidarModel
+from merlin_sim.physics import Physics
+from merlin_sim.ray_casting import Outlines
+from merlin_sim.world import Pose, World
+
+PHYSICS_RATE = 100  # steps per simulated second
+ODOMETRY_EVERY = 5  # steps
+ROBOT_RADIUS = 0.25  # m, as in urdf/rb1.urdf
+LASER_HEIGHT = 0.33  # m, likewise
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """A robot to simulate.
+
+    :param name: its namespace; may be empty.
+    :param start: where it stands at the beginning, map frame.
+    """
+
+    name: str
+    start: Pose
+    limits: DriveLimits = field(default_factory=DriveLimits)
+    odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
+    lidar: LidarModel = field(default_factory=LidarModel)
+    command_timeout: float = 0.5  # s
+
+
+class SimulatedRobot:
+    """A robot's body, base controller, odometry and laser."""
+
+    def __init__(self, spec: RobotSpec, physics: Physics, urdf: Path, seed: int) -> None:
+        geometry = DriveGeometry()
+        self.spec = spec
+        self.body = physics.add_robot(urdf, spec.start, geometry)
+        self.base = BaseController(spec.limits, geometry, spec.command_timeout)
+        self.odometry = WheelOdometry(geometry, spec.odometry_noise, seed, spec.name)
+        self.lidar = Lidar(spec.lidar, seed, spec.name)
+        self.distance = 0.0  # m really driven since the beginning
+        self._last = spec.start
+
+    def drive(self, now: float) -> None:
+        """Passes the base controller's wheel speeds to the motors."""
+        self.body.drive(*self.base.wheel_speeds(now, 1.0 / PHYSICS_RATE))
+
+    def measure(self, tick: int) -> None:
+        """Reads the encoders and adds up the distance."""
+        self.odometry.update(*self.body.wheel_angles(), tick, ODOMETRY_EVERY / PHYSICS_RATE)
+        pose = self.body.pose()
+        self.distance += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
+        self._last = pose
+
+
+class Simulation:
+    """Owns the physics and the simulated time.
+
+    :param urdf: description of the robots.
+    :raises ValueError: two robots of one name, or too many.
+    """
+
+    def __init__(self, world: World, specs: List[RobotSpec], urdf: Path, seed: int) -> None:
+        names = [spec.name for spec in specs]
+        if len(set(names)) != len(names):
+            raise ValueError(f"two robots have the same namespace: {names}")
+        self.world = world
+        self.seed = seed
+        self.tick = 0  # physics steps so far; everything random is indexed by it
+        self.physics = Physics(world, 1.0 / PHYSICS_RATE)
+        self.robots: Dict[str, SimulatedRobot] = {
+            spec.name: SimulatedRobot(spec, self.physics, urdf, seed) for spec in specs
+        }
+
+        self.outlines = Outlines(LASER_HEIGHT)
+        for solid in [*world.wall_solids(), *world.furniture, *world.unmapped]:
+            self.outlines.show(solid)
+        for door in world.doors:
+            if not door.open:
+                self.outlines.show(door.leaf(world.wall_thickness, world.wall_height))
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self.tick / PHYSICS_RATE
+
+    def step(self) -> None:
+        """Lets one physics step pass."""
+        now = self.time
+        for robot in self.robots.values():
+            robot.drive(now)
+        self.physics.step()
+        self.tick += 1
+        if self.tick % ODOMETRY_EVERY == 0:
+            for robot in self.robots.values():
+                robot.measure(self.tick)
+
+    def scan(self, robot: SimulatedRobot) -> np.ndarray:
+        """What the robot's laser sees now, m."""
+        others = [
+            (pose.x, pose.y, ROBOT_RADIUS)
+            for other in self.robots.values()
+            if other is not robot
+            for pose in [other.body.pose()]
+        ]
+        return robot.lidar.scan(robot.body.pose(), self.outlines, others, self.tick)
+
+    def close(self) -> None:
+        """Gives the physics engine back."""
+        self.physics.close()

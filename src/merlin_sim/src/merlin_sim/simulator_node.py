@@ -1,0 +1,151 @@
+"""The node /merlin_sim: a world, its robots and its time."""
+
+import threading
+from pathlib import Path
+from typing import List, Optional
+
+import rospkg
+import rospy
+from merlin_msgs.msg import SimStatus
+from merlin_msgs.srv import SetRealTimeFactor, SetRealTimeFactorRequest, SetRealTimeFactorResponse
+from nav_msgs.msg import OccupancyGrid as GridMessage
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger, TriggerResponse
+from tf2_msgs.msg import TFMessage
+
+from merlin_sim.localization import TruthLocalization
+from merlin_sim.occupancy_grid import map_of
+from merlin_sim.pacer import Pacer
+from merlin_sim.parameters import ParameterError
+from merlin_sim.prompt_publisher import PromptPublisher
+from merlin_sim.robot_interface import RobotInterface
+from merlin_sim.ros_messages import grid_message
+from merlin_sim.sim_parameters import read_parameters, read_robots
+from merlin_sim.simulation import PHYSICS_RATE, Simulation
+from merlin_sim.world_file import WorldError, load_world
+
+CLOCK_PERIOD = 2  # physics steps: 50 Hz
+STATUS_PERIOD = 1.0  # s of wall time
+
+
+class SimulatorNode:
+    """Publishes the clock, loads the world, then runs it until ROS shuts down.
+
+    :raises ParameterError: a parameter cannot be used.
+    :raises WorldError: the world cannot be used.
+    """
+
+    def __init__(self) -> None:
+        self._parameters = read_parameters()
+        _refuse_second_clock()
+        self._achieved = 0.0  # real-time factor of the last second
+        self._pacer = Pacer(self._parameters.real_time_factor)
+        self._clock = PromptPublisher("/clock", Clock, latch=True)
+        self._status = rospy.Publisher("~status", SimStatus, queue_size=10, latch=True)
+        self._tf = PromptPublisher("/tf", TFMessage, queue_size=50)
+        self._map = rospy.Publisher("/map", GridMessage, queue_size=1, latch=True)
+        # One tick, so that rospy takes the time as set; it runs once the world is there.
+        self._publish_clock(1)
+        world = load_world(self._parameters.world)
+        urdf = self._parameters.urdf or Path(rospkg.RosPack().get_path("merlin_sim")) / "urdf" / "rb1.urdf"
+        if not Path(urdf).is_file():
+            raise ParameterError(f"parameter ~urdf: there is no file {urdf}")
+        self.simulation = Simulation(world, read_robots(world), Path(urdf), self._parameters.seed)
+        self._robots: List[RobotInterface] = []
+        for robot in self.simulation.robots.values():
+            localization: Optional[TruthLocalization] = None
+            if self._parameters.localization == "truth":
+                localization = TruthLocalization(
+                    self._parameters.pose_noise, self._parameters.seed, robot.spec.name
+                )
+            self._robots.append(RobotInterface(self.simulation, robot, localization))
+        self._map.publish(grid_message(map_of(world), "map", rospy.Time.from_sec(1.0 / PHYSICS_RATE)))
+        self._stopped = threading.Event()
+        self._services = [
+            rospy.Service("~set_real_time_factor", SetRealTimeFactor, self._set_factor),
+            rospy.Service("~pause", Trigger, lambda _: self._set_paused(True)),
+            rospy.Service("~resume", Trigger, lambda _: self._set_paused(False)),
+        ]
+        rospy.on_shutdown(self._stop)
+        names = ", ".join(robot or "(no namespace)" for robot in self.simulation.robots)
+        rospy.loginfo(f"world {world.name}, seed {self._parameters.seed}, robots: {names}")
+
+    def run(self) -> None:
+        """Runs until ROS shuts down."""
+        threading.Thread(target=self._report, name="simulator status", daemon=True).start()
+        step = 1.0 / PHYSICS_RATE
+        while self._pacer.wait(step):
+            self.simulation.step()
+            self._publish(self.simulation.tick)
+
+    def _publish(self, tick: int) -> None:
+        if tick % CLOCK_PERIOD == 0:
+            self._publish_clock(tick)
+        stamp = _time(tick)
+        transforms = [transform for robot in self._robots for transform in robot.publish(tick, stamp)]
+        if transforms:
+            self._tf.publish(TFMessage(transforms=transforms))
+
+    def _publish_clock(self, tick: int) -> None:
+        self._clock.publish(Clock(clock=_time(tick)))
+
+    def _set_factor(self, request: SetRealTimeFactorRequest) -> SetRealTimeFactorResponse:
+        if not 0.0 <= request.factor < float("inf"):
+            return SetRealTimeFactorResponse(
+                False, f"the factor {request.factor} is not allowed: 0 (as fast as possible) or more"
+            )
+        self._pacer.set_factor(request.factor)
+        self._publish_status()
+        return SetRealTimeFactorResponse(True, f"real-time factor {request.factor:g}")
+
+    def _set_paused(self, paused: bool) -> TriggerResponse:
+        self._pacer.set_paused(paused)
+        self._publish_status()
+        return TriggerResponse(True, "paused" if paused else "running")
+
+    def _report(self) -> None:
+        while not self._stopped.is_set():
+            self._achieved = self._pacer.achieved()
+            self._publish_status()
+            self._stopped.wait(STATUS_PERIOD)
+
+    def _publish_status(self) -> None:
+        paused = self._pacer.paused
+        status = SimStatus(
+            paused=paused,
+            requested_factor=self._pacer.factor,
+            achieved_factor=0.0 if paused else self._achieved,
+            seed=self._parameters.seed,
+        )
+        status.header.stamp = _time(self.simulation.tick)
+        if not self._stopped.is_set():
+            self._status.publish(status)
+
+    def _stop(self) -> None:
+        self._stopped.set()
+        self._pacer.stop()
+
+
+def _refuse_second_clock() -> None:
+    # Two clocks make time jump back and forth for every node of the master.
+    for topic, nodes in rospy.get_master().getSystemState()[2][0]:
+        others = [node for node in nodes if node != rospy.get_name()]
+        if topic == "/clock" and others:
+            raise ParameterError(f"{others[0]} already publishes /clock; one simulator per master")
+
+
+def _time(tick: int) -> rospy.Time:
+    return rospy.Time(tick // PHYSICS_RATE, tick % PHYSICS_RATE * (1_000_000_000 // PHYSICS_RATE))
+
+
+def main() -> int:
+    """The executable ``merlin_sim``; returns its exit code."""
+    rospy.init_node("merlin_sim")
+    try:
+        node = SimulatorNode()
+    except (ParameterError, WorldError) as error:
+        rospy.logfatal(f"merlin_sim: {error}")
+        return 1
+    node.run()
+    node.simulation.close()
+    return 0

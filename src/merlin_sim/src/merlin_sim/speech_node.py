@@ -1,0 +1,200 @@
+"""The node ``soundplay_node``: speech and sounds through the interface of sound_play."""
+
+import threading
+from collections import deque
+from typing import Callable, Deque, Optional, Tuple
+
+import rospkg
+import rospy
+from audio_common_msgs.msg import AudioData, AudioInfo
+from sound_play.msg import (
+    SoundRequest,
+    SoundRequestAction,
+    SoundRequestFeedback,
+    SoundRequestResult,
+)
+from std_msgs.msg import Bool
+
+from merlin_sim.parameters import ParameterError, number
+from merlin_sim.ros_clock import RosClock
+from merlin_sim.sound_card import SoundCard
+from merlin_sim.speech_synthesizer import RATE, Sound, SoundError, SpeechSynthesizer, beep, read_wave
+from merlin_sm.action_server import ServerGoal
+from merlin_sm.serial_action_server import SerialActionServer
+
+CHUNK = 0.2  # s of sound per message and per feedback
+
+
+class Speaker:
+    """Plays one sound after the other, in ROS time.
+
+    The lock is held while a sound plays; who waits for it is stopped by its own event, never by a time-out.
+    """
+
+    def __init__(self, clock: RosClock, card: SoundCard) -> None:
+        self._clock = clock
+        self._card = card
+        self._turn = threading.Lock()  # whoever plays holds it
+        self._audio = rospy.Publisher("audio/speaker", AudioData, queue_size=20)
+        self._info = rospy.Publisher("audio/speaker_info", AudioInfo, queue_size=1, latch=True)
+        self._speaking = rospy.Publisher("sound_play/is_speaking", Bool, queue_size=5, latch=True)
+        self._info.publish(
+            AudioInfo(
+                channels=1, sample_rate=RATE, sample_format="S16LE", bitrate=16 * RATE, coding_format="WAVE"
+            )
+        )
+        self._speaking.publish(Bool(False))
+
+    def play(self, sound: Sound, stop: threading.Event, heard: Callable[[float], None]) -> float:
+        """Plays a sound to its end or until `stop` is set; returns how much was played, s.
+
+        :param heard: told the time played so far, s, every CHUNK.
+        """
+        with self._turn:
+            self._speaking.publish(Bool(True))
+            self._card.play(sound)
+            played = 0.0
+            try:
+                size = round(CHUNK * RATE)
+                for first in range(0, len(sound.samples), size):
+                    part = sound.samples[first : first + size]
+                    heard(played)
+                    # Published when it begins: a listener that measures loudness hears it as it is said.
+                    self._audio.publish(AudioData(data=part.astype("<i2").tobytes()))
+                    if not self._clock.wait(len(part) / RATE, stop):
+                        break
+                    played += len(part) / RATE
+            finally:
+                self._card.stop()
+                if not rospy.is_shutdown():
+                    self._speaking.publish(Bool(False))
+            return played
+
+
+class SpeechNode:
+    """Serves the action ``sound_play`` and the topic ``robotsound``.
+
+    :raises ParameterError: a parameter cannot be used.
+    """
+
+    def __init__(self) -> None:
+        self._synthesizer = SpeechSynthesizer(
+            voice=str(rospy.get_param("~default_voice", "en-us")),
+            speed=round(number("~words_per_minute", 160, 40)),
+        )
+        self._clock = RosClock()
+        card = SoundCard(str(rospy.get_param("~device", "")))
+        self._speaker = Speaker(self._clock, card)
+        self._changed = threading.Condition()  # guards the requests of the topic
+        self._requests: Deque[SoundRequest] = deque()
+        self._playing: Optional[Tuple[SoundRequest, threading.Event]] = None
+        self._server = SerialActionServer("sound_play", SoundRequestAction, self._execute, self._cancel)
+        threading.Thread(target=self._work, name="robotsound", daemon=True).start()
+        self._subscriber = rospy.Subscriber(
+            "robotsound", SoundRequest, self._receive, tcp_nodelay=True, queue_size=50
+        )
+        rospy.core.add_preshutdown_hook(lambda _: self._server.shutdown())
+        self._server.start()
+        rospy.loginfo("speech: " + ("plays on the sound card" if card.present else "no sound card, silent"))
+
+    def _execute(self, goal: ServerGoal) -> None:
+        request = goal.goal.sound_request
+        self._silence()
+        if request.command == SoundRequest.PLAY_STOP:
+            goal.succeed(SoundRequestResult(playing=False), "everything was stopped")
+            return
+        played = 0.0
+        try:
+            sound = self._sound(request)
+            while True:
+                played += self._speaker.play(sound, goal.cancel_event, lambda time: _tell(goal, time))
+                if goal.cancel_requested or request.command != SoundRequest.PLAY_START:
+                    break
+        except SoundError as error:
+            goal.abort(_result(played), str(error))
+            return
+        if goal.cancel_requested:
+            goal.cancelled(_result(played), f"cut off after {played:.1f} s")
+        else:
+            goal.succeed(_result(played), "said")
+
+    def _cancel(self, _: ServerGoal) -> None:
+        self._clock.wake()
+
+    def _receive(self, request: SoundRequest) -> None:
+        if request.command == SoundRequest.PLAY_STOP:
+            self._silence(None if request.sound == SoundRequest.ALL else request)
+            return
+        with self._changed:
+            self._requests.append(request)
+            self._changed.notify_all()
+
+    def _silence(self, only: Optional[SoundRequest] = None) -> None:
+        """Stops the sounds of the topic, or those like one of them."""
+        with self._changed:
+            self._requests = deque(
+                request for request in self._requests if only is not None and not _same(request, only)
+            )
+            if self._playing is not None and (only is None or _same(self._playing[0], only)):
+                self._playing[1].set()
+        self._clock.wake()
+
+    def _work(self) -> None:
+        while not rospy.is_shutdown():
+            with self._changed:
+                self._playing = None
+                while not self._requests:
+                    self._changed.wait()
+                request, stop = self._requests.popleft(), threading.Event()
+                self._playing = (request, stop)
+            try:
+                sound = self._sound(request)
+                self._speaker.play(sound, stop, lambda _: None)
+                while request.command == SoundRequest.PLAY_START and not stop.is_set():
+                    self._speaker.play(sound, stop, lambda _: None)
+            except SoundError as error:
+                rospy.logerr(f"robotsound: {error}")
+
+    def _sound(self, request: SoundRequest) -> Sound:
+        if request.command not in (SoundRequest.PLAY_ONCE, SoundRequest.PLAY_START):
+            raise SoundError(f"unknown command {request.command}")
+        if request.sound == SoundRequest.SAY:
+            sound = self._synthesizer.say(request.arg, request.arg2)
+        elif request.sound == SoundRequest.PLAY_FILE:
+            sound = read_wave(_path(request.arg, request.arg2))
+        else:
+            sound = beep(request.sound)
+        return sound.scaled(request.volume)
+
+
+def _tell(goal: ServerGoal, played: float) -> None:
+    goal.feedback(SoundRequestFeedback(playing=True, stamp=rospy.Time.from_sec(played)))
+
+
+def _result(played: float) -> SoundRequestResult:
+    return SoundRequestResult(playing=False, stamp=rospy.Time.from_sec(played))
+
+
+def _same(one: SoundRequest, other: SoundRequest) -> bool:
+    return (one.sound, one.arg, one.arg2) == (other.sound, other.arg, other.arg2)
+
+
+def _path(path: str, package: str) -> str:
+    if not package:
+        return path
+    try:
+        return f"{rospkg.RosPack().get_path(package)}/{path}"
+    except rospkg.ResourceNotFound as error:
+        raise SoundError(f"there is no package {package}") from error
+
+
+def main() -> int:
+    """The executable ``speech``; returns its exit code."""
+    rospy.init_node("soundplay_node")
+    try:
+        SpeechNode()
+    except ParameterError as error:
+        rospy.logfatal(f"speech: {error}")
+        return 1
+    rospy.spin()
+    return 0

@@ -1,0 +1,140 @@
+"""Turns text and files into sound: 16-bit mono samples of one rate."""
+
+import os
+import subprocess
+import tempfile
+import threading
+import wave
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Tuple
+
+import numpy as np
+
+RATE = 16000  # samples per second of everything that is played; what recognisers want
+CACHED = 200  # utterances
+TIMEOUT = 20.0  # s of wall time for espeak-ng
+
+
+class SoundError(Exception):
+    """A sound that cannot be made; the text says why."""
+
+
+@dataclass(frozen=True)
+class Sound:
+    """Samples (int16, mono, RATE per second)."""
+
+    samples: np.ndarray
+
+    @property
+    def duration(self) -> float:
+        """How long it lasts, s."""
+        return len(self.samples) / RATE
+
+    def scaled(self, volume: float) -> "Sound":
+        """The same sound at a volume of 0 to 1."""
+        return Sound((self.samples * max(0.0, min(1.0, volume))).astype(np.int16))
+
+
+class SpeechSynthesizer:
+    """espeak-ng, with a memory of what it said before. Safe to use from several threads.
+
+    :param voice: used when none is named.
+    :param speed: words per minute.
+    """
+
+    def __init__(self, voice: str = "en-us", speed: int = 160) -> None:
+        self.voice = voice
+        self._speed = speed
+        self._lock = threading.Lock()  # guards the cache
+        self._cache: OrderedDict[Tuple[str, str], Sound] = OrderedDict()
+
+    def say(self, text: str, voice: str = "") -> Sound:
+        """The sound of a text.
+
+        :raises SoundError: no text, no espeak-ng, or an unknown voice.
+        """
+        key = (text.strip(), voice or self.voice)
+        if not key[0]:
+            raise SoundError("there is no text to say")
+        with self._lock:
+            if key in self._cache:
+                self._cache.move_to_end(key)
+                return self._cache[key]
+        sound = self._synthesize(*key)
+        with self._lock:
+            self._cache[key] = sound
+            while len(self._cache) > CACHED:
+                self._cache.popitem(last=False)
+        return sound
+
+    def _synthesize(self, text: str, voice: str) -> Sound:
+        handle, path = tempfile.mkstemp(suffix=".wav")
+        os.close(handle)
+        try:
+            # --stdin: a text that begins with a dash is no option.
+            done = subprocess.run(
+                ["espeak-ng", "-v", voice, "-s", str(self._speed), "-w", path, "--stdin"],
+                input=text.encode(),
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                timeout=TIMEOUT,
+                check=False,
+            )
+            if done.returncode != 0:
+                reason = done.stderr.decode(errors="replace").strip().splitlines()
+                why = reason[-1] if reason else "it gave no reason"
+                raise SoundError(f"espeak-ng cannot say it with voice {voice!r}: {why}")
+            return read_wave(path)
+        except FileNotFoundError as error:
+            raise SoundError("espeak-ng is not installed (apt install espeak-ng)") from error
+        except subprocess.TimeoutExpired as error:
+            raise SoundError(f"espeak-ng took longer than {TIMEOUT:.0f} s") from error
+        finally:
+            os.unlink(path)
+
+
+def read_wave(path: str) -> Sound:
+    """Reads a WAV file of 16-bit samples, any rate and number of channels.
+
+    :raises SoundError: when it is missing or of another kind.
+    """
+    try:
+        with wave.open(path) as file:
+            if file.getsampwidth() != 2:
+                raise SoundError(f"{path}: {8 * file.getsampwidth()}-bit samples; only 16-bit WAV is played")
+            data = np.frombuffer(file.readframes(file.getnframes()), dtype="<i2")
+            rate, channels = file.getframerate(), file.getnchannels()
+    except OSError as error:
+        raise SoundError(f"{path}: {error.strerror}") from error
+    except (wave.Error, EOFError) as error:
+        raise SoundError(f"{path} is no WAV file: {error}") from error
+    mono = data.reshape(-1, channels).mean(axis=1)
+    return Sound(resampled(mono, rate))
+
+
+def resampled(samples: np.ndarray, rate: int) -> np.ndarray:
+    """Samples of another rate at RATE, by cutting or padding the spectrum."""
+    if rate == RATE or not len(samples):
+        return samples.astype(np.int16)
+    wanted = round(len(samples) * RATE / rate)
+    spectrum = np.fft.rfft(samples)
+    changed = np.zeros(wanted // 2 + 1, dtype=complex)
+    kept = min(len(spectrum), len(changed))
+    changed[:kept] = spectrum[:kept]
+    result = np.fft.irfft(changed, wanted) * (wanted / len(samples))
+    return np.clip(result, -32768, 32767).astype(np.int16)
+
+
+def beep(number: int) -> Sound:
+    """One of the built-in sounds of sound_play, 1 to 5: tones that tell them apart.
+
+    :raises SoundError: any other number.
+    """
+    tones = {1: (440, 440), 2: (660, 880), 3: (880, 660), 4: (660, 880, 660, 880), 5: (880, 660, 880, 660)}
+    if number not in tones:
+        raise SoundError(f"there is no built-in sound {number}")
+    time = np.arange(round(0.2 * RATE)) / RATE
+    fade = np.minimum(1.0, np.minimum(time, time[::-1]) / 0.01)
+    parts = [12000 * fade * np.sin(2 * np.pi * tone * time) for tone in tones[number]]
+    return Sound(np.concatenate(parts).astype(np.int16))

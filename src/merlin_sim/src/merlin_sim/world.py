@@ -1,0 +1,202 @@
+"""The model of a simulated world: what stands where, on paper.
+
+Everything is in the map frame (REP 105): metres, radians, x to the right and y upwards on the drawing.
+Nothing here knows ROS or the physics engine.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Dict, List, Optional, Tuple
+
+Point = Tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose in the plane: m, m, rad."""
+
+    x: float
+    y: float
+    yaw: float = 0.0
+
+    @property
+    def point(self) -> Point:
+        """Its position."""
+        return (self.x, self.y)
+
+    def compose(self, other: "Pose") -> "Pose":
+        """The pose that `other`, given relative to this one, has in this one's frame."""
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose(
+            self.x + cos * other.x - sin * other.y,
+            self.y + sin * other.x + cos * other.y,
+            wrap(self.yaw + other.yaw),
+        )
+
+    def inverse(self) -> "Pose":
+        """The pose of this one's frame as seen from here."""
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose(-cos * self.x - sin * self.y, sin * self.x - cos * self.y, -self.yaw)
+
+    def distance(self, other: "Pose") -> float:
+        """Distance of the positions, m."""
+        return math.hypot(other.x - self.x, other.y - self.y)
+
+
+def wrap(angle: float) -> float:
+    """The angle within -pi..pi, rad."""
+    return math.atan2(math.sin(angle), math.cos(angle))
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A box (size x, y, height) or an upright cylinder (radius, height) that stands on the floor."""
+
+    name: str
+    pose: Pose
+    height: float
+    size: Optional[Tuple[float, float]] = None  # m, of a box
+    radius: Optional[float] = None  # m, of a cylinder
+    color: str = "#9a9a9a"
+
+    def corners(self) -> List[Point]:
+        """Its outline as a polygon, counter-clockwise."""
+        if self.radius is not None:
+            angles = [2 * math.pi * i / 24 for i in range(24)]
+            return [
+                (self.pose.x + self.radius * math.cos(a), self.pose.y + self.radius * math.sin(a))
+                for a in angles
+            ]
+        assert self.size is not None
+        half_x, half_y = self.size[0] / 2, self.size[1] / 2
+        local = [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]
+        return [self.pose.compose(Pose(x, y)).point for x, y in local]
+
+    def moved(self, pose: Pose) -> "Solid":
+        """The same thing somewhere else."""
+        return Solid(self.name, pose, self.height, self.size, self.radius, self.color)
+
+
+@dataclass(frozen=True)
+class Door:
+    """A sliding door: an opening in a wall that its leaf fills when it is closed."""
+
+    name: str
+    start: Point
+    end: Point
+    open: bool = True
+
+    def leaf(self, thickness: float, height: float) -> Solid:
+        """The closed door as a thing that stands in the way."""
+        return segment_solid(self.name, self.start, self.end, thickness, height, "#c08a4a")
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A straight wall between two points."""
+
+    start: Point
+    end: Point
+
+
+@dataclass
+class World:
+    """A world as its file describes it, before anything moves."""
+
+    name: str
+    walls: List[Wall]
+    wall_thickness: float
+    wall_height: float
+    doors: List[Door] = field(default_factory=list)
+    furniture: List[Solid] = field(default_factory=list)
+    unmapped: List[Solid] = field(default_factory=list)  # stands there, but not on the map
+    points_of_interest: Dict[str, Pose] = field(default_factory=dict)
+    starts: List[Pose] = field(default_factory=list)
+    resolution: float = 0.05  # m per cell of the map
+
+    def wall_solids(self) -> List[Solid]:
+        """The walls with the openings of the doors cut out."""
+        pieces = []
+        for index, wall in enumerate(self.walls):
+            for piece, (start, end) in enumerate(_cut(wall, self.doors)):
+                # Half a thickness more at each end closes the corners; an opening keeps its width.
+                pieces.append(
+                    segment_solid(
+                        f"wall_{index}_{piece}",
+                        start,
+                        end,
+                        self.wall_thickness,
+                        self.wall_height,
+                        "#5b5b5b",
+                        (
+                            self.wall_thickness / 2 if start == wall.start else 0.0,
+                            self.wall_thickness / 2 if end == wall.end else 0.0,
+                        ),
+                    )
+                )
+        return pieces
+
+    def bounds(self) -> Tuple[float, float, float, float]:
+        """The smallest rectangle around the walls: min x, min y, max x, max y."""
+        xs = [point[0] for wall in self.walls for point in (wall.start, wall.end)]
+        ys = [point[1] for wall in self.walls for point in (wall.start, wall.end)]
+        return min(xs), min(ys), max(xs), max(ys)
+
+
+def segment_solid(
+    name: str,
+    start: Point,
+    end: Point,
+    thickness: float,
+    height: float,
+    color: str,
+    extend: Tuple[float, float] = (0.0, 0.0),
+) -> Solid:
+    """A box along a segment, lengthened by `extend` (m) at its two ends."""
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    length = math.hypot(dx, dy)
+    ux, uy = dx / length, dy / length
+    shift = (extend[1] - extend[0]) / 2
+    pose = Pose(
+        (start[0] + end[0]) / 2 + ux * shift, (start[1] + end[1]) / 2 + uy * shift, math.atan2(dy, dx)
+    )
+    return Solid(name, pose, height, size=(length + sum(extend), thickness), color=color)
+
+
+def _cut(wall: Wall, doors: List[Door]) -> List[Tuple[Point, Point]]:
+    """The pieces of a wall that its doors leave."""
+    (x0, y0), (x1, y1) = wall.start, wall.end
+    length = math.hypot(x1 - x0, y1 - y0)
+    ux, uy = (x1 - x0) / length, (y1 - y0) / length
+
+    def at(distance: float) -> Point:
+        if distance <= 0.0:
+            return wall.start
+        return wall.end if distance >= length else (x0 + ux * distance, y0 + uy * distance)
+
+    openings = sorted(span for door in doors for span in [span_on(wall, door)] if span is not None)
+    pieces = []
+    begin = 0.0
+    for first, last in openings:
+        if first > begin:
+            pieces.append((at(begin), at(first)))
+        begin = max(begin, last)
+    if begin < length:
+        pieces.append((at(begin), at(length)))
+    return pieces
+
+
+def span_on(wall: Wall, door: Door, tolerance: float = 0.01) -> Optional[Tuple[float, float]]:
+    """Where along a wall (m from its start) a door lies, or None when it is not in this wall."""
+    (x0, y0), (x1, y1) = wall.start, wall.end
+    length = math.hypot(x1 - x0, y1 - y0)
+    ux, uy = (x1 - x0) / length, (y1 - y0) / length
+    along = []
+    for x, y in (door.start, door.end):
+        if abs((x - x0) * uy - (y - y0) * ux) > tolerance:
+            return None
+        along.append((x - x0) * ux + (y - y0) * uy)
+    first, last = sorted(along)
+    if first < -tolerance or last > length + tolerance:
+        return None
+    return first, last

@@ -1,0 +1,130 @@
+"""Reads world files and says clearly what is wrong with one."""
+
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Union
+
+import jsonschema
+import yaml
+
+from merlin_sim.world import Door, Pose, Solid, Wall, World, span_on
+from merlin_sim.world_schema import SCHEMA
+
+REPORTED = 5  # errors told at once
+
+
+class WorldError(Exception):
+    """A world that cannot be used; the text names the file, the place in it and what is wrong."""
+
+
+def load_world(path: Union[str, Path]) -> World:
+    """Reads a world file.
+
+    :raises WorldError: when it is missing, not YAML, does not follow the schema or makes no sense.
+    """
+    return parse_world(_read(path), str(path))
+
+
+def parse_world(data: Any, source: str = "world") -> World:
+    """Makes a world of the content of a file.
+
+    :param source: what error texts call it.
+    :raises WorldError: as in :func:`load_world`.
+    """
+    errors = sorted(
+        jsonschema.Draft7Validator(SCHEMA).iter_errors(data), key=lambda error: list(map(str, error.path))
+    )
+    if errors:
+        raise WorldError(_told(source, [f"{_place(error.path)}: {error.message}" for error in errors]))
+    wall = data.get("wall", {})
+    furniture = data.get("furniture", [])
+    world = World(
+        name=data["name"],
+        walls=[Wall(tuple(item["from"]), tuple(item["to"])) for item in data["walls"]],
+        wall_thickness=wall.get("thickness", 0.1),
+        wall_height=wall.get("height", 2.2),
+        doors=[
+            Door(item["name"], tuple(item["from"]), tuple(item["to"]), item.get("open", True))
+            for item in data.get("doors", [])
+        ],
+        furniture=[_solid(item) for item in furniture if item.get("on_map", True)],
+        unmapped=[_solid(item) for item in furniture if not item.get("on_map", True)],
+        points_of_interest={name: _pose(item) for name, item in data["points_of_interest"].items()},
+        starts=[_pose(item) for item in data["starts"]],
+        resolution=data.get("resolution", 0.05),
+    )
+    nonsense = list(_nonsense(world))
+    if nonsense:
+        raise WorldError(_told(source, nonsense))
+    return world
+
+
+def _read(path: Union[str, Path]) -> Any:
+    try:
+        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise WorldError(f"world file {path} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise WorldError(f"world file {path} is not UTF-8 text: {error.reason}") from error
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise WorldError(
+            f"world file {path}{where} is not YAML: {getattr(error, 'problem', error)}"
+        ) from error
+
+
+def _told(source: str, problems: List[str]) -> str:
+    more = f"; and {len(problems) - REPORTED} more" if len(problems) > REPORTED else ""
+    return f"world file {source}: " + "; ".join(problems[:REPORTED]) + more
+
+
+def _place(path: Any) -> str:
+    text = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
+    return text.lstrip(".") or "the file"
+
+
+def _pose(item: Dict[str, float]) -> Pose:
+    return Pose(float(item["x"]), float(item["y"]), float(item.get("yaw", 0.0)))
+
+
+def _solid(item: Dict[str, Any]) -> Solid:
+    size = item.get("box")
+    height = (size or item["cylinder"])[-1]
+    return Solid(
+        name=item["name"],
+        pose=Pose(*map(float, item["at"])),
+        height=height,
+        size=tuple(size[:2]) if size else None,
+        radius=None if size else item["cylinder"][0],
+        color=item.get("color", "#9a9a9a"),
+    )
+
+
+def _nonsense(world: World) -> Iterator[str]:
+    """What the schema cannot see."""
+    for index, wall in enumerate(world.walls):
+        if wall.start == wall.end:
+            yield f"walls[{index}]: it has no length"
+            return
+    seen = set()
+    for kind, names in (
+        ("doors", [door.name for door in world.doors]),
+        ("furniture", [solid.name for solid in world.furniture + world.unmapped]),
+    ):
+        for name in names:
+            if name in seen:
+                yield f"{kind}: the name {name} is used twice"
+            seen.add(name)
+    for door in world.doors:
+        if door.start == door.end:
+            yield f"doors: {door.name} has no width"
+        elif all(span_on(wall, door) is None for wall in world.walls):
+            yield f"doors: {door.name} lies in no wall"
+    left, bottom, right, top = world.bounds()
+    for kind, poses in (
+        ("points_of_interest", world.points_of_interest.items()),
+        ("starts", ((str(index), pose) for index, pose in enumerate(world.starts))),
+    ):
+        for name, pose in poses:
+            if not (left < pose.x < right and bottom < pose.y < top):
+                yield f"{kind}.{name}: ({pose.x:g}, {pose.y:g}) lies outside the walls"
