@@ -8,7 +8,6 @@ import pytest
 from merlin_home.mission import Mission, MissionStopped
 from merlin_home.mission_list import Task, make_mission
 from merlin_home.real_time_factor import RealTimeFactor
-from merlin_home.task_record import TaskRecord
 from merlin_home.trajectory import Sample, Trajectory
 
 POINTS = ["dorm_room", "bathroom", "kitchen", "main_door"]
@@ -141,11 +140,11 @@ def test_a_stopped_mission_cancels_and_sends_no_more() -> None:
 
 def test_each_change_is_told() -> None:
     told = []
-    robot = FakeRobot()
-    tasks = [Task(1, "kitchen", True), Task(2, "bathroom", False)]
-    Mission(
-        tasks, robot, 10.0, on_change=lambda record: told.append((record.task.number, record.outcome))
-    ).run()
+
+    def tell(record: TaskRecord) -> None:
+        told.append((record.task.number, record.outcome))
+
+    Mission([Task(1, "kitchen", True), Task(2, "bathroom", False)], FakeRobot(), 10.0, on_change=tell).run()
     assert told == [(1, ""), (1, ""), (1, "CANCELLED"), (2, ""), (2, "SUCCEEDED")]
 
 

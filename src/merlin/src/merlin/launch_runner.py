@@ -30,8 +30,8 @@ INTERRUPT_TIMEOUT = 6.0
 """Wall seconds between SIGINT and SIGTERM of a node that does not end (a bag is being closed)."""
 TERMINATE_TIMEOUT = 1.0
 """Wall seconds between SIGTERM and SIGKILL."""
-FILE_PARAMETERS = ("domain_path", "problem_path", "world_file", "world_path", "map_file")
-"""Parameters that name a file which has to be there when a node starts."""
+FILE_PARAMETERS = ("/domain_path", "knowledge_base/problem_path", "/world_file", "/world_path")
+"""Ends of the names of parameters that name a file which has to be there when a node starts."""
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -93,7 +93,7 @@ def check_files(parameters: Dict[str, Any]) -> None:
         LaunchError: one is missing.
     """
     for key, value in parameters.items():
-        if key.rsplit("/", 1)[-1] in FILE_PARAMETERS and value and not Path(str(value)).is_file():
+        if key.endswith(FILE_PARAMETERS) and value and not Path(str(value)).is_file():
             raise LaunchError(
                 f"the file {value} (parameter {key}) is missing; give the path of one that exists"
             )
@@ -193,9 +193,7 @@ class LaunchRun:
         node = self._parent.node_of(event.process)
         name = event.process.rsplit("-", 1)[0]
         if node is not None and node.required:
-            self._say(
-                f"node '{name}' died with exit code {event.exit_code}; the run cannot go on{self._logs()}"
-            )
+            self._say(f"required node '{name}' died with exit code {event.exit_code}{self._logs()}")
             return _positive(event.exit_code) or EXIT_FAILED
         if event.exit_code:
             self._say(f"node '{name}' died with exit code {event.exit_code}{self._logs()}")

@@ -4,6 +4,7 @@ import time
 from typing import Any, Callable, List, Optional
 
 import rospy
+import smach
 from merlin_msgs.msg import ExecuteResult
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
@@ -210,7 +211,7 @@ class _Replan(MerlinState):
         return SUCCEEDED
 
 
-class _RemoveGoals(MerlinState):
+class _RemoveGoals(smach.State):
     """Removes the goals that were added, whatever happened, and gives the machine its outcome."""
 
     def __init__(self, goals: _AddGoals, verdict: Callable[[], str], outcomes: List[str]) -> None:

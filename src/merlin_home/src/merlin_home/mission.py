@@ -10,7 +10,6 @@ from .mission_list import Task
 from .task_record import TaskRecord
 from .trajectory import Trajectory
 
-
 CLOCK_TICK = 0.05
 """By how much the clocks of two nodes may differ in a simulation, s: they learn of the time by messages."""
 

@@ -17,7 +17,6 @@ from merlin_executor.goal_check import GoalError
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
-from .actions.ask import QUESTION
 from .executor_robot import ExecutorRobot
 from .ground_truth import GroundTruth, grid_of, receive_one
 from .mission import Mission, MissionStopped
@@ -134,7 +133,7 @@ class MissionNode:
     def _add_oracle(self, run: RunRecord, grid: OccupancyGrid) -> None:
         settings = self._settings
         try:
-            length = settings.speech_length or speech_length(QUESTION)
+            length = settings.speech_length or speech_length()
             paths = ShortestPaths(*grid_of(grid), settings.limits.radius)
             oracle = Oracle(paths, settings.limits, length, settings.goal_tolerance)
             for record in run.tasks:

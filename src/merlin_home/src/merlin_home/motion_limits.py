@@ -81,13 +81,58 @@ class MotionLimits:
         """The fastest turn on the spot by an angle (rad, either direction)."""
         return Profile(abs(angle), self.turn_rate, self.turn_acceleration)
 
-    def bend_delay(self, angle: float) -> float:
-        """Time lost by rounding a corner (s), against driving the same length straight on.
+    def set_off(self, angle: float, distance: float) -> "SetOff":
+        """The fastest drive of a distance (m) in a direction that is off the heading by an angle (rad)."""
+        return SetOff(self, abs(angle), distance)
 
-        The shortest path of a disc runs round a corner on an arc of the disc's radius, on which the speed
-        is at most turn_rate * radius.
 
-        Parameters:
-            angle: by how much the heading changes, rad.
+class SetOff:
+    """Turning and driving together: what a robot gains on its way cannot be more than this.
+
+    It covers its way at no more than its speed times the cosine of the angle between heading and path. So it
+    begins to gain when it faces the path within a right angle, and speeds up while it turns the rest. What it
+    moves sideways meanwhile is counted as free, as are corners of the path (rounding one at full speed, on an
+    arc of speed / turn_rate, costs centimetres).
+
+    Attributes:
+        duration: s, from rest to rest.
+    """
+
+    STEP = 0.002  # s, of the numerical integration over the turn
+
+    def __init__(self, limits: MotionLimits, angle: float, distance: float) -> None:
         """
-        return abs(angle) * max(0.0, 1.0 / self.turn_rate - self.radius / self.speed)
+        Parameters:
+            limits: of the robot.
+            angle: between heading and path at the start, rad, ≥ 0.
+            distance: to cover, m.
+        """
+        turn = limits.turn(angle)
+        self._limits, self._distance = limits, distance
+        self._gains = [0.0]
+        self._speed = 0.0
+        while len(self._gains) * self.STEP < turn.duration:
+            off = angle - turn.way_at(len(self._gains) * self.STEP)
+            if off < math.pi / 2:
+                self._speed = min(limits.speed, self._speed + limits.acceleration * self.STEP)
+            gain = self._speed * max(0.0, math.cos(off)) * self.STEP
+            if self._gains[-1] + gain + self._braking_way() >= distance:
+                break
+            self._gains.append(self._gains[-1] + gain)
+        self._turned = (len(self._gains) - 1) * self.STEP
+        # From here it faces the path (or has to brake already): a trapezoid that began with some speed is the
+        # end of one from rest.
+        before = self._braking_way()
+        self._rest = limits.drive(distance - self._gains[-1] + before)
+        self._skipped = self._speed / limits.acceleration
+        self.duration = self._turned + self._rest.duration - self._skipped
+
+    def way_at(self, time: float) -> float:
+        """The most that it has covered after some time (s), m."""
+        if time <= self._turned:
+            return self._gains[max(0, int(time / self.STEP))]
+        since = self._rest.way_at(time - self._turned + self._skipped) - self._braking_way()
+        return min(self._distance, self._gains[-1] + max(0.0, since))
+
+    def _braking_way(self) -> float:
+        return self._speed**2 / (2.0 * self._limits.acceleration)

@@ -1,9 +1,9 @@
 """The best that a robot could do: the yardstick of the experiment.
 
-For one task, from the pose in which it was sent: turn on the spot to the direction of the shortest path,
-drive along it as fast as the limits allow, slower round corners, stop at the point of interest, and speak.
-Deliberation, communication, detours and caution take no time here; no run can reach this, and the ratio
-of oracle to measurement says how close one came.
+For one task, from the pose in which it was sent: turn to the direction of the shortest path while setting
+off, drive along it as fast as the limits allow, stop at the point of interest, and speak. Deliberation,
+communication, detours and caution take no time here; no run can reach this, and the ratio of oracle to
+measurement says how close one came.
 """
 
 import math
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import List
 
 from .motion_limits import MotionLimits
-from .shortest_path import Point, ShortestPaths, angle_between, bend_angles, path_length
+from .shortest_path import Point, ShortestPaths, angle_between, path_length
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,8 @@ class Oracle:
             return OracleResult(min(self._speech, cancel_after), 0.0)
         first = next(b for b in vertices[1:] if b != vertices[0])
         direction = math.atan2(first[1] - vertices[0][1], first[0] - vertices[0][0])
-        turn = self._limits.turn(angle_between(heading, direction)).duration
-        drive = self._limits.drive(length)
-        bends = sum(map(self._limits.bend_delay, bend_angles(vertices)))
-        whole = turn + drive.duration + bends + self._speech
+        drive = self._limits.set_off(angle_between(heading, direction), length)
+        whole = drive.duration + self._speech
         if whole <= cancel_after:
             return OracleResult(whole, length)
-        return OracleResult(cancel_after, drive.way_at(cancel_after - turn))
+        return OracleResult(cancel_after, drive.way_at(cancel_after))

@@ -1,32 +1,22 @@
-"""How long the spoken question is, measured on the sound itself."""
+"""The question of the paper's tasks, and how long it is."""
 
-import subprocess
-import tempfile
-import wave
-from pathlib import Path
+from merlin_sim.speech_synthesizer import SoundError, SpeechSynthesizer
 
-SYNTHESIS_TIMEOUT = 10.0
-"""Wall seconds that the synthesis of one sentence may take."""
+QUESTION = "Hello. I came to see if a service is needed here. Do you need something from me?"
+"""Always the same, so that its length (about 5 s) adds no spread to the results."""
 
 
 class SpeechLengthError(RuntimeError):
     """The length cannot be measured; the text says why and what to do."""
 
 
-def speech_length(text: str) -> float:
-    """Length of a sentence as espeak-ng speaks it, s.
+def speech_length(text: str = QUESTION) -> float:
+    """Length of a sentence, s, measured on the sound that the simulated robot plays.
 
     Raises:
-        SpeechLengthError: espeak-ng is missing or failed.
+        SpeechLengthError: it cannot be synthesised.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "question.wav"
-        command = ["espeak-ng", "-w", str(file), text]
-        try:
-            subprocess.run(command, check=True, capture_output=True, timeout=SYNTHESIS_TIMEOUT)
-            with wave.open(str(file)) as sound:
-                return sound.getnframes() / sound.getframerate()
-        except (OSError, subprocess.SubprocessError, wave.Error) as error:
-            raise SpeechLengthError(
-                f"cannot measure the question with espeak-ng ({error}); install it, or set ~speech_length"
-            ) from error
+    try:
+        return SpeechSynthesizer().say(text).duration
+    except SoundError as error:
+        raise SpeechLengthError(f"{error}; or set ~speech_length") from error

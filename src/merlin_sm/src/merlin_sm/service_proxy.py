@@ -9,6 +9,7 @@ from typing import Any, Optional
 
 import rosgraph
 import rospy
+from rosgraph.network import write_ros_handshake_header
 from rospy.exceptions import ROSException, TransportException
 
 
@@ -82,7 +83,9 @@ class ServiceProxy:
         try:
             uri = rosgraph.Master(rospy.get_name()).lookupService(self.name)
             host, port = rospy.core.parse_rosrpc_uri(uri)
-            with socket.create_connection((host, port), timeout=1.0):
+            with socket.create_connection((host, port), timeout=1.0) as connection:
+                header = {"probe": "1", "md5sum": "*", "callerid": rospy.get_name(), "service": self.name}
+                write_ros_handshake_header(connection, header)
                 return True
         except (OSError, rosgraph.MasterException):
             return False

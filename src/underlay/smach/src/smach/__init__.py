@@ -3,6 +3,10 @@
 The package needs neither ROS nor any other library. What the names do is told in the package's README.
 """
 
+from smach import util
+from smach.cb_interface import CBInterface, cb_interface, has_smach_interface
+from smach.concurrence import Concurrence
+from smach.container import Container
 from smach.exceptions import (
     InvalidConstructionError,
     InvalidStateError,
@@ -10,17 +14,12 @@ from smach.exceptions import (
     InvalidUserCodeError,
     SmachError,
 )
-from smach.log import is_shutdown, logdebug, logerr, loginfo, logwarn, set_loggers, set_shutdown_check
-from smach.user_data import Remapper, UserData, set_strict_userdata
-from smach.cb_interface import CBInterface, cb_interface, has_smach_interface
-from smach.state import State
-from smach.cb_state import CBState
-from smach.container import Container
-from smach.state_machine import StateMachine
-from smach.sequence import Sequence
-from smach.concurrence import Concurrence
 from smach.iterator import Iterator
-from smach import util
+from smach.log import is_shutdown, logdebug, logerr, loginfo, logwarn, set_loggers, set_shutdown_check
+from smach.sequence import Sequence
+from smach.state import CBState, State
+from smach.state_machine import StateMachine
+from smach.user_data import Remapper, UserData, set_strict_userdata
 
 __all__ = [
     "CBInterface",

@@ -26,7 +26,9 @@ class Sequence(StateMachine):
     ) -> None:
         super().__init__(outcomes, input_keys, output_keys)
         if not isinstance(connector_outcome, str) or not connector_outcome:
-            raise InvalidStateError(f"Sequence: connector_outcome must be an outcome, not {connector_outcome!r}")
+            raise InvalidStateError(
+                f"Sequence: connector_outcome must be an outcome, not {connector_outcome!r}"
+            )
         self._connector_outcome = connector_outcome
 
     @staticmethod
@@ -51,6 +53,4 @@ class Sequence(StateMachine):
             and connector in state.get_registered_outcomes()
             and connector not in (transitions or {})
         )
-        return sequence._add(
-            label, state, transitions, remapping, constants, [connector] if connects else []
-        )
+        return sequence._add(label, state, transitions, remapping, constants, [connector] if connects else [])

@@ -1,7 +1,8 @@
 """The base of all states."""
 
-from typing import Any, Iterable, List, Optional, Tuple
+from typing import Any, Callable, Iterable, List, Mapping, Optional, Tuple
 
+from smach.cb_interface import has_smach_interface
 from smach.ordered_set import OrderedSet
 from smach.run_context import flag_lock, next_number
 
@@ -49,7 +50,7 @@ class State:
 
     def get_registered_outcomes(self) -> Tuple[str, ...]:
         """The outcomes, in the order they were registered."""
-        return tuple(self._outcomes)
+        return _tuple(self._outcomes)
 
     def register_io_keys(self, keys: Iterable[str]) -> None:
         """Adds keys that are read and written."""
@@ -63,7 +64,7 @@ class State:
 
     def get_registered_input_keys(self) -> Tuple[str, ...]:
         """The keys that are read."""
-        return tuple(self._input_keys)
+        return _tuple(self._input_keys)
 
     def register_output_keys(self, keys: Iterable[str]) -> None:
         """Adds keys that are written."""
@@ -71,7 +72,7 @@ class State:
 
     def get_registered_output_keys(self) -> Tuple[str, ...]:
         """The keys that are written."""
-        return tuple(self._output_keys)
+        return _tuple(self._output_keys)
 
     def prepare_run(self) -> None:
         """Begins the next run before it is executed: requests up to now are forgotten, later ones count.
@@ -102,6 +103,42 @@ class State:
         return self._preempt_requested
 
 
+class CBState(State):
+    """Executes ``cb(ud, *cb_args, **cb_kwargs)`` and ends with what it returns.
+
+    :param cb: if it declares an interface (:func:`smach.cb_interface`), that becomes the state's.
+    :param outcomes: that it may return.
+    :param input_keys: userdata keys that it reads.
+    :param output_keys: userdata keys that it writes.
+    :param io_keys: userdata keys that it reads and writes.
+    """
+
+    def __init__(
+        self,
+        cb: Callable[..., str],
+        cb_args: Iterable[Any] = (),
+        cb_kwargs: Optional[Mapping[str, Any]] = None,
+        outcomes: Optional[Iterable[str]] = None,
+        input_keys: Optional[Iterable[str]] = None,
+        output_keys: Optional[Iterable[str]] = None,
+        io_keys: Optional[Iterable[str]] = None,
+    ) -> None:
+        super().__init__(outcomes, input_keys, output_keys, io_keys)
+        if not callable(cb):
+            raise TypeError(f"CBState needs something callable, not {cb!r}")
+        self._cb = cb
+        self._args = list(cb_args)
+        self._kwargs = dict(cb_kwargs or {})
+        if has_smach_interface(cb):
+            self.register_outcomes(cb.get_registered_outcomes())
+            self.register_input_keys(cb.get_registered_input_keys())
+            self.register_output_keys(cb.get_registered_output_keys())
+
+    def execute(self, ud: Any) -> str:
+        """Calls the function."""
+        return self._cb(ud, *self._args, **self._kwargs)
+
+
 def names(values: Optional[Iterable[str]], what: str) -> List[str]:
     """Checks a list of outcomes or keys.
 
@@ -119,4 +156,6 @@ def names(values: Optional[Iterable[str]], what: str) -> List[str]:
     return values
 
 
-from smach.cb_state import CBState  # noqa: E402 programs import it from here
+def _tuple(values: Iterable[str]) -> Tuple[str, ...]:
+    # Programs are known to put plain sets in the place of ours.
+    return values.as_tuple() if isinstance(values, OrderedSet) else tuple(values)

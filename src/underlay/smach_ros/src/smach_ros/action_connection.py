@@ -1,0 +1,216 @@
+"""The client side of an action, event-driven: goals, cancels, and servers that die.
+
+actionlib's own client waits by polling, cannot tell a dead server and lets the kernel delay small packets.
+"""
+
+import itertools
+import threading
+import time
+from typing import Any, Dict, List, Optional, Tuple
+
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+
+from smach.log import wake_at_shutdown
+
+SILENCE = 5.0  # s without a status, by the wall and by ROS time, after which a server counts as dead
+REPEAT_CANCEL = 0.5  # s of wall time after which a cancel without effect is sent again
+TERMINAL = (
+    GoalStatus.PREEMPTED,
+    GoalStatus.SUCCEEDED,
+    GoalStatus.ABORTED,
+    GoalStatus.REJECTED,
+    GoalStatus.RECALLED,
+    GoalStatus.LOST,
+)
+_numbers = itertools.count(1)
+
+
+class SentGoal:
+    """A goal that was sent. The connection's condition guards it."""
+
+    def __init__(self, goal_id: str, now: Tuple[float, float]) -> None:
+        self.id = goal_id
+        self.status = GoalStatus.PENDING
+        self.text = ""
+        self.result: Any = None
+        self.done = False
+        self.sent = now  # wall, ROS
+        self.seen = False
+        self.ended: Optional[float] = None  # wall time of a terminal status
+        self.cancelled: Optional[float] = None  # wall time of the last cancel
+
+
+class ActionConnection:
+    """Topics to one action server, shared by all states of the process that use it; see :meth:`acquire`."""
+
+    _shared: Dict[Tuple[str, type], "ActionConnection"] = {}
+    _shared_lock = threading.Lock()  # guards _shared and all _users
+
+    def __init__(self, name: str, action_spec: type) -> None:
+        action = action_spec()
+        self.name = name
+        self.goal_type = type(action.action_goal.goal)
+        self._action_goal_type = type(action.action_goal)
+        self._users = 0
+        self.changed = threading.Condition(threading.RLock())  # guards the fields below
+        wake_at_shutdown(self.changed)
+        self._goals: Dict[str, SentGoal] = {}
+        self._status_at: Optional[Tuple[float, float]] = None  # wall, ROS
+        self._server = ""
+        self._connected_at = time.monotonic()
+        listener = _Listener(self.changed)
+        self._goal_publisher = rospy.Publisher(
+            name + "/goal", self._action_goal_type, listener, queue_size=10
+        )
+        self._cancel_publisher = rospy.Publisher(name + "/cancel", GoalID, listener, queue_size=10)
+        self._result_subscriber = rospy.Subscriber(
+            name + "/result", type(action.action_result), self._receive_result, tcp_nodelay=True
+        )
+        self._status_subscriber = rospy.Subscriber(
+            name + "/status", GoalStatusArray, self._receive_status, tcp_nodelay=True
+        )
+
+    @classmethod
+    def acquire(cls, name: str, action_spec: type) -> "ActionConnection":
+        """The connection to an action; to be given back by :meth:`release`.
+
+        :param name: resolved name of the action.
+        """
+        with cls._shared_lock:
+            connection = cls._shared.get((name, action_spec))
+            if connection is None:
+                connection = cls._shared[name, action_spec] = cls(name, action_spec)
+            connection._users += 1
+            return connection
+
+    def release(self) -> None:
+        """Ends the use; the last one disconnects."""
+        with self._shared_lock:
+            self._users -= 1
+            if self._users:
+                return
+            for key, connection in list(self._shared.items()):
+                if connection is self:
+                    del self._shared[key]
+        for topic in (
+            self._status_subscriber,
+            self._result_subscriber,
+            self._goal_publisher,
+            self._cancel_publisher,
+        ):
+            topic.unregister()
+
+    def ready(self) -> bool:
+        """Whether a server is connected in all directions."""
+        server = self._server
+        return bool(server) and all(
+            (
+                self._goal_publisher.impl.has_connection(server),
+                self._cancel_publisher.impl.has_connection(server),
+                self._listens_to(self._result_subscriber, server),
+                self._listens_to(self._status_subscriber, server),
+            )
+        )
+
+    @staticmethod
+    def _listens_to(subscriber: rospy.Subscriber, server: str) -> bool:
+        return any(connection.callerid_pub == server for connection in subscriber.impl.connections)
+
+    def send(self, goal: Any) -> SentGoal:
+        """Sends a goal."""
+        stamp = rospy.Time.now()
+        sent = SentGoal(
+            f"{rospy.get_caller_id()}-smach-{next(_numbers)}-{stamp.secs}.{stamp.nsecs:09d}", _now()
+        )
+        message = self._action_goal_type(goal_id=GoalID(stamp=stamp, id=sent.id), goal=goal)
+        message.header.stamp = stamp
+        with self.changed:
+            self._goals[sent.id] = sent
+            self._goal_publisher.publish(message)
+        return sent
+
+    def cancel(self, goal: SentGoal) -> None:
+        """Asks the server to stop a goal; its end is the answer."""
+        with self.changed:
+            if not goal.done:
+                goal.cancelled = time.monotonic()
+                self._cancel_publisher.publish(GoalID(id=goal.id))
+
+    def repeat_cancel(self, goal: SentGoal) -> None:
+        """Sends a cancel again that shows no effect: it travels beside the goal and may have come first."""
+        if (
+            goal.cancelled is not None
+            and time.monotonic() - goal.cancelled > REPEAT_CANCEL
+            and goal.status in (GoalStatus.PENDING, GoalStatus.ACTIVE)
+        ):
+            self.cancel(goal)
+
+    def forget(self, goal: SentGoal) -> None:
+        """Nobody waits for this goal any more."""
+        with self.changed:
+            self._goals.pop(goal.id, None)
+
+    def why_lost(self, goal: SentGoal) -> str:
+        """Why the server will not answer any more, or an empty text."""
+        wall, ros = _now()
+        if self._status_subscriber.get_num_connections():
+            self._connected_at = wall
+        if wall - max(self._connected_at, goal.sent[0]) > SILENCE:
+            return f"the action server {self.name} is gone"
+        heard = self._status_at or (0.0, 0.0)
+        # A paused simulator silences servers that live by its clock: both clocks must have gone on.
+        silent = min(wall - max(heard[0], goal.sent[0]), ros - max(heard[1], goal.sent[1]))
+        if silent > SILENCE:
+            return f"the action server {self.name} has been silent for {silent:.1f} s"
+        if not goal.seen and min(wall - goal.sent[0], ros - goal.sent[1]) > SILENCE:
+            return f"the action server {self.name} never acknowledged the goal"
+        if goal.ended is not None and wall - goal.ended > SILENCE:
+            return f"the action server {self.name} ended the goal without a result"
+        return goal.text if goal.status == GoalStatus.LOST else ""
+
+    def _receive_result(self, message: Any) -> None:
+        with self.changed:
+            goal = self._goals.pop(message.status.goal_id.id, None)
+            if goal is not None:
+                goal.status, goal.text = message.status.status, message.status.text
+                goal.result, goal.done = message.result, True
+                self.changed.notify_all()
+
+    def _receive_status(self, message: GoalStatusArray) -> None:
+        with self.changed:
+            self._server = message._connection_header["callerid"]
+            self._status_at = _now()
+            lost: List[SentGoal] = []
+            if self._goals:
+                known = {status.goal_id.id: status for status in message.status_list}
+                for goal in self._goals.values():
+                    status = known.get(goal.id)
+                    if status is None:
+                        lost += [goal] if goal.seen and goal.ended is None else []
+                        continue
+                    goal.seen = True
+                    if status.status in TERMINAL:
+                        goal.ended = goal.ended or self._status_at[0]
+                    else:
+                        goal.status = status.status
+            for goal in lost:
+                goal.status = GoalStatus.LOST
+                goal.text = f"the action server {self.name} does not know the goal any more; it was restarted"
+            self.changed.notify_all()
+
+
+class _Listener(rospy.SubscribeListener):
+    """Wakes who waits for a server."""
+
+    def __init__(self, changed: threading.Condition) -> None:
+        super().__init__()
+        self._changed = changed
+
+    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
+        with self._changed:
+            self._changed.notify_all()
+
+
+def _now() -> Tuple[float, float]:
+    return time.monotonic(), rospy.get_time()

@@ -1,0 +1,208 @@
+"""A container offered as an action server."""
+
+import copy
+import threading
+import traceback
+from typing import Any, Dict, Iterable, List, Mapping, Optional
+
+import actionlib
+import rospy
+
+import smach
+from smach.container import Container
+from smach.state import names
+from smach_ros.user_callback import check_slots
+
+
+class ActionServerWrapper:
+    """Executes a container for each goal of an action.
+
+    One goal at a time: a newer one preempts the running one and takes the place of one that waits.
+
+    :param server_name: name of the action; relative names and remapping as usual.
+    :param action_spec: the generated ``...Action`` class.
+    :param wrapped_container: sees of :attr:`userdata` its registered input keys, and writes its output keys.
+    :param succeeded_outcomes: container outcomes that mean SUCCEEDED.
+    :param aborted_outcomes: container outcomes that mean ABORTED, as all that are not listed do.
+    :param preempted_outcomes: container outcomes that mean PREEMPTED.
+    :param goal_key: userdata key that gets the goal.
+    :param feedback_key: key in the container's userdata; if it is there, it is sent after each transition.
+    :param result_key: userdata key that holds the result at the end.
+    :param goal_slots_map: field of the goal -> userdata key that gets it.
+    :param feedback_slots_map: field of the feedback -> key in the container's userdata that it is taken from.
+    :param result_slots_map: field of the result -> userdata key that it is taken from.
+    :param expand_goal_slots: also puts each field of the goal under its own name.
+    :param pack_result_slots: also takes each field of the result from the key of its name, if that is there.
+    :ivar userdata: what is set here from outside is there for every goal; the rest ends with its goal.
+    """
+
+    def __init__(
+        self,
+        server_name: str,
+        action_spec: type,
+        wrapped_container: Container,
+        succeeded_outcomes: Iterable[str] = (),
+        aborted_outcomes: Iterable[str] = (),
+        preempted_outcomes: Iterable[str] = (),
+        goal_key: str = "action_goal",
+        feedback_key: str = "action_feedback",
+        result_key: str = "action_result",
+        goal_slots_map: Optional[Mapping[str, str]] = None,
+        feedback_slots_map: Optional[Mapping[str, str]] = None,
+        result_slots_map: Optional[Mapping[str, str]] = None,
+        expand_goal_slots: bool = False,
+        pack_result_slots: bool = False,
+    ) -> None:
+        action = action_spec()
+        self._goal_type = type(action.action_goal.goal)
+        self._result_type = type(action.action_result.result)
+        self._feedback_type = type(action.action_feedback.feedback)
+        self.wrapped_container = wrapped_container
+        self.userdata = smach.UserData()
+        self._server_name = server_name
+        self._outcome_kinds = self._kinds(
+            wrapped_container, succeeded_outcomes, aborted_outcomes, preempted_outcomes
+        )
+        self._goal_key, self._feedback_key, self._result_key = goal_key, feedback_key, result_key
+        self._goal_slots_map = dict(goal_slots_map or {})
+        self._feedback_slots_map = dict(feedback_slots_map or {})
+        self._result_slots_map = dict(result_slots_map or {})
+        check_slots(self._goal_type, self._goal_slots_map, "goal_slots_map")
+        check_slots(self._feedback_type, self._feedback_slots_map, "feedback_slots_map")
+        check_slots(self._result_type, self._result_slots_map, "result_slots_map")
+        self._expand_goal_slots, self._pack_result_slots = expand_goal_slots, pack_result_slots
+        self._changed = threading.Condition(threading.RLock())  # guards the two goals
+        self._waiting: Any = None
+        self._current: Any = None
+        wrapped_container.register_transition_cb(self._send_feedback)
+        self._action_server = actionlib.ActionServer(
+            server_name, action_spec, self._receive_goal, self._receive_cancel, auto_start=False
+        )
+        self._worker: Optional[threading.Thread] = None
+
+    @staticmethod
+    def _kinds(container: Container, *lists: Iterable[str]) -> Dict[str, str]:
+        kinds: Dict[str, str] = {}
+        for kind, outcomes in zip(("succeeded", "aborted", "preempted"), lists):
+            for outcome in names(outcomes, f"{kind}_outcomes"):
+                if outcome not in container.get_registered_outcomes():
+                    raise smach.InvalidStateError(
+                        f"ActionServerWrapper: {kind}_outcomes names '{outcome}', which the "
+                        "container does not "
+                        f"have: {list(container.get_registered_outcomes())}"
+                    )
+                if kinds.setdefault(outcome, kind) != kind:
+                    raise smach.InvalidStateError(
+                        f"ActionServerWrapper: outcome '{outcome}' is listed as {kinds[outcome]} "
+                        f"and as {kind}"
+                    )
+        return kinds
+
+    def run_server(self) -> None:
+        """Starts to accept goals; does not block."""
+        if self._worker is None:
+            self._worker = threading.Thread(
+                target=self._work, name=f"smach action {self._server_name}", daemon=True
+            )
+            smach.log.wake_at_shutdown(self._changed)
+            self._worker.start()
+            self._action_server.start()
+
+    def _receive_goal(self, goal: Any) -> None:
+        with self._changed:
+            replaced, self._waiting = self._waiting, goal
+            running = self._current is not None
+            self._changed.notify_all()
+        if replaced is not None:
+            replaced.set_canceled(self._result_type(), "a newer goal took its place")
+        if running:
+            self.wrapped_container.request_preempt()
+
+    def _receive_cancel(self, goal: Any) -> None:
+        with self._changed:
+            # actionlib's handles cannot be compared with None.
+            waits = self._waiting is not None and goal == self._waiting
+            runs = self._current is not None and goal == self._current
+            if waits:
+                self._waiting = None
+        if waits:
+            goal.set_canceled(self._result_type(), "cancelled before it began")
+        elif runs:
+            self.wrapped_container.request_preempt()
+
+    def _work(self) -> None:
+        while not rospy.is_shutdown():
+            with self._changed:
+                while self._waiting is None:
+                    if rospy.is_shutdown():
+                        return
+                    self._changed.wait(1.0)
+                goal, self._waiting = self._waiting, None
+                # From here on a cancel is for this goal, and none from before is.
+                self.wrapped_container.prepare_run()
+                self._current = goal
+            self._serve(goal)
+
+    def _serve(self, goal: Any) -> None:
+        goal.set_accepted()
+        result = self._result_type()
+        kind, text = "aborted", ""
+        self.userdata._begin_run()
+        try:
+            outcome = self._execute(goal.get_goal())
+            kind = self._outcome_kinds.get(outcome or "", "aborted")
+            text = f"outcome of the container: {outcome}"
+            result = self._result()
+        except Exception as error:
+            rospy.logerr(f"Action {self._server_name}: the goal failed\n{traceback.format_exc()}")
+            kind, text = "aborted", f"{type(error).__name__}: {error}"
+        self.userdata._end_run()
+        with self._changed:
+            self._current = None
+        end = {"succeeded": goal.set_succeeded, "preempted": goal.set_canceled, "aborted": goal.set_aborted}
+        end[kind](result, text)
+
+    def _execute(self, goal: Any) -> Optional[str]:
+        ud = self.userdata
+        ud[self._goal_key] = copy.deepcopy(goal)
+        if self._expand_goal_slots:
+            for slot in goal.__slots__:
+                ud[slot] = copy.deepcopy(getattr(goal, slot))
+        for slot, key in self._goal_slots_map.items():
+            ud[key] = copy.deepcopy(getattr(goal, slot))
+        container = self.wrapped_container
+        view = smach.Remapper(
+            ud, container.get_registered_input_keys(), container.get_registered_output_keys()
+        )
+        return container.execute(view)
+
+    def _result(self) -> Any:
+        ud = self.userdata
+        result = copy.deepcopy(ud[self._result_key]) if self._result_key in ud else self._result_type()
+        if not isinstance(result, self._result_type):
+            raise TypeError(
+                f"userdata key '{self._result_key}' must hold a {self._result_type._type}, not {result!r}"
+            )
+        for slot, key in self._slots(self._result_type, self._result_slots_map, self._pack_result_slots):
+            if key in ud:
+                setattr(result, slot, ud[key])
+        return result
+
+    @staticmethod
+    def _slots(message_type: type, slots_map: Mapping[str, str], pack: bool) -> List[Any]:
+        packed = [(slot, slot) for slot in message_type.__slots__ if pack and slot not in slots_map]
+        return [*packed, *slots_map.items()]
+
+    def _send_feedback(self, userdata: smach.UserData, active_states: List[str]) -> None:
+        goal = self._current
+        slots = [(slot, key) for slot, key in self._feedback_slots_map.items() if key in userdata]
+        if goal is None or (self._feedback_key not in userdata and not slots):
+            return
+        feedback = (
+            copy.deepcopy(userdata[self._feedback_key])
+            if self._feedback_key in userdata
+            else self._feedback_type()
+        )
+        for slot, key in slots:
+            setattr(feedback, slot, userdata[key])
+        goal.publish_feedback(feedback)

@@ -1,0 +1,226 @@
+"""The state that calls a service."""
+
+import contextlib
+import socket
+import threading
+import traceback
+import xmlrpc.client
+from typing import Any, Callable, Iterable, Mapping, Optional
+
+import rospy
+from rospy.impl.validators import ParameterInvalid
+
+import smach
+from smach import run_context
+from smach.log import wake_at_shutdown
+from smach.state import names
+from smach_ros.user_callback import UserCallback, check_slots, fill
+from smach_ros.waiting import Duration, WallDeadline, wait
+
+ASK_MASTER = 0.1  # s between questions for a service that does not exist yet; nobody announces it
+
+
+class ServiceState(smach.State):
+    """Calls a service and ends with its response.
+
+    Outcomes: ``succeeded``, ``aborted``, ``preempted`` and those of ``response_cb`` and ``outcomes``.
+
+    :param service_name: relative names and remapping as usual.
+    :param service_spec: the generated service class.
+    :param request: the request, or what it starts from.
+    :param request_cb: ``request_cb(ud, request, *args, **kwargs)`` edits the request or returns another.
+    :param request_key: userdata key that holds the request.
+    :param request_slots: fields of the request that are set from userdata keys of the same names.
+    :param response_cb: ``response_cb(ud, response, *args, **kwargs)`` may return the outcome.
+    :param response_key: userdata key that gets the response.
+    :param response_slots: fields of the response that userdata keys of the same names get.
+    :param call_timeout: wall time for the answer, then ``aborted``; None: as long as it takes.
+    :param server_wait_timeout: wall time to wait for the service, likewise.
+    """
+
+    def __init__(
+        self,
+        service_name: str,
+        service_spec: type,
+        request: Any = None,
+        request_cb: Optional[Callable[..., Any]] = None,
+        request_cb_args: Iterable[Any] = (),
+        request_cb_kwargs: Optional[Mapping[str, Any]] = None,
+        request_key: Optional[str] = None,
+        request_slots: Iterable[str] = (),
+        response_cb: Optional[Callable[..., Any]] = None,
+        response_cb_args: Iterable[Any] = (),
+        response_cb_kwargs: Optional[Mapping[str, Any]] = None,
+        response_key: Optional[str] = None,
+        response_slots: Iterable[str] = (),
+        input_keys: Iterable[str] = (),
+        output_keys: Iterable[str] = (),
+        outcomes: Iterable[str] = (),
+        call_timeout: Optional[Duration] = None,
+        server_wait_timeout: Optional[Duration] = None,
+    ) -> None:
+        super().__init__(outcomes=["succeeded", "aborted", "preempted"])
+        input_keys, output_keys = names(input_keys, "input_keys"), names(output_keys, "output_keys")
+        self._service_name = service_name
+        self._service_spec = service_spec
+        self._request_type = service_spec._request_class
+        if request is not None and not isinstance(request, self._request_type):
+            raise smach.InvalidStateError(
+                f"Service {service_name}: the request must be a {self._request_type._type}, not {request!r}"
+            )
+        self._request = request
+        self._request_key = request_key
+        self._request_slots = check_slots(self._request_type, request_slots, "request_slots")
+        self._response_key = response_key
+        self._response_slots = check_slots(service_spec._response_class, response_slots, "response_slots")
+        self._call_timeout = call_timeout
+        self._server_wait_timeout = server_wait_timeout
+        self.register_outcomes(names(outcomes, "outcomes"))
+        self.register_input_keys([*input_keys, *([request_key] if request_key else []), *self._request_slots])
+        self.register_output_keys(
+            [*output_keys, *([response_key] if response_key else []), *self._response_slots]
+        )
+        self._request_cb = UserCallback(
+            request_cb, request_cb_args, request_cb_kwargs, self, input_keys, output_keys, "request_cb"
+        )
+        self._response_cb = UserCallback(
+            response_cb, response_cb_args, response_cb_kwargs, self, input_keys, output_keys, "response_cb"
+        )
+        self._changed = threading.Condition(threading.RLock())  # wakes the wait for the answer
+        wake_at_shutdown(self._changed)
+
+    def request_preempt(self) -> None:
+        """Ends the wait for the service or for its answer at once."""
+        super().request_preempt()
+        with self._changed:
+            self._changed.notify_all()
+
+    def execute(self, ud: Any) -> str:
+        """Calls the service."""
+        by_container = run_context.begin_run(self)
+        try:
+            return self._execute(ud)
+        finally:
+            run_context.end_run(self, by_container)
+
+    def _execute(self, ud: Any) -> str:
+        if not self._wait_for_service():
+            return self._not_called()
+        try:
+            request = fill(
+                self._request_type,
+                self._request,
+                self._request_key,
+                self._request_slots,
+                self._request_cb,
+                ud,
+            )
+        except Exception:
+            rospy.logerr(f"Service {self._service_name}: no request could be made\n{traceback.format_exc()}")
+            return "aborted"
+        if self.preempt_requested():
+            return self._not_called()
+        call = _Call(self._service_name, self._service_spec, request, self._changed)
+        with self._changed:
+            deadline = WallDeadline(self._call_timeout)
+            wait(self._changed, lambda: call.done or self.preempt_requested(), deadline)
+            done = call.done
+        if not done:
+            call.give_up()
+            if not self.preempt_requested() and not rospy.is_shutdown():
+                rospy.logerr(f"Service {self._service_name}: no answer within {self._call_timeout} s")
+            return self._not_called()
+        if call.error is not None:
+            rospy.logerr(f"Service {self._service_name} failed: {call.error}")
+            return "aborted"
+        return self._outcome(ud, call.response)
+
+    def _not_called(self) -> str:
+        if self.preempt_requested() or rospy.is_shutdown():
+            self.service_preempt()
+            return "preempted"
+        return "aborted"
+
+    def _wait_for_service(self) -> bool:
+        deadline = WallDeadline(self._server_wait_timeout)
+        warned = False
+        while not self.preempt_requested() and not rospy.is_shutdown():
+            if _offered(self._service_name):
+                return True
+            if deadline.remaining() <= 0.0:
+                rospy.logerr(
+                    f"Service {self._service_name}: not offered within {self._server_wait_timeout} s "
+                    "(server_wait_timeout)"
+                )
+                return False
+            if not warned:
+                rospy.logwarn(f"Service {self._service_name} is not offered yet; waiting")
+                warned = True
+            with self._changed:
+                wait(self._changed, self.preempt_requested, WallDeadline(ASK_MASTER))
+        return False
+
+    def _outcome(self, ud: Any, response: Any) -> str:
+        try:
+            outcome = self._response_cb(ud, response)
+            if outcome is not None and outcome not in self.get_registered_outcomes():
+                rospy.logerr(
+                    f"Service {self._service_name}: response_cb returned {outcome!r}, which is "
+                    "not one of the "
+                    f"outcomes {list(self.get_registered_outcomes())}"
+                )
+                return "aborted"
+            if self._response_key is not None:
+                ud[self._response_key] = response
+            for slot in self._response_slots:
+                ud[slot] = getattr(response, slot)
+        except Exception:
+            rospy.logerr(
+                f"Service {self._service_name}: the response cannot be used\n{traceback.format_exc()}"
+            )
+            return "aborted"
+        return "succeeded" if outcome is None else outcome
+
+
+class _Call:
+    """One call in a thread of its own, because a call cannot be interrupted.
+
+    :param changed: guards the fields and is notified at the end.
+    """
+
+    def __init__(self, name: str, spec: type, request: Any, changed: threading.Condition) -> None:
+        self.done = False
+        self.response: Any = None
+        self.error: Optional[Exception] = None
+        self._changed = changed
+        self._proxy = rospy.ServiceProxy(name, spec)
+        self._request = request
+        threading.Thread(target=self._run, name=f"call of {name}", daemon=True).start()
+
+    def _run(self) -> None:
+        try:
+            self.response = self._proxy(self._request)
+        except Exception as error:  # reported by the state
+            self.error = error
+        with self._changed:
+            self.done = True
+            self._changed.notify_all()
+
+    def give_up(self) -> None:
+        """Breaks the connection, which ends the thread."""
+        transport = self._proxy.transport
+        # Closing a socket does not wake who reads from it; shutting it down does.
+        with contextlib.suppress(OSError, AttributeError):
+            transport.socket.shutdown(socket.SHUT_RDWR)
+
+
+def _offered(name: str) -> bool:
+    """Whether the master knows the service and its server accepts connections."""
+    try:
+        code, _, uri = rospy.get_master().lookupService(rospy.resolve_name(name))
+        if code != 1:
+            return False
+        with socket.create_connection(rospy.core.parse_rosrpc_uri(uri), timeout=1.0):
+            return True
+    except (OSError, xmlrpc.client.Error, ParameterInvalid):
+        return False

@@ -1,0 +1,72 @@
+"""Waiting for events until a point in ROS time: what lasts in the robot's world stops with its clock."""
+
+import threading
+import time
+from typing import Callable, Optional, Union
+
+import rospy
+
+Duration = Union[rospy.Duration, float, int]
+
+
+class RosDeadline:
+    """A point in ROS time; it survives a clock that is set back.
+
+    :param duration: from now; None: never.
+    """
+
+    def __init__(self, duration: Optional[Duration]) -> None:
+        self._left = float("inf") if duration is None else seconds(duration)
+        self._last = rospy.get_time() if duration is not None else 0.0
+
+    def remaining(self) -> float:
+        """ROS time that is left, s; never negative."""
+        if self._left != float("inf"):
+            now = rospy.get_time()
+            self._left -= max(0.0, now - self._last)
+            self._last = now
+        return max(0.0, self._left)
+
+    def slice(self) -> float:
+        """Wall time to wait until the next look at the clock, s."""
+        left = self.remaining()
+        # Simulated time may run faster than the wall's and announces nothing.
+        return min(1.0, left) if rospy.rostime.is_wallclock() else min(1.0, max(0.01, left / 20.0))
+
+
+class WallDeadline(RosDeadline):
+    """A point in wall time, for what has nothing to do with the robot's world."""
+
+    def __init__(self, duration: Optional[Duration]) -> None:
+        self._end = float("inf") if duration is None else time.monotonic() + seconds(duration)
+
+    def remaining(self) -> float:
+        """Wall time that is left, s; never negative."""
+        return max(0.0, self._end - time.monotonic())
+
+    def slice(self) -> float:
+        """Wall time to wait until the next look at the clock, s."""
+        return min(1.0, self.remaining())
+
+
+def seconds(duration: Duration) -> float:
+    """A duration as a number."""
+    return duration.to_sec() if hasattr(duration, "to_sec") else float(duration)  # type: ignore[union-attr]
+
+
+def wait(
+    condition: threading.Condition,
+    predicate: Callable[[], bool],
+    deadline: RosDeadline,
+    slice_limit: float = 1.0,
+) -> bool:
+    """Waits, with the condition held, until the predicate is true, the deadline passes or ROS shuts down.
+
+    :param slice_limit: wall time after which the predicate is asked again though nothing was notified, s.
+    :return: the last value of the predicate.
+    """
+    while not predicate():
+        if rospy.is_shutdown() or deadline.remaining() <= 0.0:
+            return False
+        condition.wait(min(deadline.slice(), slice_limit))
+    return True

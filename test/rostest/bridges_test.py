@@ -1,0 +1,214 @@
+#!/usr/bin/env python3
+"""A bridge answers every dispatch exactly once, and leaves the knowledge true, whatever its machine does."""
+
+import copy
+import os
+import signal
+import subprocess
+import threading
+import unittest
+
+import rospy
+from diagnostic_msgs.msg import KeyValue
+from geometry_msgs.msg import Twist
+from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
+from sound_play.msg import SoundRequestActionGoal
+
+import rostest
+from merlin_actions.merlin_action import MerlinAction
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+
+LONG = 30.0
+ACTIONS = "[merlin_home.actions.navigate:Navigate, merlin_home.actions.ask:Ask]"
+FINAL = (ActionFeedback.ACTION_FAILED, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
+
+
+class Bridges(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.knowledge = MerlinROSPlanAssistant()
+        cls.dispatches = rospy.Publisher("test_dispatch", ActionDispatch, latch=True, queue_size=10)
+        cls.answers = []
+        cls.changed = threading.Condition()
+        cls.feedback = rospy.Subscriber("test_feedback", ActionFeedback, cls.receive)
+        cls.velocities = []
+        cls.velocity = rospy.Subscriber("cmd_vel", Twist, cls.receive_velocity)
+        cls.speech = threading.Event()
+        rospy.Subscriber("sound_play/goal", SoundRequestActionGoal, lambda message: cls.speech.set())
+        cls.number = 0
+        with cls.changed:
+            cls.changed.wait_for(cls.connected, LONG)
+
+    @classmethod
+    def connected(cls):
+        return cls.dispatches.get_num_connections() and cls.feedback.get_num_connections()
+
+    @classmethod
+    def receive(cls, message):
+        with cls.changed:
+            cls.answers.append(message)
+            cls.changed.notify_all()
+
+    @classmethod
+    def receive_velocity(cls, message):
+        with cls.changed:
+            cls.velocities.append(message)
+            cls.changed.notify_all()
+
+    def setUp(self):
+        while not self.connected():
+            rospy.rostime.wallsleep(0.02)
+        self.machines = None
+        self.put_robot_into_kitchen()
+
+    def tearDown(self):
+        if self.machines is not None:
+            self.kill()
+
+    def serve(self):
+        """Starts the machines and dispatches until they, which start in another process, answer."""
+        command = ["rosrun", "merlin_actions", "fsm_host", f"_actions:={ACTIONS}"]
+        self.machines = subprocess.Popen(command, start_new_session=True)
+        while self.final(self.go()).status == ActionFeedback.ACTION_FAILED:
+            pass
+        self.put_robot_into_kitchen()
+
+    def put_robot_into_kitchen(self):
+        self.knowledge.change_facts(remove=self.knowledge.facts("robot_at"), add="(robot_at kitchen)")
+
+    def kill(self):
+        os.killpg(self.machines.pid, signal.SIGKILL)
+        self.machines.wait()
+        self.machines = None
+
+    def dispatch(self, name, number=None, **parameters):
+        if number is None:
+            Bridges.number += 1
+            number = Bridges.number
+        message = ActionDispatch(
+            action_id=number,
+            plan_id=7,
+            name=name,
+            parameters=[KeyValue(key, value) for key, value in parameters.items()],
+        )
+        self.dispatches.publish(message)
+        return message
+
+    def cancel(self, dispatch, **changes):
+        message = copy.deepcopy(dispatch)
+        message.name = "cancel_action"
+        for key, value in changes.items():
+            setattr(message, key, value)
+        self.dispatches.publish(message)
+
+    def answers_to(self, dispatch):
+        return [
+            answer
+            for answer in self.answers
+            if (answer.action_id, answer.plan_id) == (dispatch.action_id, dispatch.plan_id)
+        ]
+
+    def final(self, dispatch):
+        with self.changed:
+
+            def answered():
+                return [answer for answer in self.answers_to(dispatch) if answer.status in FINAL]
+
+            self.assertTrue(self.changed.wait_for(answered, LONG), f"no answer to {dispatch}")
+            return answered()[0]
+
+    def reason(self, answer):
+        self.assertEqual(answer.status, ActionFeedback.ACTION_FAILED)
+        return {entry.key: entry.value for entry in answer.information}["reason"]
+
+    def driving(self):
+        with self.changed:
+            count = len(self.velocities)
+            self.assertTrue(
+                self.changed.wait_for(lambda: any(v.linear.x for v in self.velocities[count:]), LONG)
+            )
+
+    def robot_at(self):
+        return self.knowledge.facts("robot_at")
+
+    def go(self, **parameters):
+        return self.dispatch("navigate", **{"from": "kitchen", "to": "bathroom", **parameters})
+
+    def test_no_action_server(self):
+        reason = self.reason(self.final(self.go()))
+        self.assertIn("no action server", reason)
+        self.assertIn("actions/navigate", reason)
+        self.assertEqual(self.robot_at(), ["(robot_at kitchen)"])
+
+    def test_a_missing_parameter(self):
+        self.assertIn("?to", self.reason(self.final(self.dispatch("navigate", **{"from": "kitchen"}))))
+        self.assertEqual(self.robot_at(), ["(robot_at kitchen)"])
+
+    def test_success_applies_the_effects(self):
+        self.serve()
+        dispatch = self.go()
+        self.assertEqual(self.final(dispatch).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
+        self.assertEqual(self.robot_at(), ["(robot_at bathroom)"])
+
+    def test_a_cancel_reaches_the_machine_and_the_robot_is_anywhere(self):
+        self.serve()
+        dispatch = self.go()
+        self.driving()
+        self.cancel(dispatch, action_id=9999)
+        self.cancel(dispatch, parameters=[])
+        self.cancel(dispatch)
+        self.assertEqual(self.reason(self.final(dispatch)), "cancelled")
+        self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
+        self.assertEqual(self.velocities[-1], Twist())
+
+    def test_a_cancel_for_another_action_is_ignored(self):
+        self.serve()
+        dispatch = self.go()
+        self.driving()
+        self.cancel(dispatch, action_id=9999)
+        self.cancel(dispatch, parameters=[KeyValue("from", "elsewhere")])
+        self.assertEqual(self.final(dispatch).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
+
+    def test_a_second_dispatch_while_it_runs_is_refused(self):
+        self.serve()
+        first = self.go()
+        self.driving()
+        self.assertIn("runs already", self.reason(self.final(self.go())))
+        self.assertEqual(self.final(first).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
+
+    def test_a_killed_machine_is_reported(self):
+        self.serve()
+        dispatch = self.go()
+        self.driving()
+        self.kill()
+        self.assertIn("gone", self.reason(self.final(dispatch)))
+        self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
+
+    def test_a_machine_that_does_not_stop_is_named(self):
+        self.serve()
+        self.speech.clear()
+        dispatch = self.dispatch("ask", p="kitchen")
+        self.assertTrue(self.speech.wait(LONG))
+        self.cancel(dispatch)
+        reason = self.reason(self.final(dispatch))
+        self.assertIn("actions/ask", reason)
+        self.assertIn("does not stop", reason)
+        self.assertFalse(self.knowledge.holds("(checked kitchen)"))
+
+    def test_a_late_bridge_does_not_run_an_old_dispatch(self):
+        old = self.dispatch("ask", p="kitchen")
+        self.final(old)
+        count = len(self.answers_to(old))
+        late = MerlinAction("ask", dispatch_topic="test_dispatch", feedback_topic="test_feedback")
+        received = threading.Event()
+        rospy.Subscriber("test_dispatch", ActionDispatch, lambda message: received.set())
+        late.start()
+        self.addCleanup(late.shutdown)
+        self.assertTrue(received.wait(LONG))
+        self.assertEqual(late.executions(), [])
+        self.assertEqual(len(self.answers_to(old)), count)
+
+
+if __name__ == "__main__":
+    rospy.init_node("bridges_test")
+    rostest.rosrun("merlin_test", "bridges", Bridges)

@@ -1,0 +1,177 @@
+#!/usr/bin/env python3
+"""The Executor over real nodes: goals in, robot moved, knowledge true, whatever happens in between."""
+
+import threading
+import unittest
+
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from geometry_msgs.msg import Twist
+from merlin_msgs.msg import ExecuteResult, ExecutorStatus
+from move_base_msgs.msg import MoveBaseActionGoal
+
+import rostest
+from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_name
+from merlin_executor.goal_check import GoalError
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+
+LONG = 30.0
+
+
+class Watch:
+    """Keeps the messages of a topic and waits for one that fits."""
+
+    def __init__(self, topic, message_class):
+        self.messages = []
+        self._changed = threading.Condition()
+        self._subscriber = rospy.Subscriber(topic, message_class, self._receive, tcp_nodelay=True)
+
+    def _receive(self, message):
+        with self._changed:
+            self.messages.append(message)
+            self._changed.notify_all()
+
+    def wait(self, fits, since=0, timeout=LONG):
+        with self._changed:
+            if not self._changed.wait_for(lambda: any(map(fits, self.messages[since:])), timeout):
+                raise AssertionError(f"nothing fitting in {self.messages[since:]}")
+            return next(filter(fits, self.messages[since:]))
+
+    def mark(self):
+        with self._changed:
+            return len(self.messages)
+
+
+class Executor(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.client = MerlinExecutorClient()
+        cls.knowledge = MerlinROSPlanAssistant()
+        cls.status = Watch("merlin/status", ExecutorStatus)
+        cls.velocity = Watch("cmd_vel", Twist)
+        cls.drives = Watch("move_base/goal", MoveBaseActionGoal)
+        assert cls.client.wait_for_executor(LONG)
+
+    def setUp(self):
+        for poi in ("kitchen", "bathroom", "dorm_room", "main_door"):
+            self.knowledge.remove_facts(f"(checked {poi})")
+
+    def tearDown(self):
+        self.status.wait(lambda status: True)
+        self.assertEqual(self.status.messages[-1].state, ExecutorStatus.IDLE)
+        self.assertEqual(self.knowledge.goals(), [])
+        self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
+
+    def assertOutcome(self, result, name):
+        self.assertEqual(outcome_name(result.outcome), name, result.reason)
+
+    def driving(self, since):
+        self.velocity.wait(lambda velocity: velocity.linear.x > 0, since)
+
+    def test_a_goal_is_planned_and_carried_out(self):
+        result = self.client.execute("(checked kitchen)", LONG)
+        self.assertOutcome(result, "SUCCEEDED")
+        self.assertEqual([action.name for action in result.plan][-1], "ask")
+        self.assertEqual(self.knowledge.facts("robot_at"), ["(robot_at kitchen)"])
+        self.assertTrue(self.knowledge.holds("(checked kitchen)"))
+        self.assertIn("PLAN", [time.stage for time in result.stage_times])
+
+    def test_a_goal_that_holds_ends_at_once(self):
+        self.knowledge.add_facts("(checked kitchen)")
+        mark = self.drives.mark()
+        result = self.client.execute("(checked kitchen)", LONG)
+        self.assertOutcome(result, "ALREADY_TRUE")
+        self.assertEqual(self.drives.mark(), mark)
+
+    def test_several_goals_are_one_plan(self):
+        result = self.client.execute(["(checked kitchen)", "(checked bathroom)"], LONG)
+        self.assertOutcome(result, "SUCCEEDED")
+        self.assertTrue(self.knowledge.holds("(and (checked kitchen) (checked bathroom))"))
+
+    def test_a_cancel_in_mid_navigation_stops_the_robot(self):
+        self.client.execute("(checked kitchen)", LONG)
+        mark = self.velocity.mark()
+        request = self.client.send("(checked bathroom)")
+        self.driving(mark)
+        request.cancel()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "CANCELLED")
+        self.assertEqual(request.state, GoalStatus.PREEMPTED)
+        self.velocity.wait(lambda velocity: velocity == Twist(), mark)
+        self.assertEqual(self.velocity.messages[-1], Twist())
+        self.assertEqual(self.knowledge.facts("robot_at"), ["(robot_at anywhere)"])
+        self.assertFalse(self.knowledge.holds("(checked bathroom)"))
+        self.assertOutcome(self.client.execute("(checked bathroom)", LONG), "SUCCEEDED")
+
+    def test_a_cancel_in_the_same_instant_is_not_lost(self):
+        for _ in range(10):
+            mark = self.drives.mark()
+            request = self.client.send("(checked main_door)")
+            request.cancel()
+            self.assertTrue(request.wait(LONG))
+            self.assertOutcome(request.result, "CANCELLED")
+            self.assertFalse(self.knowledge.holds("(checked main_door)"))
+            self.assertLessEqual(self.drives.mark(), mark + 1)
+
+    def test_a_more_urgent_request_interrupts_and_the_first_resumes(self):
+        self.client.execute("(checked kitchen)", LONG)
+        mark = self.velocity.mark()
+        first = self.client.send("(checked bathroom)")
+        self.driving(mark)
+        urgent = self.client.execute("(checked main_door)", LONG, priority=5)
+        self.assertOutcome(urgent, "SUCCEEDED")
+        self.assertFalse(first.done)
+        self.assertTrue(first.wait(LONG))
+        self.assertOutcome(first.result, "SUCCEEDED")
+
+    def test_an_interrupted_request_may_be_dropped(self):
+        self.client.execute("(checked kitchen)", LONG)
+        mark = self.velocity.mark()
+        first = self.client.send("(checked bathroom)", on_interrupt=DROP)
+        self.driving(mark)
+        self.assertOutcome(self.client.execute("(checked main_door)", LONG, priority=1), "SUCCEEDED")
+        self.assertTrue(first.wait(LONG))
+        self.assertOutcome(first.result, "DROPPED")
+
+    def test_a_waiting_request_is_taken_back(self):
+        self.client.execute("(checked kitchen)", LONG)
+        first = self.client.send("(checked bathroom)")
+        waiting = self.client.send("(checked main_door)")
+        waiting.cancel()
+        self.assertTrue(waiting.wait(LONG))
+        self.assertOutcome(waiting.result, "CANCELLED")
+        self.assertTrue(first.wait(LONG))
+        self.assertOutcome(first.result, "SUCCEEDED")
+
+    def test_what_makes_no_sense_is_refused_before_it_is_sent(self):
+        for goal in (
+            "(checked moon)",
+            "(clean kitchen)",
+            "(checked kitchen bathroom)",
+            "checked",
+            "(checked",
+        ):
+            with self.assertRaises(ValueError):
+                self.client.send(goal)
+        with self.assertRaises(GoalError):
+            self.client.send([])
+
+    def test_the_executor_refuses_too(self):
+        unchecked = MerlinExecutorClient(knowledge_base=None)
+        self.assertTrue(unchecked.wait_for_executor(LONG))
+        request = unchecked.send("(checked moon)")
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "REFUSED")
+        self.assertEqual(request.state, GoalStatus.REJECTED)
+        self.assertIn("moon", request.result.reason)
+
+    def test_what_cannot_be_reached_says_why(self):
+        result = self.client.execute("(robot_at anywhere)", LONG)
+        if result.outcome != ExecuteResult.ALREADY_TRUE:
+            self.assertOutcome(result, "UNSOLVABLE")
+            self.assertTrue(result.reason)
+
+
+if __name__ == "__main__":
+    rospy.init_node("executor_test")
+    rostest.rosrun("merlin_test", "executor", Executor)
