@@ -1,4 +1,4 @@
-"""Defects D1 to D9 and D11: definitions are checked where they are made, and share nothing with the caller."""
+"""Defects D1 to D9 and D11: definitions are checked where they are made, and share nothing with others."""
 
 import threading
 
