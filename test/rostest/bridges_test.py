@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """A bridge answers every dispatch exactly once, and leaves the knowledge true, whatever its machine does."""
 
+import copy
 import os
 import signal
 import subprocess
@@ -94,9 +95,8 @@ class Bridges(unittest.TestCase):
         return message
 
     def cancel(self, dispatch, **changes):
-        message = ActionDispatch(
-            dispatch.action_id, dispatch.plan_id, "cancel_action", dispatch.parameters, 0, 0
-        )
+        message = copy.deepcopy(dispatch)
+        message.name = "cancel_action"
         for key, value in changes.items():
             setattr(message, key, value)
         self.dispatches.publish(message)

@@ -13,10 +13,10 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
 from merlin_rosplan.component import Component, ComponentError, run_component
 from merlin_rosplan.handover import Handover
-from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.operator_model import BindingError, Operator
 from merlin_rosplan.plan_graph import build_graph
 from merlin_rosplan.plan_graph_messages import graph_to_message
+from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.plan_text import PlanStep, PlanTextError, parse_plan
 
 SCOPE = "rosplan_parsing_interface"
@@ -140,13 +140,12 @@ class EsterelPlanParser(PlanParser):
         """The plan graph, with the timed literals that the knowledge base waits for."""
         epsilon = self.number("epsilon_time", 0.01, 0.0)
         timed = self._knowledge.timed_literals() if steps else []
-        graph = build_graph(steps, [ground for _, ground in actions], timed, epsilon)
+        reduce = len(steps) > self.number("full_graph_limit", 50, 0)
+        graph = build_graph(steps, [ground for _, ground in actions], timed, epsilon, reduce)
         return graph_to_message(graph, action_messages(steps, actions))
 
 
-def action_messages(
-    steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]
-) -> List[ActionDispatch]:
+def action_messages(steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> List[ActionDispatch]:
     """The actions of a plan; ids count from 0, parameters carry the operator's labels."""
     return [
         ActionDispatch(
@@ -176,5 +175,5 @@ def parser_class(kind: str) -> Type[PlanParser]:
 
 
 def main() -> None:
-    """Entry point of ``rosrun merlin_rosplan parsing_interface``; `~kind` is ``simple`` or ``esterel`` (default)."""
+    """Entry point of the executable ``parsing_interface``; `~kind` is ``simple`` or ``esterel`` (default)."""
     run_component(lambda scope: parser_class(str(rospy.get_param("~kind", "esterel")))(scope), SCOPE)
