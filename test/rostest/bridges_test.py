@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """A bridge answers every dispatch exactly once, and leaves the knowledge true, whatever its machine does."""
 
+import copy
 import os
 import signal
 import subprocess
@@ -8,12 +9,14 @@ import threading
 import unittest
 
 import rospy
-import rostest
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Twist
+from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
+from sound_play.msg import SoundRequestActionGoal
+
+import rostest
 from merlin_actions.merlin_action import MerlinAction
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 
 LONG = 30.0
 ACTIONS = "[merlin_home.actions.navigate:Navigate, merlin_home.actions.ask:Ask]"
@@ -30,6 +33,8 @@ class Bridges(unittest.TestCase):
         cls.feedback = rospy.Subscriber("test_feedback", ActionFeedback, cls.receive)
         cls.velocities = []
         cls.velocity = rospy.Subscriber("cmd_vel", Twist, cls.receive_velocity)
+        cls.speech = threading.Event()
+        rospy.Subscriber("sound_play/goal", SoundRequestActionGoal, lambda message: cls.speech.set())
         cls.number = 0
         with cls.changed:
             cls.changed.wait_for(cls.connected, LONG)
@@ -54,15 +59,22 @@ class Bridges(unittest.TestCase):
         while not self.connected():
             rospy.rostime.wallsleep(0.02)
         self.machines = None
-        self.knowledge.change_facts(remove=self.knowledge.facts("robot_at"), add="(robot_at kitchen)")
+        self.put_robot_into_kitchen()
 
     def tearDown(self):
         if self.machines is not None:
             self.kill()
 
-    def start_machines(self):
+    def serve(self):
+        """Starts the machines and dispatches until they, which start in another process, answer."""
         command = ["rosrun", "merlin_actions", "fsm_host", f"_actions:={ACTIONS}"]
         self.machines = subprocess.Popen(command, start_new_session=True)
+        while self.final(self.go()).status == ActionFeedback.ACTION_FAILED:
+            pass
+        self.put_robot_into_kitchen()
+
+    def put_robot_into_kitchen(self):
+        self.knowledge.change_facts(remove=self.knowledge.facts("robot_at"), add="(robot_at kitchen)")
 
     def kill(self):
         os.killpg(self.machines.pid, signal.SIGKILL)
@@ -83,7 +95,8 @@ class Bridges(unittest.TestCase):
         return message
 
     def cancel(self, dispatch, **changes):
-        message = ActionDispatch(dispatch.action_id, dispatch.plan_id, "cancel_action", dispatch.parameters, 0, 0)
+        message = copy.deepcopy(dispatch)
+        message.name = "cancel_action"
         for key, value in changes.items():
             setattr(message, key, value)
         self.dispatches.publish(message)
@@ -125,22 +138,20 @@ class Bridges(unittest.TestCase):
         reason = self.reason(self.final(self.go()))
         self.assertIn("no action server", reason)
         self.assertIn("actions/navigate", reason)
+        self.assertEqual(self.robot_at(), ["(robot_at kitchen)"])
 
     def test_a_missing_parameter(self):
         self.assertIn("?to", self.reason(self.final(self.dispatch("navigate", **{"from": "kitchen"}))))
         self.assertEqual(self.robot_at(), ["(robot_at kitchen)"])
 
     def test_success_applies_the_effects(self):
-        self.start_machines()
-        dispatch = self.wait_until_served(self.go)
+        self.serve()
+        dispatch = self.go()
         self.assertEqual(self.final(dispatch).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
         self.assertEqual(self.robot_at(), ["(robot_at bathroom)"])
 
     def test_a_cancel_reaches_the_machine_and_the_robot_is_anywhere(self):
-        self.start_machines()
-        dispatch = self.wait_until_served(self.go)
-        self.assertEqual(self.final(dispatch).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
-        self.setUp_again()
+        self.serve()
         dispatch = self.go()
         self.driving()
         self.cancel(dispatch, action_id=9999)
@@ -151,9 +162,7 @@ class Bridges(unittest.TestCase):
         self.assertEqual(self.velocities[-1], Twist())
 
     def test_a_cancel_for_another_action_is_ignored(self):
-        self.start_machines()
-        self.final(self.wait_until_served(self.go))
-        self.setUp_again()
+        self.serve()
         dispatch = self.go()
         self.driving()
         self.cancel(dispatch, action_id=9999)
@@ -161,18 +170,14 @@ class Bridges(unittest.TestCase):
         self.assertEqual(self.final(dispatch).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
 
     def test_a_second_dispatch_while_it_runs_is_refused(self):
-        self.start_machines()
-        self.final(self.wait_until_served(self.go))
-        self.setUp_again()
+        self.serve()
         first = self.go()
         self.driving()
         self.assertIn("runs already", self.reason(self.final(self.go())))
         self.assertEqual(self.final(first).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
 
     def test_a_killed_machine_is_reported(self):
-        self.start_machines()
-        self.final(self.wait_until_served(self.go))
-        self.setUp_again()
+        self.serve()
         dispatch = self.go()
         self.driving()
         self.kill()
@@ -180,12 +185,10 @@ class Bridges(unittest.TestCase):
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
 
     def test_a_machine_that_does_not_stop_is_named(self):
-        self.start_machines()
-        self.final(self.wait_until_served(self.go))
-        self.setUp_again()
+        self.serve()
+        self.speech.clear()
         dispatch = self.dispatch("ask", p="kitchen")
-        with self.changed:
-            self.assertTrue(self.changed.wait_for(lambda: self.answers_to(dispatch), LONG))
+        self.assertTrue(self.speech.wait(LONG))
         self.cancel(dispatch)
         reason = self.reason(self.final(dispatch))
         self.assertIn("actions/ask", reason)
@@ -204,18 +207,6 @@ class Bridges(unittest.TestCase):
         self.assertTrue(received.wait(LONG))
         self.assertEqual(late.executions(), [])
         self.assertEqual(len(self.answers_to(old)), count)
-
-    def setUp_again(self):  # noqa: N802
-        self.knowledge.change_facts(remove=self.knowledge.facts("robot_at"), add="(robot_at kitchen)")
-
-    def wait_until_served(self, go):
-        """Dispatches again until the machines, which start in another process, are there."""
-        for _ in range(20):
-            dispatch = go()
-            answer = self.final(dispatch)
-            if answer.status != ActionFeedback.ACTION_FAILED or "no action server" not in self.reason(answer):
-                return dispatch
-        return dispatch
 
 
 if __name__ == "__main__":

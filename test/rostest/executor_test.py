@@ -5,14 +5,15 @@ import threading
 import unittest
 
 import rospy
-import rostest
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import Twist
+from merlin_msgs.msg import ExecuteResult, ExecutorStatus
+from move_base_msgs.msg import MoveBaseActionGoal
+
+import rostest
 from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
-from merlin_msgs.msg import ExecuteResult, ExecutorStatus
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-from move_base_msgs.msg import MoveBaseActionGoal
 
 LONG = 30.0
 
@@ -61,7 +62,7 @@ class Executor(unittest.TestCase):
         self.assertEqual(self.knowledge.goals(), [])
         self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
 
-    def assertOutcome(self, result, name):  # noqa: N802
+    def assertOutcome(self, result, name):
         self.assertEqual(outcome_name(result.outcome), name, result.reason)
 
     def driving(self, since):
@@ -143,7 +144,13 @@ class Executor(unittest.TestCase):
         self.assertOutcome(first.result, "SUCCEEDED")
 
     def test_what_makes_no_sense_is_refused_before_it_is_sent(self):
-        for goal in ("(checked moon)", "(clean kitchen)", "(checked kitchen bathroom)", "checked", "(checked"):
+        for goal in (
+            "(checked moon)",
+            "(clean kitchen)",
+            "(checked kitchen bathroom)",
+            "checked",
+            "(checked",
+        ):
             with self.assertRaises(ValueError):
                 self.client.send(goal)
         with self.assertRaises(GoalError):

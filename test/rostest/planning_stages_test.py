@@ -1,7 +1,6 @@
 #!/usr/bin/env python3
 """From goals to a finished plan through all stages, called one right after the other without a pause."""
 
-import sys
 import threading
 import unittest
 
@@ -90,7 +89,9 @@ class Stages:
             self.system.set_goals(("checked", poi))
             answer = self.run_once()
             self.assertTrue(answer.success and answer.goal_achieved, poi)
-            self.assertEqual(self.system.knowledge.query([fact("checked", poi), fact("robot_at", poi)]), [True, True])
+            self.assertEqual(
+                self.system.knowledge.query([fact("checked", poi), fact("robot_at", poi)]), [True, True]
+            )
         asked = [m.parameters[0].value for m in actions.messages if m.name == "ask"]
         self.assertEqual(asked, ["kitchen", "bathroom", "main_door", "dorm_room"])
 
@@ -139,15 +140,7 @@ class Together(Stages, unittest.TestCase):
 class Apart(Stages, unittest.TestCase):
     namespace = "apart"
 
-    def run_once(self):
-        # Between processes each stage is called when its input has been published.
-        problem = self.system.topic("rosplan_problem_interface/problem_instance", rospy.AnyMsg)
-        output = self.system.topic("rosplan_planner_interface/planner_output", rospy.AnyMsg)
-        for watch in (problem, output):
-            self.addCleanup(watch.close)
-        return super().run_once()
-
 
 if __name__ == "__main__":
     rospy.init_node("planning_stages_test")
-    rostest.rosrun("merlin_test", "planning_stages", sys.modules[__name__])
+    rostest.rosrun("merlin_test", "planning_stages", "__main__")

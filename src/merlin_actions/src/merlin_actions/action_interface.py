@@ -179,7 +179,7 @@ class ActionInterface:
             if ending.succeeded:
                 self._effects.end(execution.parameters, execution.token)
             else:
-                self._put_right(execution)
+                self._put_right(execution, ending)
         except (KnowledgeError, ServiceError, ValueError) as error:
             rospy.logerr(f"{execution.text}: {error}")
             return Ending(
@@ -187,9 +187,9 @@ class ActionInterface:
             )
         return ending
 
-    def _put_right(self, execution: Execution) -> None:
+    def _put_right(self, execution: Execution, ending: Ending) -> None:
         """After an interruption: what the action declares for this case, else as it was before."""
-        declared = self._declared("if_interrupted")
+        declared = self._declared("if_interrupted") if ending.begun else []
         if declared:
             self._change(declared, execution)
         else:

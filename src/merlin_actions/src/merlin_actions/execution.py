@@ -16,6 +16,8 @@ class Ending(NamedTuple):
 
     succeeded: bool
     reason: str = ""
+    begun: bool = True
+    """False when nothing was done at all: the world is as it was before the dispatch."""
 
 
 class Execution:

@@ -41,7 +41,8 @@ class MerlinAction(ActionInterface):
     def run(self, execution: Execution) -> Ending:
         """Sends the goal and waits for the machine's end."""
         if not self._client.wait_for_server(self._server_wait):
-            return Ending(False, f"no action server {self._client.name} within {self._server_wait:g} s")
+            reason = f"no action server {self._client.name} within {self._server_wait:g} s"
+            return Ending(False, reason, begun=False)
         ended = threading.Event()
         sent = self._client.send(
             RunActionGoal(
@@ -87,11 +88,12 @@ class MerlinAction(ActionInterface):
         if sent.status == GoalStatus.SUCCEEDED:
             return Ending(True)
         reason = getattr(sent.result, "reason", "") or sent.text
+        begun = sent.status not in (GoalStatus.RECALLED, GoalStatus.REJECTED)
         if execution.cancelled.is_set() and sent.status in (GoalStatus.PREEMPTED, GoalStatus.RECALLED):
-            return Ending(False, "cancelled")
+            return Ending(False, "cancelled", begun)
         if sent.status == GoalStatus.LOST:
             return Ending(False, f"the state machine of {execution.text} is gone: {sent.text}")
-        return Ending(False, reason or f"{execution.text} ended with status {sent.status}")
+        return Ending(False, reason or f"{execution.text} ended with status {sent.status}", begun)
 
     def start(self) -> None:
         """See :meth:`ActionInterface.start`."""

@@ -4,156 +4,26 @@ One thread runs a dispatch and decides; everybody else only puts events into its
 no decision is made with a lock held.
 """
 
-import abc
 import math
 import queue
 import threading
-from dataclasses import dataclass, field
-from enum import IntEnum
-from typing import Any, Dict, FrozenSet, List, NamedTuple, Optional, Tuple, Union
+from dataclasses import dataclass
+from typing import Any, Dict, FrozenSet, List, Optional
 
+from merlin_rosplan.dispatch_outside import (
+    Cancel,
+    DispatchError,
+    DispatchLimits,
+    DispatchReport,
+    DispatchState,
+    Event,
+    Feedback,
+    FeedbackStatus,
+    KnowledgeChanged,
+    Outside,
+)
 from merlin_rosplan.dispatch_schedule import PlannedAction, Schedule
 from merlin_rosplan.operator_model import Conditions, Operator, broken_by_own_end, over_all_before_start
-
-
-class FeedbackStatus(IntEnum):
-    """Status in an ActionFeedback."""
-
-    PRECONDITION_FALSE = 0
-    ENABLED = 1
-    SUCCEEDED = 2
-    DISPATCHED_TO_START_STATE = 3
-    SUCCEEDED_TO_START_STATE = 4
-    FAILED = 10
-
-
-class DispatchState(IntEnum):
-    """State of a dispatch."""
-
-    IDLE = 0
-    RUNNING = 1
-    CANCELLING = 2
-    SUCCEEDED = 3
-    FAILED = 4
-    CANCELLED = 5
-
-
-class DispatchError(Exception):
-    """Something outside does not work (the knowledge base does not answer, …); ends the dispatch."""
-
-
-@dataclass(frozen=True)
-class DispatchLimits:
-    """Patience of a dispatcher, s. They run on the monotonic clock and stand still while the simulator is paused.
-
-    Parameters
-    ----------
-    acknowledge: an action whose interface has never been heard of must be taken within this time.
-    accept: an action whose interface is alive must be taken within this time.
-    liveness: an interface that announced itself regularly and has been silent this long is dead.
-    cancel: how long a cancelled action's interface may take to answer; zero or less: as long as it takes.
-    over_all_grace: an action whose own end effects break its over-all condition has this long to report its end.
-    """
-
-    acknowledge: float = 2.0
-    accept: float = 10.0
-    liveness: float = 5.0
-    cancel: float = 5.0
-    over_all_grace: float = 1.0
-
-
-@dataclass(frozen=True)
-class DispatchReport:
-    """How a dispatch stands, or how it ended."""
-
-    state: DispatchState
-    reason: str
-    running: Tuple[PlannedAction, ...] = ()
-    steps_done: int = 0
-    steps_total: int = 0
-    failed_action: Optional[PlannedAction] = None
-    unanswered: Tuple[PlannedAction, ...] = ()
-
-    @property
-    def success(self) -> bool:
-        """Whether every action of the plan succeeded."""
-        return self.state == DispatchState.SUCCEEDED
-
-
-class Outside(abc.ABC):
-    """What a dispatch needs from the world. Called in the thread that runs the dispatch only."""
-
-    @abc.abstractmethod
-    def now(self) -> float:
-        """ROS time, s."""
-
-    @abc.abstractmethod
-    def deadline(self, seconds: float) -> Any:
-        """A deadline with ``remaining()``; zero or less means never."""
-
-    @abc.abstractmethod
-    def send(self, action: PlannedAction) -> None:
-        """Dispatches an action."""
-
-    @abc.abstractmethod
-    def send_cancel(self, action: PlannedAction) -> None:
-        """Tells the action's interface to stop."""
-
-    @abc.abstractmethod
-    def close(self, action: PlannedAction) -> None:
-        """Publishes the tombstone, so that nobody who subscribes later executes the last action."""
-
-    @abc.abstractmethod
-    def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
-        """Publishes the dispatcher's own feedback, if it publishes any."""
-
-    @abc.abstractmethod
-    def operator(self, action: PlannedAction) -> Operator:
-        """The ground operator of an action; raises DispatchError when there is none."""
-
-    @abc.abstractmethod
-    def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
-        """Those of the action's conditions that do not hold now; raises DispatchError."""
-
-    @abc.abstractmethod
-    def silence(self, operator: str) -> Optional[float]:
-        """Seconds since the operator's interface last announced itself; None when it never has."""
-
-    @abc.abstractmethod
-    def wake_at(self, when: Optional[float]) -> None:
-        """Asks for a :class:`Tick` at a ROS time, s; None takes the wish back."""
-
-    @abc.abstractmethod
-    def changed(self, report: DispatchReport) -> None:
-        """Something worth telling has happened."""
-
-
-class Feedback(NamedTuple):
-    """An action interface reports."""
-
-    action_id: int
-    status: int
-    plan_id: int = 0
-    reason: str = ""
-
-
-class Cancel(NamedTuple):
-    """Somebody wants the dispatch to stop."""
-
-    reason: str
-
-
-class KnowledgeChanged(NamedTuple):
-    """The knowledge base changed; `names` of predicates and functions, None when it does not say."""
-
-    names: Optional[FrozenSet[str]] = None
-
-
-class Tick(NamedTuple):
-    """The time asked for by ``wake_at`` has come."""
-
-
-Event = Union[Feedback, Cancel, KnowledgeChanged, Tick]
 
 
 @dataclass
@@ -168,6 +38,7 @@ class _Running:
     pending: Conditions  # over-all conditions that the start effects bring about; watched once seen true
     names: FrozenSet[str] = frozenset()
     taken: bool = False
+    sent_again: bool = False
     grace: Optional[Any] = None
     broken: str = ""
 
@@ -191,12 +62,14 @@ class Dispatch:
         ROSPlan's own interfaces, which do not set it: it counts once the interface has taken the action.
     """
 
-    def __init__(self, schedule: Schedule, outside: Outside, limits: DispatchLimits, plan_id: int = 0) -> None:
+    def __init__(
+        self, schedule: Schedule, outside: Outside, limits: DispatchLimits, plan_id: int = 0
+    ) -> None:
         self.plan_id = plan_id
         self._schedule = schedule
         self._outside = outside
         self._limits = limits
-        self._events: "queue.Queue[Event]" = queue.Queue()
+        self._events: queue.Queue[Event] = queue.Queue()
         self._cancelled = threading.Event()
         self._running: Dict[int, _Running] = {}
         self._failure: Optional[_Failure] = None
@@ -276,7 +149,7 @@ class Dispatch:
         if not self._running and not self._schedule.finished and not self._cancelled.is_set():
             waiting = self._schedule.waiting()
             if self._schedule.wake_time() is None and waiting:
-                self._fail(f"the plan cannot go on: nothing runs, and {waiting[0]} waits for something that never ends")
+                self._fail(f"the plan cannot go on: nothing runs, and {waiting[0]} waits for what never ends")
 
     def _start(self, action: PlannedAction) -> bool:
         operator = self._outside.operator(action)
@@ -308,10 +181,10 @@ class Dispatch:
             _names(over_all),
         )
         self._last = action
+        self._report()  # first: an interface that has just started asks the status whether it is meant
         self._outside.send(action)
         self._outside.tell(action, FeedbackStatus.ENABLED)
         self._schedule.started(action.id, self._outside.now())
-        self._report()
         return True
 
     def _handle(self, event: Optional[Event]) -> None:
@@ -335,9 +208,9 @@ class Dispatch:
         if record is None or feedback.plan_id not in (0, self.plan_id):
             return  # of an earlier run, or an answer told twice
         status = feedback.status
-        if status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED) and feedback.plan_id == 0:
-            if not record.taken and self.plan_id != 0:
-                return  # latched since an earlier run: interfaces report that they have taken an action first
+        final = status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
+        if final and not record.taken and feedback.plan_id != self.plan_id:
+            return  # latched since an earlier run: interfaces report that they have taken an action first
         if status == FeedbackStatus.SUCCEEDED:
             self._done += 1
             del self._running[feedback.action_id]
@@ -377,9 +250,7 @@ class Dispatch:
         own = (
             all(broken_by_own_end(record.operator, atom, False) for atom in broken.positive)
             and all(broken_by_own_end(record.operator, atom, True) for atom in broken.negative)
-            and all(
-                entry.functions & record.operator.end_effects.functions for entry in broken.comparisons
-            )
+            and all(entry.functions & record.operator.end_effects.functions for entry in broken.comparisons)
         )
         record.broken = describe(broken)
         if not own:
@@ -394,11 +265,18 @@ class Dispatch:
         if record.grace is not None and record.grace.remaining() <= 0:
             self._fail(f"{action} cannot go on: {record.broken}", action)
         elif silence is not None and silence > self._limits.liveness > 0:
-            self._fail(f"the action interface of {action.name} is gone: last heard of {silence:.1f} s ago", action)
+            self._fail(
+                f"the action interface of {action.name} is gone: last heard of {silence:.1f} s ago", action
+            )
             del self._running[action.id]
         elif not record.taken and record.acknowledge.remaining() <= 0 and silence is None:
             self._fail(f"no action interface for {action.name}", action)
             del self._running[action.id]
+        elif not record.taken and record.acknowledge.remaining() <= 0 and not record.sent_again:
+            # An interface that has just started takes what is latched for an action of an earlier run.
+            record.sent_again = True
+            if self._outside.young(action.name):
+                self._outside.send(action)
         elif not record.taken and record.accept.remaining() <= 0:
             self._fail(
                 f"the action interface of {action.name} is alive but did not take {action} "
@@ -423,7 +301,9 @@ class Dispatch:
             if left <= 0:
                 break
             try:
-                event = self._events.get(timeout=min(left, 1.0))  # who dies in silence is noticed every second
+                event = self._events.get(
+                    timeout=min(left, 1.0)
+                )  # who dies in silence is noticed every second
             except queue.Empty:
                 event = None
             if isinstance(event, Feedback):

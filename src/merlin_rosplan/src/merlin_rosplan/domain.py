@@ -5,13 +5,10 @@ from typing import Dict, List, Mapping, Optional, Set, Tuple
 
 from merlin_rosplan.formula import (
     And,
-    Arithmetic,
     Atom,
-    Comparison,
     Condition,
     Effect,
     Exists,
-    Fluent,
     Forall,
     Not,
     Numeric,
@@ -91,39 +88,37 @@ class Domain:
         return any(self.types.is_a(a, w) for w in wanted for a in actual) or OBJECT in wanted
 
 
-def expand_fluents(value: Numeric) -> Set[str]:
-    """Names of the functions in a numeric expression."""
-    if isinstance(value, Fluent):
-        return {value.name}
-    if isinstance(value, Arithmetic):
-        return set().union(*(expand_fluents(part) for part in value.parts))
+def used_predicates(condition: Condition, negated: bool = False) -> Set[Tuple[str, bool]]:
+    """Names of the predicates in a condition, each with whether it stands there negated."""
+    if isinstance(condition, Atom):
+        return {(condition.name, negated)}
+    if isinstance(condition, (And, Or)):
+        return {found for part in condition.parts for found in used_predicates(part, negated)}
+    if isinstance(condition, Not):
+        return used_predicates(condition.part, not negated)
+    if isinstance(condition, (Forall, Exists, Preference)):
+        return used_predicates(condition.part, negated)
     return set()
 
 
-def symbols(condition: Condition) -> Tuple[Set[str], Set[str]]:
-    """Names of the predicates and of the functions in a condition."""
-    if isinstance(condition, Atom):
-        return {condition.name}, set()
-    if isinstance(condition, Comparison):
-        return set(), expand_fluents(condition.left) | expand_fluents(condition.right)
-    if isinstance(condition, (And, Or)):
-        predicates: Set[str] = set()
-        functions: Set[str] = set()
-        for part in condition.parts:
-            more_predicates, more_functions = symbols(part)
-            predicates |= more_predicates
-            functions |= more_functions
-        return predicates, functions
-    if isinstance(condition, (Not, Forall, Exists, Preference)):
-        return symbols(condition.part)
-    return set(), set()
+def self_negating(derived: Mapping[str, List[Derived]]) -> Optional[str]:
+    """A derived predicate that depends on its own negation, if there is one: it would mean nothing."""
+    uses = {
+        name: set().union(*(used_predicates(rule.body) for rule in rules)) for name, rules in derived.items()
+    }
 
+    def reaches(start: str, goal: str) -> bool:
+        seen, waiting = {start}, [start]
+        while waiting:
+            name = waiting.pop()
+            if name == goal:
+                return True
+            more = {used for used, _ in uses.get(name, ())} - seen
+            seen |= more
+            waiting.extend(more)
+        return False
 
-def arguments(operator: Operator, values: Mapping[str, str]) -> Dict[str, str]:
-    """Bindings of an operator's variables from values by label.
-
-    Raises
-    ------
-    KeyError: a parameter has no value; the key is its label.
-    """
-    return {parameter.name: values[parameter.label] for parameter in operator.parameters}
+    for name, found in uses.items():
+        if any(negated and reaches(used, name) for used, negated in found):
+            return name
+    return None

@@ -4,7 +4,7 @@ import hashlib
 from pathlib import Path
 from typing import Callable, Dict, List, Optional, Tuple, Union
 
-from merlin_rosplan.domain import Derived, Domain, Duration, Operator, Signature
+from merlin_rosplan.domain import Derived, Domain, Duration, Operator, Signature, self_negating
 from merlin_rosplan.formula import OVER_ALL, START, Effect, TimedCondition, Variable
 from merlin_rosplan.formula_reader import FormulaReader, Scope, parameters, typed_list
 from merlin_rosplan.pddl_text import Expression, Node, Word, name_of, read_expression, read_file
@@ -96,6 +96,10 @@ class DomainReader:
         for section in self._sections:
             if section.head == ":derived":
                 self._derived(section)
+        confused = self_negating(self._domain.derived)
+        if confused is not None:
+            section = next(s for s in self._sections if s.head == ":derived" and s[1].head == confused)
+            raise section.error(f"the derived predicate '{confused}' depends on its own negation")
         for section in self._sections:
             if section.head in actions:
                 self._operator(section)

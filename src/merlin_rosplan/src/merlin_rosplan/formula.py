@@ -4,6 +4,7 @@ Terms are strings: a variable starts with a question mark, anything else is an o
 """
 
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Callable, Dict, Mapping, Optional, Tuple, Union
 
 START = "start"
@@ -162,7 +163,9 @@ def numeric_text(value: float) -> str:
     if value == int(value) and abs(value) < 1e15:
         return str(int(value))
     text = repr(float(value))
-    return f"{value:.20f}".rstrip("0") if "e" in text else text
+    if "e" not in text:
+        return text
+    return f"{Decimal(text):f}" + (".0" if abs(value) >= 1 else "")  # no exponent: few planners read one
 
 
 def _call(name: str, args: Tuple[str, ...]) -> str:

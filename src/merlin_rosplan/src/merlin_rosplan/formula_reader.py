@@ -285,8 +285,8 @@ class FormulaReader:
                 actual, parameter.types
             ):
                 raise part.error(
-                    f"'{term}' is a {'/'.join(actual)}, but '{signature.name}' takes a "
-                    f"{'/'.join(parameter.types)} here"
+                    f"'{term}' is of type {' or '.join(actual)}, but '{signature.name}' takes "
+                    f"{' or '.join(parameter.types)} here"
                 )
             found.append(term)
         return tuple(found)

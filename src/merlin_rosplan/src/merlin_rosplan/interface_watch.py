@@ -3,6 +3,9 @@
 import threading
 from typing import Callable, Dict, Optional, Tuple
 
+DEAD = 5.0  # announcements missed after which the next one is that of a new interface
+YOUNG = 5.0  # s
+
 
 class InterfaceWatch:
     """Remembers when each operator's interface was last heard of; thread-safe.
@@ -16,13 +19,22 @@ class InterfaceWatch:
         self._clock = clock
         self._lock = threading.Lock()  # guards the register
         self._heard: Dict[str, Tuple[float, float]] = {}  # operator -> (when, s since the one before)
+        self._first: Dict[str, float] = {}  # operator -> when its present life began
 
     def announce(self, operator: str) -> None:
         """The interface of an operator has announced itself."""
         now = self._clock()
         with self._lock:
             known = self._heard.get(operator.lower())
+            if known is None or now - known[0] > DEAD * max(1.0, known[1]):
+                self._first[operator.lower()] = now
             self._heard[operator.lower()] = (now, now - known[0] if known is not None else 0.0)
+
+    def young(self, operator: str) -> bool:
+        """Whether an operator's interface was first heard of less than :data:`YOUNG` seconds ago."""
+        with self._lock:
+            first = self._first.get(operator.lower())
+        return first is not None and self._clock() - first < YOUNG
 
     def silence(self, operator: str) -> Optional[float]:
         """Seconds since an operator's interface was heard of, None when it never was.

@@ -30,6 +30,7 @@ from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.knowledge_store import KnowledgeStore
 from merlin_rosplan.pddl_text import PddlError
 from merlin_rosplan.problem_reader import read_problem
+from merlin_rosplan.state_file import StateFile, StateFileError
 from merlin_rosplan.state_services import StateServices
 from merlin_rosplan.timed_knowledge import TimedKnowledge
 from merlin_rosplan.transaction import Change, Transaction
@@ -60,7 +61,7 @@ class KnowledgeBase(Component):
         self.domain = self._read_domain()
         self.strict = bool(self.param("strict", True))
         self.param("use_unknowns", False)  # ROSPlan reads it and never uses it
-        self.store = KnowledgeStore(self.domain, self.strict, ros_nanoseconds)
+        self.store = self._make_store()
         self._reader = KnowledgeReader(self.domain)
         self._writer = KnowledgeWriter(self.domain)
         self._status = self.publisher("status/update", StatusUpdate)
@@ -96,9 +97,20 @@ class KnowledgeBase(Component):
         except PddlError as error:
             raise ComponentError(f"the domain cannot be used: {error}") from error
 
+    def _make_store(self) -> KnowledgeStore:
+        path = str(self.param("state_file", ""))
+        try:
+            journal = StateFile(path, self.domain, bool(self.param("reset_state", False))) if path else None
+            return KnowledgeStore(self.domain, self.strict, ros_nanoseconds, journal)
+        except StateFileError as error:
+            raise ComponentError(str(error)) from error
+
     def _load_problem(self) -> None:
         path = self.param("problem_path", "")
         if not path:
+            return
+        if self.store.version:
+            rospy.loginfo("%s goes on with what its state file holds; %s is not read", self.scope, path)
             return
         try:
             self.store.load_problem(read_problem(str(path), self.domain), rospy.get_name())

@@ -49,9 +49,7 @@ class KnowledgeStore:
     clock: now, in nanoseconds of ROS time.
     journal: where every transaction is written before it counts; its content is loaded first.
 
-    Raises
-    ------
-    OSError: the journal cannot be read.
+    What the journal raises when it cannot be read is passed on.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Checking PDDL and plans with kairos, in this process: no planner sees bad input, no dispatcher a bad plan."""
+"""Checks PDDL and plans with kairos, in this process: no planner sees bad input, no dispatcher a bad plan."""
 
 import importlib
 from types import ModuleType
@@ -81,7 +81,8 @@ class PlanValidator:
         steps = list(steps)
         # An action without duration must not have one in the text either.
         text = "".join(
-            f"{step.time:.6f}: {step}" + (f" [{step.duration:.6f}]\n" if step.duration != NO_DURATION else "\n")
+            f"{step.time:.6f}: {step}"
+            + (f" [{step.duration:.6f}]\n" if step.duration != NO_DURATION else "\n")
             for step in steps
         )
         try:

@@ -2,14 +2,10 @@
 
 import dataclasses
 import threading
-import time
-from typing import Any, Dict, List, Optional, Tuple, Type
+from typing import Any, Dict, Optional, Tuple, Type
 
 import rospy
-from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import DispatchStatus, KnowledgeChanges, RunningAction
-from merlin_sm.action_server import ActionServer, ServerGoal
-from merlin_sm.deadline import Deadline, running_time
+from merlin_msgs.msg import KnowledgeChanges
 from rosplan_dispatch_msgs.msg import (
     ActionDispatch,
     ActionFeedback,
@@ -20,20 +16,17 @@ from rosplan_dispatch_msgs.msg import (
     NonBlockingDispatchResult,
 )
 from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceRequest, DispatchServiceResponse
-from rosplan_knowledge_msgs.msg import DomainFormula, StatusUpdate
+from rosplan_knowledge_msgs.msg import StatusUpdate
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
 from merlin_rosplan.component import Component, ComponentError, run_component
-from merlin_rosplan.dispatch import (
-    Dispatch,
-    DispatchError,
+from merlin_rosplan.dispatch import Dispatch
+from merlin_rosplan.dispatch_outside import (
     DispatchLimits,
     DispatchReport,
     DispatchState,
     Feedback,
-    FeedbackStatus,
     KnowledgeChanged,
-    Outside,
     Tick,
 )
 from merlin_rosplan.dispatch_schedule import (
@@ -43,26 +36,18 @@ from merlin_rosplan.dispatch_schedule import (
     Schedule,
     SequentialSchedule,
 )
+from merlin_rosplan.dispatch_topics import OWN_MARK, SHUTDOWN_DEADLINE, DispatchTopics
 from merlin_rosplan.handover import Handover
-from merlin_rosplan.interface_watch import InterfaceWatch
-from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError, goals_text
-from merlin_rosplan.operator_model import BindingError, Conditions, Operator
 from merlin_rosplan.plan_graph_drawer import PlanGraphDrawer
 from merlin_rosplan.plan_graph_messages import graph_from_message
-from merlin_rosplan.ros_alarm import RosAlarm
+from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError, goals_text
+from merlin_sm.action_server import ActionServer, ServerGoal
 
 SCOPE = "rosplan_plan_dispatcher"
-CANCEL_ACTION = "cancel_action"
-OWN_MARK = "dispatcher"  # key in `information` of feedback that a dispatcher published itself
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
-_WIRE_STATES = {
-    DispatchState.RUNNING: DispatchStatus.RUNNING,
-    DispatchState.CANCELLING: DispatchStatus.CANCELLING,
-}
-SHUTDOWN_DEADLINE = 1.0  # s that running interfaces get to answer when the node ends
 
 
-class PlanDispatcher(Component, Outside):
+class PlanDispatcher(Component):
     """Base of both dispatchers.
 
     Services ``dispatch_plan``, ``cancel_dispatch``; action server ``dispatch_plan_action``; topics
@@ -80,11 +65,6 @@ class PlanDispatcher(Component, Outside):
         self._dispatch: Optional[Dispatch] = None
         self._busy = False
         self._goal: Optional[ServerGoal] = None
-        # Interfaces latch their last feedback: an id from an earlier life of this node must not fit again.
-        self._plan_id = int(time.time()) % 1_000_000 * 1000
-        self._operators: Dict[str, Operator] = {}
-        self._bindings: Dict[int, Dict[str, str]] = {}
-        self._dispatched: Dict[int, rospy.Time] = {}
         self._limits = DispatchLimits(
             acknowledge=self.number("ack_timeout", 2.0, 0.0),
             accept=self.number("accept_timeout", 10.0, 0.0),
@@ -93,22 +73,14 @@ class PlanDispatcher(Component, Outside):
             over_all_grace=self.number("over_all_grace", 1.0, 0.0),
         )
         self._knowledge = PlanKnowledge(self.knowledge_base)
-        self._interfaces = InterfaceWatch(running_time)
-        self._alarm = self.own(RosAlarm(self._tick, f"alarm of {self.scope}"))
-
-        dispatch_topic = str(self.param("action_dispatch_topic", "action_dispatch"))
+        self._topics = DispatchTopics(
+            self, self._knowledge, self.publishes_feedback, self._tick, self._forward, self.progressed
+        )
         feedback_topic = str(self.param("action_feedback_topic", "action_feedback"))
-        # Latched as in ROSPlan; its queue of one would lose actions and cancels sent back to back.
-        self._actions = self.publisher(dispatch_topic, ActionDispatch, queue_size=1000, latch=True)
-        self._feedback: Optional[rospy.Publisher] = None
-        if self.publishes_feedback:
-            self._feedback = self.publisher(feedback_topic, ActionFeedback, queue_size=1000, latch=True)
-        self._status = self.publisher("dispatch_status", DispatchStatus, queue_size=100, latch=True)
-        self._tell_status(DispatchReport(DispatchState.IDLE, "nothing dispatched yet"))
-
         self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback, queue_size=1000)
-        self.subscriber(f"{self.knowledge_base}/pddl_action_parameters", DomainFormula, self._receive_announcement)
-        self._changes = self.subscriber(f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes)
+        self._changes = self.subscriber(
+            f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes
+        )
         self.subscriber(f"{self.knowledge_base}/status/update", StatusUpdate, self._receive_update)
         self._plan_topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
         subscription = self.own(Handover.receiver(self._plan_topic, self._receive_plan))
@@ -116,7 +88,10 @@ class PlanDispatcher(Component, Outside):
 
         self._server = self.own(
             ActionServer(
-                self.resolve("dispatch_plan_action"), NonBlockingDispatchAction, self._accept, self._cancel_goal
+                self.resolve("dispatch_plan_action"),
+                NonBlockingDispatchAction,
+                self._accept,
+                self._cancel_goal,
             )
         )
         self._server.start()
@@ -146,6 +121,9 @@ class PlanDispatcher(Component, Outside):
     def received(self, plan: Any) -> None:
         """A plan has come; for subclasses that show it."""
 
+    def progressed(self) -> None:
+        """A dispatch has made a step; for subclasses that show it."""
+
     # --- services and action ------------------------------------------------------------------------
 
     def _serve(self, _: DispatchServiceRequest) -> DispatchServiceResponse:
@@ -169,7 +147,9 @@ class PlanDispatcher(Component, Outside):
             goal.reject(NonBlockingDispatchResult(), "a plan is being dispatched already")
             return
         goal.accept()
-        threading.Thread(target=self._run_goal, args=(goal,), name=f"dispatch {self.scope}", daemon=True).start()
+        threading.Thread(
+            target=self._run_goal, args=(goal,), name=f"dispatch {self.scope}", daemon=True
+        ).start()
 
     def _run_goal(self, goal: ServerGoal) -> None:
         report, goal_achieved = self._run()
@@ -206,27 +186,23 @@ class PlanDispatcher(Component, Outside):
             except PlanError as error:
                 report = DispatchReport(DispatchState.FAILED, str(error))
             unmet = self._unmet_goals()
+            log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
+            log("%s: %s: %s", self.scope, report.state.name, report.reason)
+            if report.success:
+                if unmet:
+                    rospy.logwarn("%s: every action succeeded, but %s", self.scope, unmet)
+                report = dataclasses.replace(report, reason=unmet)
+            self._topics.tell_status(report)
         finally:
             with self._state:
                 self._dispatch = self._goal = None
                 self._busy = False
-        log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
-        log("%s: %s: %s", self.scope, report.state.name, report.reason)
-        if report.success:
-            if unmet:
-                rospy.logwarn("%s: every action succeeded, but %s", self.scope, unmet)
-            report = dataclasses.replace(report, reason=unmet)
-        self._tell_status(report)
         return report, not unmet
 
     def _run_plan(self) -> DispatchReport:
         plan = self._take_plan()
         schedule = self.make_schedule(plan)
-        self._operators.clear()
-        self._bindings.clear()
-        self._dispatched.clear()
-        self._plan_id += 1
-        dispatch = Dispatch(schedule, self, self._limits, self._plan_id)
+        dispatch = Dispatch(schedule, self._topics, self._limits, self._topics.begin())
         with self._state:
             self._dispatch = dispatch
             goal = self._goal
@@ -273,8 +249,11 @@ class PlanDispatcher(Component, Outside):
         if goal is not None:
             goal.feedback(NonBlockingDispatchFeedback(feedback=message))
 
-    def _receive_announcement(self, message: DomainFormula) -> None:
-        self._interfaces.announce(message.name)
+    def _forward(self, message: ActionFeedback) -> None:
+        with self._state:
+            goal = self._goal
+        if goal is not None:
+            goal.feedback(NonBlockingDispatchFeedback(feedback=message))
 
     def _receive_changes(self, message: KnowledgeChanges) -> None:
         with self._state:
@@ -304,112 +283,6 @@ class PlanDispatcher(Component, Outside):
             dispatch = self._dispatch
         if dispatch is not None:
             dispatch.put(Tick())
-
-    # --- Outside: what the dispatch needs -------------------------------------------------------------
-
-    def now(self) -> float:
-        """ROS time, s."""
-        return float(rospy.get_time())
-
-    def deadline(self, seconds: float) -> Deadline:
-        """A deadline that stands still while the simulator is paused."""
-        return Deadline(SHUTDOWN_DEADLINE if self.closed and not 0 < seconds < SHUTDOWN_DEADLINE else seconds)
-
-    def send(self, action: PlannedAction) -> None:
-        """Publishes the action."""
-        self._dispatched[action.id] = rospy.Time.now()
-        self._actions.publish(self._message(action, action.name))
-
-    def send_cancel(self, action: PlannedAction) -> None:
-        """Publishes ``cancel_action`` for the action."""
-        self._actions.publish(self._message(action, CANCEL_ACTION))
-
-    def close(self, action: PlannedAction) -> None:
-        """Publishes the tombstone: latched in place of the last action."""
-        if not rospy.is_shutdown():
-            self._actions.publish(self._message(action, CANCEL_ACTION))
-
-    def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
-        """Publishes feedback of our own, marked as such."""
-        if self._feedback is None:
-            return
-        message = ActionFeedback(
-            action_id=action.id,
-            plan_id=self._plan_id,
-            status=int(status),
-            information=[KeyValue(key=OWN_MARK, value=self.scope)],
-        )
-        self._feedback.publish(message)
-        with self._state:
-            goal = self._goal
-        if goal is not None:
-            goal.feedback(NonBlockingDispatchFeedback(feedback=message))
-
-    def operator(self, action: PlannedAction) -> Operator:
-        """The ground operator; asks the knowledge base once per operator and plan."""
-        try:
-            operator = self._operators.get(action.name)
-            if operator is None:
-                operator = self._operators[action.name] = self._knowledge.operator(action.name)
-            binding = operator.bind([value for _, value in action.parameters])
-        except (PlanKnowledgeError, BindingError) as error:
-            raise DispatchError(f"{action} cannot be dispatched: {error}") from error
-        self._bindings[action.id] = binding
-        return operator.ground(binding)
-
-    def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
-        """Asks the knowledge base."""
-        try:
-            return self._knowledge.false_of(conditions, self._bindings[action.id])
-        except PlanKnowledgeError as error:
-            raise DispatchError(f"the conditions of {action} cannot be checked: {error}") from error
-
-    def silence(self, operator: str) -> Optional[float]:
-        """Seconds since the operator's interface announced itself."""
-        return self._interfaces.silence(operator)
-
-    def wake_at(self, when: Optional[float]) -> None:
-        """Sets the alarm."""
-        self._alarm.set(when)
-
-    def changed(self, report: DispatchReport) -> None:
-        """Publishes the status while a dispatch runs; the end is told when the goals have been checked."""
-        if report.state in (DispatchState.RUNNING, DispatchState.CANCELLING):
-            self._tell_status(report)
-
-    def _message(self, action: PlannedAction, name: str) -> ActionDispatch:
-        return ActionDispatch(
-            action_id=action.id,
-            plan_id=self._plan_id,
-            name=name,
-            parameters=[KeyValue(key=label, value=value) for label, value in action.parameters],
-            duration=action.duration,
-            dispatch_time=action.time,
-        )
-
-    def _tell_status(self, report: DispatchReport) -> None:
-        if rospy.is_shutdown():
-            return
-        status = DispatchStatus(
-            state=_WIRE_STATES.get(report.state, DispatchStatus.IDLE),
-            plan_id=self._plan_id,
-            running=[
-                RunningAction(
-                    action_id=action.id,
-                    plan_id=self._plan_id,
-                    name=action.name,
-                    parameters=[KeyValue(key=label, value=value) for label, value in action.parameters],
-                    dispatched=self._dispatched.get(action.id, rospy.Time()),
-                )
-                for action in report.running
-            ],
-            steps_done=report.steps_done,
-            steps_total=report.steps_total,
-            failed_action=str(report.failed_action) if report.failed_action is not None else "",
-            reason=report.reason,
-        )
-        status.header.stamp = rospy.Time.now()
-        self._status.publish(status)
 
 
 class SimplePlanDispatcher(PlanDispatcher):
@@ -465,9 +338,8 @@ class EsterelPlanDispatcher(PlanDispatcher):
                 return
             self._drawer.show(graph, messages, None)
 
-    def changed(self, report: DispatchReport) -> None:
+    def progressed(self) -> None:
         """Draws the graph again."""
-        super().changed(report)
         if self._drawer is not None:
             self._drawer.refresh()
 
@@ -490,12 +362,15 @@ def dispatcher_class(kind: str) -> Type[PlanDispatcher]:
     ------
     ComponentError: it is neither.
     """
-    classes: Dict[str, Type[PlanDispatcher]] = {"simple": SimplePlanDispatcher, "esterel": EsterelPlanDispatcher}
+    classes: Dict[str, Type[PlanDispatcher]] = {
+        "simple": SimplePlanDispatcher,
+        "esterel": EsterelPlanDispatcher,
+    }
     if kind not in classes:
         raise ComponentError(f"~kind is '{kind}', expected 'simple' or 'esterel'")
     return classes[kind]
 
 
 def main() -> None:
-    """Entry point of ``rosrun merlin_rosplan plan_dispatcher``; `~kind` is ``simple`` or ``esterel`` (default)."""
+    """Entry point of the executable ``plan_dispatcher``; `~kind` is ``simple`` or ``esterel`` (default)."""
     run_component(lambda scope: dispatcher_class(str(rospy.get_param("~kind", "esterel")))(scope), SCOPE)

@@ -41,7 +41,9 @@ class PlanGraphDrawer(rospy.SubscribeListener):
         self._thread = threading.Thread(target=self._run, name=f"drawer of {topic}", daemon=True)
         self._thread.start()
 
-    def show(self, graph: PlanGraph, actions: List[ActionDispatch], schedule: Optional[GraphSchedule]) -> None:
+    def show(
+        self, graph: PlanGraph, actions: List[ActionDispatch], schedule: Optional[GraphSchedule]
+    ) -> None:
         """Draws another graph; without a schedule nothing of it has happened."""
         with self._changed:
             self._graph, self._actions, self._schedule = graph, list(actions), schedule
@@ -85,7 +87,9 @@ class PlanGraphDrawer(rospy.SubscribeListener):
                 if not rospy.is_shutdown():
                     raise
 
-    def _draw(self, graph: PlanGraph, actions: List[ActionDispatch], schedule: Optional[GraphSchedule]) -> str:
+    def _draw(
+        self, graph: PlanGraph, actions: List[ActionDispatch], schedule: Optional[GraphSchedule]
+    ) -> str:
         def state(node: Node) -> str:
             if schedule is not None:
                 return schedule.node_state(node)

@@ -63,16 +63,24 @@ def graph_from_message(plan: EsterelPlan) -> Tuple[PlanGraph, List[ActionDispatc
         try:
             kind = NodeType(node.node_type)
         except ValueError:
-            raise PlanError(f"node {node.node_id} of the plan graph has the unknown type {node.node_type}") from None
+            raise PlanError(
+                f"node {node.node_id} of the plan graph has the unknown type {node.node_type}"
+            ) from None
         graph.nodes.append(Node(index, kind, node.name, action))
     for edge in plan.edges:
         kind = EdgeType(edge.edge_type) if edge.edge_type in list(EdgeType) else EdgeType.CONDITION
         for source in edge.source_ids:
             for sink in edge.sink_ids:
                 if source not in position or sink not in position:
-                    raise PlanError(f"edge {edge.edge_id} of the plan graph joins nodes that it does not have")
+                    raise PlanError(
+                        f"edge {edge.edge_id} of the plan graph joins nodes that it does not have"
+                    )
                 graph.connect(
-                    kind, position[source], position[sink], edge.duration_lower_bound, edge.duration_upper_bound
+                    kind,
+                    position[source],
+                    position[sink],
+                    edge.duration_lower_bound,
+                    edge.duration_upper_bound,
                 )
     return graph, actions
 
@@ -105,12 +113,12 @@ def graph_to_dot(
         lines.append(f'{node.id}[ label="{label}"{style}];')
     for edge in graph.edges:
         upper = "inf" if edge.upper >= NO_BOUND else f"{edge.upper:g}"
+        colour = "red" if active(edge.id) else "black"
         if display_edge_type:
             colour = _EDGE_COLOURS[edge.type]
-        else:
-            colour = "red" if active(edge.id) else "black"
         lines.append(
-            f'"{edge.source}" -> "{edge.sink}" [ label="[{edge.lower:g}, {upper}]" , penwidth=2, color="{colour}"]'
+            f'"{edge.source}" -> "{edge.sink}" [ label="[{edge.lower:g}, {upper}]" '
+            f', penwidth=2, color="{colour}"]'
         )
     lines.append("}")
     return "\n".join(lines) + "\n"

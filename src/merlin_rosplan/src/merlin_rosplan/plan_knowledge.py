@@ -1,17 +1,17 @@
-"""What the parser and the dispatcher ask the knowledge base, over ROS, so that any ROSPlan knowledge base will do."""
+"""What parser and dispatcher ask the knowledge base, over ROS: any ROSPlan knowledge base will do."""
 
 import copy
-from typing import Any, Callable, Dict, List, Sequence, TypeVar
+from typing import Callable, Dict, List, Sequence, TypeVar
 
 import rospy
-from merlin_sm.knowledge_client import CALL_LIMIT, fact, knowledge_client
-from merlin_sm.pddl_text import to_pddl
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
 from rosplan_knowledge_msgs.msg import DomainInequality, KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
 from merlin_rosplan.operator_model import Atom, Conditions, Operator
 from merlin_rosplan.plan_graph import TimedLiteral
+from merlin_sm.knowledge_client import CALL_LIMIT, fact, knowledge_client
+from merlin_sm.pddl_text import to_pddl
+from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 _Answer = TypeVar("_Answer")
 
@@ -62,9 +62,13 @@ class PlanKnowledge:
         holds = dict(zip(positive + negative, results))
         return Conditions(
             tuple(
-                atom for atom in conditions.positive if not (_equal(atom) if atom.name == "=" else holds[atom])
+                atom
+                for atom in conditions.positive
+                if not (_equal(atom) if atom.name == "=" else holds[atom])
             ),
-            tuple(atom for atom in conditions.negative if (_equal(atom) if atom.name == "=" else holds[atom])),
+            tuple(
+                atom for atom in conditions.negative if (_equal(atom) if atom.name == "=" else holds[atom])
+            ),
             tuple(
                 entry
                 for entry, true in zip(conditions.comparisons, results[len(positive) + len(negative) :])

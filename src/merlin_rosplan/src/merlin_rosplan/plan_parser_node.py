@@ -13,10 +13,10 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
 from merlin_rosplan.component import Component, ComponentError, run_component
 from merlin_rosplan.handover import Handover
-from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.operator_model import BindingError, Operator
 from merlin_rosplan.plan_graph import build_graph
 from merlin_rosplan.plan_graph_messages import graph_to_message
+from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.plan_text import PlanStep, PlanTextError, parse_plan
 
 SCOPE = "rosplan_parsing_interface"
@@ -144,9 +144,7 @@ class EsterelPlanParser(PlanParser):
         return graph_to_message(graph, action_messages(steps, actions))
 
 
-def action_messages(
-    steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]
-) -> List[ActionDispatch]:
+def action_messages(steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> List[ActionDispatch]:
     """The actions of a plan; ids count from 0, parameters carry the operator's labels."""
     return [
         ActionDispatch(
@@ -176,5 +174,5 @@ def parser_class(kind: str) -> Type[PlanParser]:
 
 
 def main() -> None:
-    """Entry point of ``rosrun merlin_rosplan parsing_interface``; `~kind` is ``simple`` or ``esterel`` (default)."""
+    """Entry point of the executable ``parsing_interface``; `~kind` is ``simple`` or ``esterel`` (default)."""
     run_component(lambda scope: parser_class(str(rospy.get_param("~kind", "esterel")))(scope), SCOPE)

@@ -1,4 +1,4 @@
-"""Plans as text: ``<time>: (<action> <arguments>)  [<duration>]``, one line per action, as ROSPlan passes them on."""
+"""Plans as text, as ROSPlan passes them on: ``<time>: (<action> <arguments>)  [<duration>]`` per action."""
 
 import re
 from dataclasses import dataclass
@@ -75,7 +75,7 @@ def parse_plan(text: str) -> List[PlanStep]:
         step = parse_line(line, number)
         if step is None:
             raise PlanTextError(
-                f"line {number} of the plan, '{line.strip()}', is not '<time>: (<action> <arguments>) [<duration>]'"
+                f"line {number}, '{line.strip()}', is not '<time>: (<action> <arguments>) [<duration>]'"
             )
         steps.append(step)
     # Not every planner writes them in order, and the simple dispatcher goes by the list.

@@ -161,7 +161,9 @@ class Planning:
             self._process = process
         result = process.run()
         files = [
-            (path.name, path.read_text(errors="replace")) for path in folder.iterdir() if is_plan_file(path.name)
+            (path.name, path.read_text(errors="replace"))
+            for path in folder.iterdir()
+            if is_plan_file(path.name)
         ]
         self._keep(result, files)
         if result.cancelled:
@@ -185,7 +187,9 @@ class Planning:
         if self._data is not None:
             self._write("plan.pddl", text)
         length = max((step.time + step.duration for step in plan), default=0.0)
-        reason = f"{len(plan)} actions, {length:.1f} s" if plan else "the goals hold already: the plan is empty"
+        reason = (
+            f"{len(plan)} actions, {length:.1f} s" if plan else "the goals hold already: the plan is empty"
+        )
         return PlannerState.SOLVED, reason, text
 
     def _unsolved(

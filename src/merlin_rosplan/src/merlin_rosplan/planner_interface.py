@@ -10,8 +10,6 @@ from typing import Optional, Set
 
 import rospy
 from merlin_msgs.msg import PlannerStatus
-from merlin_sm.action_server import ServerGoal
-from merlin_sm.serial_action_server import SerialActionServer
 from rosplan_dispatch_msgs.msg import PlanAction, PlanFeedback, PlanResult
 from rosplan_dispatch_msgs.srv import PlanningService, PlanningServiceRequest, PlanningServiceResponse
 from std_msgs.msg import String
@@ -20,8 +18,10 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 from merlin_rosplan import pddl_check
 from merlin_rosplan.component import Component, ComponentError, run_component
 from merlin_rosplan.handover import Handover
-from merlin_rosplan.planner import Planning, PlannerSettings
+from merlin_rosplan.planner import PlannerSettings, Planning
 from merlin_rosplan.planning_outcome import PlannerState, PlanningOutcome
+from merlin_sm.action_server import ServerGoal
+from merlin_sm.serial_action_server import SerialActionServer
 
 SCOPE = "rosplan_planner_interface"
 
@@ -51,9 +51,9 @@ class PlannerInterface(Component):
         self._hand_over = self.own(Handover.sender(topic))
         self._status = self.publisher("planner_status", PlannerStatus, queue_size=10, latch=True)
         self._tell(PlannerStatus(state=PlannerStatus.IDLE, reason="nothing planned yet"))
-        problem_topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
-        subscription = self.own(Handover.receiver(problem_topic, self._receive_problem))
-        self.subscriber(problem_topic, String, subscription.from_topic, queue_size=1)
+        self._problem_topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
+        subscription = self.own(Handover.receiver(self._problem_topic, self._receive_problem))
+        self.subscriber(self._problem_topic, String, subscription.from_topic, queue_size=1)
         self._action = self.own(
             SerialActionServer(self.resolve("start_planning"), PlanAction, self._execute, self._cancel)
         )
@@ -147,7 +147,9 @@ class PlannerInterface(Component):
                 seconds=outcome.seconds,
             )
         )
-        log = rospy.loginfo if outcome.state in (PlannerState.SOLVED, PlannerState.CANCELLED) else rospy.logerr
+        log = (
+            rospy.loginfo if outcome.state in (PlannerState.SOLVED, PlannerState.CANCELLED) else rospy.logerr
+        )
         log(
             "%s: %s by %s in %.3f s: %s",
             self.scope,
@@ -203,9 +205,7 @@ class PlannerInterface(Component):
                 self._state.wait_for(lambda: self._problem is not None or self.closed, timeout=0.5)
             problem = self._problem
         if problem is None:
-            raise ValueError(
-                f"no problem was received on {self.resolve(str(self.param('problem_topic', 'problem_instance')))}"
-            )
+            raise ValueError(f"no problem was received on {self._problem_topic}")
         path = Path(problem_path) if problem_path else Path(self._folder.name) / "problem.pddl"
         temporary = path.with_name(f".{path.name}.{os.getpid()}.{next(self._numbers)}")
         temporary.write_text(problem)
@@ -216,12 +216,16 @@ class PlannerInterface(Component):
         if not data_path:
             return None
         if not os.path.isdir(data_path):
-            rospy.logwarn("%s: data_path %s is no folder: the planner's output is not kept", self.scope, data_path)
+            rospy.logwarn(
+                "%s: data_path %s is no folder: the planner's output is not kept", self.scope, data_path
+            )
             return None
         return data_path
 
     def _domain_of_knowledge_base(self) -> str:
-        return str(rospy.get_param(f"{self.knowledge_base}/domain_path", rospy.get_param("/rosplan/domain_path", "")))
+        return str(
+            rospy.get_param(f"{self.knowledge_base}/domain_path", rospy.get_param("/rosplan/domain_path", ""))
+        )
 
     def _tell(self, status: PlannerStatus) -> None:
         status.header.stamp = rospy.Time.now()

@@ -1,4 +1,4 @@
-"""What planners print, read: POPF, OPTIC, FF, Metric-FF, Fast Downward, Temporal Fast Downward, LPG and kairos.
+"""What planners print: POPF, OPTIC, FF, Metric-FF, Fast Downward, Temporal Fast Downward, LPG and kairos.
 
 A planner is recognised by what it prints and not by its name, so a wrapper script around one works too.
 """
@@ -26,19 +26,21 @@ _FD_PLAN = re.compile(r"^(?:\[t=[^\]]*\]\s*)?Actual search time", re.MULTILINE)
 _FD_STEP = re.compile(r"^([a-z][^()\[\]:]*?)\s+\((\d+)\)\s*$")
 _FILE_STEP = re.compile(r"^\s*\(([^()]+)\)\s*$")
 _SOLVED_MARK = re.compile(
-    r"; Plan found|;;;; Solution Found|goal can be simplified to TRUE|The empty plan solves it|^Solution found",
+    r"; Plan found|;;;; Solution Found|goal can be simplified to TRUE|"
+    r"The empty plan solves it|^Solution found",
     re.IGNORECASE | re.MULTILINE,
 )
 _UNSOLVABLE = re.compile(
-    r"^.*(?:problem unsolvable|problem proven unsolvable|goal can be simplified to FALSE|"
-    r"no plan will solve it|completely explored state space|search stopped without finding a solution|"
-    r"problem is unsolvable|problem not solvable|goals? .*(?:cannot|can not|can't|not) (?:be )?reach(?:ed|able)|"
-    r"kairos: unsolvable).*$",
+    r"^.*(?:problem unsolvable|problem proven unsolvable|problem is unsolvable|problem not solvable|"
+    r"goal can be simplified to FALSE|no plan will solve it|"
+    r"completely explored state space|search stopped without finding a solution|"
+    r"goals? .*(?:cannot|can not|can't|not) (?:be )?reach(?:ed|able)|kairos: unsolvable).*$",
     re.IGNORECASE | re.MULTILINE,
 )
 _BAD_INPUT = re.compile(
-    r"^.*(?:syntax error|parse error|undeclared|unknown (?:predicate|type|constant|object|function|symbol)|"
-    r"error: .*(?:expected|undefined)|line: ?\d+: error|pddl:\d+:\d+: error|parsing error).*$",
+    r"^.*(?:syntax error|parse error|parsing error|undeclared|"
+    r"unknown (?:predicate|type|constant|object|function|symbol)|"
+    r"error: .*(?:expected|undefined)|line: ?\d+: error|pddl:\d+:\d+: error).*$",
     re.IGNORECASE | re.MULTILINE,
 )
 _MEMORY = re.compile(r"^.*(?:out of memory|bad_alloc|memory limit|cannot allocate memory).*$", re.I | re.M)
@@ -49,7 +51,10 @@ _PLAN_FILES = ("sas_plan", "fdplan", "tfdplan", "lpgplan", "plan", "found_plan",
 _FAST_DOWNWARD_EXIT = {
     10: (PlannerState.UNSOLVABLE, "the translator proved that the problem has no plan"),
     11: (PlannerState.UNSOLVABLE, "the search proved that the problem has no plan"),
-    12: (PlannerState.UNSOLVABLE, "the search ended without a plan; it was not complete, so this is no proof"),
+    12: (
+        PlannerState.UNSOLVABLE,
+        "the search ended without a plan; it was not complete, so this is no proof",
+    ),
     20: (PlannerState.CRASHED, "the translator ran out of memory"),
     21: (PlannerState.TIMEOUT, "the translator ran out of time"),
     22: (PlannerState.CRASHED, "the search ran out of memory"),
@@ -152,10 +157,12 @@ def _timed_blocks(text: str) -> List[Plan]:
         step = None if stripped.startswith(";") else parse_line(line)
         if step is not None:
             current.append(step)
-        elif current and not stripped.startswith(";"):
-            blocks.append(current)
-            current = []
-        elif current and re.match(r";+\s*(?:Plan|Solution|better plan|Time|Cost)", stripped, re.IGNORECASE):
+        elif (
+            current
+            and not stripped.startswith(";")
+            or current
+            and re.match(r";+\s*(?:Plan|Solution|better plan|Time|Cost)", stripped, re.IGNORECASE)
+        ):
             blocks.append(current)
             current = []
     if current:

@@ -6,7 +6,7 @@ from typing import Any, Dict, Tuple
 
 import rospy
 
-from merlin_rosplan.component import Component, ComponentError, run_components
+from merlin_rosplan.component import Component, ComponentError, run_component, run_components
 
 #: kind -> (module, class)
 KINDS: Dict[str, Tuple[str, str]] = {
@@ -28,6 +28,13 @@ DEFAULT_COMPONENTS: Dict[str, str] = {
     "rosplan_planner_interface": "planner_interface",
     "rosplan_parsing_interface": "esterel_plan_parser",
     "rosplan_plan_dispatcher": "esterel_plan_dispatcher",
+}
+
+DEFAULT_SCOPES: Dict[str, str] = {
+    **{kind: scope for scope, kind in DEFAULT_COMPONENTS.items()},
+    "simple_plan_parser": "rosplan_parsing_interface",
+    "simple_plan_dispatcher": "rosplan_plan_dispatcher",
+    "sensing_interface": "rosplan_sensing_interface",
 }
 
 
@@ -55,6 +62,11 @@ def make_components(_scope: str) -> None:
     for scope, _, make in sorted(classes, key=lambda entry: (order.index(entry[1]), entry[0])):
         component: Component = make(scope)
         rospy.logdebug("%s started", component.scope)
+
+
+def run_kind(kind: str) -> None:
+    """``main()`` of an executable with one component of a kind; the node's name is its scope."""
+    run_component(component_class(kind), DEFAULT_SCOPES.get(kind, kind))
 
 
 def main() -> None:

@@ -12,6 +12,7 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
 from merlin_rosplan.component import Component, ComponentError, run_component
 from merlin_rosplan.domain import Domain
+from merlin_rosplan.handover import Handover
 from merlin_rosplan.knowledge_base import knowledge_base_in_process
 from merlin_rosplan.knowledge_snapshot import KnowledgeBaseError, KnowledgeSnapshots
 from merlin_rosplan.problem import Problem
@@ -36,9 +37,9 @@ class ProblemInterface(Component):
             raise ComponentError(f"only PDDL problems can be written, not {language or extension}")
         self._generating = threading.Lock()  # owned by who generates: file and topic tell the same problem
         self._client: Optional[KnowledgeSnapshots] = None
-        self._publisher = self.publisher(
-            str(self.param("problem_topic", "problem_instance")), String, queue_size=1, latch=True
-        )
+        topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
+        self._hand_over = self.own(Handover.sender(topic))
+        self._publisher = self.publisher(topic, String, queue_size=1, latch=True)
         self.service("problem_generation_server", Empty, self._generate)
         self.service("problem_generation_server_params", ProblemService, self._generate_with)
 
@@ -80,6 +81,7 @@ class ProblemInterface(Component):
             text = write_problem(problem, domain)
             if path:
                 _write(path, text)
+            self._hand_over.hand_over(String(text))
             self._publisher.publish(String(text))
             return text
 

@@ -1,16 +1,17 @@
-"""ROSPlan's simulated action: an action interface that takes its time and succeeds with a given probability."""
+"""ROSPlan's simulated action: an action interface that waits and succeeds with a given probability."""
 
 import random
 import threading
+from typing import Optional
 
 import rospy
+
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.execution import Ending, Execution
-from merlin_sm.knowledge_client import KnowledgeError, knowledge_client
-from merlin_sm.service_proxy import ServiceError
-
 from merlin_rosplan.component import Component, ComponentError, run_component
 from merlin_rosplan.ros_alarm import RosAlarm
+from merlin_sm.knowledge_client import KnowledgeError, knowledge_client
+from merlin_sm.service_proxy import ServiceError
 
 SCOPE = "simulated_action"
 KNOWLEDGE_BASE_WAIT = 20.0  # s, as ROSPlan's action interface
@@ -29,7 +30,9 @@ class _SimulatedExecution(ActionInterface):
     def run(self, execution: Execution) -> Ending:
         """Waits in ROS time; a cancel ends it at once."""
         duration = self._duration if self._duration >= 0 else execution.dispatch.duration
-        duration = max(0.0, self._random.gauss(duration, self._deviation)) if self._deviation > 0 else duration
+        duration = (
+            max(0.0, self._random.gauss(duration, self._deviation)) if self._deviation > 0 else duration
+        )
         over = threading.Event()
         alarm = RosAlarm(over.set, f"simulated {execution.text}")
         execution.interruptible(over.set)
@@ -53,6 +56,7 @@ class SimulatedAction(Component):
 
     def __init__(self, scope: str = SCOPE) -> None:
         super().__init__(scope)
+        self._interface: Optional[_SimulatedExecution] = None
         operator = str(self.param("pddl_action_name"))
         duration = self.number("action_duration", -1.0)
         deviation = self.number("action_duration_stddev", 0.0, 0.0)
@@ -73,7 +77,8 @@ class SimulatedAction(Component):
 
     def on_shutdown(self) -> None:
         """Cancels what runs."""
-        self._interface.shutdown()
+        if self._interface is not None:
+            self._interface.shutdown()
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""A ``move_base`` without a robot: it commands velocities and nothing moves. For tests without a simulator."""
+"""A ``move_base`` without a robot: it commands velocities and nothing moves. For tests only."""
 
 import sys
 import threading

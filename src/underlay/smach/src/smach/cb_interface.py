@@ -46,6 +46,7 @@ class CBInterface:
         functools.update_wrapper(self, cb, updated=())
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Calls the callable."""
         return self._cb(*args, **kwargs)
 
     def get_registered_input_keys(self) -> Tuple[str, ...]:
@@ -80,4 +81,5 @@ class cb_interface:
         self._interface = (outcomes, input_keys, output_keys, io_keys)
 
     def __call__(self, cb: Callable[..., Any]) -> CBInterface:
+        """Declares the interface."""
         return CBInterface(cb, *self._interface)

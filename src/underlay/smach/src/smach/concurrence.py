@@ -22,10 +22,10 @@ class Concurrence(Container):
     :param output_keys: userdata keys copied to the parent when it ends.
     :param outcome_map: outcome -> {child label: child outcome}; of the entries that hold, the one with most
         criteria decides, of equal ones the first.
-    :param outcome_cb: called with {child label: child outcome}; returns the outcome, or None to leave it to the
-        map and the default.
-    :param child_termination_cb: called with {child label: child outcome or None} whenever a child ends; a list
-        of labels preempts these, anything else that is true preempts all that still run.
+    :param outcome_cb: called with {child label: child outcome}; returns the outcome, or None to leave it to
+        the map and the default.
+    :param child_termination_cb: called with {child label: child outcome or None} whenever a child ends; a
+        list of labels preempts these, anything else that is true preempts all that still run.
     :raises InvalidStateError: the policies contradict the outcomes.
     """
 
@@ -89,8 +89,8 @@ class Concurrence(Container):
             for label, child_outcome in criteria.items():
                 if label not in self._states:
                     raise InvalidStateError(
-                        f"Concurrence '{self._path()}': the outcome map's '{outcome}' names the child '{label}', "
-                        f"which does not exist; children: {list(self._states)}"
+                        f"Concurrence '{self._path()}': the outcome map's '{outcome}' names "
+                        f"the child '{label}', which does not exist; children: {list(self._states)}"
                     )
                 registered = self._states[label].get_registered_outcomes()
                 if child_outcome not in registered:
@@ -130,7 +130,7 @@ class Concurrence(Container):
 
     def get_active_states(self) -> List[str]:
         """Labels of the children that have not ended; empty between runs."""
-        with self._smach_changed:
+        with self._smach_lock:
             return list(self._concurrent_run.active) if self._concurrent_run is not None else []
 
     def get_internal_edges(self) -> List[Edge]:
@@ -154,20 +154,20 @@ class Concurrence(Container):
         try:
             self.check_consistency()
             self._copy_input_keys(parent_ud)
-            smach.loginfo(f"Concurrence starting with states {list(self._states)}")
+            smach.logdebug(f"Concurrence starting with states {list(self._states)}")
             run = ConcurrentRun(self, self._states)
-            with self._smach_changed:
+            with self._smach_lock:
                 self._concurrent_run = run
             self.call_start_cbs()
             if not run.execute():
-                smach.loginfo(f"Concurrence '{self._path()}' ends because of a shutdown")
+                smach.logdebug(f"Concurrence '{self._path()}' ends because of a shutdown")
                 return None
             outcome = self._outcome(run)
-            smach.loginfo(f"Concurrence terminating with outcome '{outcome}'")
+            smach.logdebug(f"Concurrence terminating with outcome '{outcome}'")
             self.call_termination_cbs(list(self._states), outcome)
             return outcome
         finally:
-            with self._smach_changed:
+            with self._smach_lock:
                 self._concurrent_run = None
             try:
                 self._copy_output_keys(parent_ud)
@@ -176,7 +176,7 @@ class Concurrence(Container):
 
     def _outcome(self, run: ConcurrentRun) -> str:
         outcomes: Dict[str, str] = {label: str(outcome) for label, outcome in run.outcomes.items()}
-        with self._smach_changed:
+        with self._smach_lock:
             # A request that came when no child ran any more, or that one ignored, is left to the parent.
             if self._preempt_requested and run.unserved and not any(run.unserved.values()):
                 self._preempt_requested = False
@@ -200,8 +200,8 @@ class Concurrence(Container):
             return None
         if outcome not in self._outcomes:
             raise InvalidTransitionError(
-                f"Concurrence '{self._path()}': outcome_cb returned '{outcome}', which is not one of its outcomes "
-                f"{list(self._outcomes)}"
+                f"Concurrence '{self._path()}': outcome_cb returned '{outcome}', which is not one "
+                f"of its outcomes {list(self._outcomes)}"
             )
         return outcome
 

@@ -107,8 +107,8 @@ class ConcurrentRun:
             ):
                 registered = list(child.get_registered_outcomes())
                 failure = InvalidTransitionError(
-                    f"State '{container._path(label)}' of type '{type(child).__name__}' ended with {outcome!r}, "
-                    f"which is not one of its registered outcomes {registered}"
+                    f"State '{container._path(label)}' of type '{type(child).__name__}' ended with "
+                    f"{outcome!r}, which is not one of its registered outcomes {registered}"
                 )
         except BaseException as error:
             failure = error

@@ -37,7 +37,7 @@ def pop(container: Any) -> None:
     """
     if not _stack.open or _stack.open[-1].container is not container:
         raise InvalidStateError(
-            f"Closing container '{container._path()}', which is not the innermost open container of this thread"
+            f"Closing container '{container._path()}', which is not the innermost open one of this thread"
         )
     _stack.open.pop()
 

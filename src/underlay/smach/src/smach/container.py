@@ -107,8 +107,8 @@ class Container(PreemptibleContainer):
     def opened(self, **kwargs: Any) -> Iterator["Container"]:
         """Opens it for a ``with`` block.
 
-        :param kwargs: arguments (``transitions``, ``remapping``, …) for every ``add`` in the block; those given
-            to an ``add`` itself come first.
+        :param kwargs: arguments (``transitions``, ``remapping``, …) for every ``add`` in the block; those
+            given to an ``add`` itself come first.
         """
         construction.push(self, kwargs)
         try:
@@ -165,11 +165,11 @@ class Container(PreemptibleContainer):
     def register_termination_cb(
         self, termination_cb: Callable[..., None], cb_args: Iterable[Any] = ()
     ) -> None:
-        """Has ``termination_cb(userdata, terminal_states, container_outcome, *cb_args)`` called at the end."""
+        """Has ``termination_cb(userdata, terminal_states, outcome, *cb_args)`` called at the end."""
         self._termination_cbs.append((termination_cb, list(cb_args)))
 
     def unregister_cb(self, cb: Callable[..., None]) -> None:
-        """Ends what any of the three register functions began with this callback. SMACH has no such method."""
+        """Ends what the three register functions began with this callback. SMACH has no such method."""
         for name in ("_start_cbs", "_transition_cbs", "_termination_cbs"):
             setattr(self, name, [entry for entry in getattr(self, name) if entry[0] != cb])
 
@@ -191,8 +191,8 @@ class Container(PreemptibleContainer):
                 cb(self.userdata, list(states()), *args, *cb_args)
             except Exception:
                 smach.logerr(
-                    f"Container '{self._path()}': a {kind} callback raised an exception; the others are called, "
-                    f"the run goes on.\n{traceback.format_exc()}"
+                    f"Container '{self._path()}': a {kind} callback raised an exception; the others are "
+                    f"called, the run goes on.\n{traceback.format_exc()}"
                 )
 
     # --- userdata ------------------------------------------------------------------------------------------
@@ -247,6 +247,7 @@ class Container(PreemptibleContainer):
     def __getstate__(self) -> Dict[str, Any]:
         state = dict(self.__dict__)
         for name in (
+            "_smach_lock",
             "_smach_changed",
             "_smach_executing",
             "_smach_forwards",

@@ -88,7 +88,8 @@ class Iterator(Container):
                 it = _Remembered(it) if iter(it) is it else it
             except TypeError:
                 raise InvalidStateError(
-                    f"Iterator '{self._path()}': items must be iterable or return something iterable, not {it!r}"
+                    f"Iterator '{self._path()}': items must be iterable or return something "
+                    f"iterable, not {it!r}"
                 ) from None
         self._items, self._items_label = it, it_label
 
@@ -170,13 +171,13 @@ class Iterator(Container):
         try:
             self.check_consistency()
             self._copy_input_keys(parent_ud)
-            smach.loginfo(f"Iterator starting with state '{self._state_label}'")
+            smach.logdebug(f"Iterator starting with state '{self._state_label}'")
             self.call_start_cbs()
             outcome = self._loop()
             if outcome is None:
-                smach.loginfo(f"Iterator '{self._path()}' ends because of a shutdown")
+                smach.logdebug(f"Iterator '{self._path()}' ends because of a shutdown")
             else:
-                smach.loginfo(f"Iterator terminating with outcome '{outcome}'")
+                smach.logdebug(f"Iterator terminating with outcome '{outcome}'")
                 self.call_termination_cbs([self._state_label], outcome)
             return outcome
         finally:
@@ -201,7 +202,8 @@ class Iterator(Container):
                 return None
             if outcome not in state.get_registered_outcomes():
                 raise InvalidTransitionError(
-                    f"State '{self._path(self._state_label)}' ended with {outcome!r}, which is not one of its "
+                    f"State '{self._path(self._state_label)}' ended with {outcome!r}, which is "
+                    "not one of its "
                     f"registered outcomes {list(state.get_registered_outcomes())}"
                 )
             if preempted or self._breaks(outcome):
@@ -219,7 +221,7 @@ class Iterator(Container):
         except Exception as error:
             raise self._user_code_error(self._state_label, state, error) from error
         finally:
-            with self._smach_changed:
+            with self._smach_lock:
                 unserved = self._end_child(self._state_label, state)
                 preempted = self._preempt_requested
                 if not unserved:
@@ -247,7 +249,8 @@ class Iterator(Container):
         if preempted and PREEMPTED in self._outcomes:
             return PREEMPTED
         raise InvalidTransitionError(
-            f"Iterator '{self._path()}' was preempted and its state ended with '{outcome}', but neither '{final}' "
+            f"Iterator '{self._path()}' was preempted and its state ended with '{outcome}', but "
+            f"neither '{final}' "
             f"nor '{PREEMPTED}' is one of its outcomes {list(self._outcomes)}"
         )
 

@@ -2,12 +2,12 @@
 
 import threading
 import weakref
-from typing import Any, Callable
+from typing import Callable
 
 import smach
 
 _waiting_lock = threading.Lock()  # guards the set below
-_waiting: "weakref.WeakSet[Any]" = weakref.WeakSet()
+_waiting = weakref.WeakSet()  # type: ignore[var-annotated]
 
 
 def loginfo(message: object) -> None:

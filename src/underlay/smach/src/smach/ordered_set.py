@@ -1,7 +1,7 @@
-"""A set that keeps the order in which its members came: structure messages must not change between processes."""
+"""A set that keeps the order in which its members came: structure messages are the same everywhere."""
 
 from collections.abc import MutableSet
-from typing import Any, Dict, Iterable, Iterator
+from typing import Any, Dict, Iterable, Iterator, Optional, Tuple
 
 
 class OrderedSet(MutableSet):
@@ -10,10 +10,17 @@ class OrderedSet(MutableSet):
     :param items: the first members.
     """
 
-    __slots__ = ("_items",)
+    __slots__ = ("_items", "_tuple")
 
     def __init__(self, items: Iterable[Any] = ()) -> None:
         self._items: Dict[Any, None] = dict.fromkeys(items)
+        self._tuple: Optional[Tuple[Any, ...]] = None
+
+    def as_tuple(self) -> Tuple[Any, ...]:
+        """The members; kept, for states are asked for them at each transition."""
+        if self._tuple is None:
+            self._tuple = tuple(self._items)
+        return self._tuple
 
     def __contains__(self, item: object) -> bool:
         return item in self._items
@@ -27,14 +34,17 @@ class OrderedSet(MutableSet):
     def add(self, item: Any) -> None:
         """Adds a member at the end, unless it is one."""
         self._items[item] = None
+        self._tuple = None
 
     def discard(self, item: Any) -> None:
         """Removes a member if it is one."""
         self._items.pop(item, None)
+        self._tuple = None
 
     def update(self, items: Iterable[Any]) -> None:
         """Adds several members."""
         self._items.update(dict.fromkeys(items))
+        self._tuple = None
 
     def __repr__(self) -> str:
         return f"OrderedSet({list(self._items)!r})"

@@ -29,7 +29,8 @@ class PreemptibleContainer(State):
 
     def _make_lock(self) -> None:
         # Re-entrant: a state may preempt its own container from within request_preempt().
-        self._smach_changed = threading.Condition(threading.RLock())  # guards the fields below and the flags
+        self._smach_lock = threading.RLock()  # guards the fields below and the flags
+        self._smach_changed = threading.Condition(self._smach_lock)
         self._smach_executing: Dict[str, State] = {}
         self._smach_forwards: Dict[str, int] = {}  # label -> requests on their way to that child
         self._smach_runner: Optional[threading.Thread] = None
@@ -50,7 +51,7 @@ class PreemptibleContainer(State):
         :return: whether it is idle; at once False for the thread that executes it.
         """
         end = None if timeout is None else time.monotonic() + timeout
-        with self._smach_changed:
+        with self._smach_lock:
             while self._is_running and not self.runs_in_this_thread():
                 left = None if end is None else end - time.monotonic()
                 if left is not None and left <= 0.0:
@@ -60,7 +61,7 @@ class PreemptibleContainer(State):
 
     def request_preempt(self) -> None:
         """Asks the children being executed to end; if they do not act on it, those executed next."""
-        with self._smach_changed:
+        with self._smach_lock:
             super().request_preempt()
             children = dict(self._smach_executing)
         self._forward_preempt(children)
@@ -68,7 +69,7 @@ class PreemptibleContainer(State):
     def _forward_preempt(self, children: Dict[str, State]) -> None:
         """Preempts those of the given children that are still being executed."""
         for label, child in children.items():
-            with self._smach_changed:
+            with self._smach_lock:
                 if self._smach_executing.get(label) is not child:
                     continue
                 self._smach_forwards[label] = self._smach_forwards.get(label, 0) + 1
@@ -76,10 +77,11 @@ class PreemptibleContainer(State):
                 child.request_preempt()
             except Exception:
                 smach.logerr(
-                    f"State '{self._path(label)}': request_preempt() raised an exception\n{traceback.format_exc()}"
+                    f"State '{self._path(label)}': request_preempt() raised an "
+                    f"exception\n{traceback.format_exc()}"
                 )
             finally:
-                with self._smach_changed:
+                with self._smach_lock:
                     self._smach_forwards[label] -= 1
                     self._smach_changed.notify_all()
 
@@ -89,10 +91,11 @@ class PreemptibleContainer(State):
         :return: whether a container executes this one; for :meth:`_end_run`.
         :raises InvalidStateError: it is being executed already.
         """
-        with self._smach_changed:
+        with self._smach_lock:
             if self._is_running:
                 raise InvalidStateError(
-                    f"Container '{self._path()}' is being executed already; it cannot be executed a second time"
+                    f"Container '{self._path()}' is being executed already; it cannot be "
+                    "executed a second time"
                 )
             by_container = run_context.begin_run(self)
             self._is_running = True
@@ -100,7 +103,7 @@ class PreemptibleContainer(State):
         return by_container
 
     def _end_run(self, by_container: bool) -> None:
-        with self._smach_changed:
+        with self._smach_lock:
             self._smach_executing.clear()
             run_context.end_run(self, by_container)
             self._is_running = False
@@ -112,7 +115,7 @@ class PreemptibleContainer(State):
 
         :return: the number at which its run began, for :meth:`_run_child`.
         """
-        with self._smach_changed:
+        with self._smach_lock:
             child._preempt_requested = False
             child._prepared_at = 0
             begin = run_context.next_number()

@@ -9,7 +9,35 @@ from typing import Any, Callable, Dict
 _BARE = (type, types.FunctionType, types.BuiltinFunctionType, types.MethodType, types.ModuleType)
 _IN_PLACE = "add sub mul matmul truediv floordiv mod pow lshift rshift and xor or concat"
 _NOT_FORWARDED = frozenset(
-    ["__class__", "__new__", "__init__", "__del__", "__getattribute__", "__getattr__", "__setattr__", "__delattr__", "__setitem__", "__delitem__", "__reduce__", "__reduce_ex__", "__getstate__", "__setstate__", "__getnewargs__", "__getnewargs_ex__", "__init_subclass__", "__subclasshook__", "__class_getitem__", "__set_name__", "__get__", "__set__", "__delete__", "__copy__", "__deepcopy__", "__sizeof__", "__post_init__"]
+    [
+        "__class__",
+        "__new__",
+        "__init__",
+        "__del__",
+        "__getattribute__",
+        "__getattr__",
+        "__setattr__",
+        "__delattr__",
+        "__setitem__",
+        "__delitem__",
+        "__reduce__",
+        "__reduce_ex__",
+        "__getstate__",
+        "__setstate__",
+        "__getnewargs__",
+        "__getnewargs_ex__",
+        "__init_subclass__",
+        "__subclasshook__",
+        "__class_getitem__",
+        "__set_name__",
+        "__get__",
+        "__set__",
+        "__delete__",
+        "__copy__",
+        "__deepcopy__",
+        "__sizeof__",
+        "__post_init__",
+    ]
 ) | {f"__i{name}__" for name in _IN_PLACE.split()}
 
 
@@ -73,12 +101,13 @@ def _is_view(value: Any) -> bool:
 
 def _refusal(view: ReadOnly, what: str) -> str:
     return (
-        f"{what} of a {type(unwrap(view)).__name__} is read-only here: the userdata key is an input key of this "
+        f"{what} of a {type(unwrap(view)).__name__} is read-only here: the userdata key is an "
+        "input key of this "
         "state; declare it in io_keys to change it"
     )
 
 
-_view_classes: "weakref.WeakKeyDictionary[type, type]" = weakref.WeakKeyDictionary()
+_view_classes = weakref.WeakKeyDictionary()  # type: ignore[var-annotated]
 
 
 def _view_class(wrapped: type) -> type:

@@ -1,9 +1,9 @@
 """Which run a preempt request belongs to.
 
-A request counts for the run in which it is made: a request to an idle state or container is forgotten when
-its next run begins. All requests and all beginnings of runs are therefore numbered in one order. What a thread
-is executing for a container is kept with the number at which that began, so that a request that reached a
-container while the state *around* it was already running still counts.
+A request counts for the run in which it is made: a request to an idle state or container is forgotten
+when its next run begins. All requests and all beginnings of runs are therefore numbered in one order. What
+a thread is executing for a container is kept with the number at which that began, so that a request that
+reached a container while the state *around* it was already running still counts.
 """
 
 import itertools
@@ -11,8 +11,8 @@ import threading
 from typing import Any, NamedTuple, Optional
 
 _numbers = itertools.count(1)
-# Owner of every state's `_preempt_requested` together with `_preempt_number`. Re-entrant, because a signal handler may
-# preempt a container while its thread is right here.
+# Owner of every state's `_preempt_requested` together with `_preempt_number`. Re-entrant, because a signal
+# handler may preempt a container while its thread is right here.
 flag_lock = threading.RLock()
 
 

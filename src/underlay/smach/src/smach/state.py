@@ -50,7 +50,7 @@ class State:
 
     def get_registered_outcomes(self) -> Tuple[str, ...]:
         """The outcomes, in the order they were registered."""
-        return tuple(self._outcomes)
+        return _tuple(self._outcomes)
 
     def register_io_keys(self, keys: Iterable[str]) -> None:
         """Adds keys that are read and written."""
@@ -64,7 +64,7 @@ class State:
 
     def get_registered_input_keys(self) -> Tuple[str, ...]:
         """The keys that are read."""
-        return tuple(self._input_keys)
+        return _tuple(self._input_keys)
 
     def register_output_keys(self, keys: Iterable[str]) -> None:
         """Adds keys that are written."""
@@ -72,7 +72,7 @@ class State:
 
     def get_registered_output_keys(self) -> Tuple[str, ...]:
         """The keys that are written."""
-        return tuple(self._output_keys)
+        return _tuple(self._output_keys)
 
     def prepare_run(self) -> None:
         """Begins the next run before it is executed: requests up to now are forgotten, later ones count.
@@ -154,3 +154,8 @@ def names(values: Optional[Iterable[str]], what: str) -> List[str]:
         if not isinstance(value, str):
             raise TypeError(f"{what} must be strings, not {value!r}")
     return values
+
+
+def _tuple(values: Iterable[str]) -> Tuple[str, ...]:
+    # Programs are known to put plain sets in the place of ours.
+    return values.as_tuple() if isinstance(values, OrderedSet) else tuple(values)

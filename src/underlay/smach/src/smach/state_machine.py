@@ -51,7 +51,7 @@ class StateMachine(Container):
         :param transitions: outcome -> label of the next state, or outcome of the machine; what is not listed
             (or None) ends the machine with the outcome of the same name.
         :param remapping: userdata key of the state -> userdata key of the machine.
-        :param constants: userdata key of the machine -> value the state reads there, only during its execution.
+        :param constants: userdata key of the machine -> value that this state reads there.
         :return: the state.
         :raises SmachError: with the path of the container and the label.
         """
@@ -145,7 +145,8 @@ class StateMachine(Container):
             raise InvalidStateError(f"State machine '{self._path()}' has no initial state: it has no states")
         if self._initial_state_label not in self._states:
             raise InvalidStateError(
-                f"State machine '{self._path()}': the initial state '{self._initial_state_label}' is not one of "
+                f"State machine '{self._path()}': the initial state "
+                f"'{self._initial_state_label}' is not one of "
                 f"its states {list(self._states)}"
             )
         errors = []
@@ -153,7 +154,8 @@ class StateMachine(Container):
             for outcome, target in transitions.items():
                 if target is None and outcome not in self._outcomes:
                     errors.append(
-                        f"outcome '{outcome}' of state '{self._path(label)}' has no transition, and the machine "
+                        f"outcome '{outcome}' of state '{self._path(label)}' has no transition, "
+                        "and the machine "
                         "has no outcome of that name"
                     )
                 elif target is not None and target not in self._states and target not in self._outcomes:
@@ -219,13 +221,13 @@ class StateMachine(Container):
             self.check_consistency()
             self._copy_input_keys(parent_ud)
             self._set_current(self._initial_state_label)
-            smach.loginfo(f"State machine starting in initial state '{self._initial_state_label}'")
+            smach.logdebug(f"State machine starting in initial state '{self._initial_state_label}'")
             self.call_start_cbs()
             outcome = None
             while outcome is None and not smach.is_shutdown():
                 outcome = self._step()
             if outcome is None:
-                smach.loginfo(f"State machine '{self._path()}' ends because of a shutdown")
+                smach.logdebug(f"State machine '{self._path()}' ends because of a shutdown")
             else:
                 self.call_termination_cbs([str(self._current_label)], outcome)
             return outcome
@@ -237,7 +239,7 @@ class StateMachine(Container):
                 self._end_run(by_container)
 
     def _set_current(self, label: Optional[str]) -> None:
-        with self._smach_changed:
+        with self._smach_lock:
             self._current_label = label
             self._current_state = self._states[label] if label is not None else None
 
@@ -258,29 +260,31 @@ class StateMachine(Container):
         except Exception as error:
             raise self._user_code_error(label, state, error) from error
         finally:
-            with self._smach_changed:
+            with self._smach_lock:
                 if not self._end_child(label, state):
                     self._preempt_requested = False
         if outcome is None and smach.is_shutdown():
             return None
         if outcome not in state.get_registered_outcomes():
             raise InvalidTransitionError(
-                f"State '{self._path(label)}' of type '{type(state).__name__}' ended with {outcome!r}, which is "
+                f"State '{self._path(label)}' of type '{type(state).__name__}' ended with "
+                f"{outcome!r}, which is "
                 f"not one of its registered outcomes {list(state.get_registered_outcomes())}"
             )
         target = self._transitions[label].get(outcome)
         if target in self._states:
-            smach.loginfo(f"State machine transitioning '{label}':'{outcome}'-->'{target}'")
+            smach.logdebug(f"State machine transitioning '{label}':'{outcome}'-->'{target}'")
             self._set_current(target)
             self.call_transition_cbs()
             return None
         container_outcome = outcome if target is None else target
         if container_outcome not in self._outcomes:
             raise InvalidTransitionError(
-                f"Outcome '{outcome}' of state '{self._path(label)}' leads to '{container_outcome}', which is "
+                f"Outcome '{outcome}' of state '{self._path(label)}' leads to "
+                f"'{container_outcome}', which is "
                 f"neither a state nor an outcome of the machine"
             )
-        smach.loginfo(f"State machine terminating '{label}':'{outcome}':'{container_outcome}'")
+        smach.logdebug(f"State machine terminating '{label}':'{outcome}':'{container_outcome}'")
         return container_outcome
 
     def request_preempt(self) -> None:

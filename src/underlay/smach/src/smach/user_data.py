@@ -22,7 +22,7 @@ class MissingKeyError(KeyError, AttributeError):
 def set_strict_userdata(strict: bool) -> None:
     """Chooses what happens when a state writes a key that it has not declared as an output key.
 
-    :param strict: True (default): InvalidUserCodeError. False: SMACH's way, an error is logged and the value lost.
+    :param strict: True (default): InvalidUserCodeError. False, as in SMACH: an error log, the value is lost.
     """
     global _strict
     _strict = strict

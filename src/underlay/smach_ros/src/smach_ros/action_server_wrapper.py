@@ -33,7 +33,7 @@ class ActionServerWrapper:
     :param result_slots_map: field of the result -> userdata key that it is taken from.
     :param expand_goal_slots: also puts each field of the goal under its own name.
     :param pack_result_slots: also takes each field of the result from the key of its name, if that is there.
-    :ivar userdata: what is set here from outside is there for every goal; what a goal brought about ends with it.
+    :ivar userdata: what is set here from outside is there for every goal; the rest ends with its goal.
     """
 
     def __init__(
@@ -87,12 +87,14 @@ class ActionServerWrapper:
             for outcome in names(outcomes, f"{kind}_outcomes"):
                 if outcome not in container.get_registered_outcomes():
                     raise smach.InvalidStateError(
-                        f"ActionServerWrapper: {kind}_outcomes names '{outcome}', which the container does not "
+                        f"ActionServerWrapper: {kind}_outcomes names '{outcome}', which the "
+                        "container does not "
                         f"have: {list(container.get_registered_outcomes())}"
                     )
                 if kinds.setdefault(outcome, kind) != kind:
                     raise smach.InvalidStateError(
-                        f"ActionServerWrapper: outcome '{outcome}' is listed as {kinds[outcome]} and as {kind}"
+                        f"ActionServerWrapper: outcome '{outcome}' is listed as {kinds[outcome]} "
+                        f"and as {kind}"
                     )
         return kinds
 

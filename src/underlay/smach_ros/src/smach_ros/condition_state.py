@@ -12,6 +12,8 @@ from smach.state import names
 from smach_ros.user_callback import UserCallback
 from smach_ros.waiting import Duration, RosDeadline, wait
 
+POLL_RATE = rospy.Duration(0.05)
+
 
 class ConditionState(smach.State):
     """Asks a condition again and again until it is true.
@@ -29,7 +31,7 @@ class ConditionState(smach.State):
         self,
         cond_cb: Callable[..., Any],
         input_keys: Iterable[str] = (),
-        poll_rate: Duration = rospy.Duration(0.05),
+        poll_rate: Duration = POLL_RATE,
         timeout: Optional[Duration] = None,
         max_checks: int = 1,
     ) -> None:

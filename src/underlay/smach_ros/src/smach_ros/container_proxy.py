@@ -32,7 +32,7 @@ class ContainerProxy:
         self._encode_after = 0.0  # monotonic time
 
     def attach(self, note: Callable[["ContainerProxy", List[str], str], None]) -> None:
-        """Reports the container's changes: ``note(proxy, active states, info)``, in the container's thread."""
+        """Reports changes: ``note(proxy, active states, info)``, in the container's thread."""
         if self._note is not None:
             return
         self._note = note

@@ -24,8 +24,8 @@ class MonitorState(smach.State):
 
     :param topic: relative names and remapping as usual.
     :param msg_type: the message class.
-    :param cond_cb: ``cond_cb(ud, msg)``: what is false (or an exception) ends the state with ``invalid``; the name
-        of an outcome ends it with that.
+    :param cond_cb: ``cond_cb(ud, msg)``: what is false (or an exception) ends the state with ``invalid``; the
+        name of an outcome ends it with that.
     :param max_checks: number of true checks after which it ends with ``valid``; -1: it goes on.
     :param timeout: ROS time after which it ends: ``valid`` if all checks were true and there was one, else
         ``invalid``; None: no limit.

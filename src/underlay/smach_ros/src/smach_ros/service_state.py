@@ -35,7 +35,7 @@ class ServiceState(smach.State):
     :param response_key: userdata key that gets the response.
     :param response_slots: fields of the response that userdata keys of the same names get.
     :param call_timeout: wall time for the answer, then ``aborted``; None: as long as it takes.
-    :param server_wait_timeout: wall time to wait for the service, then ``aborted``; None: as long as it takes.
+    :param server_wait_timeout: wall time to wait for the service, likewise.
     """
 
     def __init__(
@@ -165,7 +165,8 @@ class ServiceState(smach.State):
             outcome = self._response_cb(ud, response)
             if outcome is not None and outcome not in self.get_registered_outcomes():
                 rospy.logerr(
-                    f"Service {self._service_name}: response_cb returned {outcome!r}, which is not one of the "
+                    f"Service {self._service_name}: response_cb returned {outcome!r}, which is "
+                    "not one of the "
                     f"outcomes {list(self.get_registered_outcomes())}"
                 )
                 return "aborted"

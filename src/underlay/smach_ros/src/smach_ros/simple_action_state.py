@@ -14,6 +14,7 @@ from smach_ros.action_connection import ActionConnection, SentGoal
 from smach_ros.user_callback import UserCallback, check_slots, fill
 from smach_ros.waiting import Duration, RosDeadline, WallDeadline, wait
 
+MINUTE = rospy.Duration(60.0)
 LOOK = 0.5  # s of wall time between looks whether the server still lives
 
 
@@ -62,8 +63,8 @@ class SimpleActionState(smach.State):
         output_keys: Iterable[str] = (),
         outcomes: Iterable[str] = (),
         exec_timeout: Optional[Duration] = None,
-        preempt_timeout: Optional[Duration] = rospy.Duration(60.0),
-        server_wait_timeout: Optional[Duration] = rospy.Duration(60.0),
+        preempt_timeout: Optional[Duration] = MINUTE,
+        server_wait_timeout: Optional[Duration] = MINUTE,
     ) -> None:
         super().__init__(outcomes=["succeeded", "aborted", "preempted"])
         input_keys, output_keys = names(input_keys, "input_keys"), names(output_keys, "output_keys")
@@ -181,7 +182,8 @@ class SimpleActionState(smach.State):
                 return True
         if not rospy.is_shutdown():
             rospy.logerr(
-                f"Action {self._action_name}: no server within {self._server_wait_timeout} s (server_wait_timeout)"
+                f"Action {self._action_name}: no server within {self._server_wait_timeout} s "
+                "(server_wait_timeout)"
             )
         return False
 
@@ -231,7 +233,8 @@ class SimpleActionState(smach.State):
             outcome = self._result_cb(ud, sent.status, result)
             if outcome is not None and outcome not in self.get_registered_outcomes():
                 rospy.logerr(
-                    f"Action {self._action_name}: result_cb returned {outcome!r}, which is not one of the outcomes "
+                    f"Action {self._action_name}: result_cb returned {outcome!r}, which is not "
+                    "one of the outcomes "
                     f"{list(self.get_registered_outcomes())}"
                 )
                 outcome = "aborted"
@@ -250,6 +253,7 @@ class SimpleActionState(smach.State):
             by_status = self._preempted()
         if by_status == "aborted" and outcome is None:
             rospy.logwarn(
-                f"Action {self._action_name}: the goal ended with status {sent.status}: {sent.text or 'no text'}"
+                f"Action {self._action_name}: the goal ended with status {sent.status}: "
+                f"{sent.text or 'no text'}"
             )
         return outcome if outcome is not None else by_status

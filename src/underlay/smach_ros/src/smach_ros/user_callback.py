@@ -45,6 +45,7 @@ class UserCallback:
         return self._cb is not None
 
     def __call__(self, ud: Any, *first: Any) -> Any:
+        """Calls the callback with its view of the userdata."""
         if self._cb is None:
             return None
         view = smach.Remapper(ud, self._input_keys, self._output_keys)

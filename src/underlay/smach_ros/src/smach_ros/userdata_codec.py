@@ -1,7 +1,7 @@
 """Userdata in introspection messages: a protocol-2 pickle of the dict, base64, as smach_viewer expects it.
 
-Reading builds plain values and ROS messages only. A pickle may name any function and have it called; whoever can
-publish could run code, so every other name is refused.
+Reading builds plain values and ROS messages only. A pickle may name any function and have it called; whoever
+can publish could run code, so every other name is refused.
 """
 
 import base64
@@ -30,7 +30,7 @@ class UserDataError(ValueError):
 def encode(values: Dict[str, Any]) -> str:
     """The text for ``local_data``.
 
-    A value whose class a viewer need not have, or that cannot be pickled, appears as the text of its ``repr``.
+    A value that cannot be pickled, or whose class a viewer need not have, appears as its ``repr``.
     """
     buffer = io.BytesIO()
     _PlainPickler(buffer, PROTOCOL).dump(values)

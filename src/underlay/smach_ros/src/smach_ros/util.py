@@ -11,8 +11,8 @@ AGAIN = 1.0  # s until a container that still runs is asked again
 def set_preempt_handler(sc: Any, timeout: float = 10.0) -> None:
     """Has a container preempted when ROS shuts down.
 
-    Publishers and services still work while the container ends. If the thread that receives the signal is the one
-    that executes the container, the request is made and the container ends afterwards.
+    Publishers and services still work while the container ends. If the thread that receives the signal is the
+    one that executes the container, the request is made and the container ends afterwards.
 
     :param sc: any container.
     :param timeout: s of wall time after which the shutdown goes on although the container still runs.
@@ -25,7 +25,8 @@ def set_preempt_handler(sc: Any, timeout: float = 10.0) -> None:
             left = end - time.monotonic()
             if left <= 0.0:
                 rospy.logerr(
-                    f"Container '{sc._path()}' still runs {timeout} s after it was preempted for the shutdown; "
+                    f"Container '{sc._path()}' still runs {timeout} s after it was preempted for "
+                    "the shutdown; "
                     f"active: {sc.get_active_states()}"
                 )
                 return

@@ -1,0 +1,197 @@
+"""The world as a dispatch sees it: topics to publish on, a knowledge base, interfaces to listen for."""
+
+import time
+from typing import Callable, Dict, Optional
+
+import rospy
+from diagnostic_msgs.msg import KeyValue
+from merlin_msgs.msg import DispatchStatus, RunningAction
+from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
+from rosplan_knowledge_msgs.msg import DomainFormula
+
+from merlin_rosplan.component import Component
+from merlin_rosplan.dispatch_outside import (
+    DispatchError,
+    DispatchReport,
+    DispatchState,
+    FeedbackStatus,
+    Outside,
+)
+from merlin_rosplan.dispatch_schedule import PlannedAction
+from merlin_rosplan.interface_watch import InterfaceWatch
+from merlin_rosplan.operator_model import BindingError, Conditions, Operator
+from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError
+from merlin_rosplan.ros_alarm import RosAlarm
+from merlin_sm.deadline import Deadline, running_time
+
+CANCEL_ACTION = "cancel_action"
+OWN_MARK = "dispatcher"  # key in `information` of feedback that a dispatcher published itself
+SHUTDOWN_DEADLINE = 1.0  # s that running interfaces get to answer when the node ends
+_WIRE_STATES = {
+    DispatchState.RUNNING: DispatchStatus.RUNNING,
+    DispatchState.CANCELLING: DispatchStatus.CANCELLING,
+}
+
+
+class DispatchTopics(Outside):
+    """Publishes for one dispatcher and answers its dispatches.
+
+    Parameters
+    ----------
+    component: whose names and parameters these are.
+    knowledge: to ask.
+    publishes_feedback: whether the dispatcher publishes feedback of its own (the simple one does).
+    on_tick: called when a time asked for has come.
+    on_feedback: called with each feedback the dispatcher publishes.
+    on_change: called at each change of a dispatch.
+    """
+
+    def __init__(
+        self,
+        component: Component,
+        knowledge: PlanKnowledge,
+        publishes_feedback: bool,
+        on_tick: Callable[[], None],
+        on_feedback: Callable[[ActionFeedback], None],
+        on_change: Callable[[], None],
+    ) -> None:
+        self._component = component
+        self._knowledge = knowledge
+        self._on_feedback = on_feedback
+        self._on_change = on_change
+        # Interfaces latch their last feedback: an id from an earlier life of this node must not fit again.
+        self.plan_id = int(time.time()) % 1_000_000 * 1000
+        self._operators: Dict[str, Operator] = {}
+        self._bindings: Dict[int, Dict[str, str]] = {}
+        self._dispatched: Dict[int, rospy.Time] = {}
+        self._interfaces = InterfaceWatch(running_time)
+        self._alarm = component.own(RosAlarm(on_tick, f"alarm of {component.scope}"))
+        topic = str(component.param("action_dispatch_topic", "action_dispatch"))
+        # Latched as in ROSPlan; its queue of one would lose actions and cancels sent back to back.
+        self._actions = component.publisher(topic, ActionDispatch, queue_size=1000, latch=True)
+        self._feedback: Optional[rospy.Publisher] = None
+        if publishes_feedback:
+            topic = str(component.param("action_feedback_topic", "action_feedback"))
+            self._feedback = component.publisher(topic, ActionFeedback, queue_size=1000, latch=True)
+        self._status = component.publisher("dispatch_status", DispatchStatus, queue_size=100, latch=True)
+        self.tell_status(DispatchReport(DispatchState.IDLE, "nothing dispatched yet"))
+        component.subscriber(
+            f"{component.knowledge_base}/pddl_action_parameters",
+            DomainFormula,
+            lambda message: self._interfaces.announce(message.name),
+        )
+
+    def begin(self) -> int:
+        """Another dispatch begins; returns its plan id."""
+        self._operators.clear()
+        self._bindings.clear()
+        self._dispatched.clear()
+        self.plan_id += 1
+        return self.plan_id
+
+    def now(self) -> float:
+        """ROS time, s."""
+        return float(rospy.get_time())
+
+    def deadline(self, seconds: float) -> Deadline:
+        """A deadline that stands still while the simulator is paused."""
+        return Deadline(SHUTDOWN_DEADLINE if self._component.closed and seconds <= 0 else seconds)
+
+    def send(self, action: PlannedAction) -> None:
+        """Publishes the action."""
+        self._dispatched[action.id] = rospy.Time.now()
+        self._actions.publish(self._message(action, action.name))
+
+    def send_cancel(self, action: PlannedAction) -> None:
+        """Publishes ``cancel_action`` for the action."""
+        self._actions.publish(self._message(action, CANCEL_ACTION))
+
+    def close(self, action: PlannedAction) -> None:
+        """Publishes the tombstone: latched in place of the last action."""
+        if not rospy.is_shutdown():
+            self._actions.publish(self._message(action, CANCEL_ACTION))
+
+    def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
+        """Publishes feedback of our own, marked as such."""
+        if self._feedback is None:
+            return
+        message = ActionFeedback(
+            action_id=action.id,
+            plan_id=self.plan_id,
+            status=int(status),
+            information=[KeyValue(key=OWN_MARK, value=self._component.scope)],
+        )
+        self._feedback.publish(message)
+        self._on_feedback(message)
+
+    def operator(self, action: PlannedAction) -> Operator:
+        """The ground operator; asks the knowledge base once per operator and plan."""
+        try:
+            operator = self._operators.get(action.name)
+            if operator is None:
+                operator = self._operators[action.name] = self._knowledge.operator(action.name)
+            binding = operator.bind([value for _, value in action.parameters])
+        except (PlanKnowledgeError, BindingError) as error:
+            raise DispatchError(f"{action} cannot be dispatched: {error}") from error
+        self._bindings[action.id] = binding
+        return operator.ground(binding)
+
+    def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
+        """Asks the knowledge base."""
+        try:
+            return self._knowledge.false_of(conditions, self._bindings[action.id])
+        except PlanKnowledgeError as error:
+            raise DispatchError(f"the conditions of {action} cannot be checked: {error}") from error
+
+    def silence(self, operator: str) -> Optional[float]:
+        """Seconds since the operator's interface announced itself."""
+        return self._interfaces.silence(operator)
+
+    def young(self, operator: str) -> bool:
+        """Whether the operator's interface has just started."""
+        return self._interfaces.young(operator)
+
+    def wake_at(self, when: Optional[float]) -> None:
+        """Sets the alarm."""
+        self._alarm.set(when)
+
+    def changed(self, report: DispatchReport) -> None:
+        """Publishes the status while a dispatch runs; the end is told when the goals have been checked."""
+        if report.state in (DispatchState.RUNNING, DispatchState.CANCELLING):
+            self.tell_status(report)
+        self._on_change()
+
+    def _message(self, action: PlannedAction, name: str) -> ActionDispatch:
+        return ActionDispatch(
+            action_id=action.id,
+            plan_id=self.plan_id,
+            name=name,
+            parameters=[KeyValue(key=label, value=value) for label, value in action.parameters],
+            duration=action.duration,
+            dispatch_time=action.time,
+        )
+
+    def tell_status(self, report: DispatchReport) -> None:
+        """Publishes how a dispatch stands; one that has ended is idle."""
+        if rospy.is_shutdown():
+            return
+        status = DispatchStatus(
+            state=_WIRE_STATES.get(report.state, DispatchStatus.IDLE),
+            plan_id=self.plan_id,
+            running=[
+                RunningAction(
+                    action_id=action.id,
+                    plan_id=self.plan_id,
+                    name=action.name,
+                    parameters=[KeyValue(key=label, value=value) for label, value in action.parameters],
+                    dispatched=self._dispatched.get(action.id, rospy.Time()),
+                )
+                for action in report.running
+            ],
+            steps_done=report.steps_done,
+            steps_total=report.steps_total,
+            failed_action=str(report.failed_action) if report.failed_action is not None else "",
+            reason=report.reason,
+        )
+        status.header.stamp = rospy.Time.now()
+        self._status.publish(status)

@@ -1,0 +1,397 @@
+"""The dispatch logic against a world that the test controls."""
+
+import threading
+import time
+
+import pytest
+
+from merlin_rosplan.dispatch import Dispatch
+from merlin_rosplan.dispatch_outside import (
+    DispatchError,
+    DispatchLimits,
+    DispatchState,
+    Feedback,
+    FeedbackStatus,
+    KnowledgeChanged,
+    Outside,
+)
+from merlin_rosplan.dispatch_schedule import GraphSchedule, PlannedAction, SequentialSchedule
+from merlin_rosplan.operator_model import Atom, Conditions, Effects, Operator
+from merlin_rosplan.plan_graph import build_graph
+from merlin_rosplan.plan_text import PlanStep
+
+LONG = 10.0
+PLAN_ID = 7
+
+
+class TestDeadline:
+    __test__ = False
+
+    def __init__(self, seconds):
+        self._end = time.monotonic() + seconds if seconds > 0 else float("inf")
+
+    def remaining(self):
+        return max(0.0, self._end - time.monotonic())
+
+
+class World(Outside):
+    """Facts that hold, operators by name, and a record of everything that was published."""
+
+    def __init__(self, *operators):
+        self.operators = {operator.name: operator for operator in operators}
+        self.facts = set()
+        self.published = []
+        self.reports = []
+        self.answers = []
+        self.silences = {}
+        self.young_operators = set()
+        self.changed_event = threading.Condition()
+        self.on_send = lambda action: None
+        self.broken = False
+
+    def note(self, kind, action):
+        with self.changed_event:
+            self.published.append((kind, action.id))
+            self.changed_event.notify_all()
+
+    def wait(self, *entry):
+        with self.changed_event:
+            assert self.changed_event.wait_for(lambda: entry in self.published, LONG), self.published
+
+    def now(self):
+        return time.monotonic()
+
+    def deadline(self, seconds):
+        return TestDeadline(seconds)
+
+    def send(self, action):
+        self.note("action", action)
+        self.on_send(action)
+
+    def send_cancel(self, action):
+        self.note("cancel", action)
+
+    def close(self, action):
+        self.note("tombstone", action)
+
+    def tell(self, action, status):
+        self.note(f"own {int(status)}", action)
+
+    def operator(self, action):
+        operator = self.operators[action.name]
+        return operator.ground(operator.bind([value for _, value in action.parameters]))
+
+    def false_of(self, action, conditions):
+        if self.broken:
+            raise DispatchError("the knowledge base does not answer")
+        answer = Conditions(
+            tuple(atom for atom in conditions.positive if atom not in self.facts),
+            tuple(atom for atom in conditions.negative if atom in self.facts),
+        )
+        with self.changed_event:
+            self.answers.append(answer)
+            self.changed_event.notify_all()
+        return answer
+
+    def wait_answers(self, count):
+        with self.changed_event:
+            assert self.changed_event.wait_for(lambda: len(self.answers) >= count, LONG)
+
+    def silence(self, operator):
+        return self.silences.get(operator)
+
+    def young(self, operator):
+        return operator in self.young_operators
+
+    def wake_at(self, when):
+        pass
+
+    def changed(self, report):
+        with self.changed_event:
+            self.reports.append(report)
+            self.changed_event.notify_all()
+
+
+WORK = Operator("work", ("x",))
+GUARDED = Operator(
+    "guarded",
+    ("x",),
+    at_start=Conditions(positive=(Atom("free", ("x",)),), negative=(Atom("blocked", ("x",)),)),
+    over_all=Conditions(positive=(Atom("safe", ("x",)),)),
+)
+#: makes its own over-all condition true at its start and false at its end
+LIGHT = Operator(
+    "light",
+    ("x",),
+    over_all=Conditions(positive=(Atom("burning", ("x",)),)),
+    start_effects=Effects(add=(Atom("burning", ("x",)),)),
+    end_effects=Effects(delete=(Atom("burning", ("x",)),)),
+)
+
+
+def actions(*names):
+    return [PlannedAction(i, name, (("x", f"o{i}"),), 1.0, float(i)) for i, name in enumerate(names)]
+
+
+class Run:
+    """A dispatch in a thread of its own."""
+
+    def __init__(self, world, schedule, **limits):
+        self.dispatch = Dispatch(schedule, world, DispatchLimits(**limits), PLAN_ID)
+        self._report = None
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        self._report = self.dispatch.run()
+
+    def feedback(self, action_id, status, plan_id=PLAN_ID, reason=""):
+        self.dispatch.put(Feedback(action_id, int(status), plan_id, reason))
+
+    def report(self):
+        self._thread.join(LONG)
+        assert not self._thread.is_alive(), "the dispatch does not end"
+        return self._report
+
+
+@pytest.fixture
+def world():
+    return World(WORK, GUARDED, LIGHT)
+
+
+def parallel(names):
+    steps = [PlanStep(0.0, name, (f"o{i}",), 1.0) for i, name in enumerate(names)]
+    return GraphSchedule(
+        build_graph(steps, [WORK.ground({"x": f"o{i}"}) for i, _ in enumerate(names)]), actions(*names)
+    )
+
+
+def test_actions_run_in_order_and_a_tombstone_closes_the_dispatch(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    world.wait("action", 1)
+    run.feedback(1, FeedbackStatus.SUCCEEDED)
+    report = run.report()
+    assert report.success and report.steps_done == 2
+    assert [entry for entry in world.published if entry[0] in ("action", "tombstone")] == [
+        ("action", 0),
+        ("action", 1),
+        ("tombstone", 1),
+    ]
+
+
+def test_an_empty_plan_succeeds_and_publishes_nothing(world):
+    assert Run(world, SequentialSchedule([])).report().success
+    assert world.published == []
+
+
+def test_a_failed_action_ends_the_dispatch_with_its_reason(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.FAILED, reason="the door is shut")
+    report = run.report()
+    assert report.state == DispatchState.FAILED
+    assert report.failed_action.id == 0 and "the door is shut" in report.reason
+    assert ("action", 1) not in world.published and world.published.count(("tombstone", 0)) == 1
+
+
+@pytest.mark.parametrize(
+    "facts, missing",
+    [
+        ({Atom("safe", ("o0",))}, "(free o0) does not hold"),
+        ({Atom("safe", ("o0",)), Atom("free", ("o0",)), Atom("blocked", ("o0",))}, "(blocked o0) holds"),
+        ({Atom("free", ("o0",))}, "(safe o0) does not hold"),
+    ],
+)
+def test_an_unmet_condition_stops_before_the_action(world, facts, missing):
+    world.facts = facts
+    report = Run(world, SequentialSchedule(actions("guarded"))).report()
+    assert report.state == DispatchState.FAILED and missing in report.reason
+    assert world.published == [("own 0", 0)]  # nothing dispatched, so nothing to close either
+
+
+def test_an_over_all_condition_that_breaks_cancels_the_action(world):
+    world.facts = {Atom("free", ("o0",)), Atom("safe", ("o0",))}
+    run = Run(world, SequentialSchedule(actions("guarded", "work")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    world.facts = {Atom("safe", ("o0",))}
+    run.dispatch.put(KnowledgeChanged(frozenset({"free"})))  # an at-start condition may go
+    world.facts = set()
+    run.dispatch.put(KnowledgeChanged(frozenset({"safe"})))
+    world.wait("cancel", 0)
+    run.feedback(0, FeedbackStatus.FAILED, reason="cancelled")
+    report = run.report()
+    assert report.state == DispatchState.FAILED and "(safe o0) does not hold" in report.reason
+    assert not report.unanswered
+
+
+def test_an_action_may_end_its_own_over_all_condition(world):
+    run = Run(world, SequentialSchedule(actions("light")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    world.facts = {Atom("burning", ("o0",))}
+    run.dispatch.put(KnowledgeChanged())
+    world.wait_answers(3)  # before the start, as pending, as watched
+    world.facts = set()  # the end effects, before the interface reports the end
+    run.dispatch.put(KnowledgeChanged())
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_an_action_whose_own_over_all_condition_goes_without_an_end_fails(world):
+    run = Run(world, SequentialSchedule(actions("light")), over_all_grace=0.05, cancel=0.05)
+    world.wait("action", 0)
+    world.facts = {Atom("burning", ("o0",))}
+    run.dispatch.put(KnowledgeChanged())
+    world.wait_answers(3)
+    world.facts = set()
+    run.dispatch.put(KnowledgeChanged())
+    report = run.report()
+    assert report.state == DispatchState.FAILED and "(burning o0) does not hold" in report.reason
+
+
+def test_a_missing_interface_is_named(world):
+    report = Run(world, SequentialSchedule(actions("work")), acknowledge=0.05, cancel=0.05).report()
+    assert report.state == DispatchState.FAILED and report.reason == "no action interface for work"
+    assert ("tombstone", 0) in world.published
+
+
+def test_a_dead_interface_is_noticed_while_its_action_runs(world):
+    world.silences["work"] = 0.5
+    run = Run(world, SequentialSchedule(actions("work")), liveness=5.0)
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    world.silences["work"] = 6.0
+    report = run.report()
+    assert "the action interface of work is gone" in report.reason
+
+
+def test_a_living_interface_may_take_its_time(world):
+    world.silences["work"] = 0.1
+    run = Run(world, SequentialSchedule(actions("work")), acknowledge=0.02, accept=5.0)
+    world.wait("action", 0)
+    time.sleep(0.1)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+    assert world.published.count(("action", 0)) == 1
+
+
+def test_a_young_interface_gets_the_action_once_more(world):
+    world.silences["work"] = 0.1
+    world.young_operators.add("work")
+    run = Run(world, SequentialSchedule(actions("work")), acknowledge=0.02)
+    with world.changed_event:
+        assert world.changed_event.wait_for(lambda: world.published.count(("action", 0)) == 2, LONG)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_a_living_interface_that_never_takes_the_action_is_given_up(world):
+    world.silences["work"] = 0.1
+    report = Run(
+        world, SequentialSchedule(actions("work")), acknowledge=0.02, accept=0.05, cancel=0.05
+    ).report()
+    assert "did not take (work o0)" in report.reason and [a.id for a in report.unanswered] == [0]
+
+
+def test_cancel_waits_for_the_answer(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.dispatch.cancel()
+    world.wait("cancel", 0)
+    assert not run.dispatch.ended.wait(0.05)
+    run.feedback(0, FeedbackStatus.FAILED, reason="cancelled")
+    report = run.report()
+    assert report.state == DispatchState.CANCELLED and not report.unanswered
+    assert world.published[-1] == ("tombstone", 0) and ("action", 1) not in world.published
+
+
+def test_a_cancelled_action_that_succeeds_is_the_last_one(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")), cancel=0)
+    world.wait("action", 0)
+    run.dispatch.cancel()
+    world.wait("cancel", 0)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    report = run.report()
+    assert report.state == DispatchState.CANCELLED and report.steps_done == 1
+    assert ("action", 1) not in world.published
+
+
+def test_who_does_not_answer_a_cancel_is_named(world):
+    run = Run(world, SequentialSchedule(actions("work")), cancel=0.05)
+    world.wait("action", 0)
+    run.dispatch.cancel()
+    report = run.report()
+    assert [a.id for a in report.unanswered] == [
+        0
+    ] and "no answer to the cancel from (work o0)" in report.reason
+
+
+def test_a_cancel_before_the_first_action_dispatches_nothing(world):
+    dispatch = Dispatch(SequentialSchedule(actions("work")), world, DispatchLimits(), PLAN_ID)
+    dispatch.cancel("no")
+    assert dispatch.run().state == DispatchState.CANCELLED
+    assert world.published == []
+
+
+def test_feedback_of_other_plans_and_unknown_actions_is_ignored(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")))
+    world.wait("action", 0)
+    for plan_id, action_id in ((PLAN_ID - 1, 0), (PLAN_ID, 1), (PLAN_ID, 99), (0, 0)):
+        run.feedback(action_id, FeedbackStatus.SUCCEEDED, plan_id)  # the last one was never taken
+    run.feedback(0, FeedbackStatus.ENABLED, 0)
+    run.feedback(0, FeedbackStatus.SUCCEEDED, 0)
+    world.wait("action", 1)
+    run.feedback(1, FeedbackStatus.FAILED)
+    assert run.report().steps_done == 1
+
+
+def test_answers_told_twice_count_once(world):
+    run = Run(world, SequentialSchedule(actions("work", "work", "work")))
+    for action_id in range(3):
+        world.wait("action", action_id)
+        for _ in range(3):
+            run.feedback(action_id, FeedbackStatus.SUCCEEDED)
+    report = run.report()
+    assert report.success and report.steps_done == 3
+
+
+def test_parallel_actions_start_together_and_one_failure_cancels_the_others(world):
+    run = Run(world, parallel(["work", "work", "work"]))
+    for action_id in range(3):
+        world.wait("action", action_id)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    run.feedback(1, FeedbackStatus.FAILED, reason="broken")
+    world.wait("cancel", 2)
+    assert ("cancel", 0) not in world.published and ("cancel", 1) not in world.published
+    run.feedback(2, FeedbackStatus.FAILED, reason="cancelled")
+    report = run.report()
+    assert report.state == DispatchState.FAILED and report.failed_action.id == 1 and "broken" in report.reason
+    assert [kind for kind, _ in world.published].count("tombstone") == 1
+
+
+def test_a_knowledge_base_that_does_not_answer_ends_the_dispatch(world):
+    world.broken = True
+    report = Run(world, SequentialSchedule(actions("guarded"))).report()
+    assert report.state == DispatchState.FAILED and "does not answer" in report.reason
+
+
+def test_an_answer_in_the_middle_of_sending_is_not_lost(world):
+    holder = []
+    world.on_send = lambda action: holder[0].feedback(action.id, FeedbackStatus.SUCCEEDED)
+    dispatch_ready = threading.Event()
+    original = world.send
+
+    def send(action):
+        dispatch_ready.wait(LONG)
+        original(action)
+
+    world.send = send
+    holder.append(Run(world, SequentialSchedule(actions(*["work"] * 50))))
+    dispatch_ready.set()
+    assert holder[0].report().steps_done == 50

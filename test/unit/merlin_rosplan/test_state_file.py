@@ -1,0 +1,144 @@
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from merlin_rosplan.domain_reader import parse_domain
+from merlin_rosplan.effects import EffectApplier
+from merlin_rosplan.knowledge import Fact, FunctionValue, Instance
+from merlin_rosplan.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge_store import KnowledgeStore
+from merlin_rosplan.problem_reader import parse_problem
+from merlin_rosplan.problem_writer import write_problem
+from merlin_rosplan.state_file import StateFile, StateFileError
+
+DOMAIN_TEXT = """(define (domain d) (:types place robot)
+    (:predicates (at ?r - robot ?p - place) (clean ?p - place)) (:functions (battery ?r - robot))
+    (:durative-action drive :parameters (?r - robot ?from ?to - place) :duration (= ?duration 1)
+      :effect (and (at start (not (at ?r ?from))) (at end (at ?r ?to)))))"""
+DOMAIN = parse_domain(DOMAIN_TEXT)
+PROBLEM = """(define (problem p) (:domain d) (:objects a b c - place r - robot)
+    (:init (at r a) (not (clean a)) (clean b) (= (battery r) 0.1) (at 100 (clean c)))
+    (:goal (and (clean a) (not (at r a)) (or (clean c) (exists (?p - place) (clean ?p))) (> (battery r) 0)))
+    (:metric minimize (* 2 (battery r))))"""
+
+WRITER = """
+import sys
+from merlin_rosplan.domain_reader import parse_domain
+from merlin_rosplan.knowledge import Instance
+from merlin_rosplan.knowledge_store import KnowledgeStore
+from merlin_rosplan.state_file import StateFile
+store = KnowledgeStore(parse_domain(sys.argv[2]), journal=StateFile(sys.argv[1], parse_domain(sys.argv[2])))
+number = 0
+while True:
+    with store.transaction() as change:
+        change.add(Instance("place", f"p{number}a"))
+        change.add(Instance("place", f"p{number}b"))
+    print(number, flush=True)
+    number += 1
+"""
+
+
+def open_store(path, domain=DOMAIN, **options):
+    return KnowledgeStore(domain, clock=lambda: 1000, journal=StateFile(str(path), domain, **options))
+
+
+def problem_text(store):
+    return write_problem(store.snapshot()[1], DOMAIN)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "deep" / "state.sqlite"
+
+
+def test_everything_comes_back_in_its_order(path):
+    store = open_store(path)
+    store.load_problem(parse_problem(PROBLEM, DOMAIN))
+    with store.transaction() as change:
+        change.remove(Fact("clean", ("b",)))
+        change.add(Fact("clean", ("b",)))
+        change.add(Fact("clean", ("a",)))  # turns round in its place
+        change.add(FunctionValue("battery", ("r",), 0.2, op="increase"))
+        change.note(change.state.sensed, "clean", {})
+    expected, version = problem_text(store), store.version
+    store.close()
+    again = open_store(path)
+    assert problem_text(again) == expected and again.version == version and again.sensed("clean")
+    assert [fact.text() for fact in again.facts()] == ["(at r a)", "(clean a)", "(clean b)"]
+    assert again.next_due() == 100_000_001_000
+    with again.transaction() as change:
+        change.clear()
+        change.add(Instance("place", "only"))
+    again.close()
+    assert open_store(path).instances() == ["only"]
+
+
+def test_action_that_outlives_the_knowledge_base(path):
+    parameters = {"r": "r", "from": "a", "to": "b"}
+    store = open_store(path)
+    store.load_problem(parse_problem(PROBLEM, DOMAIN))
+    with store.transaction() as change:
+        EffectApplier(change, "drive", parameters, "run 1").start()
+    store.close()
+    again = open_store(path)
+    assert again.facts("at") == []
+    with again.transaction() as change:
+        EffectApplier(change, "drive", parameters, "run 1").rollback()
+    assert [fact.text() for fact in again.facts("at")] == ["(at r a)"]
+
+
+def test_refused_transaction_leaves_no_trace_in_the_file(path):
+    store = open_store(path)
+    with pytest.raises(KnowledgeError), store.transaction() as change:
+        change.add(Instance("place", "a"))
+        change.add(Fact("clean", ("b",)))
+    store.close()
+    again = open_store(path)
+    assert again.instances() == [] and again.version == 0
+
+
+def test_killed_process_loses_nothing_it_acknowledged(path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path), DOMAIN_TEXT], stdout=subprocess.PIPE, text=True
+    )
+    seen = -1
+    for line in process.stdout:
+        seen = int(line)
+        if seen == 200:
+            os.kill(process.pid, signal.SIGKILL)
+            break
+    rest = process.stdout.read().split()
+    process.wait()
+    process.stdout.close()
+    acknowledged = int(rest[-1]) if rest else seen
+    names = open_store(path).instances("place")
+    expected = [f"p{number}{half}" for number in range(len(names) // 2) for half in "ab"]
+    assert names == expected and len(names) // 2 > acknowledged
+
+
+def test_file_of_another_domain_is_refused(path):
+    open_store(path).close()
+    other = parse_domain(DOMAIN_TEXT.replace("(clean ?p - place)", "(clean ?p - place) (wet)"))
+    with pytest.raises(StateFileError, match="another domain or of another version"):
+        open_store(path, other)
+    same = parse_domain("; a comment\n" + DOMAIN_TEXT.upper())
+    open_store(path, same).close()
+    open_store(path, other, reset=True).close()
+
+
+def test_file_in_use_is_refused(path):
+    store = open_store(path)
+    with pytest.raises(StateFileError, match="another knowledge base using it"):
+        open_store(path)
+    store.close()
+
+
+def test_damaged_file_is_refused(path):
+    path.parent.mkdir()
+    path.write_text("this is no database" * 100)
+    with pytest.raises(StateFileError, match="cannot be used: file is not a database"):
+        open_store(path)
+    open_store(path, reset=True).close()

@@ -1,0 +1,192 @@
+"""Defects D1 to D9 and D11: definitions are checked where they are made, and share nothing with the caller."""
+
+import threading
+
+import pytest
+
+import smach
+
+
+def in_thread(function):
+    """Runs a function in another thread; returns what it returned."""
+    results = []
+    thread = threading.Thread(target=lambda: results.append(function()), daemon=True)
+    thread.start()
+    thread.join(10.0)
+    assert results, "the other thread hangs or failed"
+    return results[0]
+
+
+def test_d1_exception_while_building_leaves_no_container_open(kit):
+    sm = smach.StateMachine(["done"])
+    with pytest.raises(ZeroDivisionError), sm:
+        smach.StateMachine.add("A", kit.Done())
+        raise ZeroDivisionError
+    assert not sm.is_opened()
+    with pytest.raises(smach.InvalidStateError):
+        smach.StateMachine.add("B", kit.Done())
+    assert in_thread(lambda: kit.machine(kit.Done()).execute()) == "done"
+
+
+def test_d1_exception_of_the_user_is_not_hidden_by_a_consistency_error(kit):
+    with pytest.raises(ZeroDivisionError), smach.StateMachine(["done"]).opened():
+        raise ZeroDivisionError
+
+
+def test_d2_transitions_of_the_caller_stay_as_they_are(kit):
+    shared = {"done": "end"}
+    sm = smach.StateMachine(["end", "other"])
+    with sm:
+        smach.StateMachine.add("A", kit.Calling(lambda ud: "other", ["done", "other"]), shared)
+        smach.StateMachine.add("B", kit.Done(), shared)
+    assert shared == {"done": "end"}
+    assert sm.execute() == "other"
+
+
+def test_d3_iterator_leaves_the_outcomes_of_the_caller_as_they_are(kit):
+    outcomes = ["done"]
+    smach.Iterator(outcomes, [], [])
+    assert outcomes == ["done"]
+
+
+def test_d3_arguments_of_one_object_do_not_reach_another():
+    first, second = smach.State(), smach.State()
+    first.register_outcomes(["a"])
+    first.register_io_keys(["k"])
+    assert second.get_registered_outcomes() == () and second.get_registered_input_keys() == ()
+    args, kwargs = [1], {"b": 2}
+    state = smach.CBState(lambda ud, *a, **k: f"{a}{k}", args, kwargs)
+    args.append(3)
+    kwargs["c"] = 4
+    assert state.execute(None) == "(1,){'b': 2}"
+
+
+@pytest.mark.parametrize(
+    "transitions, initial",
+    [({"done": "NOWHERE"}, None), ({}, None), ({"done": "end"}, "NOWHERE")],
+    ids=["target", "no transition", "initial state"],
+)
+def test_d4_inconsistent_machine_raises_when_it_is_closed_and_when_it_is_executed(kit, transitions, initial):
+    inner, outer = smach.StateMachine(["end"]), smach.StateMachine(["end"])
+    with pytest.raises(smach.SmachError) as caught, outer:
+        smach.StateMachine.add("INNER", inner)
+        with inner:
+            smach.StateMachine.add("A", kit.Done(), transitions)
+            if initial:
+                inner.set_initial_state([initial])
+    assert "/INNER" in str(caught.value)
+    assert (initial or "A") in str(caught.value)
+    assert not inner.is_opened() and not outer.is_opened()
+    with pytest.raises(smach.SmachError):
+        inner.execute()
+
+
+def test_d4_empty_machine_raises(kit):
+    with pytest.raises(smach.InvalidStateError, match="no states"), smach.StateMachine(["done"]):
+        pass
+
+
+def test_d5_concurrence_refuses_a_label_twice(kit):
+    container = smach.Concurrence(["done"], "done")
+    with container:
+        smach.Concurrence.add("A", kit.Done())
+        with pytest.raises(smach.InvalidStateError, match="/A"):
+            smach.Concurrence.add("A", kit.Done())
+
+
+@pytest.mark.parametrize("criteria", [{"B": "done"}, {"A": "unheard"}], ids=["child", "outcome"])
+def test_d5_outcome_map_that_speaks_of_what_does_not_exist_raises_at_construction(kit, criteria):
+    container = smach.Concurrence(["done"], "done", outcome_map={"done": criteria})
+    with pytest.raises(smach.SmachError, match=next(iter(criteria))), container:
+        smach.Concurrence.add("A", kit.Done())
+
+
+@pytest.mark.parametrize("arguments", [{"default_outcome": "x"}, {"outcome_map": {"x": {}}}])
+def test_d5_policy_for_an_unregistered_outcome_raises(arguments):
+    with pytest.raises(smach.InvalidStateError, match="'x'"):
+        smach.Concurrence(**{"outcomes": ["done"], "default_outcome": "done", **arguments})
+
+
+def test_d6_concurrence_refuses_an_unregistered_outcome_of_a_child(kit):
+    container = kit.concurrence(A=kit.Calling(lambda ud: "unheard"))
+    with pytest.raises(smach.SmachError, match="unheard"):
+        kit.Running(container).end()
+
+
+def test_d7_threads_build_at_the_same_time_without_mixing(kit):
+    opened, go_on = threading.Event(), threading.Event()
+    slow = smach.StateMachine(["done"])
+
+    def build_slowly():
+        with slow:
+            opened.set()
+            assert go_on.wait(10.0)
+            smach.StateMachine.add("SLOW", kit.Done())
+
+    thread = threading.Thread(target=build_slowly, daemon=True)
+    thread.start()
+    assert opened.wait(10.0)
+    # With one lock for all this would hang, without any it would add to the other machine.
+    quick = in_thread(lambda: kit.machine(kit.Done()))
+    go_on.set()
+    thread.join(10.0)
+    assert list(quick.get_children()) == ["S0"] and list(slow.get_children()) == ["SLOW"]
+
+
+def test_d9_set_initial_state_of_concurrence_and_iterator(kit):
+    userdata = smach.UserData()
+    userdata.x = 1
+    container = kit.concurrence(A=kit.Done(), B=kit.Done())
+    container.set_initial_state(["A", "B"], userdata)
+    assert container.userdata.x == 1
+    with pytest.raises(smach.InvalidStateError, match="NOWHERE"):
+        container.set_initial_state(["NOWHERE"])
+    loop = smach.Iterator(["done"], [], [], it=[1])
+    with loop:
+        smach.Iterator.set_contained_state("A", kit.Done(), loop_outcomes=["done"])
+    loop.set_initial_state(["A"], userdata)
+    assert loop.userdata.x == 1
+
+
+def test_d11_interface_of_a_callback_has_its_io_keys():
+    @smach.cb_interface(outcomes=["done"], input_keys=["a"], output_keys=["b"], io_keys=["c"])
+    def callback(ud):
+        return "done"
+
+    assert callback.get_registered_input_keys() == ("a", "c")
+    assert callback.get_registered_output_keys() == ("b", "c")
+    state = smach.CBState(callback)
+    assert state.get_registered_output_keys() == ("b", "c")
+    assert smach.has_smach_interface(callback) and not smach.has_smach_interface(len)
+
+
+def test_d11_arguments_of_opened_are_those_of_every_add(kit):
+    sm = smach.StateMachine(["end", "done"])
+    with sm.opened(transitions={"done": "end", "unknown here": "end"}, remapping={"x": "y"}):
+        smach.StateMachine.add("A", kit.Done(io_keys=["x"]))
+        smach.StateMachine.add("B", kit.Done(), {"done": "done"})
+    assert sm.get_internal_edges() == [("done", "A", "end"), ("done", "B", "done")]
+    assert sm._remappings["A"] == {"x": "y"}
+    with pytest.raises(smach.InvalidStateError, match="transition"), sm.opened(transition={}):
+        smach.StateMachine.add("C", kit.Done())
+
+
+def test_errors_of_add_say_where_and_what(kit):
+    sm = smach.StateMachine(["done"])
+    with sm:
+        smach.StateMachine.add("A", kit.Done())
+        with pytest.raises(smach.InvalidTransitionError, match="(?s)/B.*'other'"):
+            smach.StateMachine.add("B", kit.Done(), {"other": "A"})
+        with pytest.raises(smach.InvalidStateError, match="/A"):
+            smach.StateMachine.add("A", kit.Done())
+        with pytest.raises(smach.InvalidStateError, match="/C"):
+            smach.StateMachine.add("C", "no state")
+        with pytest.raises(smach.InvalidStateError, match="no Concurrence"):
+            smach.Concurrence.add("D", kit.Done())
+    assert list(sm.get_children()) == ["A"]
+
+
+@pytest.mark.parametrize("arguments", [{"outcomes": "done"}, {"input_keys": [1]}, {"io_keys": "ab"}])
+def test_lists_of_names_that_are_none_raise_type_error(arguments):
+    with pytest.raises(TypeError):
+        smach.State(**arguments)

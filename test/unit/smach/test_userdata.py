@@ -1,0 +1,274 @@
+"""Defects U1 to U6 and U8: userdata is safe between threads, honest about its keys, and belongs to a run."""
+
+import copy
+import pickle
+import threading
+
+import pytest
+
+import smach
+
+
+class Thing:
+    """A value with attributes, items and a method."""
+
+    def __init__(self):
+        self.name = "thing"
+        self.items = [1, 2, 3]
+
+    def __len__(self):
+        return len(self.items)
+
+    def __getitem__(self, i):
+        return self.items[i]
+
+    def __setitem__(self, i, value):
+        self.items[i] = value
+
+    def __call__(self, x):
+        return (self.name, x)
+
+    def __eq__(self, other):
+        return isinstance(other, Thing) and other.name == self.name
+
+    def __add__(self, other):
+        return self.items + other.items
+
+
+def test_u1_operations_of_many_threads_do_not_disturb_one_another():
+    ud = smach.UserData()
+    ud.count = 0
+    failures = []
+
+    def work(number):
+        try:
+            for i in range(300):
+                ud[f"k{number}_{i}"] = i
+                other = smach.UserData()
+                other[f"u{number}_{i}"] = i
+                ud.update(other)
+                assert f"k{number}_{i}" in ud.keys()  # noqa: SIM118
+                with ud.locked():
+                    ud.count = ud.count + 1
+        except Exception as error:
+            failures.append(error)
+
+    threads = [threading.Thread(target=work, args=(n,)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failures == []
+    assert ud.count == 4 * 300
+    assert len(ud.keys()) == 1 + 2 * 4 * 300
+
+
+@pytest.mark.parametrize(
+    "operation", ["ud['x'] = 1", "ud['y']", "'y' in ud", "ud.keys()", "ud.update(other)"]
+)
+def test_u1_every_operation_takes_the_lock(operation):
+    ud, other = smach.UserData(), smach.UserData()
+    ud.y = other.z = 1
+    done = threading.Event()
+
+    def work():
+        exec(operation, {"ud": ud, "other": other})
+        done.set()
+
+    with ud.locked():
+        thread = threading.Thread(target=work, daemon=True)
+        thread.start()
+        assert not done.wait(0.05)
+    assert done.wait(10.0)
+    thread.join()
+
+
+def read(value, output=False):
+    """What a state reads of a value, as input key or as input and output key."""
+    ud = smach.UserData()
+    ud.x = value
+    return smach.Remapper(ud, ["x"], ["x"] if output else []).x
+
+
+def test_u2_writing_to_an_input_value_raises_and_changes_nothing():
+    thing = Thing()
+    view = read(thing)
+    for write in ("view.name = 'new'", "view.other = 1", "view[0] = 9", "del view.name"):
+        with pytest.raises(TypeError, match="read-only"):
+            exec(write, {"view": view})
+    assert thing.name == "thing" and thing.items == [1, 2, 3] and not hasattr(thing, "other")
+
+
+def test_u2_input_value_behaves_as_the_value():
+    thing = Thing()
+    view = read(thing)
+    assert isinstance(view, Thing)
+    assert view(5) == ("thing", 5)
+    assert len(view) == 3 and view[1] == 2 and list(view) == [1, 2, 3]
+    assert view == thing and thing == view and view != 3
+    assert view + view == [1, 2, 3, 1, 2, 3]
+    assert repr(view) == repr(thing)
+    assert type(copy.deepcopy(view)) is Thing
+    assert type(pickle.loads(pickle.dumps(view))) is Thing
+    assert not callable(read(type("Plain", (), {})()))
+    assert read(len) is len and read(Thing) is Thing and read(work_on) is work_on
+
+
+def work_on(x):
+    return x
+
+
+def test_u2_io_value_is_the_value_itself():
+    thing = Thing()
+    view = read(thing, output=True)
+    assert view is thing
+    view.name = "new"
+    assert thing.name == "new"
+
+
+def test_u2_value_written_on_is_stored_without_its_view():
+    ud = smach.UserData()
+    ud.a = thing = Thing()
+    view = smach.Remapper(ud, ["a"], ["b"])
+    view.b = view.a
+    assert ud.b is thing
+
+
+def test_u3_writing_an_undeclared_key_raises(kit, log):
+    def write(ud):
+        ud.y = 1
+        return "done"
+
+    sm = kit.machine(kit.Calling(write, input_keys=["x"], output_keys=["z"]))
+    with pytest.raises(smach.InvalidUserCodeError, match=r"(?s)'y'.*'z'"):
+        sm.execute()
+    smach.set_strict_userdata(False)
+    try:
+        assert sm.execute() == "done"
+        assert "y" not in sm.userdata
+        assert any("'y'" in text for level, text in log if level == "error")
+    finally:
+        smach.set_strict_userdata(True)
+
+
+def test_u4_missing_key_says_which_and_hasattr_is_false():
+    ud = smach.UserData()
+    ud.there = 1
+    assert not hasattr(ud, "missing")
+    for wrong in (AttributeError, KeyError):
+        with pytest.raises(wrong, match="(?s)missing.*there"):
+            ud.missing  # noqa: B018
+    with pytest.raises(KeyError, match="missing"):
+        ud["missing"]
+    ud["_private"] = 2
+    assert ud["_private"] == 2 and "_private" in ud
+
+
+def test_u5_keys_under_remapping_are_those_of_the_state():
+    ud = smach.UserData()
+    ud.theirs, ud.b = 1, 2
+    view = smach.Remapper(ud, ["mine", "b", "absent"], ["out"], {"mine": "theirs", "out": "o"})
+    assert sorted(view.keys()) == ["b", "mine"]
+    assert "mine" in view and "absent" not in view and "theirs" not in view
+    other = smach.UserData()
+    other.out = 3
+    view.update(other)
+    assert ud.o == 3
+    other.undeclared = 4
+    with pytest.raises(smach.InvalidUserCodeError):
+        view.update(other)
+
+
+def test_u6_keys_that_a_run_brought_about_are_gone_in_the_next(kit):
+    seen = []
+
+    def look(ud):
+        seen.append(sorted(ud.keys()))
+        ud.result = 1
+        ud.count = ud.count + 1
+        return "done"
+
+    sm = kit.machine(kit.Calling(look, io_keys=["result", "count", "preset"]))
+    sm.userdata.count = 0
+    assert sm.execute() == "done"
+    assert sm.userdata.result == 1, "after a run its results are there"
+    sm.userdata.preset = 2
+    assert sm.execute() == "done"
+    assert seen == [["count"], ["count", "preset"]]
+    assert sm.userdata.count == 2, "what was set from outside lives on"
+    sm.keeps_userdata = True
+    sm.userdata.result = 5
+    assert sm.execute() == "done"
+    assert seen[-1] == ["count", "preset", "result"]
+
+
+def test_u6_nested_machine_does_not_see_inputs_of_an_earlier_run(kit):
+    seen = []
+    inner = smach.StateMachine(["done"], input_keys=["x"], output_keys=["y"])
+
+    def look(ud):
+        seen.append("x" in ud)
+        if "x" in ud:
+            ud.y = ud.x
+        return "done"
+
+    with inner:
+        smach.StateMachine.add("A", kit.Calling(look, io_keys=["x", "y"]))
+    parent = smach.UserData()
+    parent.x = 7
+    inner.execute(parent)
+    assert parent.y == 7
+    empty = smach.UserData()
+    inner.execute(empty)
+    assert seen == [True, False] and "y" not in empty
+
+
+def test_u8_outputs_reach_the_parent_when_a_child_raises(kit):
+    def fail(ud):
+        ud.progress = "half"
+        raise ValueError("broken")
+
+    sm = smach.StateMachine(["done"], output_keys=["progress"])
+    with sm:
+        smach.StateMachine.add("A", kit.Calling(fail, output_keys=["progress"]))
+    parent = smach.UserData()
+    with pytest.raises(smach.InvalidUserCodeError, match="broken"):
+        sm.execute(parent)
+    assert parent.progress == "half"
+
+
+def test_u8_constants_are_read_by_their_state_only(kit):
+    seen = []
+
+    def look(ud):
+        seen.append(ud.speed if "speed" in ud else None)
+        return "done"
+
+    sm = smach.StateMachine(["done"])
+    with sm:
+        smach.StateMachine.add(
+            "A", kit.Calling(look, input_keys=["speed"]), {"done": "B"}, constants={"speed": 3}
+        )
+        smach.StateMachine.add("B", kit.Calling(look, input_keys=["speed"]))
+    assert sm.execute() == "done"
+    assert seen == [3, None] and "speed" not in sm.userdata
+    sm.userdata.speed = 1
+    sm.execute()
+    assert seen[2:] == [3, 1]
+
+
+def test_reading_an_undeclared_key_raises(kit):
+    sm = kit.machine(kit.Calling(lambda ud: ud.x))
+    sm.userdata.x = "done"
+    with pytest.raises(smach.InvalidUserCodeError, match="'x'"):
+        sm.execute()
+
+
+def test_extract_and_merge_rename_and_copy():
+    ud = smach.UserData()
+    ud.theirs = value = [1]
+    part = ud.extract(["mine"], {"mine": "theirs"})
+    assert part.mine == [1] and part.mine is not value
+    other = smach.UserData()
+    other.merge(part, ["mine"], {"mine": "again"})
+    assert other.again == [1]
