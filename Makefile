@@ -5,18 +5,20 @@ RTF ?= 3
 SEED ?= 1
 MISSION ?= 1
 APPROACH ?= merlin
+CYCLES ?= 10000
 CANCEL_AFTER ?= 10
 RECORD ?= false
 
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo test lint bench clean
+.PHONY: help build demo test lint bench soak clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD=)"
 	@echo "make test   all tests"
 	@echo "make bench  benchmarks"
+	@echo "make soak   10 000 cancels and interruptions (CYCLES= RTF=)"
 	@echo "make lint   ruff, catkin_lint, roslaunch-check"
 	@echo "make build  only what the others need"
 
@@ -32,6 +34,9 @@ test: build
 
 bench: build
 	@$(IN) python bench/run.py
+
+soak: build
+	@CYCLES=$(CYCLES) RTF=$(RTF) $(IN) python bench/run.py cancel
 
 lint: build
 	@$(IN) tools/lint.sh

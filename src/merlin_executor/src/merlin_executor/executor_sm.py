@@ -4,10 +4,10 @@ import time
 from typing import Any, Callable, List, Optional
 
 import rospy
-import smach
 from merlin_msgs.msg import ExecuteResult
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
+import smach
 from merlin_executor.request import Request
 from merlin_sm.dispatch_client import DispatchClient, DispatchResult
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update

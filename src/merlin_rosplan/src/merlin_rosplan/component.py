@@ -5,12 +5,14 @@ private namespace. A :class:`Component` keeps them below ``<namespace>/<scope>/`
 when the scope is the node's own name, and unchanged ones when several components share a process.
 """
 
+import socket
 import sys
 import threading
 from typing import Any, Callable, ClassVar, Dict, List, Optional, Type
 
 import rospy
 import rospy.names
+from rospy.impl import tcpros_base
 
 #: Scope of the knowledge base where nothing else is said.
 KNOWLEDGE_BASE = "rosplan_knowledge_base"
@@ -106,7 +108,9 @@ class Component:
 
     def service(self, name: str, service_class: Type[Any], callback: Callable[[Any], Any]) -> rospy.Service:
         """Offers a service; its callback raises ``rospy.ServiceException`` to make the call fail."""
-        return self.own(rospy.Service(self.resolve(name), service_class, callback))
+        service = self.own(rospy.Service(self.resolve(name), service_class, callback))
+        _send_at_once()
+        return service
 
     def publisher(
         self, name: str, message_class: Type[Any], queue_size: int = 100, latch: bool = False
@@ -173,6 +177,18 @@ class Component:
             running = list(Component._running.values())
         for component in reversed(running):
             component.shutdown()
+
+
+def _send_at_once() -> None:
+    """Sets TCP_NODELAY on the socket where rospy listens; accepted connections inherit it.
+
+    rospy has no option for services, and the end of an answer of more than 64 kB would wait 40 ms for the
+    acknowledgement of its beginning.
+    """
+    server = getattr(tcpros_base._tcpros_server, "tcp_ros_server", None)
+    listening = getattr(server, "server_sock", None)
+    if listening is not None:
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
 
 def run_components(node_name: str, make: Callable[[str], Any]) -> int:

@@ -54,7 +54,7 @@ class KnowledgeChecks:
             raise KnowledgeError(
                 f"'{item.name}' is no name in PDDL: a letter first, then letters, digits, '-' and '_'"
             )
-        return Instance(kind, self._state.spelling(item.name))
+        return Instance(kind, self._state.spelling(item.name) or item.name)
 
     def fact(self, item: Fact) -> Fact:
         """A fact that may be added, or be a goal.
@@ -121,10 +121,11 @@ class KnowledgeChecks:
                 if constant is None:
                     raise KnowledgeError(f"the argument '{parameter.label}' of '{signature.name}' is empty")
                 arg = constant
-            elif not self._state.object_types(arg):
+            spelled = self._state.spelling(arg)
+            if spelled is None:
                 hint = suggestion(arg.lower(), self._state.objects(parameter.types)[:1000])
                 raise KnowledgeError(f"unknown object '{arg}' in '{signature.name}'{hint}")
-            found.append(self._state.spelling(arg))
+            found.append(spelled)
         return tuple(found)
 
     def _condition(self, condition: Condition) -> Condition:

@@ -81,7 +81,7 @@ class NavigationNode:
             rospy.Service(f"{name}/make_plan", GetPlan, self._make_plan),
             rospy.Service(f"{name}/clear_costmaps", Empty, self._clear),
         ]
-        rospy.core.add_preshutdown_hook(self._shutdown)
+        rospy.on_shutdown(self._shutdown)
         self._server.start()
 
     def _receive_map(self, message: OccupancyGrid) -> None:
@@ -212,7 +212,7 @@ class NavigationNode:
             self._navigator.clear()
         return EmptyResponse()
 
-    def _shutdown(self, _: object) -> None:
+    def _shutdown(self) -> None:
         self._gate.stop()
         self._server.shutdown()
 

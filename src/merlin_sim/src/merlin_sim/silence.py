@@ -9,15 +9,20 @@ from typing import Iterator
 
 @contextlib.contextmanager
 def silence() -> Iterator[None]:
-    """Sends standard output (the descriptor, not only Python's) to nowhere meanwhile."""
+    """Sends the descriptors of standard output and error to nowhere meanwhile; exceptions pass."""
     sys.stdout.flush()
-    kept = os.dup(1)
+    sys.stderr.flush()
     nowhere = os.open(os.devnull, os.O_WRONLY)
+    kept = [(stream, os.dup(stream)) for stream in (1, 2)]
     try:
-        os.dup2(nowhere, 1)
+        for stream, _ in kept:
+            os.dup2(nowhere, stream)
         yield
     finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
         ctypes.CDLL(None).fflush(None)  # what C's own buffer still holds belongs to the silence
-        os.dup2(kept, 1)
-        os.close(kept)
+        for stream, copy in kept:
+            os.dup2(copy, stream)
+            os.close(copy)
         os.close(nowhere)

@@ -93,7 +93,7 @@ class SpeechNode:
         self._subscriber = rospy.Subscriber(
             "robotsound", SoundRequest, self._receive, tcp_nodelay=True, queue_size=50
         )
-        rospy.core.add_preshutdown_hook(lambda _: self._server.shutdown())
+        rospy.on_shutdown(self._server.shutdown)
         self._server.start()
         rospy.loginfo("speech: " + ("plays on the sound card" if card.present else "no sound card, silent"))
 

@@ -82,8 +82,8 @@ class SpeechSynthesizer:
                 check=False,
             )
             if done.returncode != 0:
-                reason = done.stderr.decode(errors="replace").strip().splitlines()
-                why = reason[-1] if reason else "it gave no reason"
+                said = done.stderr.decode(errors="replace").strip().splitlines()
+                why = said[-1] if said else "it gave no reason"
                 raise SoundError(f"espeak-ng cannot say it with voice {voice!r}: {why}")
             return read_wave(path)
         except FileNotFoundError as error:

@@ -1,5 +1,6 @@
 """The only way from navigation to the wheels: once closed for a goal, nothing of that goal gets through."""
 
+import contextlib
 import threading
 from typing import Optional
 
@@ -48,4 +49,5 @@ class VelocityGate:
         """Stops the robot, whoever owns the gate."""
         with self._lock:
             self._owner = None
-            self._publisher.publish(Twist())
+            with contextlib.suppress(rospy.ROSException):  # the topic may have closed before
+                self._publisher.publish(Twist())

@@ -230,7 +230,9 @@ class ActionServer:
             goal = ServerGoal(self, goal_id, message.goal)
             self._goals[goal.id] = goal
             overtaken = self._early_cancels.pop(goal.id, None) is not None
-            if overtaken or message.goal_id.stamp <= self._cancel_before:
+            # Before the first tick of a simulated clock every stamp is zero.
+            cancelled = rospy.Time() < self._cancel_before and goal_id.stamp <= self._cancel_before
+            if overtaken or cancelled:
                 goal.cancelled(text="cancelled before it arrived")
                 return
             self.publish_status()

@@ -1,0 +1,120 @@
+#!/usr/bin/env python3
+"""sound_play as its clients hear it: true lengths, cut-offs, errors."""
+
+import threading
+import unittest
+
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from audio_common_msgs.msg import AudioData, AudioInfo
+from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+import rostest
+from merlin_sim.speech_synthesizer import SpeechSynthesizer
+from merlin_sm.action_client import ActionClient
+from merlin_sm.service_proxy import ServiceProxy
+
+LONG = 30.0  # s of wall time
+SENTENCE = "Good morning. Do you need anything from the kitchen or from anywhere else?"
+
+
+class Speech(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.changed = threading.Condition()
+        cls.bytes = 0
+        cls.speaking = None
+        cls.info = None
+        cls.subscribers = [
+            rospy.Subscriber("audio/speaker", AudioData, cls.hear, queue_size=100),
+            rospy.Subscriber("audio/speaker_info", AudioInfo, lambda m: setattr(cls, "info", m)),
+            rospy.Subscriber("sound_play/is_speaking", Bool, cls.see),
+        ]
+        cls.client = ActionClient("sound_play", SoundRequestAction)
+        assert cls.client.wait_for_server(LONG)
+
+    @classmethod
+    def hear(cls, message):
+        with cls.changed:
+            cls.bytes += len(message.data)
+            cls.changed.notify_all()
+
+    @classmethod
+    def see(cls, message):
+        with cls.changed:
+            cls.speaking = message.data
+            cls.changed.notify_all()
+
+    def wait(self, predicate):
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(predicate, timeout=LONG), "did not come true")
+
+    def send(self, sound=SoundRequest.SAY, arg=SENTENCE, arg2="", command=SoundRequest.PLAY_ONCE, volume=1.0):
+        request = SoundRequest(sound=sound, command=command, volume=volume, arg=arg, arg2=arg2)
+        return self.client.send(SoundRequestGoal(sound_request=request))
+
+    def test_a_sentence_lasts_as_long_as_its_sound(self):
+        length = SpeechSynthesizer().say(SENTENCE).duration
+        self.wait(lambda: self.speaking is False)
+        heard = self.bytes
+        began = rospy.get_time()
+        goal = self.send()
+        self.wait(lambda: self.speaking)
+        self.assertTrue(goal.wait(LONG))
+        took = rospy.get_time() - began
+        self.assertEqual(goal.status, GoalStatus.SUCCEEDED)
+        self.assertAlmostEqual(goal.result.stamp.to_sec(), length, delta=0.01)
+        self.assertGreaterEqual(took, length)
+        self.wait(lambda: self.bytes - heard >= 2 * round(length * self.info.sample_rate))
+        self.wait(lambda: self.speaking is False)
+
+    def test_a_cancel_cuts_it_off(self):
+        goal = self.send()
+        self.wait(lambda: self.speaking and goal.feedback is not None)
+        goal.cancel()
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual(goal.status, GoalStatus.PREEMPTED)
+        self.assertLess(goal.result.stamp.to_sec(), SpeechSynthesizer().say(SENTENCE).duration)
+        self.wait(lambda: self.speaking is False)
+
+    def test_a_cancel_works_while_time_stands_still(self):
+        goal = self.send()
+        self.wait(lambda: self.speaking)
+        ServiceProxy("/merlin_sim/pause", Trigger)()
+        try:
+            goal.cancel()
+            self.assertTrue(goal.wait(LONG))
+        finally:
+            ServiceProxy("/merlin_sim/resume", Trigger)()
+        self.assertEqual(goal.status, GoalStatus.PREEMPTED)
+
+    def test_what_cannot_be_said_is_refused_with_a_reason(self):
+        for fields, word in (
+            ({"arg": "  "}, "no text"),
+            ({"arg2": "xx-none"}, "voice"),
+            ({"sound": 77}, "built-in sound"),
+            ({"sound": SoundRequest.PLAY_FILE, "arg": "/nowhere.wav"}, "/nowhere.wav"),
+            ({"command": 9}, "command"),
+        ):
+            goal = self.send(**fields)
+            self.assertTrue(goal.wait(LONG))
+            self.assertEqual(goal.status, GoalStatus.ABORTED, fields)
+            self.assertIn(word, goal.text)
+
+    def test_the_topic_speaks_and_stops(self):
+        publisher = rospy.Publisher("robotsound", SoundRequest, queue_size=5)
+        while not publisher.get_num_connections():
+            rospy.rostime.wallsleep(0.01)
+        publisher.publish(
+            SoundRequest(sound=SoundRequest.SAY, command=SoundRequest.PLAY_START, volume=1.0, arg="again")
+        )
+        self.wait(lambda: self.speaking)
+        publisher.publish(SoundRequest(sound=SoundRequest.ALL, command=SoundRequest.PLAY_STOP))
+        self.wait(lambda: self.speaking is False)
+
+
+if __name__ == "__main__":
+    rospy.init_node("speech_test")
+    rostest.rosrun("merlin_test", "speech", Speech)
