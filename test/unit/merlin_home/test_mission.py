@@ -8,6 +8,7 @@ import pytest
 from merlin_home.mission import Mission, MissionStopped
 from merlin_home.mission_list import Task, make_mission
 from merlin_home.real_time_factor import RealTimeFactor
+from merlin_home.task_record import TaskRecord
 from merlin_home.trajectory import Sample, Trajectory
 
 POINTS = ["dorm_room", "bathroom", "kitchen", "main_door"]

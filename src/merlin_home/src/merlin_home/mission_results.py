@@ -69,7 +69,7 @@ class MissionResults:
         return ["", *result_table(self._run), "", *self._notes, *written]
 
     def _save_track(self, picture: MapPicture) -> Path:
-        """The map, and the way as rows of s, m, m, rad, m/s, rad/s: what figures of many runs are drawn from."""
+        """The map, and the way as rows of s, m, m, rad, m/s, rad/s: what other figures are drawn from."""
         path = self._settings.results / "track.npz"
         np.savez_compressed(
             path,

@@ -77,7 +77,7 @@ class Analysis:
         return result
 
     def task_means(self, approach: str) -> Dict[str, Optional[float]]:
-        """Means over the tasks of an approach: time of unmarked ones, of marked ones, time from cancel to idle."""
+        """Means over the tasks of an approach, s; None where there is no such task."""
         tasks = [task for task in self.tasks if task["approach"] == approach]
         return {
             "unmarked": _mean([task["time_s"] for task in tasks if not task["marked"]]),

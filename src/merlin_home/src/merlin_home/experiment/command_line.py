@@ -12,6 +12,7 @@ from .run_table import collect, write_joined
 
 EXIT_FAILED_RUNS = 1
 EXIT_INTERRUPTED = 130
+STOPPED = "stopped; the same command goes on where this one ended"
 
 
 def parse(words: Optional[List[str]] = None) -> argparse.Namespace:
@@ -62,7 +63,7 @@ def main() -> int:
         if not arguments.report_only:
             failed = ExperimentRunner(results, arguments.record).run_all(runs)
     except (ExperimentInterrupted, KeyboardInterrupt) as error:
-        print(f"experiment: {error or 'stopped; the same command goes on'}", file=sys.stderr)
+        print(f"experiment: {str(error) or STOPPED}", file=sys.stderr)
         code = EXIT_INTERRUPTED
     run_rows, task_rows = collect(results, runs)
     if not run_rows:

@@ -21,7 +21,7 @@ TASK_TIME = {"naive": 30.0, "merlin": 20.0}
 
 
 class ExperimentInterrupted(Exception):
-    """The user has stopped the experiment; the text says how to go on."""
+    """The user has stopped the experiment."""
 
 
 class ExperimentRunner:
@@ -71,7 +71,7 @@ class ExperimentRunner:
         command = ["rosrun", "merlin", "run", LAUNCH_FILE, *run.words()]
         command += [f"results:={folder}", f"record:={str(self._record).lower()}"]
         with (folder / "output.txt").open("w") as output:
-            # The runner ends everything below it on a signal; it gets the terminal's together with this process.
+            # On a signal the runner ends all below it; a terminal sends it to the runner, too.
             process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
             try:
                 process.wait()
@@ -80,7 +80,7 @@ class ExperimentRunner:
                 process.wait()
                 raise
         if process.returncode in (130, 143, -signal.SIGINT, -signal.SIGTERM):
-            raise ExperimentInterrupted("stopped; the same command goes on where this one ended")
+            raise ExperimentInterrupted
         return finished(folder)
 
     @contextlib.contextmanager

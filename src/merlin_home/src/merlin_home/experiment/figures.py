@@ -11,12 +11,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from ..path_plot import MapPicture
+from .markdown import APPROACH_NAMES
 from .paper_results import PaperFigure
 from .run_table import Row
 from .statistics import Ratio, Summary
 
 COLORS = {"naive": "tab:orange", "merlin": "tab:blue", "oracle": "tab:green"}
-NAMES = {"naive": "Naive", "merlin": "MERLIN", "oracle": "oracle"}
 PHASES = (
     ("deliberating_s", "deliberating", "tab:red"),
     ("navigating_s", "driving", "tab:blue"),
@@ -41,7 +41,7 @@ def draw_paths(path: Path, tracks: Dict[str, Path], title: str) -> None:
             )
             way = data["way"]
         axes.plot(way[:, 1], way[:, 2], color=COLORS[approach], linewidth=0.8)
-        axes.set_title(NAMES[approach])
+        axes.set_title(APPROACH_NAMES[approach])
     figure.suptitle(title)
     _save(figure, path)
 
@@ -92,7 +92,7 @@ def draw_timeline(path: Path, runs: Dict[str, List[Row]], title: str) -> None:
             axes.axvline(task["sent"], color="black", linewidth=0.6)
             if task["cancel_sent"] is not None:
                 axes.plot(task["cancel_sent"], 0, "kv", markersize=6)
-        axes.set_yticks([0], [NAMES[approach]])
+        axes.set_yticks([0], [APPROACH_NAMES[approach]])
         axes.set_ylim(-0.4, 0.75)
     all_axes[-1, 0].set_xlabel("s of simulated time; ▼ cancel sent")
     handles = [plt.Rectangle((0, 0), 1, 1, color=color) for _, _, color in PHASES]
@@ -116,8 +116,8 @@ def draw_cancelled_task(path: Path, tracks: Dict[str, Tuple[Path, Row]]) -> None
             way = data["way"]
         since = way[:, 0] - way[0, 0] - task["sent"]
         part = (since >= 0) & (since <= task["time_s"] + 1.0)
-        axes.plot(since[part], way[part, 4], color=COLORS[approach], label=NAMES[approach])
-        axes.plot(task["time_s"], 0.0, "s", color=COLORS[approach], label=f"{NAMES[approach]}: idle")
+        axes.plot(since[part], way[part, 4], color=COLORS[approach], label=APPROACH_NAMES[approach])
+        axes.plot(task["time_s"], 0.0, "s", color=COLORS[approach], label=f"{APPROACH_NAMES[approach]}: idle")
         axes.axvline(task["cancel_sent"] - task["sent"], color="black", linewidth=0.8)
     axes.set_xlabel("s after the task was sent; black: cancel sent")
     axes.set_ylabel("speed (m/s)")

@@ -72,7 +72,7 @@ class Run:
 def main_runs(
     missions: Iterable[int], approaches: Sequence[str], runs: Dict[int, int], seed: int, factor: float
 ) -> List[Run]:
-    """The runs of the paper's Table 1; pairs stand together, so that an unfinished experiment has whole pairs.
+    """The runs of the paper's Table 1; pairs stand together, so that a part of it has whole pairs.
 
     Parameters:
         missions: 1, 2, 3.
