@@ -121,7 +121,7 @@ def draw_cancelled_task(path: Path, tracks: Dict[str, Tuple[Path, Row]]) -> None
         axes.axvline(task["cancel_sent"] - task["sent"], color="black", linewidth=0.8)
     axes.set_xlabel("s after the task was sent; black: cancel sent")
     axes.set_ylabel("speed (m/s)")
-    axes.legend(fontsize=8, loc="upper right")
+    axes.legend(fontsize=8, loc="center right")
     _save(figure, path)
 
 

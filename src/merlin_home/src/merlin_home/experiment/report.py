@@ -73,10 +73,10 @@ Settings, fixed before any run: four points of interest; lists of 6, 20 and 120 
 neighbours; exactly half of the tasks marked; a marked task is cancelled {first["cancel_after"]:g} s after it
 was sent if it still runs (the paper does not state its time; this is the value of its successor's public
 code). Naive and MERLIN run the same lists (same seed) from the same start. The simulation runs at factor
-{first["real_time_factor"]:g}, policy {first["rtf_policy"]} (adaptive: factor 1 from a goal to its first
-action, and from a second before a cancel until the Executor is idle). All times are simulated seconds. Time
-and distance of a mission are sums over its tasks, each from its sending until the Executor is idle; positions
-are ground truth.
+{first["real_time_factor"]:g}, policy {first["rtf_policy"]} (adaptive: factor 1 from a goal until a second
+after its first action was dispatched, for a second after every other dispatch, and from a second before a
+cancel until the Executor is idle). All times are simulated seconds. Time and distance of a mission are sums
+over its tasks, each from its sending until the Executor is idle; positions are ground truth.
 
 Naive is ROSPlan's real behaviour: the action runs to its natural end, then the cancel is read."""
 
@@ -145,9 +145,9 @@ def _difference(part: Analysis, mission: int, time: Ratio, way: Ratio) -> List[s
     return [
         f"- Mission {mission}: {', '.join(differing)}. Here a completed task takes {naive['unmarked']:.1f} "
         f"s, a cancelled one {naive['marked']:.1f} s under Naive and {merlin['marked']:.1f} s under MERLIN, "
-        f"so that a cancel saves {saves:.1f} s. In the paper a Naive task takes {paper_task:.1f} s on average, "
-        f"and its means say that a cancel saves {paper_saves:.1f} s. Naive does not finish a cancelled task "
-        "either: it drives there, but does not speak."
+        f"so that a cancel saves {saves:.1f} s. In the paper a Naive task takes {paper_task:.1f} s on "
+        f"average, and its means say that a cancel saves {paper_saves:.1f} s. Naive does not finish a "
+        "cancelled task either: it drives there, but does not speak."
     ]
 
 
