@@ -1,10 +1,10 @@
 """How fast the simulation runs during a mission.
 
 Thinking takes wall time, so a simulation at factor 5 makes it look five times as long. Under the `adaptive`
-policy the factor is 1 whenever the robot waits for software: from a goal until a second after its first action
-was dispatched (the path has been planned by then), for a second after every further dispatch (the question has
-been synthesised), and from a second before a cancel until the Executor is idle. Otherwise it is the requested
-one.
+policy the factor is 1 whenever the robot waits for software: from a goal until a second after its first
+action was dispatched (the path has been planned by then), for a second after every further dispatch (the
+question has been synthesised), and from a second before a cancel until the Executor is idle. Otherwise it is
+the requested one.
 """
 
 import threading
