@@ -13,8 +13,14 @@ import threading
 import rospy
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback, CompletePlan
 from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse
-from rosplan_knowledge_msgs.srv import GetAttributeService, KnowledgeQueryService
+from rosplan_knowledge_msgs.srv import (
+    GetAttributeService,
+    GetDomainOperatorDetailsService,
+    KnowledgeQueryService,
+)
 from std_srvs.srv import Empty, EmptyResponse
+
+from merlin_sm.knowledge_client import fact
 
 SUCCEEDED = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
 FAILED = ActionFeedback.ACTION_FAILED
@@ -33,6 +39,9 @@ class StandIn:
         rospy.Subscriber("~action_feedback", ActionFeedback, self.take_feedback, queue_size=1000)
         self.goals = rospy.ServiceProxy("rosplan_knowledge_base/state/goals", GetAttributeService)
         self.query = rospy.ServiceProxy("rosplan_knowledge_base/query_state", KnowledgeQueryService)
+        self.operator = rospy.ServiceProxy(
+            "rosplan_knowledge_base/domain/operator_details", GetDomainOperatorDetailsService
+        )
         rospy.Service("~dispatch_plan", DispatchService, self.dispatch)
         rospy.Service("~cancel_dispatch", Empty, self.cancel)
 
@@ -69,6 +78,10 @@ class StandIn:
         for action in plan:
             if self.cancelled:
                 break
+            if not self.applicable(action):
+                self.feedbacks.publish(ActionFeedback(action_id=action.action_id, status=0))
+                success = False
+                break
             self.endings.pop(action.action_id, None)
             self.dispatches.publish(action)
             sent.append(action)
@@ -84,6 +97,17 @@ class StandIn:
                 self.dispatches.publish(self.cancel_of(action))
                 rate.sleep()
         return success
+
+    def applicable(self, action):
+        """At-start conditions only, by position, as ROSPlan checks them."""
+        operator = self.operator(action.name).op
+        names = [parameter.key for parameter in operator.formula.typed_parameters]
+        binding = dict(zip(names, (parameter.value for parameter in action.parameters)))
+        conditions = [
+            fact(condition.name, *[binding.get(value.key, "") for value in condition.typed_parameters])
+            for condition in operator.at_start_simple_condition
+        ]
+        return self.query(conditions).all_true
 
     def ended(self, action):
         status = self.endings.get(action.action_id)
