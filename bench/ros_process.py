@@ -65,6 +65,11 @@ class RosMaster:
         self.set_params({f"/{name}/{key}": value for key, value in (params or {}).items()})
         return self._start(name, ["rosrun", package, executable, f"__name:={name}", *remaps])
 
+    def launch(self, file: Path, **args: Any) -> subprocess.Popen:
+        """Starts a launch file on this master. Its output is in `output("launch")`."""
+        arguments = [f"{name}:={value}" for name, value in args.items()]
+        return self._start("launch", ["roslaunch", str(file), *arguments])
+
     def wait_for_service(self, name: str) -> None:
         """Waits until a service is registered.
 
