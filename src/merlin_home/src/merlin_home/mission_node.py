@@ -9,6 +9,7 @@ import time
 from typing import Optional
 
 import rospy
+from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import MissionStatus
 from merlin_msgs.srv import SetRealTimeFactor
 from nav_msgs.msg import OccupancyGrid
@@ -30,6 +31,8 @@ from .versions import versions
 EXIT_NOT_AS_LISTED = 1
 EXIT_STOPPED = 2
 EXIT_INTERRUPTED = 130
+SERVERS = ("move_base", "sound_play")
+"""Action servers that the actions of the home use."""
 AFTERWARDS = 0.5
 """ROS time in which the robot comes to its last standstill, s."""
 SETTLE = 2.0
@@ -44,10 +47,12 @@ class MissionNode:
         self._tasks = settings.make_list()
         self._view = ProgressView()
         self._status = rospy.Publisher("merlin/mission", MissionStatus, latch=True, queue_size=10)
-        self._factor = RealTimeFactor(settings.policy, settings.factor, self._set_factor)
         self._set_factor_service: Optional[ServiceProxy] = None
         self._trajectory = Trajectory()
-        self._robot = ExecutorRobot(self._trajectory, self._executor_changed)
+        self._robot = ExecutorRobot(self._trajectory, lambda: self._factor.action_starts())
+        self._factor = RealTimeFactor(
+            settings.policy, settings.factor, self._set_factor, self._robot.call_after
+        )
         self._mission = Mission(
             self._tasks,
             self._robot,
@@ -87,6 +92,11 @@ class MissionNode:
         self._robot.wait_until_ready(timeout)
         if not self._trajectory.wait_until(0.0, timeout):
             raise MissionStopped(f"nothing on {rospy.resolve_name('ground_truth')} after {timeout:.0f} s")
+        for server in SERVERS:
+            if receive_one(f"{server}/status", GoalStatusArray, timeout) is None:
+                raise MissionStopped(
+                    f"no action server {rospy.resolve_name(server)} after {timeout:.0f} s; is it launched?"
+                )
         grid = receive_one("/map", OccupancyGrid, timeout)
         if grid is None:
             raise MissionStopped(f"no map on /map after {timeout:.0f} s")
@@ -130,10 +140,6 @@ class MissionNode:
         answer = self._set_factor_service(factor)
         if not answer.success:
             raise MissionStopped(f"the simulator refused real-time factor {factor:g}: {answer.message}")
-
-    def _executor_changed(self, action_runs: bool) -> None:
-        if action_runs:
-            self._factor.action_starts()
 
     def _task_changed(self, record: TaskRecord) -> None:
         count = len(self._tasks)

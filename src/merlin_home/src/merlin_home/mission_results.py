@@ -64,8 +64,23 @@ class MissionResults:
         paths = write_run(self._settings.results, self._run)
         if self._picture is not None:
             paths["path.png"] = self._plot(self._picture)
+            paths["track.npz"] = self._save_track(self._picture)
         written = [f"written: {path}" for path in paths.values()]
         return ["", *result_table(self._run), "", *self._notes, *written]
+
+    def _save_track(self, picture: MapPicture) -> Path:
+        """The map, and the way as rows of s, m, m, rad, m/s, rad/s: what other figures are drawn from."""
+        path = self._settings.results / "track.npz"
+        np.savez_compressed(
+            path,
+            way=np.array(self._way, dtype=np.float32).reshape(-1, len(Sample._fields)),
+            occupied=picture.occupied,
+            resolution=picture.resolution,
+            origin=np.array(picture.origin),
+            names=np.array(list(self._settings.points)),
+            points=np.array(list(self._settings.points.values())),
+        )
+        return path
 
     def _plot(self, picture: MapPicture) -> Path:
         settings = self._settings
