@@ -1,8 +1,8 @@
 """Types, objects and facts from an OWL ontology.
 
 Classes become types, individuals objects, and the chosen object properties predicates. What follows from
-subclasses, equivalent classes, domains, ranges, subproperties, inverse, symmetric and transitive properties is
-made explicit; other OWL constructs are left alone. Needs rdflib.
+subclasses, equivalent classes, domains, ranges, subproperties, inverse, symmetric and transitive properties
+is made explicit; other OWL constructs are left alone. Needs rdflib.
 """
 
 import importlib
