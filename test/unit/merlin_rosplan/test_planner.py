@@ -239,6 +239,17 @@ def test_the_program_of_a_command(text, program, limit):
     assert (command.program, command.limit) == (program, limit)
 
 
+def test_a_planner_has_a_short_name(problem, script, monkeypatch, tmp_path):
+    script(f"printf '{PLAN}'\n", "lpg")
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    outcome = plan(problem("(checked kitchen)"), "lpg")
+    assert outcome.solved and outcome.planner == "lpg"
+
+
+def test_a_script_is_named_and_not_its_interpreter():
+    assert parse_command("python3 -u /opt/fd/fast-downward.py DOMAIN PROBLEM").name == "fast-downward.py"
+
+
 @pytest.mark.parametrize("text", ["timeout 10", "popf 'DOMAIN PROBLEM", "popf DOMAIN", "timeout 5 nice"])
 def test_a_command_that_makes_no_sense_is_refused(text):
     with pytest.raises(PlannerCommandError):

@@ -24,7 +24,16 @@ class ComponentError(Exception):
     """A component cannot start; the text says what is wrong and what to do about it."""
 
 
-class Component:
+class _ComponentType(type):
+    """Notes that a component is complete: what its `on_shutdown` ends exists only then."""
+
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        component = super().__call__(*args, **kwargs)
+        component._complete = True
+        return component
+
+
+class Component(metaclass=_ComponentType):
     """Base of all parts of the planning system.
 
     Parameters
@@ -43,6 +52,7 @@ class Component:
         self.scope: str = rospy.resolve_name(scope)
         self._handles: List[Any] = []
         self._closed = threading.Event()
+        self._complete = False
         with Component._running_lock:
             if self.scope in Component._running:
                 raise ComponentError(f"two components of this process have the scope {self.scope}")
@@ -147,7 +157,10 @@ class Component:
         return self._closed.is_set()
 
     def on_shutdown(self) -> None:
-        """For subclasses: wakes and joins their threads, closes what they hold. Called once."""
+        """For subclasses: wakes and joins their threads, closes what they hold. Called once at most.
+
+        A component that could not start is not asked; what it gave to :meth:`own` is ended all the same.
+        """
 
     def shutdown(self) -> None:
         """Ends the component: subclass first, then services and topics. A second call does nothing."""
@@ -158,7 +171,8 @@ class Component:
             if Component._running.get(self.scope) is self:
                 del Component._running[self.scope]
         try:
-            self.on_shutdown()
+            if self._complete:
+                self.on_shutdown()
         finally:
             for handle in reversed(self._handles):
                 if isinstance(handle, rospy.Service):

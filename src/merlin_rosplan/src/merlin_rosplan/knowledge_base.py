@@ -33,7 +33,8 @@ from merlin_rosplan.problem_reader import read_problem
 from merlin_rosplan.state_file import StateFile, StateFileError
 from merlin_rosplan.state_services import StateServices
 from merlin_rosplan.timed_knowledge import TimedKnowledge
-from merlin_rosplan.transaction import Change, Transaction
+from merlin_rosplan.transaction import Change
+from merlin_rosplan.update_messages import UpdateReader
 
 _ONLY_PDDL = "only PDDL domains (.pddl) are known, no PPDDL, RDDL or HDDL"
 
@@ -63,6 +64,7 @@ class KnowledgeBase(Component):
         self.param("use_unknowns", False)  # ROSPlan reads it and never uses it
         self.store = self._make_store()
         self._reader = KnowledgeReader(self.domain)
+        self._updates = UpdateReader(self.domain, self.store.objects, self.strict)
         self._writer = KnowledgeWriter(self.domain)
         self._status = self.publisher("status/update", StatusUpdate)
         self._changes = self.publisher("changes", KnowledgeChanges, queue_size=1000)
@@ -161,34 +163,13 @@ class KnowledgeBase(Component):
         try:
             with self.store.transaction(client) as transaction:
                 for kind, item in zip(kinds, items):
-                    self._step(transaction, kind, item)
+                    self._updates.apply(transaction, kind, item)
                     number += 1
         except KnowledgeError as error:
             place = f"item {number}: " if len(items) > 1 else ""
             self._refused(service, client, f"{place}{error}")
             return False
         return True
-
-    def _step(self, transaction: Transaction, kind: int, message: KnowledgeItem) -> None:
-        request = KnowledgeUpdateServiceRequest
-        if kind in (request.ADD_KNOWLEDGE, request.REMOVE_KNOWLEDGE):
-            if message.knowledge_type in (KnowledgeItem.EXPRESSION, KnowledgeItem.INEQUALITY) and (
-                not self.strict or kind == request.REMOVE_KNOWLEDGE
-            ):
-                return
-            item = self._reader.item(message)
-            at = message.initial_time.to_nsec()
-            (transaction.add if kind == request.ADD_KNOWLEDGE else transaction.remove)(item, at)
-        elif kind == request.ADD_GOAL:
-            transaction.add_goal(self._reader.goal(message, self.store.objects))
-        elif kind == request.REMOVE_GOAL:
-            transaction.remove_goal(self._reader.goal(message, self.store.objects))
-        elif kind == request.ADD_METRIC:
-            transaction.set_metric(self._reader.metric(message))
-        elif kind == request.REMOVE_METRIC:
-            transaction.set_metric(None)
-        elif self.strict:
-            raise KnowledgeError(f"there is no update_type {kind}")
 
     def _refused(self, service: str, client: str, reason: str) -> None:
         rospy.logwarn("%s/%s refused what %s sent: %s", self.scope, service, client, reason)

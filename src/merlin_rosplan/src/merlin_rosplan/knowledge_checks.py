@@ -27,7 +27,10 @@ from merlin_rosplan.pddl_text import is_name, suggestion
 
 
 class KnowledgeError(Exception):
-    """An update is refused; the text says why."""
+    """An update is refused; the text says why, shortened when a client sent names without end."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason if len(reason) <= 500 else f"{reason[:240]} ... {reason[-240:]}")
 
 
 class KnowledgeChecks:

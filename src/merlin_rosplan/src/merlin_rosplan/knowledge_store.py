@@ -107,20 +107,22 @@ class KnowledgeStore:
             except BaseException:
                 transaction.undo()
                 raise
-            if transaction.steps or transaction.cleared:
+            changed = bool(transaction.steps or transaction.cleared)
+            if changed:
                 self.version += 1
                 self._next_order = transaction.next_order
                 self._queue_timed([step[3] for step in transaction.steps if isinstance(step[3], Timed)])
                 self._undelivered.append(transaction.change(self.version, client))
-        self._deliver()
+        if changed:
+            self._deliver()
 
     def _deliver(self) -> None:
-        while self._undelivered:
-            with self._delivery:
-                while self._undelivered:
-                    change = self._undelivered.popleft()
-                    for listener in self._listeners:
-                        listener(change)
+        # another thread may be telling this change already: its listeners are through when the lock is free
+        with self._delivery:
+            while self._undelivered:
+                change = self._undelivered.popleft()
+                for listener in self._listeners:
+                    listener(change)
 
     def load_problem(self, problem: Problem, client: str = "") -> None:
         """Adds everything a problem states. Its timed facts count from now.

@@ -112,8 +112,9 @@ def _write(path: str, text: str) -> None:
         except BaseException:
             os.unlink(temporary)
             raise
-    except OSError as error:
-        raise ProblemWriteError(f"the problem file {path} cannot be written: {error.strerror}") from error
+    except (OSError, ValueError) as error:  # ValueError: a path with a null byte
+        reason = getattr(error, "strerror", None) or error
+        raise ProblemWriteError(f"the problem file {path[:200]} cannot be written: {reason}") from error
 
 
 def main() -> None:

@@ -80,5 +80,5 @@ class StateServices:
         known = self._store.domain.predicates
         if isinstance(item, Fact) and item.name and item.name != "=" and item.name.lower() not in known:
             rospy.logwarn_throttle_identical(
-                60.0, f"{self._name}/query_state: the domain has no predicate '{item.name}'"
+                60.0, f"{self._name}/query_state: the domain has no predicate '{item.name[:80]}'"
             )

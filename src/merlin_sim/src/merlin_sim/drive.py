@@ -23,7 +23,7 @@ class DriveGeometry:
     """Wheel radius and distance of the wheels, m; as in urdf/rb1.urdf."""
 
     wheel_radius: float = 0.0762
-    track: float = 0.4
+    track: float = 0.34
 
 
 class BaseController:

@@ -26,6 +26,11 @@ OSCILLATION_TEXT = "Robot is oscillating. Even after executing recovery behavior
 AHEAD = 2.0  # m of path that is watched for obstacles
 STOP_GAP = 0.25  # m before the place where an obstacle would be too close at which the robot waits
 STANDING = 0.02  # m/s and rad/s below which the robot counts as standing
+CREEP = 0.03  # m/s below which it rather stands
+HERE = 0.7  # m within which waiting goes on and does not begin anew
+GIVE_WAY = 0.5  # m that it backs off for somebody who waits for it
+RECOVERY_WAY = 0.15  # m that it backs off when it does not get away
+BACK_SPEED = 0.1  # m/s
 LOST_PATH = 0.5  # m off the path at which a new one is planned
 
 
@@ -45,6 +50,7 @@ class NavigationSettings:
 
     radius: float = 0.25
     clearance: float = 0.05  # of plans from mapped and seen obstacles
+    tight_clearance: float = 0.025  # where there is no other way
     guard: float = 0.015  # around the robot that the live scan must leave free
     cruise: Cruise = field(default_factory=Cruise)
     xy_goal_tolerance: float = 0.10
@@ -98,12 +104,15 @@ class Navigator:
         """
         self._goal = goal
         self._follower = None
-        self._blocked_since: Optional[float] = None
+        self._waits_at: Optional[Pose] = None  # where it first had to wait, about here
+        self._waits_since = now
+        self._gave_way = False
         self._planned_at = -math.inf
         self._why = ""
         self._moved_at, self._moved_from = now, pose
         self._recoveries = 0
-        self._backing: Optional[Pose] = None
+        self._backing: Optional[Pose] = None  # where it began to back off
+        self._backing_way, self._backing_since = 0.0, now
         self._at_goal = False
         try:
             self._follow(self.planner.plan(pose.point, goal.point, self.memory.points(now)))
@@ -121,27 +130,43 @@ class Navigator:
             return self._finish(pose, velocity)
         if self._follower.offset > LOST_PATH:
             self._replan(pose, now)
+        if self._backing is not None:
+            return self._back_off(pose, now)
         limit = settings.cruise.speed
         room = self._room_ahead(now)
         if room < AHEAD:
-            if self._blocked_since is None:
-                self._blocked_since = now
-            waited = now - self._blocked_since
-            due = min(waited, now - self._planned_at) >= settings.replan_after
-            if due and self._replan(pose, now):
-                self._blocked_since = None
-                return self.step(pose, velocity, now)
-            if waited >= settings.patience:
-                return Step(
-                    0.0, 0.0, Outcome.NO_PLAN, f"{NO_PLAN_TEXT} {self._why or 'The path is blocked.'}"
-                )
+            if self._waits_at is None or pose.distance(self._waits_at) > HERE:
+                self._waits_at, self._waits_since, self._gave_way = pose, now, False
+            waited = now - self._waits_since
+            if min(waited, now - self._planned_at) >= settings.replan_after and self._replan(pose, now):
+                room = self._room_ahead(now)
             limit = min(limit, math.sqrt(2 * settings.cruise.acceleration * max(0.0, room - STOP_GAP)))
-            if limit < 0.03:
-                self._moved_at, self._moved_from = now, pose  # standing is right here
-                return Step(0.0, 0.0, Outcome.WAITING, "something is in the way")
-        else:
-            self._blocked_since = None
+            if limit < CREEP:
+                return self._wait(pose, waited, now)
         return self._drive(pose, limit, now)
+
+    def _wait(self, pose: Pose, waited: float, now: float) -> Step:
+        """Stands before what is in the way, makes room for it once, and gives up in the end."""
+        if waited >= self.settings.patience:
+            why = self._why or "Something stands in the way."
+            return Step(0.0, 0.0, Outcome.NO_PLAN, f"{NO_PLAN_TEXT} {why}")
+        self._moved_at, self._moved_from = now, pose  # standing is right here
+        if waited >= self.settings.patience / 2 and not self._gave_way:
+            # Two who wait for each other in a doorway wait for ever.
+            self._gave_way = True
+            self._backing, self._backing_way, self._backing_since = pose, GIVE_WAY, now
+        return Step(0.0, 0.0, Outcome.WAITING, "something is in the way")
+
+    def _back_off(self, pose: Pose, now: float) -> Step:
+        assert self._backing is not None
+        speed = self._guard.allowed(-BACK_SPEED, 0.0)
+        gone = pose.distance(self._backing)
+        if speed == 0.0 or gone > self._backing_way or now - self._backing_since > 10.0:
+            self._backing = None
+            self._moved_at, self._moved_from = now, pose
+            self._replan(pose, now)
+            return Step(0.0, 0.0, Outcome.DRIVING, "backed off")
+        return Step(speed, 0.0, Outcome.DRIVING, "backing off")
 
     def clear(self) -> None:
         """Forgets what was seen beside the map."""
@@ -150,13 +175,6 @@ class Navigator:
     def _drive(self, pose: Pose, limit: float, now: float) -> Step:
         assert self._follower is not None
         settings = self.settings
-        if self._backing is not None:
-            speed = self._guard.allowed(-0.1, 0.0)
-            if speed == 0.0 or pose.distance(self._backing) > 0.15 or now - self._moved_at > 3.0:
-                self._backing = None
-                self._moved_at, self._moved_from = now, pose
-                self._replan(pose, now)
-            return Step(speed, 0.0, Outcome.DRIVING, "backing off")
         if pose.distance(self._moved_from) > 0.05 or abs(wrap(pose.yaw - self._moved_from.yaw)) > 0.1:
             self._moved_at, self._moved_from = now, pose
         if now - self._moved_at > settings.recover_after:
@@ -168,8 +186,7 @@ class Navigator:
                     Outcome.NO_CONTROL,
                     f"{NO_CONTROL_TEXT} The robot does not get away from where it is.",
                 )
-            self._backing = pose
-            self._moved_at = now
+            self._backing, self._backing_way, self._backing_since = pose, RECOVERY_WAY, now
         speed, turn = self._follower.command(pose, limit)
         return Step(self._guard.allowed(speed, turn), turn, Outcome.DRIVING)
 
@@ -196,18 +213,20 @@ class Navigator:
             return AHEAD
         gaps = np.hypot(ahead[:, :1] - points[:, 0], ahead[:, 1:] - points[:, 1]).min(axis=1)
         # Where the robot is already, it is: only what comes nearer counts.
-        close = gaps < min(self.settings.radius + self.settings.clearance - 0.03, gaps[0] - 0.01)
+        close = gaps < min(self.settings.radius + self.settings.tight_clearance - 0.01, gaps[0] - 0.01)
         return float(along[np.argmax(close)]) if close.any() else AHEAD
 
     def _replan(self, pose: Pose, now: float) -> bool:
         assert self._goal is not None
         self._planned_at = now
-        try:
-            self._follow(self.planner.plan(pose.point, self._goal.point, self.memory.points(now)))
-        except NoPath as error:
-            self._why = f"{str(error)[0].upper()}{str(error)[1:]}."
-            return False
-        return True
+        for clearance in (self.settings.clearance, self.settings.tight_clearance):
+            try:
+                seen = self.memory.points(now)
+                self._follow(self.planner.plan(pose.point, self._goal.point, seen, clearance))
+                return True
+            except NoPath as error:
+                self._why = f"{str(error)[0].upper()}{str(error)[1:]}."
+        return False
 
     def _follow(self, path: List[Point]) -> None:
         self.path = path

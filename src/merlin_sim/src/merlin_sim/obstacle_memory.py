@@ -23,6 +23,7 @@ class ObstacleMemory:
         self._distance = distance
         self._keep = keep
         self._seen = np.full(distance.shape, -np.inf)  # when something was last seen there, s
+        self._known = np.nonzero(np.isfinite(self._seen))  # the cells that are remembered
 
     def see(self, pose: Pose, angles: np.ndarray, ranges: np.ndarray, now: float) -> None:
         """Takes a scan made at a pose; angles (rad, ascending and even) relative to it, ranges in m."""
@@ -39,19 +40,23 @@ class ObstacleMemory:
         rows, columns = rows[inside], columns[inside]
         new = self._distance[rows, columns] > OFF_MAP
         self._seen[rows[new], columns[new]] = now
+        self._known = np.nonzero(np.isfinite(self._seen))
 
     def points(self, now: float) -> np.ndarray:
         """The centres (n x 2) of the cells with something on them."""
-        rows, columns = np.nonzero(self._seen > now - self._keep)
+        rows, columns = self._known
+        fresh = self._seen[rows, columns] > now - self._keep
+        rows, columns = rows[fresh], columns[fresh]
         x, y = self._grid.point(0, 0)
         return np.stack([x + columns * self._grid.resolution, y + rows * self._grid.resolution], axis=1)
 
     def forget(self) -> None:
         """Forgets everything."""
         self._seen.fill(-np.inf)
+        self._known = np.nonzero(np.isfinite(self._seen))
 
     def _clear(self, pose: Pose, angles: np.ndarray, ranges: np.ndarray) -> None:
-        rows, columns = np.nonzero(np.isfinite(self._seen))
+        rows, columns = self._known
         if not len(rows):
             return
         x, y = self._grid.point(0, 0)

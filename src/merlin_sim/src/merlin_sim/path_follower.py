@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Sequence, Tuple
+from typing import Sequence, Tuple, Union
 
 import numpy as np
 
@@ -37,8 +37,8 @@ class Path:
         self._distances = np.concatenate([[0.0], np.cumsum(lengths[lengths > 1e-9])])
         self.length = float(self._distances[-1])
 
-    def at(self, distances: np.ndarray) -> np.ndarray:
-        """The points (n x 2) at distances along the path; beyond its ends, the ends."""
+    def at(self, distances: Union[float, np.ndarray]) -> np.ndarray:
+        """The points (n x 2, or one) at distances along the path; beyond its ends, the ends."""
         return np.stack(
             [np.interp(distances, self._distances, self._corners[:, axis]) for axis in (0, 1)], axis=-1
         )

@@ -64,10 +64,17 @@ class PathPlanner:
             return f"{where} is {gap} from an obstacle, less than the robot's radius of {self.radius:.2f} m"
         return ""
 
-    def plan(self, start: Point, goal: Point, obstacles: Optional[np.ndarray] = None) -> List[Point]:
+    def plan(
+        self,
+        start: Point,
+        goal: Point,
+        obstacles: Optional[np.ndarray] = None,
+        clearance: Optional[float] = None,
+    ) -> List[Point]:
         """The path from start to goal, as the corners of a polyline.
 
         :param obstacles: points (n x 2, m) that are in the way besides the map.
+        :param clearance: instead of the planner's own, m.
         :raises NoPath: when there is none.
         """
         reason = self.why_unreachable(goal)
@@ -85,7 +92,8 @@ class PathPlanner:
             distance = self._distances(free)
             if distance[goal_cell] < self.radius:
                 raise NoPath(f"something stands at the goal ({goal[0]:.2f}, {goal[1]:.2f})")
-        costs = self._costs(distance, start_cell, goal_cell)
+        safe = self.radius + (self.clearance if clearance is None else clearance)
+        costs = self._costs(distance, safe, start_cell, goal_cell)
         cells = pyastar2d.astar_path(costs, start_cell, goal_cell, allow_diagonal=True)
         # A* may pass cells of infinite cost when nothing else is left.
         if cells is None or np.isinf(costs[cells[:, 0], cells[:, 1]]).any():
@@ -99,8 +107,9 @@ class PathPlanner:
         # From centre to centre; the obstacle begins half a cell earlier.
         return np.maximum(exact * self.grid.resolution - self.grid.resolution / 2, 0.0)
 
-    def _costs(self, distance: np.ndarray, start: Tuple[int, int], goal: Tuple[int, int]) -> np.ndarray:
-        safe = self.radius + self.clearance
+    def _costs(
+        self, distance: np.ndarray, safe: float, start: Tuple[int, int], goal: Tuple[int, int]
+    ) -> np.ndarray:
         closeness = np.clip((safe + COMFORT - distance) / COMFORT, 0.0, 1.0)
         costs = (1.0 + COMFORT_COST * closeness**2).astype(np.float32)
         blocked = distance < safe

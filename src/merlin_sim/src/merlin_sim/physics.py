@@ -4,7 +4,7 @@ import math
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any, Dict, Tuple
+from typing import Any, Dict, Optional, Tuple
 
 from merlin_sim.silence import silence
 
@@ -24,6 +24,7 @@ class RobotBody:
 
     def __init__(self, engine: Any, urdf: str, start: Pose, geometry: DriveGeometry) -> None:
         self._engine = engine
+        self._held: Optional[Tuple[float, float]] = None  # wheel angles while it stands
         self._ride_height = geometry.wheel_radius
         with NamedTemporaryFile("w", suffix=".urdf") as file:
             file.write(urdf)
@@ -50,7 +51,20 @@ class RobotBody:
         self._engine.resetBaseVelocity(self.body, [0, 0, 0], [0, 0, 0])
 
     def drive(self, left: float, right: float) -> None:
-        """Sets the speeds of the wheels' motors, rad/s."""
+        """Sets the speeds of the wheels' motors, rad/s; at zero they hold where they are."""
+        if left == right == 0.0:
+            # A motor that only regulates speed gives way to gravity, millimetres per second.
+            if self._held is None:
+                self._held = self.wheel_angles()
+            self._engine.setJointMotorControlArray(
+                self.body,
+                self._wheels,
+                pybullet.POSITION_CONTROL,
+                targetPositions=self._held,
+                forces=[WHEEL_TORQUE, WHEEL_TORQUE],
+            )
+            return
+        self._held = None
         self._engine.setJointMotorControlArray(
             self.body,
             self._wheels,
@@ -95,7 +109,7 @@ class Physics:
             self._engine = BulletClient(pybullet.DIRECT)
         self._engine.setGravity(0, 0, -9.81)
         self._engine.setTimeStep(step)
-        self._engine.setPhysicsEngineParameter(numSolverIterations=30)
+        self._engine.setPhysicsEngineParameter(numSolverIterations=50)
         floor = self._engine.createCollisionShape(pybullet.GEOM_PLANE)
         self._engine.changeDynamics(
             self._engine.createMultiBody(0, floor), -1, lateralFriction=1.0, restitution=0.0
@@ -103,6 +117,8 @@ class Physics:
         self._solids: Dict[str, int] = {}
         for solid in [*world.wall_solids(), *world.furniture, *world.unmapped]:
             self.add(solid)
+        for person in world.people:
+            self.add(person.solid(Pose(*person.path[0])))
         for door in world.doors:
             leaf = door.leaf(world.wall_thickness, world.wall_height)
             self.add(leaf)

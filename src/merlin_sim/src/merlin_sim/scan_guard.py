@@ -34,7 +34,7 @@ class ScanGuard:
             return speed
         now = np.hypot(self._points[:, 0], self._points[:, 1])
         # What is nearer than the gap already must only not come nearer still.
-        needed = np.minimum(self._gap, now - 0.005)
+        needed = np.minimum(self._gap, now - 0.001)
         for fraction in FRACTIONS:
             if (self._nearest(speed * fraction, turn) >= needed).all():
                 return speed * fraction

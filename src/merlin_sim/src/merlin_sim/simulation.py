@@ -11,7 +11,8 @@ from merlin_sim.drive import BaseController, DriveGeometry, DriveLimits, Odometr
 from merlin_sim.lidar import Lidar, LidarModel
 from merlin_sim.physics import Physics
 from merlin_sim.ray_casting import Outlines
-from merlin_sim.world import Pose, World
+from merlin_sim.world import Pose, Solid, World
+from merlin_sim.world_events import WorldEvents
 
 PHYSICS_RATE = 100  # steps per simulated second
 ODOMETRY_EVERY = 5  # steps
@@ -86,6 +87,10 @@ class Simulation:
             if not door.open:
                 self.outlines.show(door.leaf(world.wall_thickness, world.wall_height))
 
+        for person in world.people:
+            self.outlines.show(person.solid(Pose(*person.path[0])))
+        self._events = WorldEvents(world, self._show)
+
     @property
     def time(self) -> float:
         """Simulated time, s."""
@@ -101,6 +106,8 @@ class Simulation:
         if self.tick % ODOMETRY_EVERY == 0:
             for robot in self.robots.values():
                 robot.measure(self.tick)
+            places = [robot.body.pose().point for robot in self.robots.values()]
+            self._events.step(self.time, ODOMETRY_EVERY / PHYSICS_RATE, places, ROBOT_RADIUS)
 
     def scan(self, robot: SimulatedRobot) -> np.ndarray:
         """What the robot's laser sees now, m."""
@@ -111,6 +118,13 @@ class Simulation:
             for pose in [other.body.pose()]
         ]
         return robot.lidar.scan(robot.body.pose(), self.outlines, others, self.tick)
+
+    def _show(self, solid: Solid, there: bool) -> None:
+        self.physics.show(solid, there)
+        if there:
+            self.outlines.show(solid)
+        else:
+            self.outlines.hide(solid.name)
 
     def close(self) -> None:
         """Gives the physics engine back."""

@@ -6,7 +6,7 @@ Nothing here knows ROS or the physics engine.
 
 import math
 from dataclasses import dataclass, field
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, Optional, Tuple, Union
 
 Point = Tuple[float, float]
 
@@ -99,6 +99,51 @@ class Wall:
     end: Point
 
 
+@dataclass(frozen=True)
+class Person:
+    """Somebody who stands somewhere, or walks a path there and back again.
+
+    :param speed: m/s.
+    :param delay: s of simulated time before the first step.
+    :param pause: s at each end of the path.
+    :param polite: stops for robots that are in the way.
+    """
+
+    name: str
+    path: Tuple[Point, ...]
+    speed: float = 0.6
+    delay: float = 0.0
+    pause: float = 2.0
+    polite: bool = True
+    radius: float = 0.22
+    height: float = 1.7
+
+    def solid(self, pose: Pose) -> Solid:
+        """The person at a pose."""
+        return Solid(self.name, pose, self.height, radius=self.radius, color="#b04a7a")
+
+
+@dataclass(frozen=True)
+class DoorEvent:
+    """A door that opens or closes at a moment of simulated time, s."""
+
+    at: float
+    door: str
+    open: bool
+
+
+@dataclass(frozen=True)
+class MoveEvent:
+    """A piece of furniture that stands somewhere else from a moment of simulated time on, s."""
+
+    at: float
+    thing: str
+    to: Pose
+
+
+WorldEvent = Union[DoorEvent, MoveEvent]
+
+
 @dataclass
 class World:
     """A world as its file describes it, before anything moves."""
@@ -110,6 +155,8 @@ class World:
     doors: List[Door] = field(default_factory=list)
     furniture: List[Solid] = field(default_factory=list)
     unmapped: List[Solid] = field(default_factory=list)  # stands there, but not on the map
+    people: List[Person] = field(default_factory=list)
+    events: List[WorldEvent] = field(default_factory=list)
     points_of_interest: Dict[str, Pose] = field(default_factory=dict)
     starts: List[Pose] = field(default_factory=list)
     resolution: float = 0.05  # m per cell of the map

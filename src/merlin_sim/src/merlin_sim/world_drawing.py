@@ -8,7 +8,7 @@ from typing import List, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from merlin_sim.world import Point, World
+from merlin_sim.world import Point, Pose, World
 from merlin_sim.world_file import WorldError, load_world
 
 SCALE = 80  # pixels per metre
@@ -31,6 +31,10 @@ class WorldDrawing:
         for door in world.doors:
             leaf = door.leaf(world.wall_thickness, world.wall_height).corners()
             self._outline(leaf) if door.open else self._fill(leaf, "#c08a4a")
+        for person in world.people:
+            if len(person.path) > 1:
+                self.path(person.path, "#e0b0c8", 1)
+            self._fill(person.solid(Pose(*person.path[0])).corners(), "#b04a7a")
         for pose in world.starts:
             self._arrow(pose.point, pose.yaw, (160, 160, 160))
         for name, pose in world.points_of_interest.items():

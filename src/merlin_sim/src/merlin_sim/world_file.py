@@ -1,12 +1,23 @@
 """Reads world files and says clearly what is wrong with one."""
 
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Union
+from typing import Any, Dict, Iterator, List, Set, Union
 
 import jsonschema
 import yaml
 
-from merlin_sim.world import Door, Pose, Solid, Wall, World, span_on
+from merlin_sim.world import (
+    Door,
+    DoorEvent,
+    MoveEvent,
+    Person,
+    Pose,
+    Solid,
+    Wall,
+    World,
+    WorldEvent,
+    span_on,
+)
 from merlin_sim.world_schema import SCHEMA
 
 REPORTED = 5  # errors told at once
@@ -48,6 +59,8 @@ def parse_world(data: Any, source: str = "world") -> World:
         ],
         furniture=[_solid(item) for item in furniture if item.get("on_map", True)],
         unmapped=[_solid(item) for item in furniture if not item.get("on_map", True)],
+        people=[_person(item) for item in data.get("people", [])],
+        events=sorted(map(_event, data.get("events", [])), key=lambda event: event.at),
         points_of_interest={name: _pose(item) for name, item in data["points_of_interest"].items()},
         starts=[_pose(item) for item in data["starts"]],
         resolution=data.get("resolution", 0.05),
@@ -100,16 +113,28 @@ def _solid(item: Dict[str, Any]) -> Solid:
     )
 
 
+def _person(item: Dict[str, Any]) -> Person:
+    fields = {name: item[name] for name in ("speed", "delay", "pause", "polite") if name in item}
+    return Person(item["name"], tuple((float(x), float(y)) for x, y in item["path"]), **fields)
+
+
+def _event(item: Dict[str, Any]) -> WorldEvent:
+    if "door" in item:
+        return DoorEvent(float(item["at"]), item["door"], item["open"])
+    return MoveEvent(float(item["at"]), item["move"], Pose(*map(float, item["to"])))
+
+
 def _nonsense(world: World) -> Iterator[str]:
     """What the schema cannot see."""
     for index, wall in enumerate(world.walls):
         if wall.start == wall.end:
             yield f"walls[{index}]: it has no length"
             return
-    seen = set()
+    seen: Set[str] = set()
     for kind, names in (
         ("doors", [door.name for door in world.doors]),
         ("furniture", [solid.name for solid in world.furniture + world.unmapped]),
+        ("people", [person.name for person in world.people]),
     ):
         for name in names:
             if name in seen:
@@ -120,6 +145,13 @@ def _nonsense(world: World) -> Iterator[str]:
             yield f"doors: {door.name} has no width"
         elif all(span_on(wall, door) is None for wall in world.walls):
             yield f"doors: {door.name} lies in no wall"
+    doors = {door.name for door in world.doors}
+    things = {solid.name for solid in world.furniture + world.unmapped}
+    for event in world.events:
+        if isinstance(event, DoorEvent) and event.door not in doors:
+            yield f"events: there is no door {event.door}"
+        elif isinstance(event, MoveEvent) and event.thing not in things:
+            yield f"events: there is no furniture {event.thing}"
     left, bottom, right, top = world.bounds()
     for kind, poses in (
         ("points_of_interest", world.points_of_interest.items()),

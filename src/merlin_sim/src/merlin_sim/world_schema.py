@@ -4,6 +4,7 @@ from typing import Any, Dict
 
 _number: Dict[str, Any] = {"type": "number"}
 _positive: Dict[str, Any] = {"type": "number", "exclusiveMinimum": 0}
+_moment: Dict[str, Any] = {"type": "number", "minimum": 0}
 _point: Dict[str, Any] = {"type": "array", "items": _number, "minItems": 2, "maxItems": 2}
 _placed: Dict[str, Any] = {"type": "array", "items": _number, "minItems": 2, "maxItems": 3}
 _name: Dict[str, Any] = {"type": "string", "pattern": "^[A-Za-z][A-Za-z0-9_-]*$"}
@@ -47,6 +48,27 @@ SCHEMA: Dict[str, Any] = _object(
                 "name at",
                 oneOf=[{"required": ["box"]}, {"required": ["cylinder"]}],
             )
+        ),
+        "people": _list(
+            _object(
+                {
+                    "name": _name,
+                    "path": {**_list(_point), "minItems": 1},
+                    "speed": {"type": "number", "exclusiveMinimum": 0, "maximum": 3},
+                    "delay": {"type": "number", "minimum": 0},
+                    "pause": {"type": "number", "minimum": 0},
+                    "polite": {"type": "boolean"},
+                },
+                "name path",
+            )
+        ),
+        "events": _list(
+            {
+                "oneOf": [
+                    _object({"at": _moment, "door": _name, "open": {"type": "boolean"}}, "at door open"),
+                    _object({"at": _moment, "move": _name, "to": _placed}, "at move to"),
+                ]
+            }
         ),
         "points_of_interest": {
             "type": "object",

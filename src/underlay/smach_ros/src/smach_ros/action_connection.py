@@ -13,6 +13,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 from smach.log import wake_at_shutdown
 
+GONE = 1.0  # s of wall time without a connection to its status after which a server counts as dead
 SILENCE = 5.0  # s without a status, by the wall and by ROS time, after which a server counts as dead
 REPEAT_CANCEL = 0.5  # s of wall time after which a cancel without effect is sent again
 TERMINAL = (
@@ -61,9 +62,11 @@ class ActionConnection:
         self._connected_at = time.monotonic()
         listener = _Listener(self.changed)
         self._goal_publisher = rospy.Publisher(
-            name + "/goal", self._action_goal_type, listener, queue_size=10
+            name + "/goal", self._action_goal_type, listener, tcp_nodelay=True, queue_size=10
         )
-        self._cancel_publisher = rospy.Publisher(name + "/cancel", GoalID, listener, queue_size=10)
+        self._cancel_publisher = rospy.Publisher(
+            name + "/cancel", GoalID, listener, tcp_nodelay=True, queue_size=10
+        )
         self._result_subscriber = rospy.Subscriber(
             name + "/result", type(action.action_result), self._receive_result, tcp_nodelay=True
         )
@@ -156,7 +159,7 @@ class ActionConnection:
         wall, ros = _now()
         if self._status_subscriber.get_num_connections():
             self._connected_at = wall
-        if wall - max(self._connected_at, goal.sent[0]) > SILENCE:
+        if wall - max(self._connected_at, goal.sent[0]) > GONE:
             return f"the action server {self.name} is gone"
         heard = self._status_at or (0.0, 0.0)
         # A paused simulator silences servers that live by its clock: both clocks must have gone on.

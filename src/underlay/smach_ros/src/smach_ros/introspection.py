@@ -57,15 +57,15 @@ class IntrospectionServer:
         self._init_subscriber: Optional[rospy.Subscriber] = None
 
     def start(self) -> None:
-        """Begins to publish; does nothing if it has begun."""
+        """Begins to publish; if it has begun, only finds the containers that :meth:`clear` forgot."""
         with self._changed:
-            if self._worker is not None:
-                return
-            self._stopping = False
             if not self._proxies:
                 self._find(self._path, self._state)
             for proxy in self._proxies.values():
                 proxy.attach(self._note)
+            if self._worker is not None:
+                return
+            self._stopping = False
             name = self._server_name
             self._structure_publisher = rospy.Publisher(
                 name + STRUCTURE_TOPIC,

@@ -1,0 +1,113 @@
+"""Drives a simulated robot with the navigation of this package, without ROS and as fast as it computes.
+
+For tests, for figures, and for whoever changes worlds or navigation and wants to see what becomes of it.
+"""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import List, Optional
+
+import numpy as np
+
+from merlin_sim.localization import PoseNoise, TruthLocalization
+from merlin_sim.navigator import NavigationSettings, Navigator, Outcome
+from merlin_sim.occupancy_grid import map_of
+from merlin_sim.path_planner import NoPath
+from merlin_sim.simulation import ODOMETRY_EVERY, RobotSpec, Simulation
+from merlin_sim.world import Point, Pose, World
+
+SCAN_EVERY = 10  # physics steps
+AT_SPEED = 0.05  # m/s from which touching something is a collision
+URDF = Path(__file__).resolve().parents[2] / "urdf" / "rb1.urdf"
+
+
+@dataclass
+class TrialResult:
+    """What became of a drive: s, m; `text` is what a client of move_base would read."""
+
+    outcome: Outcome
+    text: str
+    time: float
+    distance: float
+    collisions: int
+    waited: float
+    final_error: float
+    path: List[Point] = field(default_factory=list)
+
+    @property
+    def reached(self) -> bool:
+        """Whether the goal was reached without a collision."""
+        return self.outcome is Outcome.REACHED and not self.collisions
+
+
+class Trial:
+    """One robot in a world, and what navigation makes of it.
+
+    :param start: map frame.
+    :param noise: of the localisation.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        start: Pose,
+        seed: int = 1,
+        settings: Optional[NavigationSettings] = None,
+        noise: Optional[PoseNoise] = None,
+        urdf: Path = URDF,
+    ) -> None:
+        self.simulation = Simulation(world, [RobotSpec("", start)], urdf, seed)
+        self.robot = self.simulation.robots[""]
+        self.navigator = Navigator(map_of(world), settings or NavigationSettings(yaw_goal_tolerance=math.pi))
+        self._localization = TruthLocalization(noise or PoseNoise(), seed, "")
+
+    def drive(self, goal: Pose, limit: float = 180.0) -> TrialResult:
+        """Drives to a goal; gives up after `limit` seconds of simulated time."""
+        simulation, robot = self.simulation, self.robot
+        began, driven = simulation.time, robot.distance
+        angles = -math.pi + robot.lidar.increment * np.arange(robot.lidar.model.rays)
+        path: List[Point] = []
+        collisions, touching, waited = 0, False, 0.0
+        outcome, text = Outcome.NO_CONTROL, f"not there after {limit:g} s"
+        started = False
+        while simulation.time - began < limit:
+            if simulation.tick % ODOMETRY_EVERY == 0:
+                truth = robot.body.pose()
+                path.append(truth.point)
+                pose = self._localization.estimate(truth, simulation.time)
+                if simulation.tick % SCAN_EVERY == 0:
+                    self.navigator.see(pose, angles, simulation.scan(robot), simulation.time)
+                if not started:
+                    try:
+                        self.navigator.start(goal, pose, simulation.time)
+                    except NoPath as error:
+                        outcome, text = Outcome.NO_PLAN, str(error)
+                        break
+                    started = True
+                step = self.navigator.step(pose, robot.odometry.velocity, simulation.time)
+                waited += ODOMETRY_EVERY / 100 if step.outcome is Outcome.WAITING else 0.0
+                robot.base.command(step.speed, step.turn, simulation.time)
+                if step.ended:
+                    outcome, text = step.outcome, step.text
+                    break
+            simulation.step()
+            touches = robot.body.touches()
+            if touches and not touching and math.hypot(*robot.body.velocity()) > AT_SPEED:
+                collisions += 1
+            touching = touches
+        pose = robot.body.pose()
+        return TrialResult(
+            outcome,
+            text,
+            simulation.time - began,
+            robot.distance - driven,
+            collisions,
+            waited,
+            pose.distance(goal),
+            path,
+        )
+
+    def close(self) -> None:
+        """Gives the physics engine back."""
+        self.simulation.close()

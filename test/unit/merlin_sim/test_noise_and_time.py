@@ -1,0 +1,61 @@
+"""Noise that depends on nothing but seed, name and time; and the pace of time itself."""
+
+import threading
+import time
+
+import numpy as np
+
+from merlin_sim.localization import PoseNoise, TruthLocalization, map_to_odom
+from merlin_sim.noise import SmoothNoise, draw
+from merlin_sim.pacer import Pacer
+from merlin_sim.world import Pose
+
+
+def test_draws_depend_on_seed_name_and_index_only():
+    first = draw(1, "scan", 7).standard_normal(5)
+    draw(1, "scan", 8).standard_normal(99)
+    assert np.array_equal(first, draw(1, "scan", 7).standard_normal(5))
+    for seed, name, index in ((2, "scan", 7), (1, "odom", 7), (1, "scan", 8)):
+        assert not np.array_equal(first, draw(seed, name, index).standard_normal(5))
+
+
+def test_smooth_noise_has_its_sigma_and_no_jumps():
+    noise = SmoothNoise(3, "pose", (0.02, 1.0), 2.0)
+    times = np.arange(0.0, 4000.0, 0.5)
+    values = np.array([noise.at(t) for t in times])
+    assert np.allclose(values.std(axis=0), [0.02, 1.0], rtol=0.1)
+    for moment in (2.0, 3.7, 100.0):
+        assert np.abs(noise.at(moment) - noise.at(moment - 0.01))[1] < 0.1
+
+
+def test_the_believed_pose_and_the_frames_fit_together():
+    truth, odometry = Pose(3.0, 2.0, 1.0), Pose(1.0, -1.0, 0.5)
+    believed = TruthLocalization(PoseNoise(), 1, "r1").estimate(truth, 12.3)
+    assert 0.0 < believed.distance(truth) < 0.2
+    again = map_to_odom(believed, odometry).compose(odometry)
+    assert again.distance(believed) < 1e-9 and abs(again.yaw - believed.yaw) < 1e-9
+
+
+def test_time_runs_at_the_factor_asked_for():
+    pacer = Pacer(5.0)
+    began = time.monotonic()
+    for _ in range(100):
+        assert pacer.wait(0.01)
+    assert 0.15 < time.monotonic() - began < 1.0
+    assert pacer.achieved() > 0.0
+
+
+def test_a_pause_holds_it_and_a_stop_ends_it():
+    pacer = Pacer(0.0)
+    pacer.set_paused(True)
+    stepped = []
+    thread = threading.Thread(target=lambda: stepped.append(pacer.wait(0.01)))
+    thread.start()
+    thread.join(0.05)
+    assert thread.is_alive()
+    pacer.set_paused(False)
+    thread.join(5.0)
+    assert stepped == [True]
+    pacer.set_paused(True)
+    pacer.stop()
+    assert not pacer.wait(0.01)

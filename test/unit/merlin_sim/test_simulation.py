@@ -1,0 +1,172 @@
+"""The physics behind the robot: limits, odometry, contact, sensors, repeatability."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from merlin_sim.drive import OdometryNoise
+from merlin_sim.ray_casting import Outlines
+from merlin_sim.simulation import RobotSpec, Simulation
+from merlin_sim.world import DoorEvent, MoveEvent, Person, Pose, Solid
+from merlin_sim.world_file import load_world
+
+PACKAGE = Path(__file__).resolve().parents[3] / "src" / "merlin_sim"
+URDF = PACKAGE / "urdf" / "rb1.urdf"
+
+
+@pytest.fixture(scope="module")
+def apartment():
+    return load_world(PACKAGE / "worlds" / "apartment.yaml")
+
+
+@pytest.fixture
+def simulate(apartment):
+    made = []
+
+    def make(*starts, seed=1, world=apartment, **spec):
+        specs = [RobotSpec(f"r{i}", start, **spec) for i, start in enumerate(starts)]
+        made.append(Simulation(world, specs, URDF, seed))
+        return made[-1]
+
+    yield make
+    for simulation in made:
+        simulation.close()
+
+
+def run(simulation, seconds, *commands):
+    """Steps with a constant command per robot; returns the fastest change of speed seen, m/s²."""
+    robots = list(simulation.robots.values())
+    speeds = [robots[0].body.velocity()[0]]
+    for _ in range(round(seconds * 100)):
+        for robot, command in zip(robots, commands):
+            robot.base.command(*command, simulation.time)
+        simulation.step()
+        speeds.append(robots[0].body.velocity()[0])
+    # Over a tenth of a second: a single step shows the solver, not the robot.
+    return max(abs(b - a) / 0.1 for a, b in zip(speeds, speeds[10:]))
+
+
+def test_it_drives_as_told_within_its_limits(simulate):
+    simulation = simulate(Pose(0.6, 3.4))
+    robot = simulation.robots["r0"]
+    acceleration = run(simulation, 5.0, (0.3, 0.0))
+    assert robot.body.velocity()[0] == pytest.approx(0.3, abs=0.01)
+    assert acceleration < 1.15
+    # 5 s at 0.3 m/s less the ramp of 0.3 s.
+    assert robot.body.pose().x - 0.6 == pytest.approx(1.5 - 0.045, abs=0.02)
+    assert robot.body.pose().y == pytest.approx(3.4, abs=0.01)
+    run(simulation, 0.5, (0.0, 0.0))
+    stood = robot.body.pose()
+    run(simulation, 5.0, (0.0, 0.0))
+    assert robot.body.pose().distance(stood) < 0.002
+
+
+def test_commands_beyond_the_limits_are_cut_and_nonsense_stops(simulate):
+    simulation = simulate(Pose(0.6, 3.4))
+    robot = simulation.robots["r0"]
+    run(simulation, 2.0, (9.0, 0.0))
+    assert robot.body.velocity()[0] == pytest.approx(1.0, abs=0.05)
+    run(simulation, 1.5, (math.nan, 0.0))
+    assert robot.body.velocity()[0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_odometry_is_good_without_noise_and_bounded_with_it(simulate):
+    for noise, bound in ((OdometryNoise(), 0.03), (OdometryNoise(0.0, 0.0, 0.005, 0.005), 0.15)):
+        simulation = simulate(Pose(1.6, 2.6), odometry_noise=noise)
+        robot = simulation.robots["r0"]
+        for _ in range(4):
+            run(simulation, 3.0, (0.3, 0.0))
+            run(simulation, 0.5, (0.0, 0.0))
+            run(simulation, math.pi / 2, (0.0, 1.0))
+            run(simulation, 0.75, (0.0, 0.0))
+        truth = Pose(1.6, 2.6).inverse().compose(robot.body.pose())
+        assert robot.distance > 3.3
+        assert truth.distance(robot.odometry.pose) < bound
+
+
+def test_a_wall_stops_it(simulate):
+    simulation = simulate(Pose(8.0, 3.55))
+    robot = simulation.robots["r0"]
+    run(simulation, 4.0, (0.7, 0.0))
+    assert robot.body.touches()
+    assert robot.body.pose().x < 8.95 - 0.24
+
+
+def test_robots_bump_into_each_other_and_see_each_other(simulate):
+    simulation = simulate(Pose(3.0, 3.5), Pose(4.0, 3.5))
+    one, two = simulation.robots.values()
+    ahead = len(simulation.scan(one)) // 2
+    assert simulation.scan(one)[ahead] == pytest.approx(0.75, abs=0.05)
+    run(simulation, 3.0, (0.4, 0.0), (0.0, 0.0))
+    assert two.body.pose().x > 4.0
+    assert two.body.pose().x - one.body.pose().x > 0.49
+
+
+def test_equal_seeds_give_equal_runs_whoever_looks(simulate):
+    def trace(seed, look):
+        noise = OdometryNoise(0.01, 0.01, 0.005, 0.005)
+        simulation = simulate(Pose(2.6, 3.4), seed=seed, odometry_noise=noise)
+        robot = simulation.robots["r0"]
+        for tick in range(300):
+            robot.base.command(0.3, 0.2, simulation.time)
+            simulation.step()
+            if look and tick % 7 == 0:
+                simulation.scan(robot)
+        return robot.odometry.pose, simulation.scan(robot)
+
+    pose, scan = trace(1, look=False)
+    again, same = trace(1, look=True)
+    other, different = trace(2, look=False)
+    assert pose == again and np.array_equal(scan, same)
+    assert pose != other and not np.array_equal(scan, different)
+
+
+def test_rays_meet_boxes_and_cylinders_exactly():
+    outlines = Outlines(0.3)
+    outlines.show(Solid("box", Pose(2.0, 0.0, math.pi / 4), 1.0, size=(1.0, 1.0)))
+    outlines.show(Solid("post", Pose(0.0, -3.0), 1.0, radius=0.5))
+    outlines.show(Solid("mat", Pose(-1.0, 0.0), 0.1, size=(1.0, 1.0)))
+    angles = np.array([0.0, -math.pi / 2, math.pi, math.pi / 2])
+    expected = [2.0 - math.sqrt(0.5), 2.5, math.inf, math.inf]
+    assert outlines.distances((0.0, 0.0), angles, 10.0) == pytest.approx(expected)
+    outlines.hide("box")
+    assert outlines.distances((0.0, 0.0), angles, 10.0, [(0.0, 2.0, 0.5)]) == pytest.approx(
+        [math.inf, 2.5, math.inf, 1.5]
+    )
+    assert np.isinf(outlines.distances((0.0, 0.0), angles, 2.0)).all()
+
+
+def test_the_world_changes_when_its_time_has_come(apartment, simulate):
+    world = dataclasses.replace(
+        apartment,
+        events=[DoorEvent(1.0, "dorm_door", False), MoveEvent(2.0, "plant", Pose(4.8, 3.4))],
+        people=[Person("ann", ((1.0, 2.6), (2.0, 2.6)), speed=0.5, delay=1.0)],
+    )
+    simulation = simulate(Pose(2.95, 3.4, math.pi / 2), world=world)
+    robot = simulation.robots["r0"]
+    ahead = len(simulation.scan(robot)) // 2
+    run(simulation, 0.9)
+    assert simulation.scan(robot)[ahead] > 1.5
+    run(simulation, 1.2)
+    assert simulation.scan(robot)[ahead] == pytest.approx(0.95, abs=0.05)
+    assert simulation.scan(robot)[ahead - 90] == pytest.approx(1.65, abs=0.05)
+    run(simulation, 0.5)
+    ann = simulation.outlines._solids["ann"].pose
+    assert ann.x == pytest.approx(1.0 + 0.5 * 1.6, abs=0.05)
+
+
+def test_a_door_waits_for_a_robot_and_a_polite_person_stops(apartment, simulate):
+    world = dataclasses.replace(
+        apartment,
+        events=[DoorEvent(0.5, "dorm_door", False)],
+        people=[Person("ann", ((1.2, 3.4), (2.95, 4.3)), speed=1.0)],
+    )
+    simulation = simulate(Pose(2.95, 4.3), world=world)
+    robot = simulation.robots["r0"]
+    run(simulation, 4.0)
+    assert not robot.body.touches()
+    assert robot.body.pose().distance(Pose(2.95, 4.3)) < 0.01
+    assert "dorm_door" not in simulation.outlines._solids
