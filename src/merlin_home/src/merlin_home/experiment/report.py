@@ -21,7 +21,7 @@ from .paper_results import DISTANCE, TIME, paper_ratio
 from .report_figures import figures_section
 from .run_plan import APPROACHES, Run
 from .run_table import Row
-from .sensitivity import check_section, early_cancel_section, sweep_section
+from .sensitivity import check_section, early_cancel_section, killed_section, sweep_section
 from .statistics import Ratio
 
 EFFICIENCY_GOAL = 0.95
@@ -56,6 +56,7 @@ def write_report(
         sweep_section(results, everything, "cancel_after", "cancel_after", "cancel time (s)"),
         sweep_section(results, everything, "share", "marked_share", "share of cancelled tasks"),
         early_cancel_section(everything),
+        killed_section(everything),
     ]
     path = results / "report.md"
     path.write_text("\n\n".join(filter(None, parts)) + "\n")
