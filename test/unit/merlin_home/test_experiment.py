@@ -8,6 +8,7 @@ import pytest
 
 from merlin_home.experiment.command_line import parse, planned
 from merlin_home.experiment.experiment_runner import ExperimentRunner, duration_text
+from merlin_home.experiment.publication import publish
 from merlin_home.experiment.report import write_report
 from merlin_home.experiment.run_plan import Run, check_runs, main_runs, sweep_runs
 from merlin_home.experiment.run_table import collect, finished, read_table, write_joined
@@ -163,6 +164,9 @@ def test_the_report_says_what_the_tables_say(tmp_path: Path) -> None:
         assert f"(figures/{figure}.png)" in report
         assert (tmp_path / "figures" / f"{figure}.png").stat().st_size > 1000
     assert "checked at factor 1" in report and "Early cancels" in report
+    page = publish(tmp_path, tmp_path / "docs")[0].read_text()
+    assert "(experiment/times.png)" in page
+    assert {path.name for path in (tmp_path / "docs" / "experiment").iterdir()} >= {"runs.csv", "times.png"}
     assert cells(report, "Navigation killed in mid-mission")[0]["tasks as listed"] == "6 of 6"
 
 

@@ -79,7 +79,12 @@ after its first action was dispatched, for a second after every other dispatch, 
 cancel until the Executor is idle). All times are simulated seconds. Time and distance of a mission are sums
 over its tasks, each from its sending until the Executor is idle; positions are ground truth.
 
-Naive is ROSPlan's real behaviour: the action runs to its natural end, then the cancel is read."""
+Naive is ROSPlan's real behaviour: the action runs to its natural end, then the cancel is read.
+
+The oracle is what the best possible robot takes for each task from the pose in which it was sent: turning to
+the shortest path while setting off, driving along it at the limits of speed and acceleration, and the true
+length of the question; at most the cancel time for a marked task. Nothing else takes time, and no robot can be
+faster."""
 
 
 def _table_1(analysis: Analysis) -> str:
