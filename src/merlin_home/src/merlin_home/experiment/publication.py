@@ -1,4 +1,4 @@
-"""Copies a report with its figures and its table of runs into the documentation, where its data goes with it."""
+"""Copies a report with its figures and its table of runs into the documentation."""
 
 import shutil
 from pathlib import Path

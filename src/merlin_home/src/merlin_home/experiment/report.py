@@ -83,8 +83,8 @@ Naive is ROSPlan's real behaviour: the action runs to its natural end, then the 
 
 The oracle is what the best possible robot takes for each task from the pose in which it was sent: turning to
 the shortest path while setting off, driving along it at the limits of speed and acceleration, and the true
-length of the question; at most the cancel time for a marked task. Nothing else takes time, and no robot can be
-faster."""
+length of the question; at most the cancel time for a marked task. Nothing else takes time, and no robot can
+be faster."""
 
 
 def _table_1(analysis: Analysis) -> str:
