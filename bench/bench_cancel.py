@@ -9,9 +9,10 @@ from typing import Any, Dict
 
 import rospy
 from figures import figure
+from ros_process import RosMaster
+
 from merlin_executor.testing.cancel_stress import CancelStress
 from merlin_executor.testing.process_usage import Usage, usage_of_nodes
-from ros_process import RosMaster
 
 GOALS = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "dorm_room", "main_door")]
 WARM_UP = 10
@@ -48,4 +49,6 @@ def measure() -> Dict[str, Any]:
 
 
 def growth(before: Dict[str, Usage], after: Dict[str, Usage], field: str) -> Dict[str, float]:
-    return {name: getattr(after[name], field) - getattr(before[name], field) for name in before if name in after}
+    return {
+        name: getattr(after[name], field) - getattr(before[name], field) for name in before if name in after
+    }

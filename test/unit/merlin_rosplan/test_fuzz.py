@@ -1,8 +1,10 @@
 """Whatever comes in, the answer is a result or a refusal that says why; the state is whole afterwards."""
 
 import contextlib
+import io
 import random
 
+import genpy
 import pytest
 from diagnostic_msgs.msg import KeyValue
 from hypothesis import given, settings
@@ -14,16 +16,18 @@ from rosplan_knowledge_msgs.msg import (
     ExprComposite,
     KnowledgeItem,
 )
+from rosplan_knowledge_msgs.srv import GetAttributeServiceResponse
 
 from merlin_rosplan.domain_reader import parse_domain
 from merlin_rosplan.effects import EffectApplier
 from merlin_rosplan.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter, StoredItems
+from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.knowledge_store import KnowledgeStore
 from merlin_rosplan.pddl_text import PddlError
 from merlin_rosplan.problem_reader import parse_problem
 from merlin_rosplan.problem_writer import ProblemWriteError, write_problem
 from merlin_rosplan.update_messages import UpdateReader
+from merlin_rosplan.wire_items import StoredItems, UpdateArray, UpdateArrayRequest
 
 DOMAIN_TEXT = """(define (domain d) (:requirements :adl :durative-actions :fluents :derived-predicates)
   (:types place - object poi - place robot) (:constants anywhere - place)
@@ -76,7 +80,7 @@ def read(reader, *args):
 
 def test_mutated_domains_and_problems_are_read_or_refused_with_a_place():
     accepted = 0
-    for seed in range(1500):
+    for seed in range(1000):
         domain = read(parse_domain, mutate(DOMAIN_TEXT, seed), "d")
         if domain is not None:
             accepted += 1
@@ -85,7 +89,7 @@ def test_mutated_domains_and_problems_are_read_or_refused_with_a_place():
         if problem is not None:
             again = parse_problem(write_problem(problem, DOMAIN), DOMAIN)
             assert len(again.goals) == len(problem.goals)
-    assert accepted > 20
+    assert accepted > 10
 
 
 @settings(max_examples=300, deadline=None)
@@ -182,6 +186,29 @@ def check_indexes(store):
     assert sum(map(len, state.instances._by_type.values())) == len(state.instances.rows)
 
 
+def over_the_wire(array):
+    request = UpdateArray._request_class([kind for kind, _ in array], [message for _, message in array])
+    buffer = io.BytesIO()
+    request.serialize(buffer)
+    received = UpdateArrayRequest().deserialize(buffer.getvalue())
+    for (_, sent), found in zip(array, received.knowledge):
+        for name in ("knowledge_type", "is_negative", "instance_type", "attribute_name", "initial_time"):
+            assert getattr(sent, name) == getattr(found, name)
+        assert [(v.key, v.value) for v in sent.values] == [(v.key, v.value) for v in found.values]
+        assert len(sent.expr.tokens) == len(found.expr.tokens)
+        assert len(sent.ineq.LHS.tokens) == len(found.ineq.LHS.tokens)
+    assert len(received.knowledge) == len(array)
+    return list(zip(received.update_type, received.knowledge))
+
+
+def test_bytes_that_end_too_early_are_no_request():
+    buffer = io.BytesIO()
+    UpdateArrayRequest([0, 1], [Sender(3).item(), KnowledgeItem(attribute_name="a" * 9)]).serialize(buffer)
+    for length in range(0, len(buffer.getvalue()) - 1, 7):
+        with pytest.raises(genpy.DeserializationError):
+            UpdateArrayRequest().deserialize(buffer.getvalue()[:length])
+
+
 def send(store, updates, array):
     before = everything(store)
     try:
@@ -197,8 +224,8 @@ def send(store, updates, array):
 
 @pytest.mark.parametrize("strict", [True, False])
 def test_updates_count_wholly_or_not_at_all(strict):
-    accepted = sum(bombard(seed, strict) for seed in range(400))
-    assert 400 < accepted < 4000  # of 10 arrays in each run
+    accepted = sum(bombard(seed, strict) for seed in range(250))
+    assert 250 < accepted < 2500  # of 10 arrays in each run
 
 
 def bombard(seed, strict):
@@ -212,13 +239,16 @@ def bombard(seed, strict):
     for _ in range(10):
         now[0] += 10_000_000_000
         store.fire_due()
-        array = sender.array()
+        array = over_the_wire(sender.array())
         accepted += send(store, updates, array)
         for _, message in array:
             with contextlib.suppress(KnowledgeError):
                 store.query([reader.query(message, store.objects)])
     check_indexes(store)
-    StoredItems(store.facts(), writer)
+    buffer = io.BytesIO()
+    StoredItems(store.facts(), writer).serialize(buffer)
+    found = GetAttributeServiceResponse().deserialize(buffer.getvalue()).attributes
+    assert found == [writer.item(row) for row in store.facts()]
     for row in (*store.facts(), *store.values()):
         writer.item(row)
     goals = [writer.goal(goal) for goal in store.goals()]
@@ -237,7 +267,7 @@ def bombard(seed, strict):
 
 
 def test_effects_count_wholly_or_not_at_all():
-    for seed in range(600):
+    for seed in range(400):
         sender = Sender(seed)
         store = KnowledgeStore(DOMAIN, clock=lambda: 0)
         store.load_problem(parse_problem(PROBLEM_TEXT, DOMAIN))

@@ -1,12 +1,12 @@
 """The knowledge base: ROSPlan's services and topics over the store."""
 
 import os
-from typing import Any, List, Optional, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ApplyEffectsResponse
-from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
+from rosplan_knowledge_msgs.msg import StatusUpdate
 from rosplan_knowledge_msgs.srv import (
     KnowledgeUpdateService,
     KnowledgeUpdateServiceArray,
@@ -35,6 +35,7 @@ from merlin_rosplan.state_services import StateServices
 from merlin_rosplan.timed_knowledge import TimedKnowledge
 from merlin_rosplan.transaction import Change
 from merlin_rosplan.update_messages import UpdateReader
+from merlin_rosplan.wire_items import AnyItem, UpdateArray
 
 _ONLY_PDDL = "only PDDL domains (.pddl) are known, no PPDDL, RDDL or HDDL"
 
@@ -74,7 +75,7 @@ class KnowledgeBase(Component):
         DomainServices(self, self.domain, self.store.sensed)
         StateServices(self, self.store)
         self.service("update", KnowledgeUpdateService, self._update)
-        self.service("update_array", KnowledgeUpdateServiceArray, self._update_array)
+        self.service("update_array", UpdateArray, self._update_array)
         self.service("clear", Empty, self._clear)
         self.service("update_constraints_oneof", KnowledgeUpdateServiceArray, self._oneof)
         self.service("update_sensed_predicates", SetNamedBool, self._sensed)
@@ -154,7 +155,7 @@ class KnowledgeBase(Component):
             self._status.publish(StatusUpdate(client, rospy.get_rostime()))
         return KnowledgeUpdateServiceArrayResponse(success)
 
-    def _apply(self, service: str, kinds: List[int], items: List[KnowledgeItem], client: str) -> bool:
+    def _apply(self, service: str, kinds: List[int], items: Sequence[AnyItem], client: str) -> bool:
         """All of the updates, or none of them."""
         if len(kinds) != len(items) and self.strict:
             self._refused(service, client, f"{len(kinds)} update types for {len(items)} items")

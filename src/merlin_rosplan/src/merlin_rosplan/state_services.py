@@ -22,8 +22,9 @@ from rosplan_knowledge_msgs.srv import (
 from merlin_rosplan.component import Component
 from merlin_rosplan.knowledge import Fact
 from merlin_rosplan.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter, StoredItems
+from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.knowledge_store import KnowledgeStore
+from merlin_rosplan.wire_items import StoredItems
 
 
 class StateServices:
