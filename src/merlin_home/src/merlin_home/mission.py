@@ -13,6 +13,9 @@ from .trajectory import Trajectory
 CLOCK_TICK = 0.05
 """By how much the clocks of two nodes may differ in a simulation, s: they learn of the time by messages."""
 
+BRAKING = 1.0
+"""Time after the next task's first action in which a standstill still belongs to the task before, s."""
+
 
 class Outcome(Protocol):
     """How a request ended."""
@@ -182,11 +185,17 @@ class Mission:
                 record.speaking += span
 
     def measure_stops(self) -> None:
-        """Fills in when the robot stood still; call it when the last stop is in the trajectory."""
+        """Fills in when the robot stood still; call it when the last stop is in the trajectory.
+
+        A robot that is sent on before it stands has no such moment.
+        """
         for index, record in enumerate(self.records):
             assert self.start is not None
             since = record.idle if record.cancel_sent is None else record.cancel_sent
-            until = self.records[index + 1].idle if index + 1 < len(self.records) else float("inf")
+            until = float("inf")
+            if index + 1 < len(self.records):
+                following = self.records[index + 1]
+                until = (following.first_dispatch or following.idle) + BRAKING
             stopped = self._robot.trajectory.standstill_after(self.start + since)
             if stopped is not None and stopped - self.start <= until:
                 record.robot_stopped = stopped - self.start
