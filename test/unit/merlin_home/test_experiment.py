@@ -8,6 +8,7 @@ import pytest
 
 from merlin_home.experiment.command_line import parse, planned
 from merlin_home.experiment.experiment_runner import ExperimentRunner, duration_text
+from merlin_home.experiment.publication import publish
 from merlin_home.experiment.report import write_report
 from merlin_home.experiment.run_plan import Run, check_runs, main_runs, sweep_runs
 from merlin_home.experiment.run_table import collect, finished, read_table, write_joined
@@ -29,16 +30,11 @@ def test_pairs_run_the_same_list() -> None:
 
 def test_every_run_has_a_folder_of_its_own() -> None:
     both = ["naive", "merlin"]
-    runs = (
-        main_runs([1, 2, 3], both, {1: 5, 2: 5, 3: 1}, 1, 5.0)
-        + check_runs(both, 1)
-        + sweep_runs(both, 3, 1, 5.0)
-    )
-    names = {run.name for run in runs}
+    runs = main_runs([1, 2, 3], both, {1: 5, 2: 5, 3: 1}, 1, 5.0)
+    runs += check_runs(both, 1) + sweep_runs(both, 3, 1, 5.0)
+    settings = {(r.mission, r.approach, r.seed, r.factor, r.cancel_after, r.share, r.killed_in) for r in runs}
     # The sweeps pass through the main settings; these runs are shared, not repeated.
-    assert len(names) == len(
-        {(r.mission, r.approach, r.seed, r.factor, r.cancel_after, r.share) for r in runs}
-    )
+    assert len({run.name for run in runs}) == len(settings) < len(runs)
 
 
 def test_the_command_line_narrows() -> None:
@@ -168,6 +164,10 @@ def test_the_report_says_what_the_tables_say(tmp_path: Path) -> None:
         assert f"(figures/{figure}.png)" in report
         assert (tmp_path / "figures" / f"{figure}.png").stat().st_size > 1000
     assert "checked at factor 1" in report and "Early cancels" in report
+    page = publish(tmp_path, tmp_path / "docs")[0].read_text()
+    assert "(experiment/times.png)" in page
+    assert {path.name for path in (tmp_path / "docs" / "experiment").iterdir()} >= {"runs.csv", "times.png"}
+    assert cells(report, "Navigation killed in mid-mission")[0]["tasks as listed"] == "6 of 6"
 
 
 def test_tasks_not_as_listed_are_in_the_report(tmp_path: Path) -> None:

@@ -181,7 +181,11 @@ def main() -> int:
             lambda name, default: rospy.get_param(f"~{name}", default),
             rospy.get_param("world/points_of_interest", {}),
         )
+        settings.results.mkdir(parents=True, exist_ok=True)
     except SettingsError as error:
         print(f"mission: {error}", file=sys.stderr)
+        return EXIT_STOPPED
+    except OSError as error:
+        print(f"mission: no folder for the results: {error}; give another one, results:=…", file=sys.stderr)
         return EXIT_STOPPED
     return MissionNode(settings).run()

@@ -173,9 +173,10 @@ class ActionServer:
             subscriber.unregister()
         for goal in self.goals():
             goal.abort(text="the action server shuts down")
-        self._stopped.set()
-        for publisher in self._publishers:
-            publisher.unregister()
+        with self.lock:
+            self._stopped.set()
+            for publisher in self._publishers:
+                publisher.unregister()
 
     def goals(self) -> List[ServerGoal]:
         """The goals that have not ended, oldest first."""

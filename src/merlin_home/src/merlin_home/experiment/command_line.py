@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import List, Optional
 
 from .experiment_runner import ExperimentInterrupted, ExperimentRunner, raise_on_terminate, say
+from .publication import publish
 from .report import write_report
 from .run_plan import APPROACHES, DEFAULT_RUNS, Run, check_runs, main_runs, sweep_runs
 from .run_table import collect, write_joined
@@ -30,6 +31,7 @@ def parse(words: Optional[List[str]] = None) -> argparse.Namespace:
     parser.add_argument("--record", action="store_true", help="a bag of each run")
     parser.add_argument("--results", type=Path, default=Path("results/experiment"))
     parser.add_argument("--report-only", action="store_true", help="no runs: report on what there is")
+    parser.add_argument("--docs", type=Path, help="also copy report, figures and runs.csv into this folder")
     arguments = parser.parse_args(words)
     if arguments.runs is not None and arguments.runs < 1:
         parser.error(f"--runs {arguments.runs}: give 1 or more")
@@ -72,6 +74,8 @@ def main() -> int:
     paths = write_joined(results, run_rows, task_rows)
     command = " ".join(["rosrun merlin_home experiment", *sys.argv[1:]])
     paths.append(write_report(results, runs, run_rows, task_rows, command))
+    if arguments.docs:
+        paths += publish(results, arguments.docs.absolute())
     for path in paths:
         say(f"written: {path}")
     for run in failed:

@@ -21,7 +21,7 @@ from .paper_results import DISTANCE, TIME, paper_ratio
 from .report_figures import figures_section
 from .run_plan import APPROACHES, Run
 from .run_table import Row
-from .sensitivity import check_section, early_cancel_section, sweep_section
+from .sensitivity import check_section, early_cancel_section, killed_section, sweep_section
 from .statistics import Ratio
 
 EFFICIENCY_GOAL = 0.95
@@ -56,6 +56,7 @@ def write_report(
         sweep_section(results, everything, "cancel_after", "cancel_after", "cancel time (s)"),
         sweep_section(results, everything, "share", "marked_share", "share of cancelled tasks"),
         early_cancel_section(everything),
+        killed_section(everything),
     ]
     path = results / "report.md"
     path.write_text("\n\n".join(filter(None, parts)) + "\n")
@@ -78,7 +79,12 @@ after its first action was dispatched, for a second after every other dispatch, 
 cancel until the Executor is idle). All times are simulated seconds. Time and distance of a mission are sums
 over its tasks, each from its sending until the Executor is idle; positions are ground truth.
 
-Naive is ROSPlan's real behaviour: the action runs to its natural end, then the cancel is read."""
+Naive is ROSPlan's real behaviour: the action runs to its natural end, then the cancel is read.
+
+The oracle is what the best possible robot takes for each task from the pose in which it was sent: turning to
+the shortest path while setting off, driving along it at the limits of speed and acceleration, and the true
+length of the question; at most the cancel time for a marked task. Nothing else takes time, and no robot can
+be faster."""
 
 
 def _table_1(analysis: Analysis) -> str:

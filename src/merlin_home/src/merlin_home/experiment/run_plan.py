@@ -17,6 +17,9 @@ CHECK_PAIRS = {1: 3, 2: 1}
 AT_ONCE, WHILE_PLANNING = 0.001, 0.03
 """Cancel times of two more arms, s: before the Executor has begun, and before it dispatches."""
 
+KILLED_IN = 2
+"""Task in which navigation is killed, in the arm that does so."""
+
 
 @dataclass(frozen=True)
 class Run:
@@ -31,6 +34,7 @@ class Run:
         policy: of the factor.
         cancel_after: s of ROS time.
         share: of the tasks that are cancelled.
+        killed_in: task in which navigation is killed; 0: none.
     """
 
     set: str
@@ -41,6 +45,7 @@ class Run:
     policy: str = "adaptive"
     cancel_after: float = 10.0
     share: float = 0.5
+    killed_in: int = 0
 
     @property
     def tasks(self) -> int:
@@ -53,6 +58,7 @@ class Run:
         return (
             f"m{self.mission}_{self.approach}_seed{self.seed}_cancel{self.cancel_after:g}"
             f"_share{round(self.share * self.tasks)}of{self.tasks}_rtf{self.factor:g}_{self.policy}"
+            + (f"_killed{self.killed_in}" if self.killed_in else "")
         )
 
     def words(self) -> List[str]:
@@ -65,6 +71,7 @@ class Run:
             "rtf_policy": self.policy,
             "cancel_after": self.cancel_after,
             "marked_share": repr(self.share),
+            "kill_navigation": self.killed_in,
         }
         return [f"{name}:={value}" for name, value in values.items()]
 
@@ -100,13 +107,18 @@ def check_runs(approaches: Sequence[str], seed: int) -> List[Run]:
 
 
 def sweep_runs(approaches: Sequence[str], pairs: int, seed: int, factor: float) -> List[Run]:
-    """Mission 1 with other cancel times, other shares of cancelled tasks, and very early cancels."""
+    """Mission 1 with other cancel times and shares, very early cancels, and a navigation that dies."""
     variants: List[Tuple[str, float, float]] = [("cancel_after", time, 0.5) for time in CANCEL_TIMES]
     variants += [("share", 10.0, share) for share in SHARES]
     variants += [("at_once", AT_ONCE, 0.5), ("while_planning", WHILE_PLANNING, 0.5)]
-    return [
+    runs = [
         Run(name, 1, approach, seed + index, factor, cancel_after=time, share=share)
         for name, time, share in variants
+        for index in range(pairs)
+        for approach in approaches
+    ]
+    return runs + [
+        Run("navigation_killed", 1, approach, seed + index, factor, killed_in=KILLED_IN)
         for index in range(pairs)
         for approach in approaches
     ]

@@ -6,7 +6,7 @@ from typing import Dict, List, Tuple
 from . import figures
 from .analysis import Analysis
 from .markdown import APPROACH_NAMES, number, ratio_cell, section, table
-from .run_plan import APPROACHES
+from .run_plan import APPROACHES, KILLED_IN
 from .statistics import Ratio
 
 
@@ -57,6 +57,31 @@ def sweep_section(results: Path, analysis: Analysis, name: str, column: str, lab
     figures.draw_sweep(results / "figures" / f"{name}.png", points, oracle, label)
     listed = table(f"{label} | pairs | time | distance | oracle / Naive, time", rows)
     return section(f"Sensitivity to the {label}", f"![{label}](figures/{name}.png)", listed)
+
+
+def killed_section(analysis: Analysis) -> str:
+    """What a navigation that dies in mid-mission and is started again costs."""
+    rows = []
+    for run in analysis.only(set="navigation_killed").runs:
+        key = {name: run[name] for name in ("mission", "approach", "seed")}
+        sound = next(iter(analysis.only(set="main", **key).runs), None)
+        tasks = analysis.only(set="navigation_killed", **key).tasks
+        hit = next((task for task in tasks if task["task"] == KILLED_IN), None)
+        if hit is not None:
+            rows.append(
+                [
+                    *(APPROACH_NAMES[run["approach"]], int(run["seed"])),
+                    *(f"{run['right']:.0f} of {run['tasks']:.0f}", hit["outcome"], int(hit["replans"] or 0)),
+                    *(number(hit["time_s"], 1), number(run["time_s"], 1)),
+                    number(sound["time_s"] if sound else None, 1),
+                ]
+            )
+    header = (
+        "approach | seed | tasks as listed | outcome of the task | its replans | its time s | mission s "
+        "| without the crash"
+    )
+    method = f"Navigation gets SIGKILL 5 s into task {KILLED_IN} and is started again by its launch file."
+    return section("Navigation killed in mid-mission", method, table(header, rows)) if rows else ""
 
 
 def early_cancel_section(analysis: Analysis) -> str:
