@@ -27,9 +27,14 @@ class Times(unittest.TestCase):
         cls.knowledge = knowledge_client()
         cls.parse = ServiceProxy("/rosplan_parsing_interface/parse_plan_from_file", ParsingService)
         cls.dispatch = ServiceProxy(f"{DISPATCHER}/dispatch_plan", DispatchService)
+        cls.strict = ServiceProxy("/strict_dispatcher/dispatch_plan", DispatchService)
         cls.changed = threading.Condition()
         cls.statuses = []
-        cls.subscriber = rospy.Subscriber(f"{DISPATCHER}/dispatch_status", DispatchStatus, cls.note)
+        cls.subscribers = [
+            rospy.Subscriber(f"{dispatcher}/dispatch_status", DispatchStatus, cls.note)
+            for dispatcher in (DISPATCHER, "/strict_dispatcher")
+        ]
+        assert cls.strict.wait(LONG)
         assert cls.dispatch.wait(LONG) and cls.parse.wait(LONG) and cls.knowledge.wait(LONG)
 
     @classmethod
@@ -44,7 +49,6 @@ class Times(unittest.TestCase):
             cls.changed.notify_all()
 
     def setUp(self):
-        rospy.set_param(f"{DISPATCHER}/timeout_actions", False)
         self.knowledge.update(
             [Update(ADD, function_value("battery", ["ann"], 50.0)), Update(ADD, fact("powered"))]
             + [Update(REMOVE, fact("painted", ""))]
@@ -57,13 +61,13 @@ class Times(unittest.TestCase):
             seen = self.changed.wait_for(lambda: any(predicate(s) for s in self.statuses), LONG)
             self.assertTrue(seen, self.statuses)
 
-    def start(self, *lines):
+    def start(self, *lines, dispatch=None):
         with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
             file.write("".join(f"{line}\n" for line in lines))
             file.flush()
             self.assertTrue(self.parse(plan_path=file.name).plan_parsed)
         answers = []
-        thread = threading.Thread(target=lambda: answers.append(self.dispatch()), daemon=True)
+        thread = threading.Thread(target=lambda: answers.append((dispatch or self.dispatch)()), daemon=True)
         thread.start()
 
         def result():
@@ -97,8 +101,7 @@ class Times(unittest.TestCase):
         self.assertTrue(self.knowledge.query([fact("painted", "leg")])[0])
 
     def test_with_bounds_an_action_that_takes_too_long_ends_the_plan(self):
-        rospy.set_param(f"{DISPATCHER}/timeout_actions", True)
-        result = self.start("0.0: (paint ann leg) [2.0]")
+        result = self.start("0.0: (paint ann leg) [2.0]", dispatch=self.strict)
         self.wait(self.running)
         self.tick(5.0)  # the graph allows 2 s and a tenth, the action takes 8 s
         self.assertFalse(result().success)

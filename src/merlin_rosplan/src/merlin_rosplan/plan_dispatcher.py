@@ -73,6 +73,7 @@ class PlanDispatcher(Component):
             over_all_grace=self.number("over_all_grace", 1.0, 0.0),
             settle=self.number("settle_time", 2.0, 0.0),
         )
+        self._allow_redispatch = bool(self.param("allow_redispatch", False))
         self._knowledge = PlanKnowledge(self.knowledge_base)
         self._topics = DispatchTopics(
             self, self._knowledge, self.publishes_feedback, self._tick, self._forward, self.progressed
@@ -217,7 +218,7 @@ class PlanDispatcher(Component):
             self._state.wait_for(lambda: self._fresh or self.closed, timeout=IN_FLIGHT)
             if self._plan is None:
                 raise PlanError(f"there is no plan: nothing was received on {self._plan_topic}")
-            if not self._fresh and not self.param("allow_redispatch", False):
+            if not self._fresh and not self._allow_redispatch:
                 raise PlanError("there is no new plan: the last one was dispatched already")
             self._fresh = False
             return self._plan
@@ -302,7 +303,10 @@ class EsterelPlanDispatcher(PlanDispatcher):
 
     def __init__(self, scope: str = SCOPE) -> None:
         self._drawer: Optional[PlanGraphDrawer] = None  # plans may arrive before the rest is there
+        self._bounds, self._fraction = False, 0.0
         super().__init__(scope)
+        self._bounds = bool(self.param("timeout_actions", False))
+        self._fraction = self.number("action_timeout_fraction", 0.0, 0.0)
         self._drawer = self.own(
             PlanGraphDrawer(
                 self.resolve(str(self.param("plan_graph_topic", "plan_graph"))),
@@ -320,8 +324,8 @@ class EsterelPlanDispatcher(PlanDispatcher):
         schedule = GraphSchedule(
             graph,
             [planned_action(message) for message in messages],
-            bool(self.param("timeout_actions", False)),
-            self.number("action_timeout_fraction", 0.0, 0.0),
+            self._bounds,
+            self._fraction,
         )
         if self._drawer is not None:
             self._drawer.show(graph, messages, schedule)
