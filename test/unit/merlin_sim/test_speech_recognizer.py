@@ -30,7 +30,7 @@ def test_what_the_grammar_allows_is_understood(recognizer, synthesizer, text, vo
     assert 0.5 <= said.confidence <= 1.0
 
 
-@pytest.mark.parametrize("text", ["the weather is nice today", "call the police", "my name is john"])
+@pytest.mark.parametrize("text", ["the weather is nice today", "i have a big dog at home", "seven"])
 def test_other_sentences_are_rejected(recognizer, synthesizer, text):
     assert recognizer.understand(synthesizer.say(text).samples).text == ""
 
