@@ -5,18 +5,21 @@ RTF ?= 3
 SEED ?= 1
 MISSION ?= 1
 APPROACH ?= merlin
+CYCLES ?= 10000
 CANCEL_AFTER ?= 10
 RECORD ?= false
 
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo test lint bench clean
+.PHONY: help build demo experiment test lint bench soak clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD=)"
+	@echo "make experiment   Missions 1, 2, 3, naive and MERLIN, and a report (MISSION= APPROACH= RUNS= SEED= RTF= SWEEPS= CHECK=1)"
 	@echo "make test   all tests"
 	@echo "make bench  benchmarks"
+	@echo "make soak   10 000 cancels and interruptions (CYCLES= RTF=)"
 	@echo "make lint   ruff, catkin_lint, roslaunch-check"
 	@echo "make build  only what the others need"
 
@@ -27,11 +30,21 @@ demo: build
 	@$(RUN) home.launch mission:=$(MISSION) approach:=$(APPROACH) seed:=$(SEED) rtf:=$(RTF) \
 	  cancel_after:=$(CANCEL_AFTER) record:=$(RECORD) results:=$(CURDIR)/results/demo
 
+# Only what was given narrows the experiment; the defaults above are those of the demo.
+given = $(if $(filter-out file default undefined,$(origin $(1))),--$(2) $($(1)))
+experiment: build
+	@$(IN) rosrun merlin_home experiment $(call given,MISSION,mission) $(call given,APPROACH,approach) \
+	  $(call given,RUNS,runs) $(call given,SEED,seed) $(call given,RTF,rtf) $(call given,SWEEPS,sweeps) \
+	  $(if $(CHECK),--check) $(if $(filter true,$(RECORD)),--record) --results $(CURDIR)/results/experiment
+
 test: build
 	@$(IN) python -m pytest test
 
 bench: build
 	@$(IN) python bench/run.py
+
+soak: build
+	@CYCLES=$(CYCLES) RTF=$(RTF) $(IN) python bench/run.py cancel
 
 lint: build
 	@$(IN) tools/lint.sh

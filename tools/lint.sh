@@ -6,8 +6,13 @@ status=0
 ruff check . || status=1
 ruff format --check . || status=1
 catkin_lint -q -W2 --strict src || status=1
+# launch/ is linked into the package merlin; roslaunch-check follows links and then finds no package, so it gets a
+# copy of the package as it would be installed.
+copy=$(mktemp -d)   # and no workspace is named, because catkin would lead back to the link
+trap 'rm -rf "$copy"' EXIT
+cp -rL src/merlin "$copy/merlin"
 while IFS= read -r file; do
-  rosrun roslaunch roslaunch-check "$file" >/tmp/merlin_lint.$$ 2>&1 || { echo "$file:"; cat /tmp/merlin_lint.$$; status=1; }
-done < <(find launch src/underlay -name '*.launch' | sort)
-rm -f /tmp/merlin_lint.$$
+  CMAKE_PREFIX_PATH="" ROS_HOME=$copy/ros ROS_PACKAGE_PATH=$copy:$ROS_PACKAGE_PATH rosrun roslaunch roslaunch-check -i "$file" \
+    >"$copy/report" 2>&1 || { echo "${file#"$copy/"}:"; cat "$copy/report"; status=1; }
+done < <(find "$copy/merlin/launch" src/underlay -name '*.launch' | sort)
 exit $status

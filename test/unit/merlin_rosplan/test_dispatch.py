@@ -260,13 +260,23 @@ def test_a_missing_interface_is_named(world):
 
 
 def test_a_dead_interface_is_noticed_while_its_action_runs(world):
-    world.silences["work"] = 0.5
-    run = Run(world, SequentialSchedule(actions("work")), liveness=5.0)
+    world.silences["work"] = 0.01
+    run = Run(world, SequentialSchedule(actions("work")), liveness=0.05)
     world.wait("action", 0)
     run.feedback(0, FeedbackStatus.ENABLED)
     world.silences["work"] = 6.0
     report = run.report()
     assert "the action interface of work is gone" in report.reason
+
+
+def test_an_interface_that_comes_back_and_takes_the_action_is_alive(world):
+    world.silences["work"] = 100.0  # until its first announcement arrives
+    run = Run(world, SequentialSchedule(actions("work")), liveness=LONG)
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.dispatch.put(KnowledgeChanged())
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
 
 
 def test_a_living_interface_may_take_its_time(world):
@@ -395,3 +405,24 @@ def test_an_answer_in_the_middle_of_sending_is_not_lost(world):
     holder.append(Run(world, SequentialSchedule(actions(*["work"] * 50))))
     dispatch_ready.set()
     assert holder[0].report().steps_done == 50
+
+
+def test_a_parallel_action_waits_for_the_start_effects_it_builds_on(world):
+    world.facts = {Atom("safe", ("o1",))}
+    run = Run(world, parallel(["work", "guarded"]), settle=LONG)
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    world.wait_answers(2)
+    world.facts = {Atom("safe", ("o1",)), Atom("free", ("o1",))}  # what the interface of work has applied
+    run.dispatch.put(KnowledgeChanged())
+    world.wait("action", 1)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    run.feedback(1, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_a_parallel_action_whose_condition_stays_false_is_refused(world):
+    run = Run(world, parallel(["work", "guarded"]), settle=0.05, cancel=0.05)
+    world.wait("action", 0)
+    report = run.report()
+    assert report.state == DispatchState.FAILED and "(guarded o1) cannot start" in report.reason

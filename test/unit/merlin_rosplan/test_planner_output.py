@@ -114,7 +114,7 @@ LPG_FILE = """\
 ; MetricValue 30.00
 
 0.0003:   (NAVIGATE ANYWHERE KITCHEN) [25.0000]
-25.0005:   (ASK KITCHEN) [5.0000]
+25.0005:   (ASK KITCHEN) [5.0000])
 """
 
 KAIROS_JSON = (
@@ -174,7 +174,7 @@ def test_a_plan_that_was_cut_off_leaves_the_one_before():
 @pytest.mark.parametrize(
     "files",
     [
-        [("lpgplan.SOL", LPG_FILE)],
+        [("lpgplan_2.SOL", LPG_FILE), ("lpgplan_1.SOL", LPG_FILE[:-40])],
         [("sas_plan", "(navigate anywhere kitchen)\n(ask kitchen)\n; cost = 30 (general cost)\n")],
         [
             ("sas_plan.2", "(navigate anywhere kitchen)\n(ask kitchen)\n; cost = 2\n"),
@@ -208,7 +208,14 @@ def test_an_empty_plan_is_a_plan(output):
 
 
 @pytest.mark.parametrize(
-    "output", ["", "Segmentation fault\n", ";; Problem unsolvable!\n", "best first search space empty!\n"]
+    "output",
+    [
+        "",
+        "Segmentation fault\n",
+        ";; Problem unsolvable!\n",
+        "best first search space empty!\n",
+        "[t=0.1s, 9 KB] Actual search time: 0.0s\n[t=0.1s, 9 KB] Expanded 0\n",
+    ],
 )
 def test_nothing_is_no_plan(output):
     assert candidate_plans(output) == []
@@ -239,7 +246,28 @@ def test_nothing_is_no_plan(output):
             PlannerState.UNSOLVABLE,
             "explored",
         ),
+        (
+            "[t=0.004s, 9 KB] Search terminated -- no plan exists!\n[t=0.1s, 9 KB] Actual search time: 0s\n",
+            11,
+            "fast-downward.py",
+            PlannerState.UNSOLVABLE,
+            "Search terminated -- no plan exists!",
+        ),
+        (
+            "The problem is unsolvable since at the fixpoint level the goals are mutex or not reachable\n",
+            0,
+            "lpg",
+            PlannerState.UNSOLVABLE,
+            "fixpoint",
+        ),
         ("", 11, "fast-downward.py", PlannerState.UNSOLVABLE, "proved"),
+        (
+            "Error in requirements.\nReason: Invalid requirement. Got: :numeric-fluents\nExpected: :strips\n",
+            31,
+            "fast-downward.py",
+            PlannerState.INVALID,
+            "Invalid requirement. Got: :numeric-fluents",
+        ),
         ("", 23, "fast-downward", PlannerState.TIMEOUT, "time"),
         ("", 22, "fast-downward", PlannerState.CRASHED, "memory"),
         (

@@ -1,4 +1,4 @@
-"""Defects D1 to D9 and D11: definitions are checked where they are made, and share nothing with the caller."""
+"""Defects D1 to D9 and D11: definitions are checked where they are made, and share nothing with others."""
 
 import threading
 
@@ -114,23 +114,21 @@ def test_d6_concurrence_refuses_an_unregistered_outcome_of_a_child(kit):
 
 
 def test_d7_threads_build_at_the_same_time_without_mixing(kit):
-    opened, go_on = threading.Event(), threading.Event()
-    slow = smach.StateMachine(["done"])
+    machines = {name: smach.StateMachine(["done"]) for name in ("A", "B")}
+    both_open, both_added = threading.Barrier(2, timeout=10.0), threading.Barrier(2, timeout=10.0)
 
-    def build_slowly():
-        with slow:
-            opened.set()
-            assert go_on.wait(10.0)
-            smach.StateMachine.add("SLOW", kit.Done())
+    def build(name):
+        # With one lock for all this would hang; with one stack for all both would add to the same machine.
+        with machines[name]:
+            both_open.wait()
+            smach.StateMachine.add(name, kit.Done())
+            both_added.wait()
 
-    thread = threading.Thread(target=build_slowly, daemon=True)
-    thread.start()
-    assert opened.wait(10.0)
-    # With one lock for all this would hang, without any it would add to the other machine.
-    quick = in_thread(lambda: kit.machine(kit.Done()))
-    go_on.set()
-    thread.join(10.0)
-    assert list(quick.get_children()) == ["S0"] and list(slow.get_children()) == ["SLOW"]
+    other = threading.Thread(target=build, args=("B",), daemon=True)
+    other.start()
+    build("A")
+    other.join(10.0)
+    assert {name: list(sm.get_children()) for name, sm in machines.items()} == {"A": ["A"], "B": ["B"]}
 
 
 def test_d9_set_initial_state_of_concurrence_and_iterator(kit):

@@ -197,6 +197,35 @@ def test_p8_child_preempted_by_the_termination_callback_as_it_ends_starts_clean(
     assert first.outcomes == ["done", "done"]
 
 
+def test_p8_request_on_its_way_to_a_state_that_ends_goes_on_to_the_next(kit):
+    on_its_way = threading.Event()
+
+    class Slow(smach.State):
+        """Ends while a request is still on its way to it."""
+
+        def __init__(self):
+            smach.State.__init__(self, outcomes=["done"])
+
+        def request_preempt(self):
+            on_its_way.set()
+            threading.Event().wait(0.1)
+            smach.State.request_preempt(self)
+
+        def execute(self, ud):
+            started.set()
+            assert on_its_way.wait(kit.LIMIT)
+            return "done"
+
+    started, after = threading.Event(), kit.Checking()
+    sm = kit.machine(Slow(), after)
+    run = kit.Running(sm)
+    assert started.wait(kit.LIMIT)
+    sm.request_preempt()
+    assert run.end() == "preempted"
+    assert after.outcomes == ["preempted"]
+    assert not any(flags(sm))
+
+
 def test_request_made_from_within_the_state_reaches_it(kit):
     sm = smach.StateMachine(["preempted", "done"])
 

@@ -202,6 +202,25 @@ def test_u6_keys_that_a_run_brought_about_are_gone_in_the_next(kit):
     assert seen[-1] == ["count", "preset", "result"]
 
 
+def test_u6_key_that_another_thread_sets_during_a_run_is_there_in_the_next(kit):
+    seen = []
+    sm = smach.StateMachine(["done"])
+
+    def meanwhile(ud):
+        other = threading.Thread(target=lambda: sm.userdata.update({"order": 5}))
+        other.start()
+        other.join()
+        seen.append(sorted(sm.userdata.keys()))
+        sm.userdata.own = 1
+        return "done"
+
+    with sm:
+        smach.StateMachine.add("A", kit.Calling(meanwhile))
+    sm.execute()
+    sm.execute()
+    assert seen == [["order"], ["order"]]
+
+
 def test_u6_nested_machine_does_not_see_inputs_of_an_earlier_run(kit):
     seen = []
     inner = smach.StateMachine(["done"], input_keys=["x"], output_keys=["y"])

@@ -187,7 +187,7 @@ class LaunchRun:
             if None in codes:
                 return None
             code = max(code for code in codes if code is not None)
-            if code:
+            if code not in (0, EXIT_REFUSED):  # a mission that refused has said why
                 self._say(f"the mission ended with exit code {code}{self._logs()}")
             return code
         node = self._parent.node_of(event.process)

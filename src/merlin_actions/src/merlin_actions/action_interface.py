@@ -33,7 +33,8 @@ from merlin_sm.service_proxy import ServiceError
 
 CANCEL_ACTION = "cancel_action"
 ANNOUNCE_PERIOD = 1.0  # s of wall time between two announcements on pddl_action_parameters
-LATCH_GRACE = 1.0  # s of running time after the start in which a latched dispatch may be an old one
+LATCH_GRACE = 0.3  # s after connecting to a dispatcher in which its latched, perhaps old, message arrives
+CONNECTION_LOOK = 0.02  # s between two looks for that connection, which rospy announces to nobody
 
 
 class ActionInterface:
@@ -73,7 +74,7 @@ class ActionInterface:
     def start(self) -> None:
         """Begins to serve."""
         dispatch_topic, feedback_topic = self._topics
-        self._started = running_time()
+        self._connected: Optional[float] = None
         self._feedback = rospy.Publisher(feedback_topic, ActionFeedback, latch=True, queue_size=10)
         self._announcements = rospy.Publisher(
             f"{self.knowledge.name}/pddl_action_parameters", DomainFormula, latch=True, queue_size=10
@@ -115,7 +116,8 @@ class ActionInterface:
     def _stale(self, dispatch: ActionDispatch) -> bool:
         """Whether a dispatch was latched before this interface began; an old one must not run again."""
         header = getattr(dispatch, "_connection_header", None) or {}
-        young = running_time() - self._started < LATCH_GRACE
+        connected = self._connected
+        young = connected is None or running_time() - connected < LATCH_GRACE
         return header.get("latching") == "1" and young and not self._expected(dispatch)
 
     def _expected(self, dispatch: ActionDispatch) -> bool:
@@ -220,6 +222,12 @@ class ActionInterface:
                 raise
 
     def _announce(self) -> None:
+        # Who announces itself is ready: whatever was latched before has come and gone.
+        while not self._subscriber.get_num_connections():
+            if self._stopped.wait(CONNECTION_LOOK) or rospy.is_shutdown():
+                return
+        self._connected = running_time()
+        self._stopped.wait(LATCH_GRACE)
         # Wall time: a paused simulator must not make an interface look dead.
         while not rospy.is_shutdown():
             self._announcements.publish(self.formula)

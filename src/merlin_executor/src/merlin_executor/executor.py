@@ -45,7 +45,7 @@ class Executor:
         max_replans: int = 3,
     ) -> None:
         self._knowledge = knowledge
-        self._dispatcher = DispatchClient(dispatcher, cancel_deadline, self._publish_status)
+        self._dispatcher = DispatchClient(dispatcher, knowledge.name, cancel_deadline, self._publish_status)
         self._machine = ExecutorSM(knowledge, planning, self._dispatcher, max_replans, self._publish_status)
         self._server = ActionServer("merlin/execute", ExecuteAction, self._receive, self._cancel)
         self._changed = threading.Condition()  # guards the four fields below

@@ -1,13 +1,14 @@
 """The Executor's state machine: a state for every component of the planning system (paper, section 3.2.2)."""
 
 import time
-from typing import Any, Callable, List, Optional
+from typing import Any, Callable, List, Optional, Sequence
 
 import rospy
-import smach
 from merlin_msgs.msg import ExecuteResult
+from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
+import smach
 from merlin_executor.request import Request
 from merlin_sm.dispatch_client import DispatchClient, DispatchResult
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
@@ -121,10 +122,14 @@ class ExecutorSM(MerlinSM):
         stage("GENERATE_PROBLEM", GenerateProblemState(planning), "PLAN")
         stage("PLAN", PlanState(planning), "PARSE_PLAN")
         stage("PARSE_PLAN", ParsePlanState(planning, self._take_plan), "DISPATCH_PLAN")
-        dispatch = DispatchPlanState(dispatcher, self._take_result)
+        dispatch = DispatchPlanState(dispatcher, self._take_result, self._plan)
         stage("DISPATCH_PLAN", dispatch, REMOVE_GOALS, **{FAILED: "REPLAN"})
         stage("REPLAN", _Replan(dispatch, lambda: self.request, max_replans), "GENERATE_PROBLEM")
         self.add(REMOVE_GOALS, _RemoveGoals(self._goals, self.verdict, list(_OUTCOMES)))
+
+    def _plan(self) -> Sequence[ActionDispatch]:
+        assert self.request is not None
+        return self.request.plan
 
     def _take_plan(self, actions: list) -> None:
         assert self.request is not None

@@ -5,6 +5,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import rospy
 from merlin_msgs.msg import ExecutorStatus
+from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
 from merlin_sm.deadline import Deadline
@@ -52,15 +53,15 @@ class ExecutorRobot(MerlinROSPlanAssistant):
         doing: what it does now, for people.
     """
 
-    def __init__(self, trajectory: Trajectory, on_change: Callable[[bool], None]) -> None:
+    def __init__(self, trajectory: Trajectory, on_action: Callable[[], None]) -> None:
         """
         Parameters:
             trajectory: filled by somebody else.
-            on_change: called at every change of the Executor's status, with whether an action runs.
+            on_action: called when an action was dispatched.
         """
         self.trajectory = trajectory
         self.doing = ""
-        self._on_change = on_change
+        self._on_action = on_action
         self._changed = threading.Condition()  # guards the fields below
         self._status: Optional[ExecutorStatus] = None
         self._running: Dict[Tuple[int, int], Tuple[str, float]] = {}
@@ -71,7 +72,7 @@ class ExecutorRobot(MerlinROSPlanAssistant):
         )
 
     def wait_until_ready(self, timeout: float) -> None:
-        """Waits for the Executor and the knowledge base.
+        """Waits for the knowledge base, the Executor, and an action interface for every operator.
 
         Parameters:
             timeout: of each, s of running time.
@@ -83,6 +84,26 @@ class ExecutorRobot(MerlinROSPlanAssistant):
             raise MissionStopped(f"no knowledge base {self.knowledge.name} after {timeout:.0f} s")
         if not self._client.wait_for_executor(timeout):
             raise MissionStopped(f"no Executor on merlin/execute after {timeout:.0f} s")
+        self._wait_for_actions(timeout)
+
+    def _wait_for_actions(self, timeout: float) -> None:
+        missing = set(self.knowledge.operators())
+        announced = threading.Condition()
+
+        def receive(formula: DomainFormula) -> None:
+            with announced:
+                missing.discard(formula.name)
+                announced.notify_all()
+
+        topic = f"{self.knowledge.name}/pddl_action_parameters"
+        subscriber = rospy.Subscriber(topic, DomainFormula, receive)
+        with announced:
+            ready = Deadline(timeout).wait(announced, lambda: not missing)
+        subscriber.unregister()
+        if not ready:
+            raise MissionStopped(
+                f"no action interface for {', '.join(sorted(missing))} after {timeout:.0f} s on {topic}"
+            )
 
     def now(self) -> float:
         """ROS time, s."""
@@ -129,11 +150,13 @@ class ExecutorRobot(MerlinROSPlanAssistant):
             for key in set(self._running) - set(running):
                 operator, begun = self._running[key]
                 self._actions.append((operator, begun, now))
+            started = set(running) - set(self._running)
             self._running = running
             self._status = status
             self.doing = _plain_words(status)
             self._changed.notify_all()
-        self._on_change(bool(running))
+        if started:
+            self._on_action()
 
 
 def _plain_words(status: Any) -> str:

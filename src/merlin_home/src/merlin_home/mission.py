@@ -13,6 +13,9 @@ from .trajectory import Trajectory
 CLOCK_TICK = 0.05
 """By how much the clocks of two nodes may differ in a simulation, s: they learn of the time by messages."""
 
+BRAKING = 1.0
+"""Time after the next task's first action in which a standstill still belongs to the task before, s."""
+
 
 class Outcome(Protocol):
     """How a request ended."""
@@ -66,7 +69,7 @@ class Mission:
     """One run through a list of tasks.
 
     Attributes:
-        records: of the tasks done so far; the last one is the task under way.
+        records: of the tasks done so far, and of the one under way.
         start: ROS time of the first goal, s; the times of the records count from it.
     """
 
@@ -105,7 +108,13 @@ class Mission:
         """
         for task in self._tasks:
             self._robot.forget(task.poi)
-            self._carry_out(task)
+            record = TaskRecord(task)
+            try:
+                self._carry_out(record)
+            except MissionStopped:
+                if record in self.records:
+                    self.records.remove(record)  # half a task is no data
+                raise
         return self.records
 
     def stop(self) -> None:
@@ -115,8 +124,8 @@ class Mission:
             if self._request is not None:
                 self._request.cancel()
 
-    def _carry_out(self, task: Task) -> None:
-        robot, record = self._robot, TaskRecord(task)
+    def _carry_out(self, record: TaskRecord) -> None:
+        robot, task = self._robot, record.task
         here = robot.trajectory.last()
         record.start = [here.x, here.y, here.yaw] if here else None
         sent = robot.now()
@@ -126,7 +135,6 @@ class Mission:
         self.records.append(record)
         with self._lock:
             if self._stopped:
-                self.records.pop()
                 raise MissionStopped("interrupted")
             request = self._request = robot.send(task.poi)
         self._on_change(record)
@@ -143,13 +151,13 @@ class Mission:
                 self._request = None
             for prevent in calls:
                 prevent()
+        if self._stopped:
+            raise MissionStopped("interrupted")
         robot.wait_idle()
         record.idle = robot.now() - self.start
         record.outcome, record.stage = outcome.name, outcome.stage
         record.reason, record.replans = outcome.reason, outcome.replans
         self._measure(record)
-        if self._stopped:
-            raise MissionStopped("interrupted")
         self._on_change(record)
 
     def _cancel(self, record: TaskRecord, request: Request) -> None:
@@ -177,11 +185,17 @@ class Mission:
                 record.speaking += span
 
     def measure_stops(self) -> None:
-        """Fills in when the robot stood still; call it when the last stop is in the trajectory."""
+        """Fills in when the robot stood still; call it when the last stop is in the trajectory.
+
+        A robot that is sent on before it stands has no such moment.
+        """
         for index, record in enumerate(self.records):
             assert self.start is not None
             since = record.idle if record.cancel_sent is None else record.cancel_sent
-            until = self.records[index + 1].idle if index + 1 < len(self.records) else float("inf")
+            until = float("inf")
+            if index + 1 < len(self.records):
+                following = self.records[index + 1]
+                until = (following.first_dispatch or following.idle) + BRAKING
             stopped = self._robot.trajectory.standstill_after(self.start + since)
             if stopped is not None and stopped - self.start <= until:
                 record.robot_stopped = stopped - self.start

@@ -6,9 +6,10 @@ go on, 130 when it was interrupted.
 
 import sys
 import time
-from typing import Optional, Tuple
+from typing import Optional
 
 import rospy
+from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import MissionStatus
 from merlin_msgs.srv import SetRealTimeFactor
 from nav_msgs.msg import OccupancyGrid
@@ -21,13 +22,8 @@ from .executor_robot import ExecutorRobot
 from .ground_truth import GroundTruth, grid_of, receive_one
 from .mission import Mission, MissionStopped
 from .mission_settings import MissionSettings, SettingsError
-from .oracle import Oracle
-from .path_plot import MapPicture, plot_path
-from .progress_view import ProgressView, ended_line, live_line, result_table
+from .progress_view import ProgressView, ended_line, live_line
 from .real_time_factor import CANCEL_AHEAD, RealTimeFactor
-from .result_files import write_run
-from .shortest_path import NoPathError, ShortestPaths
-from .spoken_question import SpeechLengthError, speech_length
 from .task_record import RunRecord, TaskRecord
 from .trajectory import Sample, Trajectory
 from .versions import versions
@@ -35,8 +31,12 @@ from .versions import versions
 EXIT_NOT_AS_LISTED = 1
 EXIT_STOPPED = 2
 EXIT_INTERRUPTED = 130
+SERVERS = ("move_base", "sound_play")
+"""Action servers that the actions of the home use."""
+AFTERWARDS = 0.5
+"""ROS time in which the robot comes to its last standstill, s."""
 SETTLE = 2.0
-"""Wall seconds to wait for the robot's last standstill."""
+"""Wall seconds to wait for that."""
 
 
 class MissionNode:
@@ -47,10 +47,12 @@ class MissionNode:
         self._tasks = settings.make_list()
         self._view = ProgressView()
         self._status = rospy.Publisher("merlin/mission", MissionStatus, latch=True, queue_size=10)
-        self._factor = RealTimeFactor(settings.policy, settings.factor, self._set_factor)
         self._set_factor_service: Optional[ServiceProxy] = None
         self._trajectory = Trajectory()
-        self._robot = ExecutorRobot(self._trajectory, self._executor_changed)
+        self._robot = ExecutorRobot(self._trajectory, lambda: self._factor.action_starts())
+        self._factor = RealTimeFactor(
+            settings.policy, settings.factor, self._set_factor, self._robot.call_after
+        )
         self._mission = Mission(
             self._tasks,
             self._robot,
@@ -90,61 +92,34 @@ class MissionNode:
         self._robot.wait_until_ready(timeout)
         if not self._trajectory.wait_until(0.0, timeout):
             raise MissionStopped(f"nothing on {rospy.resolve_name('ground_truth')} after {timeout:.0f} s")
+        for server in SERVERS:
+            if receive_one(f"{server}/status", GoalStatusArray, timeout) is None:
+                raise MissionStopped(
+                    f"no action server {rospy.resolve_name(server)} after {timeout:.0f} s; is it launched?"
+                )
         grid = receive_one("/map", OccupancyGrid, timeout)
         if grid is None:
             raise MissionStopped(f"no map on /map after {timeout:.0f} s")
         return grid
 
     def _finish(self, run: RunRecord, grid: Optional[OccupancyGrid]) -> None:
-        settings, start = self._settings, self._mission.start
+        # OpenCV and matplotlib take a second to import, which the start of a mission is spared.
+        from .mission_results import MissionResults
+
+        start = self._mission.start
         assert start is not None
         if grid is not None:
-            self._trajectory.wait_until(rospy.get_time() + 0.5, SETTLE)
+            self._trajectory.wait_until(rospy.get_time() + AFTERWARDS, SETTLE)
         self._mission.measure_stops()
+        results = MissionResults(self._settings, run)
         if grid is not None:
-            self._add_oracle(run, grid)
-        paths = write_run(settings.results, run)
-        if grid is not None:
-            paths["path.png"] = settings.results / "path.png"
-            samples = self._trajectory.samples(start)
-            cancelled = {start + record.cancel_sent for record in run.tasks if record.cancel_sent is not None}
-            plot_path(
-                paths["path.png"],
-                MapPicture(*grid_of(grid)),
-                settings.points,
-                [(sample.x, sample.y) for sample in samples],
-                [self._position(moment) for moment in sorted(cancelled)],
-                f"Mission {settings.mission}, {settings.approach}, seed {settings.seed}",
-            )
-        for line in ["", *result_table(run), ""]:
+            results.add_map(*grid_of(grid), self._trajectory.samples(start))
+        for line in results.write():
             self._view.line(line)
-        for path in paths.values():
-            self._view.line(f"written: {path}")
-        ended_well = run.right
-        state = MissionStatus.SUCCEEDED if ended_well else MissionStatus.FAILED
+        state = MissionStatus.SUCCEEDED if run.right else MissionStatus.FAILED
         if run.ended == "interrupted":
             state = MissionStatus.CANCELLED
-        self._publish(state, "every task ended as listed" if ended_well else run.ended)
-
-    def _position(self, moment: float) -> Tuple[float, float]:
-        sample = self._trajectory.samples(end=moment)[-1]
-        return sample.x, sample.y
-
-    def _add_oracle(self, run: RunRecord, grid: OccupancyGrid) -> None:
-        settings = self._settings
-        try:
-            length = settings.speech_length or speech_length()
-            paths = ShortestPaths(*grid_of(grid), settings.limits.radius)
-            oracle = Oracle(paths, settings.limits, length, settings.goal_tolerance)
-            for record in run.tasks:
-                if record.start is None:
-                    continue
-                x, y, yaw = record.start
-                limit = settings.cancel_after if record.task.marked else float("inf")
-                best = oracle.task((x, y), yaw, settings.points[record.task.poi], limit)
-                record.oracle_time, record.oracle_distance = best.time, best.distance
-        except (SpeechLengthError, NoPathError) as error:
-            self._view.line(f"mission: no oracle: {error}")
+        self._publish(state, "every task ended as listed" if run.right else run.ended)
 
     def _headline(self) -> str:
         settings = self._settings
@@ -165,10 +140,6 @@ class MissionNode:
         answer = self._set_factor_service(factor)
         if not answer.success:
             raise MissionStopped(f"the simulator refused real-time factor {factor:g}: {answer.message}")
-
-    def _executor_changed(self, action_runs: bool) -> None:
-        if action_runs:
-            self._factor.action_starts()
 
     def _task_changed(self, record: TaskRecord) -> None:
         count = len(self._tasks)
@@ -210,7 +181,11 @@ def main() -> int:
             lambda name, default: rospy.get_param(f"~{name}", default),
             rospy.get_param("world/points_of_interest", {}),
         )
+        settings.results.mkdir(parents=True, exist_ok=True)
     except SettingsError as error:
         print(f"mission: {error}", file=sys.stderr)
+        return EXIT_STOPPED
+    except OSError as error:
+        print(f"mission: no folder for the results: {error}; give another one, results:=…", file=sys.stderr)
         return EXIT_STOPPED
     return MissionNode(settings).run()

@@ -1,8 +1,10 @@
 """How fast the simulation runs during a mission.
 
-Deliberation takes wall time, so a simulation at factor 5 makes it look five times as long. Under the
-`adaptive` policy the factor is 1 from a goal to its first action and from just before a cancel until the
-Executor is idle, and the requested one otherwise.
+Thinking takes wall time, so a simulation at factor 5 makes it look five times as long. Under the `adaptive`
+policy the factor is 1 whenever the robot waits for software: from a goal until a second after its first
+action was dispatched (the path has been planned by then), for a second after every further dispatch (the
+question has been synthesised), and from a second before a cancel until the Executor is idle. Otherwise it is
+the requested one.
 """
 
 import threading
@@ -11,21 +13,25 @@ from typing import Callable
 POLICIES = ("constant", "adaptive")
 CANCEL_AHEAD = 1.0
 """ROS time before a cancel from which on the factor is 1, s."""
+REACTION = 1.0
+"""ROS time after a dispatch in which the factor is 1, s."""
+
+CallAfter = Callable[[float, Callable[[], None]], Callable[[], None]]
+"""Calls a function after some ROS time (s) in another thread; returns what prevents that."""
 
 
 class RealTimeFactor:
-    """Sets the simulator's factor at the moments of a task.
+    """Sets the simulator's factor at the moments of a task; any thread may tell of them."""
 
-    One thread may call each method; what arrives out of order (an action that starts while the task is
-    already being cancelled) changes nothing.
-    """
-
-    def __init__(self, policy: str, factor: float, set_factor: Callable[[float], None]) -> None:
+    def __init__(
+        self, policy: str, factor: float, set_factor: Callable[[float], None], call_after: CallAfter
+    ) -> None:
         """
         Parameters:
             policy: one of POLICIES.
             factor: simulated seconds per second; 0: as fast as possible.
             set_factor: tells the simulator.
+            call_after: the timer.
 
         Raises:
             ValueError: an unknown policy or a negative factor.
@@ -37,34 +43,52 @@ class RealTimeFactor:
         self._adaptive = policy == "adaptive" and factor != 1.0
         self._factor = factor
         self._set_factor = set_factor
+        self._call_after = call_after
         self._lock = threading.Lock()  # guards the fields below, and the order of calls to the simulator
         self._current = -1.0
-        self._deliberating = False
+        self._moment = 0  # counts what happened; a timer of an earlier moment changes nothing
+        self._ending = False
 
     def mission_starts(self) -> None:
         """Before the first task."""
-        self._change(1.0 if self._adaptive else self._factor, deliberating=True)
+        with self._lock:
+            self._set(1.0 if self._adaptive else self._factor)
 
     def task_starts(self) -> None:
         """Before a goal is sent."""
-        if self._adaptive:
-            self._change(1.0, deliberating=True)
+        self._slow_down(ending=False)
 
     def action_starts(self) -> None:
         """An action was dispatched."""
-        if self._adaptive:
-            self._change(self._factor, deliberating=False, only_when=True)
+        if not self._adaptive:
+            return
+        with self._lock:
+            if self._ending:
+                return  # dispatched while the task is already being cancelled
+            self._moment += 1
+            moment = self._moment
+            self._set(1.0)
+        self._call_after(REACTION, lambda: self._speed_up(moment))
 
     def cancel_is_near(self) -> None:
         """A little before a task is cancelled."""
-        if self._adaptive:
-            self._change(1.0, deliberating=False)
+        self._slow_down(ending=True)
 
-    def _change(self, factor: float, deliberating: bool, only_when: bool = False) -> None:
+    def _slow_down(self, ending: bool) -> None:
+        if not self._adaptive:
+            return
         with self._lock:
-            if only_when and not self._deliberating:
-                return
-            self._deliberating = deliberating
-            if factor != self._current:
-                self._set_factor(factor)
-                self._current = factor
+            self._moment += 1
+            self._ending = ending
+            self._set(1.0)
+
+    def _speed_up(self, moment: int) -> None:
+        with self._lock:
+            if moment == self._moment:
+                self._set(self._factor)
+
+    def _set(self, factor: float) -> None:
+        """With the lock held."""
+        if factor != self._current:
+            self._set_factor(factor)
+            self._current = factor

@@ -2,7 +2,7 @@
 
 from merlin_sim.speech_synthesizer import SoundError, SpeechSynthesizer
 
-QUESTION = "Hello. I came to see if a service is needed here. Do you need something from me?"
+QUESTION = "Hello. I came to ask if you need something. Is there anything I can do?"
 """Always the same, so that its length (about 5 s) adds no spread to the results."""
 
 

@@ -5,8 +5,8 @@ import math
 import threading
 from typing import List, NamedTuple, Optional
 
-STANDSTILL = 0.005
-"""Speed below which the robot counts as standing, m/s (and rad/s)."""
+STANDSTILL = 0.01
+"""Speed below which the robot counts as standing, m/s; it may turn on the spot for its next task by then."""
 
 
 class Sample(NamedTuple):
@@ -21,8 +21,8 @@ class Sample(NamedTuple):
 
     @property
     def standing(self) -> bool:
-        """Whether the robot moves neither forwards nor around."""
-        return abs(self.speed) < STANDSTILL and abs(self.turn_rate) < STANDSTILL
+        """Whether the robot does not drive."""
+        return abs(self.speed) < STANDSTILL
 
 
 class Trajectory:

@@ -5,12 +5,14 @@ private namespace. A :class:`Component` keeps them below ``<namespace>/<scope>/`
 when the scope is the node's own name, and unchanged ones when several components share a process.
 """
 
+import socket
 import sys
 import threading
 from typing import Any, Callable, ClassVar, Dict, List, Optional, Type
 
 import rospy
 import rospy.names
+from rospy.impl import tcpros_base
 
 #: Scope of the knowledge base where nothing else is said.
 KNOWLEDGE_BASE = "rosplan_knowledge_base"
@@ -22,7 +24,16 @@ class ComponentError(Exception):
     """A component cannot start; the text says what is wrong and what to do about it."""
 
 
-class Component:
+class _ComponentType(type):
+    """Notes that a component is complete: what its `on_shutdown` ends exists only then."""
+
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        component = super().__call__(*args, **kwargs)
+        component._complete = True
+        return component
+
+
+class Component(metaclass=_ComponentType):
     """Base of all parts of the planning system.
 
     Parameters
@@ -41,6 +52,7 @@ class Component:
         self.scope: str = rospy.resolve_name(scope)
         self._handles: List[Any] = []
         self._closed = threading.Event()
+        self._complete = False
         with Component._running_lock:
             if self.scope in Component._running:
                 raise ComponentError(f"two components of this process have the scope {self.scope}")
@@ -106,7 +118,9 @@ class Component:
 
     def service(self, name: str, service_class: Type[Any], callback: Callable[[Any], Any]) -> rospy.Service:
         """Offers a service; its callback raises ``rospy.ServiceException`` to make the call fail."""
-        return self.own(rospy.Service(self.resolve(name), service_class, callback))
+        service = self.own(rospy.Service(self.resolve(name), service_class, callback))
+        _send_at_once()
+        return service
 
     def publisher(
         self, name: str, message_class: Type[Any], queue_size: int = 100, latch: bool = False
@@ -143,7 +157,10 @@ class Component:
         return self._closed.is_set()
 
     def on_shutdown(self) -> None:
-        """For subclasses: wakes and joins their threads, closes what they hold. Called once."""
+        """For subclasses: wakes and joins their threads, closes what they hold. Called once at most.
+
+        A component that could not start is not asked; what it gave to :meth:`own` is ended all the same.
+        """
 
     def shutdown(self) -> None:
         """Ends the component: subclass first, then services and topics. A second call does nothing."""
@@ -154,14 +171,18 @@ class Component:
             if Component._running.get(self.scope) is self:
                 del Component._running[self.scope]
         try:
-            self.on_shutdown()
+            if self._complete:
+                self.on_shutdown()
         finally:
+            # An ending node closes its services and topics itself, and does not ask the master for each.
+            node_ends = rospy.core.is_shutdown_requested()
             for handle in reversed(self._handles):
                 if isinstance(handle, rospy.Service):
-                    if not rospy.is_shutdown():  # an ending node unregisters its services itself
+                    if not node_ends:
                         handle.shutdown("component ended")
                 elif hasattr(handle, "unregister"):
-                    handle.unregister()
+                    if not node_ends:
+                        handle.unregister()
                 else:
                     handle.shutdown()
             self._handles.clear()
@@ -173,6 +194,18 @@ class Component:
             running = list(Component._running.values())
         for component in reversed(running):
             component.shutdown()
+
+
+def _send_at_once() -> None:
+    """Sets TCP_NODELAY on the socket where rospy listens; accepted connections inherit it.
+
+    rospy has no option for services, and the end of an answer of more than 64 kB would wait 40 ms for the
+    acknowledgement of its beginning.
+    """
+    server = getattr(tcpros_base._tcpros_server, "tcp_ros_server", None)
+    listening = getattr(server, "server_sock", None)
+    if listening is not None:
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
 
 def run_components(node_name: str, make: Callable[[str], Any]) -> int:

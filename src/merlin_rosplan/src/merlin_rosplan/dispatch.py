@@ -8,7 +8,7 @@ import math
 import queue
 import threading
 from dataclasses import dataclass
-from typing import Any, Dict, FrozenSet, List, Optional
+from typing import Any, Dict, FrozenSet, List, Optional, Set
 
 from merlin_rosplan.dispatch_outside import (
     Cancel,
@@ -35,12 +35,24 @@ class _Running:
     acknowledge: Any
     accept: Any
     watched: Conditions
+    settle: Any
     pending: Conditions  # over-all conditions that the start effects bring about; watched once seen true
     names: FrozenSet[str] = frozenset()
     taken: bool = False
+    alive: Optional[Any] = None  # until then its interface is alive, having taken the action
     sent_again: bool = False
     grace: Optional[Any] = None
     broken: str = ""
+
+
+class _Past:
+    """A deadline that has passed."""
+
+    def remaining(self) -> float:
+        return 0.0
+
+
+_PAST = _Past()
 
 
 @dataclass
@@ -76,6 +88,7 @@ class Dispatch:
         self._done = 0
         self._last: Optional[PlannedAction] = None
         self._unanswered: List[PlannedAction] = []
+        self._unsettled: Set[int] = set()  # actions that wait for the start effects of running ones
         self.ended = threading.Event()
 
     # --- from any thread --------------------------------------------------------------------------
@@ -136,14 +149,18 @@ class Dispatch:
                 patience = min(patience, 1.0)  # its interface may die in silence
             if record.grace is not None:
                 patience = min(patience, record.grace.remaining())
+            if self._unsettled and record.settle.remaining() > 0:
+                patience = min(patience, record.settle.remaining())
         return patience
 
     def _start_ready(self) -> None:
+        tried: Set[int] = set()
         while not self._cancelled.is_set():
-            ready = self._schedule.ready(self._outside.now())
+            ready = [action for action in self._schedule.ready(self._outside.now()) if action.id not in tried]
             if not ready:
                 break
             for action in ready:
+                tried.add(action.id)
                 if self._cancelled.is_set() or not self._start(action):
                     return
         if not self._running and not self._schedule.finished and not self._cancelled.is_set():
@@ -162,6 +179,10 @@ class Dispatch:
         unmet = self._outside.false_of(action, needed)
         if self._cancelled.is_set():
             return False
+        if not unmet.empty and any(record.settle.remaining() > 0 for record in self._running.values()):
+            self._unsettled.add(action.id)
+            return True
+        self._unsettled.discard(action.id)
         if not unmet.empty:
             self._outside.tell(action, FeedbackStatus.PRECONDITION_FALSE)
             self._fail(f"{action} cannot start: {describe(unmet)}", action)
@@ -173,6 +194,7 @@ class Dispatch:
             self._outside.deadline(self._limits.acknowledge),
             self._outside.deadline(self._limits.accept),
             first,
+            self._outside.deadline(self._limits.settle) if self._limits.settle > 0 else _PAST,
             Conditions(
                 tuple(atom for atom in over_all.positive if atom not in first.positive),
                 tuple(atom for atom in over_all.negative if atom not in first.negative),
@@ -222,6 +244,7 @@ class Dispatch:
             self._fail(f"{record.action} failed{why}", record.action)
         elif status in (FeedbackStatus.ENABLED, FeedbackStatus.DISPATCHED_TO_START_STATE):
             record.taken = True
+            record.alive = self._outside.deadline(self._limits.liveness)
 
     def _watch_over_all(self, event: KnowledgeChanged) -> None:
         for record in list(self._running.values()):
@@ -262,17 +285,16 @@ class Dispatch:
     def _check_interface(self, record: _Running) -> None:
         action = record.action
         silence = self._outside.silence(action.name)
+        unanswered = not record.taken and record.acknowledge.remaining() <= 0
         if record.grace is not None and record.grace.remaining() <= 0:
             self._fail(f"{action} cannot go on: {record.broken}", action)
-        elif silence is not None and silence > self._limits.liveness > 0:
-            self._fail(
-                f"the action interface of {action.name} is gone: last heard of {silence:.1f} s ago", action
-            )
-            del self._running[action.id]
-        elif not record.taken and record.acknowledge.remaining() <= 0 and silence is None:
+        elif unanswered and silence is None:
             self._fail(f"no action interface for {action.name}", action)
             del self._running[action.id]
-        elif not record.taken and record.acknowledge.remaining() <= 0 and not record.sent_again:
+        elif self._dead(record, silence) and (record.taken or unanswered):
+            self._fail(f"the action interface of {action.name} is gone, silent for {silence:.1f} s", action)
+            del self._running[action.id]
+        elif unanswered and not record.sent_again:
             # An interface that has just started takes what is latched for an action of an earlier run.
             record.sent_again = True
             if self._outside.young(action.name):
@@ -283,6 +305,12 @@ class Dispatch:
                 f"within {self._limits.accept:g} s",
                 action,
             )
+
+    def _dead(self, record: _Running, silence: Optional[float]) -> bool:
+        """Whether an interface that announced itself has stopped; taking an action is a sign of life too."""
+        if silence is None or not silence > self._limits.liveness > 0:
+            return False
+        return record.alive is None or record.alive.remaining() <= 0
 
     def _fail(self, reason: str, action: Optional[PlannedAction] = None) -> None:
         if self._failure is None:
@@ -309,8 +337,7 @@ class Dispatch:
             if isinstance(event, Feedback):
                 self._answer(event)
             for record in list(self._running.values()):
-                silence = self._outside.silence(record.action.name)
-                if silence is not None and silence > self._limits.liveness > 0:
+                if self._dead(record, self._outside.silence(record.action.name)):
                     self._give_up(record)
         for record in list(self._running.values()):
             self._give_up(record)

@@ -46,6 +46,8 @@ class DispatchLimits:
     liveness: an interface that announced itself regularly and has been silent this long is dead.
     cancel: how long a cancelled action's interface may take to answer; zero or less: as long as it takes.
     over_all_grace: an action whose own end effects break its over-all condition reports its end within it.
+    settle: within it an interface has applied the start effects of an action it was given; until then a
+        parallel action whose conditions do not hold yet is not refused.
     """
 
     acknowledge: float = 2.0
@@ -53,6 +55,7 @@ class DispatchLimits:
     liveness: float = 5.0
     cancel: float = 5.0
     over_all_grace: float = 1.0
+    settle: float = 2.0
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ class DomainServices:
         found = self._operators.get(request.name.lower())
         if found is None:
             hint = suggestion(request.name.lower(), self._operators)
-            raise rospy.ServiceException(f"the domain has no operator '{request.name}'{hint}")
+            raise rospy.ServiceException(f"the domain has no operator '{request.name[:80]}'{hint}")
         return GetDomainOperatorDetailsServiceResponse(found)
 
     def _predicate(
@@ -91,5 +91,5 @@ class DomainServices:
         found = self._predicates.get(request.name.lower())
         if found is None:
             hint = suggestion(request.name.lower(), self._predicates)
-            raise rospy.ServiceException(f"the domain has no predicate '{request.name}'{hint}")
+            raise rospy.ServiceException(f"the domain has no predicate '{request.name[:80]}'{hint}")
         return GetDomainPredicateDetailsServiceResponse(found, self._sensed(request.name))

@@ -62,7 +62,7 @@ class EffectApplier:
                 raise KnowledgeError(
                     f"the parameter '{parameter.label}' of '{self._operator.name}' is missing"
                 )
-            if not self._state.object_types(value):
+            if self._state.spelling(value) is None:
                 raise KnowledgeError(
                     f"unknown object '{value}' for '{parameter.label}' of '{self._operator.name}'"
                 )
@@ -223,7 +223,7 @@ class EffectApplier:
         assert target is not None
         if self._state.sensed.get(target.name) is not None:
             return  # the sensing interface keeps it
-        args = tuple(self._state.spelling(bindings.get(arg, arg)) for arg in target.args)
+        args = tuple(self._spelled(bindings.get(arg, arg)) for arg in target.args)
         if isinstance(target, Atom):
             (deletes if effect.negative else adds).append(Fact(target.name, args))
             return
@@ -240,6 +240,9 @@ class EffectApplier:
                 return  # it only judges plans; nobody gave it a value, so nobody asks for it
             raise KnowledgeError(f"({' '.join((target.name, *args))}) has no value that could {effect.op}")
         values.append((FunctionValue(target.name, args, operand), effect.op))
+
+    def _spelled(self, name: str) -> str:
+        return self._state.spelling(name) or name
 
     def _delete(self, fact: Fact, undo: List[Dict[str, Any]]) -> None:
         if self._state.holds(fact.key):
@@ -279,7 +282,7 @@ class EffectApplier:
         fact = Fact(entry["name"], tuple(entry["args"]), entry["was"] == "negative")
         if entry["was"] == "absent":
             self._transaction.drop(self._state.facts, fact.key)
-        elif all(self._state.object_types(arg) for arg in fact.args):
+        elif all(self._state.spelling(arg) is not None for arg in fact.args):
             self._transaction.add_fact(fact)
 
     def _restore_value(self, entry: Dict[str, Any]) -> bool:

@@ -1,12 +1,12 @@
 """The knowledge base: ROSPlan's services and topics over the store."""
 
 import os
-from typing import Any, List, Optional, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ApplyEffectsResponse
-from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
+from rosplan_knowledge_msgs.msg import StatusUpdate
 from rosplan_knowledge_msgs.srv import (
     KnowledgeUpdateService,
     KnowledgeUpdateServiceArray,
@@ -33,7 +33,9 @@ from merlin_rosplan.problem_reader import read_problem
 from merlin_rosplan.state_file import StateFile, StateFileError
 from merlin_rosplan.state_services import StateServices
 from merlin_rosplan.timed_knowledge import TimedKnowledge
-from merlin_rosplan.transaction import Change, Transaction
+from merlin_rosplan.transaction import Change
+from merlin_rosplan.update_messages import UpdateReader
+from merlin_rosplan.wire_items import AnyItem, UpdateArray
 
 _ONLY_PDDL = "only PDDL domains (.pddl) are known, no PPDDL, RDDL or HDDL"
 
@@ -63,6 +65,7 @@ class KnowledgeBase(Component):
         self.param("use_unknowns", False)  # ROSPlan reads it and never uses it
         self.store = self._make_store()
         self._reader = KnowledgeReader(self.domain)
+        self._updates = UpdateReader(self.domain, self.store.objects, self.strict)
         self._writer = KnowledgeWriter(self.domain)
         self._status = self.publisher("status/update", StatusUpdate)
         self._changes = self.publisher("changes", KnowledgeChanges, queue_size=1000)
@@ -72,7 +75,7 @@ class KnowledgeBase(Component):
         DomainServices(self, self.domain, self.store.sensed)
         StateServices(self, self.store)
         self.service("update", KnowledgeUpdateService, self._update)
-        self.service("update_array", KnowledgeUpdateServiceArray, self._update_array)
+        self.service("update_array", UpdateArray, self._update_array)
         self.service("clear", Empty, self._clear)
         self.service("update_constraints_oneof", KnowledgeUpdateServiceArray, self._oneof)
         self.service("update_sensed_predicates", SetNamedBool, self._sensed)
@@ -101,9 +104,12 @@ class KnowledgeBase(Component):
         path = str(self.param("state_file", ""))
         try:
             journal = StateFile(path, self.domain, bool(self.param("reset_state", False))) if path else None
-            return KnowledgeStore(self.domain, self.strict, ros_nanoseconds, journal)
+            return KnowledgeStore(self.domain, self.strict, ros_nanoseconds, journal, self._warn)
         except StateFileError as error:
             raise ComponentError(str(error)) from error
+
+    def _warn(self, text: str) -> None:
+        rospy.logwarn_throttle_identical(60.0, f"{self.scope}: {text}")
 
     def _load_problem(self) -> None:
         path = self.param("problem_path", "")
@@ -152,7 +158,7 @@ class KnowledgeBase(Component):
             self._status.publish(StatusUpdate(client, rospy.get_rostime()))
         return KnowledgeUpdateServiceArrayResponse(success)
 
-    def _apply(self, service: str, kinds: List[int], items: List[KnowledgeItem], client: str) -> bool:
+    def _apply(self, service: str, kinds: List[int], items: Sequence[AnyItem], client: str) -> bool:
         """All of the updates, or none of them."""
         if len(kinds) != len(items) and self.strict:
             self._refused(service, client, f"{len(kinds)} update types for {len(items)} items")
@@ -161,34 +167,13 @@ class KnowledgeBase(Component):
         try:
             with self.store.transaction(client) as transaction:
                 for kind, item in zip(kinds, items):
-                    self._step(transaction, kind, item)
+                    self._updates.apply(transaction, kind, item)
                     number += 1
         except KnowledgeError as error:
             place = f"item {number}: " if len(items) > 1 else ""
             self._refused(service, client, f"{place}{error}")
             return False
         return True
-
-    def _step(self, transaction: Transaction, kind: int, message: KnowledgeItem) -> None:
-        request = KnowledgeUpdateServiceRequest
-        if kind in (request.ADD_KNOWLEDGE, request.REMOVE_KNOWLEDGE):
-            if message.knowledge_type in (KnowledgeItem.EXPRESSION, KnowledgeItem.INEQUALITY) and (
-                not self.strict or kind == request.REMOVE_KNOWLEDGE
-            ):
-                return
-            item = self._reader.item(message)
-            at = message.initial_time.to_nsec()
-            (transaction.add if kind == request.ADD_KNOWLEDGE else transaction.remove)(item, at)
-        elif kind == request.ADD_GOAL:
-            transaction.add_goal(self._reader.goal(message, self.store.objects))
-        elif kind == request.REMOVE_GOAL:
-            transaction.remove_goal(self._reader.goal(message, self.store.objects))
-        elif kind == request.ADD_METRIC:
-            transaction.set_metric(self._reader.metric(message))
-        elif kind == request.REMOVE_METRIC:
-            transaction.set_metric(None)
-        elif self.strict:
-            raise KnowledgeError(f"there is no update_type {kind}")
 
     def _refused(self, service: str, client: str, reason: str) -> None:
         rospy.logwarn("%s/%s refused what %s sent: %s", self.scope, service, client, reason)

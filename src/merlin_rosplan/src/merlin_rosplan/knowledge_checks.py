@@ -1,7 +1,7 @@
 """What a strict knowledge base refuses, with the reason; what it accepts gets the domain's spelling."""
 
 import math
-from typing import Dict, Optional, Tuple
+from typing import Callable, Dict, Optional, Tuple
 
 from merlin_rosplan.domain import Signature
 from merlin_rosplan.formula import (
@@ -24,18 +24,29 @@ from merlin_rosplan.formula import (
 from merlin_rosplan.knowledge import Fact, FunctionValue, Goal, Instance, Metric
 from merlin_rosplan.knowledge_state import KnowledgeState
 from merlin_rosplan.pddl_text import is_name, suggestion
+from merlin_rosplan.type_hierarchy import OBJECT
 
 
 class KnowledgeError(Exception):
-    """An update is refused; the text says why."""
+    """An update is refused; the text says why, shortened when a client sent names without end."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason if len(reason) <= 500 else f"{reason[:240]} ... {reason[-240:]}")
 
 
 class KnowledgeChecks:
-    """Checks updates against a domain and the objects that exist."""
+    """Checks updates against a domain and the objects that exist.
 
-    def __init__(self, state: KnowledgeState) -> None:
+    Parameters
+    ----------
+    state: knows the domain and the objects.
+    warn: is told what is accepted and looks wrong: an object of another type than the domain declares.
+    """
+
+    def __init__(self, state: KnowledgeState, warn: Callable[[str], None] = lambda text: None) -> None:
         self._state = state
         self._domain = state.domain
+        self._warn = warn
 
     def instance(self, item: Instance) -> Instance:
         """An instance that may be added.
@@ -54,7 +65,7 @@ class KnowledgeChecks:
             raise KnowledgeError(
                 f"'{item.name}' is no name in PDDL: a letter first, then letters, digits, '-' and '_'"
             )
-        return Instance(kind, self._state.spelling(item.name))
+        return Instance(kind, self._state.spelling(item.name) or item.name)
 
     def fact(self, item: Fact) -> Fact:
         """A fact that may be added, or be a goal.
@@ -121,11 +132,22 @@ class KnowledgeChecks:
                 if constant is None:
                     raise KnowledgeError(f"the argument '{parameter.label}' of '{signature.name}' is empty")
                 arg = constant
-            elif not self._state.object_types(arg):
+            spelled = self._state.spelling(arg)
+            if spelled is None:
                 hint = suggestion(arg.lower(), self._state.objects(parameter.types)[:1000])
                 raise KnowledgeError(f"unknown object '{arg}' in '{signature.name}'{hint}")
-            found.append(self._state.spelling(arg))
+            if not self._fits(spelled.lower(), parameter.types):
+                self._warn(
+                    f"'{spelled}' is of type {' and '.join(self._state.object_types(spelled))}, but "
+                    f"'{signature.name}' takes {' or '.join(parameter.types)} for '{parameter.label}'"
+                )
+            found.append(spelled)
         return tuple(found)
+
+    def _fits(self, name: str, types: Tuple[str, ...]) -> bool:
+        if any(kind == OBJECT or (kind, name) in self._state.instances.rows for kind in types):
+            return True
+        return self._domain.accepts(types, tuple(kind.lower() for kind in self._state.object_types(name)))
 
     def _condition(self, condition: Condition) -> Condition:
         if isinstance(condition, Atom):

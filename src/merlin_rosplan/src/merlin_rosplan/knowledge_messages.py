@@ -1,13 +1,10 @@
 """Knowledge items between ROSPlan's messages and the store."""
 
-import io
-import struct
-from typing import Any, Callable, List, Mapping, Sequence, Tuple, Union
+from typing import Callable, List, Mapping, Tuple, Union
 
 import genpy
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import KnowledgeItem
-from rosplan_knowledge_msgs.srv import GetAttributeServiceResponse
 
 from merlin_rosplan.domain import Domain, Signature
 from merlin_rosplan.expression_messages import FormulaWriter, read_comparison, read_expression
@@ -206,33 +203,3 @@ class KnowledgeWriter:
 def _time(nanoseconds: int) -> genpy.Time:
     seconds, rest = divmod(max(0, nanoseconds), 1_000_000_000)
     return genpy.Time(min(seconds, 0xFFFFFFFF), rest)
-
-
-class StoredItems(genpy.Message):
-    """A GetAttributeService response of rows whose bytes are kept with them.
-
-    Generated code needs about 20 µs for each item; a large knowledge base would spend seconds on every list.
-    """
-
-    _type = GetAttributeServiceResponse._type
-    _md5sum = GetAttributeServiceResponse._md5sum
-    _full_text = GetAttributeServiceResponse._full_text
-    __slots__ = ["_rows", "_write"]
-    _slot_types: List[str] = []
-
-    def __init__(self, rows: Sequence[Union[Fact, FunctionValue]], writer: KnowledgeWriter) -> None:
-        super().__init__()
-        self._rows = rows
-        self._write = writer
-
-    def serialize(self, buff: Any) -> None:
-        """Writes the response."""
-        parts = [struct.pack("<I", len(self._rows))]
-        for row in self._rows:
-            wire = row.wire
-            if wire is None:
-                single = io.BytesIO()
-                self._write.item(row).serialize(single)
-                wire = row.wire = single.getvalue()
-            parts.append(wire)
-        buff.write(b"".join(parts))

@@ -106,13 +106,12 @@ class KnowledgeState(State):
             if instance.type_name not in declared
         )
 
-    def spelling(self, name: str) -> str:
-        """An object as it was first written."""
+    def spelling(self, name: str) -> Optional[str]:
+        """An object as it was first written; None when there is no such object."""
         lower = name.lower()
         if lower in self.domain.constants:
             return lower
-        known = self.instances.named(lower)
-        return known[0].name if known else name
+        return self.instances.spelling(lower)
 
     def all_objects(self) -> Dict[str, Tuple[str, ...]]:
         """Every object (lower-case) with its types, constants included."""

@@ -48,6 +48,7 @@ class KnowledgeStore:
     strict: refuse what the domain does not know (see :class:`KnowledgeChecks`); else accept everything.
     clock: now, in nanoseconds of ROS time.
     journal: where every transaction is written before it counts; its content is loaded first.
+    warn: is told what a strict store accepts although it looks wrong; must not block.
 
     What the journal raises when it cannot be read is passed on.
     """
@@ -58,12 +59,13 @@ class KnowledgeStore:
         strict: bool = True,
         clock: Callable[[], int] = lambda: 0,
         journal: Optional[Journal] = None,
+        warn: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.domain = domain
         self.version = 0
         self._lock = threading.RLock()
         self._state = KnowledgeState(domain)
-        self._checks = KnowledgeChecks(self._state) if strict else None
+        self._checks = KnowledgeChecks(self._state, warn) if strict else None
         self._clock = clock
         self._journal = journal
         self._next_order = 1
@@ -107,20 +109,22 @@ class KnowledgeStore:
             except BaseException:
                 transaction.undo()
                 raise
-            if transaction.steps or transaction.cleared:
+            changed = bool(transaction.steps or transaction.cleared)
+            if changed:
                 self.version += 1
                 self._next_order = transaction.next_order
                 self._queue_timed([step[3] for step in transaction.steps if isinstance(step[3], Timed)])
                 self._undelivered.append(transaction.change(self.version, client))
-        self._deliver()
+        if changed:
+            self._deliver()
 
     def _deliver(self) -> None:
-        while self._undelivered:
-            with self._delivery:
-                while self._undelivered:
-                    change = self._undelivered.popleft()
-                    for listener in self._listeners:
-                        listener(change)
+        # another thread may be telling this change already: its listeners are through when the lock is free
+        with self._delivery:
+            while self._undelivered:
+                change = self._undelivered.popleft()
+                for listener in self._listeners:
+                    listener(change)
 
     def load_problem(self, problem: Problem, client: str = "") -> None:
         """Adds everything a problem states. Its timed facts count from now.

@@ -163,3 +163,8 @@ class InstanceTable(Table[Instance]):
     def named(self, name: str) -> List[Instance]:
         """The instances that one object (lower-case) is: one for each of its types."""
         return [self.rows[key] for key in self._by_name.get(name, ())]
+
+    def spelling(self, name: str) -> Optional[str]:
+        """An object (lower-case) as it was first written; None when there is none."""
+        keys = self._by_name.get(name)
+        return None if not keys else self.rows[next(iter(keys))].name

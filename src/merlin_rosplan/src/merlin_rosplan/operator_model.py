@@ -5,7 +5,7 @@ carry what that message can carry: no duration, disjunction, quantifier or condi
 """
 
 from dataclasses import dataclass, field
-from typing import Any, Dict, FrozenSet, Iterable, List, Sequence, Tuple
+from typing import Any, Dict, FrozenSet, Iterable, Sequence, Tuple
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,16 @@ class Comparison:
     Parameters
     ----------
     message: the DomainInequality it came from, not grounded.
-    functions: names of the functions it reads.
+    reads: function terms in it.
     """
 
     message: Any
-    functions: FrozenSet[str]
+    reads: Tuple[Atom, ...] = ()
+
+    @property
+    def functions(self) -> FrozenSet[str]:
+        """Names of the functions it reads."""
+        return frozenset(term.name.lower() for term in self.reads)
 
 
 @dataclass(frozen=True)
@@ -51,11 +56,11 @@ class Conditions:
     comparisons: Tuple[Comparison, ...] = ()
 
     def ground(self, binding: Dict[str, str]) -> "Conditions":
-        """Atoms grounded; comparisons are grounded when they are asked."""
+        """Atoms and terms grounded; a comparison's message is grounded when it is asked."""
         return Conditions(
-            tuple(atom.ground(binding) for atom in self.positive),
-            tuple(atom.ground(binding) for atom in self.negative),
-            self.comparisons,
+            _ground(self.positive, binding),
+            _ground(self.negative, binding),
+            tuple(Comparison(entry.message, _ground(entry.reads, binding)) for entry in self.comparisons),
         )
 
     @property
@@ -66,18 +71,22 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Effects:
-    """Effects of one time label; of numeric ones only which functions they change."""
+    """Effects of one time label; of numeric ones only which function terms they change and read."""
 
     add: Tuple[Atom, ...] = ()
     delete: Tuple[Atom, ...] = ()
-    functions: FrozenSet[str] = frozenset()
+    writes: Tuple[Atom, ...] = ()
+    reads: Tuple[Atom, ...] = ()
+
+    @property
+    def functions(self) -> FrozenSet[str]:
+        """Names of the functions they change."""
+        return frozenset(term.name.lower() for term in self.writes)
 
     def ground(self, binding: Dict[str, str]) -> "Effects":
-        """Atoms grounded."""
+        """Atoms and terms grounded."""
         return Effects(
-            tuple(atom.ground(binding) for atom in self.add),
-            tuple(atom.ground(binding) for atom in self.delete),
-            self.functions,
+            *(_ground(atoms, binding) for atoms in (self.add, self.delete, self.writes, self.reads))
         )
 
 
@@ -177,20 +186,32 @@ def _atoms(formulas: Iterable[Any]) -> Tuple[Atom, ...]:
     return tuple(_atom(formula) for formula in formulas)
 
 
-def _functions(tokens: Iterable[Any]) -> List[str]:
-    return [token.function.name.lower() for token in tokens if token.expr_type == token.FUNCTION]
+def _ground(atoms: Iterable[Atom], binding: Dict[str, str]) -> Tuple[Atom, ...]:
+    return tuple(atom.ground(binding) for atom in atoms)
+
+
+def _terms(*expressions: Any) -> Tuple[Atom, ...]:
+    return tuple(
+        _atom(token.function)
+        for expression in expressions
+        for token in expression.tokens
+        if token.expr_type == token.FUNCTION
+    )
 
 
 def _conditions(positive: Iterable[Any], negative: Iterable[Any], comparisons: Iterable[Any]) -> Conditions:
     return Conditions(
         _atoms(positive),
         _atoms(negative),
-        tuple(
-            Comparison(entry, frozenset(_functions(entry.LHS.tokens) + _functions(entry.RHS.tokens)))
-            for entry in comparisons
-        ),
+        tuple(Comparison(entry, _terms(entry.LHS, entry.RHS)) for entry in comparisons),
     )
 
 
 def _effects(add: Iterable[Any], delete: Iterable[Any], assign: Iterable[Any]) -> Effects:
-    return Effects(_atoms(add), _atoms(delete), frozenset(entry.LHS.name.lower() for entry in assign))
+    assign = list(assign)
+    return Effects(
+        _atoms(add),
+        _atoms(delete),
+        tuple(_atom(entry.LHS) for entry in assign),
+        tuple(term for entry in assign for term in _terms(entry.RHS)),
+    )

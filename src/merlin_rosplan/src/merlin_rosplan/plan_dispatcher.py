@@ -71,6 +71,7 @@ class PlanDispatcher(Component):
             liveness=self.number("liveness_timeout", 5.0, 0.0),
             cancel=self.number("cancel_deadline", 5.0),
             over_all_grace=self.number("over_all_grace", 1.0, 0.0),
+            settle=self.number("settle_time", 2.0, 0.0),
         )
         self._knowledge = PlanKnowledge(self.knowledge_base)
         self._topics = DispatchTopics(
@@ -245,9 +246,9 @@ class PlanDispatcher(Component):
         if dispatch is None:
             return
         reason = next((entry.value for entry in message.information if entry.key == "reason"), "")
-        dispatch.put(Feedback(message.action_id, message.status, message.plan_id, reason))
-        if goal is not None:
+        if goal is not None:  # first: the event may end the goal
             goal.feedback(NonBlockingDispatchFeedback(feedback=message))
+        dispatch.put(Feedback(message.action_id, message.status, message.plan_id, reason))
 
     def _forward(self, message: ActionFeedback) -> None:
         with self._state:

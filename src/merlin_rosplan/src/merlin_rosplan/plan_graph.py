@@ -93,16 +93,63 @@ class PlanGraph:
         return edge
 
 
-class _Touched:
-    """Who has done what to one atom so far, in the order of the plan."""
+class _Run:
+    """Consecutive nodes that all want an atom true (or all want it false), in the order of the plan."""
 
-    __slots__ = ("adders", "deleters", "needers", "forbidders")
+    __slots__ = ("positive", "nodes", "changes")
+
+    def __init__(self, positive: bool) -> None:
+        self.positive = positive
+        self.nodes: List[int] = []
+        self.changes = False  # whether one of them makes it so
+
+
+class _Touched:
+    """Who has needed or changed one atom so far."""
+
+    __slots__ = ("runs", "last_adder", "last_deleter")
 
     def __init__(self) -> None:
-        self.adders: List[int] = []
-        self.deleters: List[int] = []
-        self.needers: List[int] = []
-        self.forbidders: List[int] = []
+        self.runs: List[_Run] = []
+        self.last_adder: Optional[int] = None
+        self.last_deleter: Optional[int] = None
+
+    def note(self, node: int, positive: bool, changes: bool) -> None:
+        """A node needs the atom true or false, or makes it so."""
+        if not self.runs or self.runs[-1].positive != positive:
+            self.runs.append(_Run(positive))
+        self.runs[-1].nodes.append(node)
+        self.runs[-1].changes |= changes
+        if changes and positive:
+            self.last_adder = node
+        elif changes:
+            self.last_deleter = node
+
+    def against(self, positive: bool, reduce: bool) -> List[int]:
+        """Earlier nodes that a node making the atom `positive` contradicts.
+
+        Reduced: those behind two changes are left out. Each of them precedes the first change, that one the
+        second, and the second the node.
+        """
+        nodes: List[int] = []
+        for index in range(len(self.runs) - 1, -1, -1):
+            run = self.runs[index]
+            if run.positive == positive:
+                continue
+            nodes.extend(run.nodes)
+            if reduce and run.changes and index > 0 and self.runs[index - 1].changes:
+                break
+        return nodes
+
+
+class _Number:
+    """Who has changed one function value last, and who has read it since."""
+
+    __slots__ = ("writer", "readers")
+
+    def __init__(self) -> None:
+        self.writer: Optional[int] = None
+        self.readers: List[int] = []
 
 
 class _Happening(NamedTuple):
@@ -115,6 +162,8 @@ class _Happening(NamedTuple):
     # protected until this node, besides what it needs itself: the over-all conditions at an action's end
     keep_positive: Sequence[Atom] = ()
     keep_negative: Sequence[Atom] = ()
+    reads: Sequence[Atom] = ()  # function values
+    writes: Sequence[Atom] = ()
 
 
 def build_graph(
@@ -122,6 +171,7 @@ def build_graph(
     actions: Sequence[Operator],
     timed: Iterable[TimedLiteral] = (),
     epsilon: float = 0.01,
+    reduce: bool = False,
 ) -> PlanGraph:
     """Makes the graph of a plan.
 
@@ -131,6 +181,8 @@ def build_graph(
     actions: its ground actions, one for each step.
     timed: timed literals, times from the start of the plan.
     epsilon: s by which a condition must be used before a timed literal breaks it.
+    reduce: leave out interference edges that follow from others. ROSPlan draws them all, and their number
+        grows with the square of the plan's length.
     """
     graph = PlanGraph([Node(0, NodeType.PLAN_START, "plan_start", -1)])
     for index, step in enumerate(steps):
@@ -143,6 +195,7 @@ def build_graph(
 
     literals = _index(timed)
     touched: Dict[Atom, _Touched] = {}
+    numbers: Dict[Atom, _Number] = {}
     for node in sorted(graph.nodes[1:], key=lambda entry: (time_of(entry), entry.id)):
         action = actions[node.action]
         start = node.id - 1 if node.type == NodeType.ACTION_END else None
@@ -151,7 +204,8 @@ def build_graph(
             duration = steps[node.action].duration
             graph.connect(EdgeType.START_END, start, node.id, duration, duration)
         supported = _support(graph, node, happening, touched, literals, time_of(node), epsilon)
-        supported |= _interference(graph, node, start, happening, touched)
+        supported |= _interference(graph, node, start, happening, touched, reduce)
+        supported |= _numeric_order(graph, node, start, happening, numbers)
         if not supported:
             graph.connect(EdgeType.CONDITION, 0, node.id)
         _remember(node.id, happening, touched)
@@ -176,6 +230,11 @@ def _happening(action: Operator, type_: NodeType) -> _Happening:
             _keys(action.at_start.negative, action.over_all.negative),
             _keys(action.start_effects.add),
             _keys(action.start_effects.delete),
+            reads=_keys(
+                *(entry.reads for entry in action.at_start.comparisons + action.over_all.comparisons),
+                action.start_effects.reads,
+            ),
+            writes=_keys(action.start_effects.writes),
         )
     return _Happening(
         _keys(action.at_end.positive),
@@ -184,6 +243,11 @@ def _happening(action: Operator, type_: NodeType) -> _Happening:
         _keys(action.end_effects.delete),
         _keys(action.over_all.positive),
         _keys(action.over_all.negative),
+        _keys(
+            *(entry.reads for entry in action.at_end.comparisons + action.over_all.comparisons),
+            action.end_effects.reads,
+        ),
+        _keys(action.end_effects.writes),
     )
 
 
@@ -201,8 +265,9 @@ def _support(
     for negative, atoms in ((False, happening.positive), (True, happening.negative)):
         for atom in atoms:
             seen = touched.get(atom)
-            providers = (seen.deleters if negative else seen.adders) if seen is not None else []
-            provider = providers[-1] if providers else None
+            provider = None
+            if seen is not None:
+                provider = seen.last_deleter if negative else seen.last_adder
             if provider is not None:
                 graph.connect(EdgeType.CONDITION, provider, node.id)
                 supported = True
@@ -238,19 +303,15 @@ def _interference(
     start: Optional[int],
     happening: _Happening,
     touched: Dict[Atom, _Touched],
+    reduce: bool,
 ) -> bool:
     """Edges from every earlier node whose condition or effect this node's effects contradict."""
     earlier: Set[int] = set()
-    for atom in happening.add:
-        seen = touched.get(atom)
-        if seen is not None:
-            earlier.update(seen.deleters)
-            earlier.update(seen.forbidders)
-    for atom in happening.delete:
-        seen = touched.get(atom)
-        if seen is not None:
-            earlier.update(seen.adders)
-            earlier.update(seen.needers)
+    for positive, atoms in ((True, happening.add), (False, happening.delete)):
+        for atom in atoms:
+            seen = touched.get(atom)
+            if seen is not None:
+                earlier.update(seen.against(positive, reduce))
     if start is not None:
         earlier.discard(start)
     for source in sorted(earlier):
@@ -258,15 +319,43 @@ def _interference(
     return bool(earlier)
 
 
+def _numeric_order(
+    graph: PlanGraph, node: Node, start: Optional[int], happening: _Happening, numbers: Dict[Atom, _Number]
+) -> bool:
+    """Edges that keep changes of a number in order, among themselves and with who reads it.
+
+    ROSPlan has none of these: there, actions that use up the same resource start together.
+    """
+    supported = False
+    for term in happening.reads:
+        number = numbers.setdefault(term, _Number())
+        if number.writer is not None and number.writer != start:
+            graph.connect(EdgeType.CONDITION, number.writer, node.id)
+            supported = True
+    for term in happening.writes:
+        number = numbers.setdefault(term, _Number())
+        earlier = number.readers + ([number.writer] if number.writer is not None else [])
+        for source in earlier:
+            if source != start:
+                graph.connect(EdgeType.INTERFERENCE, source, node.id)
+                supported = True
+        number.writer, number.readers = node.id, []
+    for term in happening.reads:
+        if term not in happening.writes:
+            numbers[term].readers.append(node.id)
+    return supported
+
+
 def _remember(node: int, happening: _Happening, touched: Dict[Atom, _Touched]) -> None:
-    for attribute, atoms in (
-        ("adders", happening.add),
-        ("deleters", happening.delete),
-        ("needers", list(happening.positive) + list(happening.keep_positive)),
-        ("forbidders", list(happening.negative) + list(happening.keep_negative)),
+    for positive, changes, groups in (
+        (True, False, (happening.positive, happening.keep_positive)),
+        (False, False, (happening.negative, happening.keep_negative)),
+        (False, True, (happening.delete,)),
+        (True, True, (happening.add,)),
     ):
-        for atom in atoms:
-            record = touched.get(atom)
-            if record is None:
-                record = touched[atom] = _Touched()
-            getattr(record, attribute).append(node)
+        for atoms in groups:
+            for atom in atoms:
+                record = touched.get(atom)
+                if record is None:
+                    record = touched[atom] = _Touched()
+                record.note(node, positive, changes)

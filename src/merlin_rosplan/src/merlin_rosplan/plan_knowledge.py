@@ -1,12 +1,14 @@
 """What parser and dispatcher ask the knowledge base, over ROS: any ROSPlan knowledge base will do."""
 
 import copy
-from typing import Callable, Dict, List, Sequence, TypeVar
+import threading
+from typing import Callable, Dict, List, Optional, Sequence, TypeVar
 
 import rospy
 from rosplan_knowledge_msgs.msg import DomainInequality, KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
+from merlin_rosplan.component import Component
 from merlin_rosplan.operator_model import Atom, Conditions, Operator
 from merlin_rosplan.plan_graph import TimedLiteral
 from merlin_sm.knowledge_client import CALL_LIMIT, fact, knowledge_client
@@ -32,10 +34,30 @@ class PlanKnowledge:
 
     def __init__(self, knowledge_base: str) -> None:
         self._client = knowledge_client(knowledge_base)
+        self._lock = threading.Lock()  # guards the two fields below
+        self._operators_of: Optional[Component] = None
+        self._operators: Dict[str, Operator] = {}
         self._timed = ServiceProxy(f"{knowledge_base}/state/timed_knowledge", GetAttributeService, CALL_LIMIT)
 
     def operator(self, name: str) -> Operator:
         """One operator of the domain; one that it does not have is an error too."""
+        local = Component.in_process(self._client.name)
+        if local is None:
+            return self._ask_operator(name)
+        # A knowledge base keeps its domain as long as it lives; how long another process lives nobody knows.
+        with self._lock:
+            if self._operators_of is not local:
+                self._operators_of = local
+                self._operators.clear()
+            known = self._operators.get(name)
+        if known is None:
+            known = self._ask_operator(name)
+            with self._lock:
+                if self._operators_of is local:
+                    self._operators[name] = known
+        return known
+
+    def _ask_operator(self, name: str) -> Operator:
         try:
             return Operator.from_message(self._client.operator(name))
         except ServiceError as error:

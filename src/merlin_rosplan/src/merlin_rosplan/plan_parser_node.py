@@ -140,7 +140,8 @@ class EsterelPlanParser(PlanParser):
         """The plan graph, with the timed literals that the knowledge base waits for."""
         epsilon = self.number("epsilon_time", 0.01, 0.0)
         timed = self._knowledge.timed_literals() if steps else []
-        graph = build_graph(steps, [ground for _, ground in actions], timed, epsilon)
+        reduce = len(steps) > self.number("full_graph_limit", 50, 0)
+        graph = build_graph(steps, [ground for _, ground in actions], timed, epsilon, reduce)
         return graph_to_message(graph, action_messages(steps, actions))
 
 

@@ -84,7 +84,12 @@ def parse_plan(text: str) -> List[PlanStep]:
 
 def format_plan(steps: Iterable[PlanStep]) -> str:
     """The plan as POPF writes it, one action per line."""
-    return "".join(f"{step.time:.3f}: {step}  [{step.duration:.3f}]\n" for step in steps)
+    return "".join(f"{_number(step.time)}: {step}  [{_number(step.duration)}]\n" for step in steps)
+
+
+def _number(seconds: float) -> str:
+    # Three digits as POPF; some planners separate happenings by less, and rounding would join them.
+    return f"{seconds:.3f}" if abs(seconds - round(seconds, 3)) < 1e-7 else f"{seconds:.6f}"
 
 
 def restore_case(steps: Iterable[PlanStep], problem: str) -> List[PlanStep]:

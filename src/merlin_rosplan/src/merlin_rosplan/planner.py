@@ -14,6 +14,7 @@ from merlin_rosplan import pddl_check
 from merlin_rosplan.plan_text import PlanStep, format_plan, restore_case
 from merlin_rosplan.planner_command import PlannerCommand, PlannerCommandError, parse_command
 from merlin_rosplan.planner_output import candidate_plans, is_plan_file, verdict
+from merlin_rosplan.planner_presets import expand
 from merlin_rosplan.planner_process import PlannerProcess, ProcessResult
 from merlin_rosplan.planning_outcome import PlannerState, PlanningOutcome
 
@@ -38,7 +39,7 @@ class PlannerSettings:
 
     Parameters
     ----------
-    command: external planner with DOMAIN and PROBLEM; empty: kairos.
+    command: external planner with DOMAIN and PROBLEM, or just ``fast-downward`` or ``lpg``; empty: kairos.
     fallback: use kairos when the command's program is missing.
     time_limit: wall time for one planning, s; 0 means never. A ``timeout N`` in the command wins.
     anytime: s that kairos may go on looking for better plans after the first; 0 takes the first one.
@@ -114,7 +115,7 @@ class Planning:
     def _command(self) -> Optional[PlannerCommand]:
         if not self._settings.command.strip():
             return None
-        command = parse_command(self._settings.command)
+        command = parse_command(expand(self._settings.command))
         if command.program_path() is not None:
             return command
         if not self._settings.fallback:
@@ -146,7 +147,7 @@ class Planning:
     ) -> Tuple[PlannerState, str, str]:
         limit = self._settings.time_limit
         if self._settings.command.strip():
-            own_limit = command.limit if command is not None else parse_command(self._settings.command).limit
+            own_limit = (command or parse_command(expand(self._settings.command))).limit
             limit = own_limit if own_limit is not None else limit
         try:
             arguments = self._arguments(command, folder, limit)

@@ -35,8 +35,14 @@ class PlannerCommand:
 
     @property
     def name(self) -> str:
-        """Name of the program, without its folder."""
-        return os.path.basename(self.program)
+        """Name of the planner, without its folder; behind an interpreter that of its script."""
+        words = shlex.split(self.text)
+        name = os.path.basename(self.program)
+        if re.match(r"(?:python|java|bash|sh|mono|perl)[\d.]*$", name):
+            for word in words[words.index(self.program) + 1 :]:
+                if not word.startswith("-"):
+                    return os.path.basename(word)
+        return name
 
     def program_path(self) -> Optional[str]:
         """Where the program is, None when it is missing or not executable."""

@@ -32,13 +32,13 @@ _SOLVED_MARK = re.compile(
 )
 _UNSOLVABLE = re.compile(
     r"^.*(?:problem unsolvable|problem proven unsolvable|problem is unsolvable|problem not solvable|"
-    r"goal can be simplified to FALSE|no plan will solve it|"
+    r"goal can be simplified to FALSE|no plan will solve it|no plan exists|provably unsolvable|"
     r"completely explored state space|search stopped without finding a solution|"
     r"goals? .*(?:cannot|can not|can't|not) (?:be )?reach(?:ed|able)|kairos: unsolvable).*$",
     re.IGNORECASE | re.MULTILINE,
 )
 _BAD_INPUT = re.compile(
-    r"^.*(?:syntax error|parse error|parsing error|undeclared|"
+    r"^(?:Reason: )?.*(?:syntax error|Invalid requirement|parse error|parsing error|undeclared|"
     r"unknown (?:predicate|type|constant|object|function|symbol)|"
     r"error: .*(?:expected|undefined)|line: ?\d+: error|pddl:\d+:\d+: error).*$",
     re.IGNORECASE | re.MULTILINE,
@@ -115,7 +115,7 @@ def verdict(output: str, errors: str, returncode: int, name: str = "") -> Option
     ----------
     output, errors: what it printed.
     returncode: its exit code, minus a signal's number.
-    name: of the program; exit codes mean something for Fast Downward only.
+    name: of the program; only Fast Downward's exit codes say more than that it failed.
     """
     text = output + "\n" + errors
     found = _UNSOLVABLE.search(text)
@@ -140,7 +140,7 @@ def verdict(output: str, errors: str, returncode: int, name: str = "") -> Option
 
 
 def _sentence(line: str) -> str:
-    return line.strip().strip(";*").strip()
+    return re.sub(r"^\[t=[^\]]*\]\s*", "", line.strip()).strip(";*").strip()
 
 
 def _file_order(name: str) -> Tuple[int, str]:
@@ -219,11 +219,13 @@ def _ff_plans(output: str) -> List[Plan]:
 def _fast_downward_plans(output: str) -> List[Plan]:
     plans: List[Plan] = []
     for part in _FD_PLAN.split(output)[1:]:
-        body = part.splitlines()[1:]
         steps: List[str] = []
-        for line in body:
-            if not _FD_STEP.match(line):
-                break
-            steps.append(line)
-        plans.append(_sequential(_FD_STEP, steps))
+        for line in part.splitlines()[1:]:
+            if _FD_STEP.match(line):
+                steps.append(line)
+                continue
+            # The same heading stands above the statistics of a search that found nothing.
+            if "Plan length" in line:
+                plans.append(_sequential(_FD_STEP, steps))
+            break
     return plans

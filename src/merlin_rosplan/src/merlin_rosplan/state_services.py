@@ -22,8 +22,9 @@ from rosplan_knowledge_msgs.srv import (
 from merlin_rosplan.component import Component
 from merlin_rosplan.knowledge import Fact
 from merlin_rosplan.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter, StoredItems
+from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.knowledge_store import KnowledgeStore
+from merlin_rosplan.wire_items import StoredItems
 
 
 class StateServices:
@@ -80,5 +81,5 @@ class StateServices:
         known = self._store.domain.predicates
         if isinstance(item, Fact) and item.name and item.name != "=" and item.name.lower() not in known:
             rospy.logwarn_throttle_identical(
-                60.0, f"{self._name}/query_state: the domain has no predicate '{item.name}'"
+                60.0, f"{self._name}/query_state: the domain has no predicate '{item.name[:80]}'"
             )

@@ -135,7 +135,7 @@ class ActionServer:
         on_goal: Callable[[ServerGoal], None],
         on_cancel: Callable[[ServerGoal], None],
     ) -> None:
-        self.name = rospy.remap_name(name)
+        self.name = rospy.resolve_name(name)
         action = action_spec()
         self._goal_type = type(action.action_goal)
         self._result_type = type(action.action_result)
@@ -173,9 +173,10 @@ class ActionServer:
             subscriber.unregister()
         for goal in self.goals():
             goal.abort(text="the action server shuts down")
-        self._stopped.set()
-        for publisher in self._publishers:
-            publisher.unregister()
+        with self.lock:
+            self._stopped.set()
+            for publisher in self._publishers:
+                publisher.unregister()
 
     def goals(self) -> List[ServerGoal]:
         """The goals that have not ended, oldest first."""

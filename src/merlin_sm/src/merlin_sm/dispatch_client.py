@@ -1,23 +1,29 @@
 """Has a plan dispatched, follows its actions, and cancels it, over our dispatchers and ROSPlan's own."""
 
 import threading
-from typing import Callable, Dict, List, NamedTuple, Optional
+from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse
+from rosplan_knowledge_msgs.msg import DomainFormula
 from std_srvs.srv import Empty
 
 from merlin_sm.deadline import Deadline
+from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
 from merlin_sm.pddl_text import action_text
 from merlin_sm.planning_client import Interruptible
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 CANCEL_ACTION = "cancel_action"
 ENDINGS = (ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE, ActionFeedback.ACTION_FAILED)
+INTERFACE_WAIT = 3.0  # s of running time for the action interfaces of a plan to announce themselves
 STATUS_GRACE = 0.5  # s of running time for the dispatcher's status behind its answer
 FAILURE_GRACE = 0.5  # s of running time for a dispatcher to stop by itself after a failed action
+
+
+Ground = Tuple[str, Tuple[str, ...]]
 
 
 class DispatchResult(NamedTuple):
@@ -36,6 +42,7 @@ class DispatchClient:
     """One dispatcher.
 
     :param dispatcher: its name (scope).
+    :param knowledge_base: where action interfaces announce themselves.
     :param cancel_deadline: s of running time for a cancelled dispatch to end; zero or less: no limit.
     :param on_change: called when the running actions or the steps done change, in a subscriber's thread.
     """
@@ -43,6 +50,7 @@ class DispatchClient:
     def __init__(
         self,
         dispatcher: str = "rosplan_plan_dispatcher",
+        knowledge_base: str = DEFAULT_KNOWLEDGE_BASE,
         cancel_deadline: float = 5.0,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
@@ -58,8 +66,12 @@ class DispatchClient:
         self._failed_reason = ""
         self._active = False
         self._cancelling = False
+        self._requested = False
+        self._first_expected: Optional[Ground] = None
+        self._first_seen: Optional[Ground] = None
         self._cancel_sent = False
         self._ended = True
+        self._announced: Set[str] = set()
         self._status: Optional[DispatchStatus] = None
         self._statuses = 0
         self._cancel_publisher = rospy.Publisher(
@@ -71,6 +83,8 @@ class DispatchClient:
             ("dispatch_status", DispatchStatus, self._receive_status),
         ):
             rospy.Subscriber(f"{dispatcher}/{topic}", message_class, callback, tcp_nodelay=True)
+        announcements = f"{rospy.resolve_name(knowledge_base)}/pddl_action_parameters"
+        rospy.Subscriber(announcements, DomainFormula, self._receive_interface)
 
     def wait(self, timeout: float) -> bool:
         """Waits until the dispatcher is there, s of wall time."""
@@ -87,14 +101,31 @@ class DispatchClient:
         """Actions of this dispatch that have succeeded."""
         return self._steps_done
 
-    def dispatch(self, interruptible: Interruptible) -> DispatchResult:
-        """Dispatches the present plan and waits for its end. The interruption cancels it."""
+    def dispatch(self, interruptible: Interruptible, plan: Sequence[ActionDispatch] = ()) -> DispatchResult:
+        """Dispatches the present plan and waits for its end. The interruption cancels it.
+
+        :param plan: what is meant. ROSPlan's dispatchers may still hold an older plan when they are called;
+            one that begins with another action, or with none, is cancelled and dispatched again.
+        """
+        result = self._dispatch_once(interruptible, plan)
+        if self._stale(result, plan):
+            rospy.logwarn(f"{self.name} did not have the new plan yet; dispatching again")
+            result = self._dispatch_once(interruptible, plan)
+        return result
+
+    def _dispatch_once(self, interruptible: Interruptible, plan: Sequence[ActionDispatch]) -> DispatchResult:
         with self._changed:
             self._running.clear()
             self._steps_done = self._statuses = 0
             self._failed = self._failed_reason = ""
+            self._first_expected = _ground(plan[0]) if plan else None
+            self._first_seen = None
             self._active = True
-            self._ended = self._cancelling = self._cancel_sent = False
+            self._ended = self._cancelling = self._cancel_sent = self._requested = False
+            if self._status is None:
+                # ROSPlan's dispatchers wait for ever for an interface that was not there in time.
+                operators = {action.name.lower() for action in plan}
+                Deadline(INTERFACE_WAIT).wait(self._changed, lambda: operators <= self._announced)
         answers: List[object] = []
 
         def call() -> None:
@@ -126,9 +157,9 @@ class DispatchClient:
     def cancel(self) -> None:
         """Cancels the running dispatch, in the caller's thread; before it runs, as soon as it does."""
         with self._changed:
-            if self._ended or self._cancelling:
+            if self._ended or self._requested:
                 return
-            self._cancelling = True
+            self._requested = self._cancelling = True
             self._changed.notify_all()
             ready = self._seen()
         if ready:
@@ -156,11 +187,18 @@ class DispatchClient:
         with self._changed:
             return slack.wait(self._changed, lambda: self._ended)
 
+    def _stale(self, result: DispatchResult, plan: Sequence[ActionDispatch]) -> bool:
+        """Whether a dispatcher of ROSPlan's ran something else than the plan that was meant."""
+        with self._changed:
+            if self._status is not None or self._requested or result.goal_achieved or not plan:
+                return False
+            return self._first_seen != self._first_expected
+
     def _seen(self) -> bool:
         """Whether the dispatcher is known to run; called with the lock held."""
         if self._status is not None:
             return self._status.state != DispatchStatus.IDLE
-        return bool(self._running)
+        return bool(self._running or self._failed)
 
     def _send_cancel(self) -> None:
         with self._changed:
@@ -184,7 +222,7 @@ class DispatchClient:
 
     def _result(self, answer: object) -> DispatchResult:
         with self._changed:
-            cancelled = self._cancelling and not self._failed_before_cancel()
+            cancelled = self._requested and not self._failed_before_cancel()
             action, reason = self._failed, self._failed_reason
             if not getattr(answer, "goal_achieved", False) and self._status is not None:
                 # The last word of our dispatcher may come a moment behind the answer of its service.
@@ -210,6 +248,10 @@ class DispatchClient:
         with self._changed:
             if not self._active or dispatch.name == CANCEL_ACTION:
                 return
+            if self._first_seen is None:
+                self._first_seen = _ground(dispatch)
+                if self._status is None and self._first_expected not in (None, self._first_seen):
+                    self._cancelling = True
             self._running[dispatch.action_id] = RunningAction(
                 action_id=dispatch.action_id,
                 plan_id=dispatch.plan_id,
@@ -237,8 +279,17 @@ class DispatchClient:
             self._changed.notify_all()
         self._on_change()
 
+    def _receive_interface(self, formula: DomainFormula) -> None:
+        with self._changed:
+            self._announced.add(formula.name.lower())
+            self._changed.notify_all()
+
     def _receive_status(self, status: DispatchStatus) -> None:
         with self._changed:
             self._status = status
             self._statuses += 1
             self._changed.notify_all()
+
+
+def _ground(action: ActionDispatch) -> Ground:
+    return action.name.lower(), tuple(parameter.value.lower() for parameter in action.parameters)

@@ -1,6 +1,6 @@
 """States for the stages of the planning system (paper, section 3.2.2: a state for every component)."""
 
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Optional, Sequence
 
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
@@ -82,20 +82,23 @@ class DispatchPlanState(MerlinState):
     again), cancel_timeout when something did not stop in time, preempted, aborted.
 
     :param on_result: called with the result.
+    :param plan: gives the actions that are meant, see :meth:`DispatchClient.dispatch`.
     """
 
     def __init__(
         self,
         client: Optional[DispatchClient] = None,
         on_result: Callable[[DispatchResult], None] = lambda result: None,
+        plan: Callable[[], Sequence[ActionDispatch]] = lambda: (),
     ) -> None:
         super().__init__(outcomes=[FAILED, CANCEL_TIMEOUT])
+        self._plan = plan
         self._client = client or DispatchClient()
         self._on_result = on_result
 
     def run(self, userdata: Any) -> str:
         """Dispatches."""
-        result = self._client.dispatch(self.interruptible)
+        result = self._client.dispatch(self.interruptible, self._plan())
         self._on_result(result)
         self.reason = f"{result.action}: {result.reason}" if result.action else result.reason
         if result.goal_achieved:

@@ -1,6 +1,7 @@
 """The base of all states that consist of other states."""
 
 import contextlib
+import functools
 import traceback
 import weakref
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
@@ -199,20 +200,21 @@ class Container(PreemptibleContainer):
 
     def _copy_input_keys(self, parent_ud: Any) -> None:
         if parent_ud is not None:
-            self._copy(parent_ud, self.userdata, self._input_keys, "input")
+            put = functools.partial(self.userdata._put, of_run=True)
+            self._copy(parent_ud, put, self._input_keys, "input")
 
     def _copy_output_keys(self, parent_ud: Any) -> None:
         if parent_ud is not None:
-            self._copy(self.userdata, parent_ud, self._output_keys, "output")
+            self._copy(self.userdata, parent_ud.__setitem__, self._output_keys, "output")
 
-    def _copy(self, source: Any, target: Any, keys: Iterable[str], kind: str) -> None:
+    def _copy(self, source: Any, put: Callable[[str, Any], None], keys: Iterable[str], kind: str) -> None:
         for key in keys:
             try:
                 value = source[key]
             except KeyError:
                 smach.logwarn(f"Container '{self._path()}': the {kind} key '{key}' has no value to copy")
             else:
-                target[key] = value
+                put(key, value)
 
     def _view(
         self, state: State, remapping: Mapping[str, str], constants: Optional[Mapping[str, Any]] = None

@@ -51,10 +51,9 @@ def leave(outer: Optional[Run]) -> None:
     _context.run = outer
 
 
-def run_by_container(state: Any) -> bool:
-    """Whether a container executes the state in this thread (and reads its preempt flag afterwards)."""
-    run = _context.run
-    return run is not None and run.state is state
+def executing() -> bool:
+    """Whether this thread is executing a state for some container."""
+    return _context.run is not None
 
 
 def begin_run(state: Any) -> bool:

@@ -6,6 +6,7 @@ import threading
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Set
 
 import smach
+from smach import run_context
 from smach.exceptions import InvalidUserCodeError
 from smach.read_only import read_only, unwrap
 
@@ -88,13 +89,8 @@ class UserData:
         raise MissingKeyError(f"userdata has no key '{key}'; its keys: {known}")
 
     def __setitem__(self, key: str, value: Any) -> None:
-        with self._lock:
-            if self._in_run:
-                if key not in self._data:
-                    self._of_run.add(key)
-            else:
-                self._of_run.discard(key)
-            self._data[key] = value
+        # Who writes from another thread while the container runs is not part of that run.
+        self._put(key, value, self._in_run and run_context.executing())
 
     def __delitem__(self, key: str) -> None:
         with self._lock:
@@ -130,6 +126,18 @@ class UserData:
         self.__init__()  # type: ignore[misc]
         self._data.update(state["_data"])
         self._of_run.update(state["_of_run"])
+
+    def _put(self, key: str, value: Any, of_run: bool) -> None:
+        """Sets a value.
+
+        :param of_run: it belongs to the current run; if it has made the key, that ends with it.
+        """
+        with self._lock:
+            if not of_run:
+                self._of_run.discard(key)
+            elif key not in self._data:
+                self._of_run.add(key)
+            self._data[key] = value
 
     def _begin_run(self, keep: bool = False) -> None:
         """A run of the container begins: what only the last run left behind goes.

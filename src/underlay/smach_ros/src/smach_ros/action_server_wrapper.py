@@ -9,6 +9,7 @@ import actionlib
 import rospy
 
 import smach
+from smach import run_context
 from smach.container import Container
 from smach.state import names
 from smach_ros.user_callback import check_slots
@@ -148,6 +149,7 @@ class ActionServerWrapper:
         result = self._result_type()
         kind, text = "aborted", ""
         self.userdata._begin_run()
+        outer = run_context.enter(self, run_context.next_number())
         try:
             outcome = self._execute(goal.get_goal())
             kind = self._outcome_kinds.get(outcome or "", "aborted")
@@ -156,7 +158,9 @@ class ActionServerWrapper:
         except Exception as error:
             rospy.logerr(f"Action {self._server_name}: the goal failed\n{traceback.format_exc()}")
             kind, text = "aborted", f"{type(error).__name__}: {error}"
-        self.userdata._end_run()
+        finally:
+            run_context.leave(outer)
+            self.userdata._end_run()
         with self._changed:
             self._current = None
         end = {"succeeded": goal.set_succeeded, "preempted": goal.set_canceled, "aborted": goal.set_aborted}

@@ -7,6 +7,7 @@ import traceback
 import xmlrpc.client
 from typing import Any, Callable, Iterable, Mapping, Optional
 
+import rosgraph.network
 import rospy
 from rospy.impl.validators import ParameterInvalid
 
@@ -217,10 +218,14 @@ class _Call:
 def _offered(name: str) -> bool:
     """Whether the master knows the service and its server accepts connections."""
     try:
-        code, _, uri = rospy.get_master().lookupService(rospy.resolve_name(name))
+        service = rospy.resolve_name(name)
+        code, _, uri = rospy.get_master().lookupService(service)
         if code != 1:
             return False
-        with socket.create_connection(rospy.core.parse_rosrpc_uri(uri), timeout=1.0):
+        with socket.create_connection(rospy.core.parse_rosrpc_uri(uri), timeout=1.0) as probe:
+            # A server warns of a connection that closes without this.
+            header = {"probe": "1", "md5sum": "*", "callerid": rospy.get_caller_id(), "service": service}
+            rosgraph.network.write_ros_handshake_header(probe, header)
             return True
     except (OSError, xmlrpc.client.Error, ParameterInvalid):
         return False

@@ -70,7 +70,9 @@ class _PlainPickler(pickle.Pickler):
         kind = obj if isinstance(obj, type) else type(obj)
         if issubclass(kind, (genpy.Message, genpy.TVal)) or kind in (set, frozenset, complex, bytearray):
             return NotImplemented
-        if obj is codecs.encode:  # how protocol 2 writes bytes
+        if (
+            obj is codecs.encode or obj is bytes or obj is str
+        ):  # how protocol 2 writes bytes, and this the rest
             return NotImplemented
         return str, (_text(obj),)
 

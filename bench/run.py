@@ -1,0 +1,104 @@
+#!/usr/bin/env python3
+"""Runs all benchmarks, each in its own process, writes results/bench.json and prints a table.
+
+Usage: bench/run.py [topic ...]     for example: bench/run.py knowledge planning
+"""
+
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Optional, Tuple
+
+BENCH = Path(__file__).resolve().parent
+RESULTS = BENCH.parent / "results" / "bench.json"
+LIMIT = 600.0  # s for one benchmark
+
+# What a benchmark's process does: measure, and write what it measured where it is told.
+_CHILD = "import json, sys; sys.path.insert(0, sys.argv[1]); module = __import__(sys.argv[2]); \
+json.dump(module.measure(), open(sys.argv[3], 'w'))"
+
+
+def run(module: str) -> Tuple[Optional[Dict[str, Any]], str]:
+    """Results of one benchmark and, when it failed, what it printed."""
+    target = RESULTS.parent / f"{module}.json"
+    target.unlink(missing_ok=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", _CHILD, str(BENCH), module, str(target)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+    )
+    try:
+        output, _ = process.communicate(timeout=LIMIT)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        output, _ = process.communicate()
+        output += f"\nended after {LIMIT:.0f} s"
+    if process.returncode or not target.exists():
+        return None, output
+    results = json.loads(target.read_text())
+    target.unlink()
+    return results, output
+
+
+def rows(results: Dict[str, Any], path: Tuple[str, ...] = ()) -> Iterator[Tuple[str, Any]]:
+    """Names and values of all figures, those of nested ones joined by a blank."""
+    for name, value in results.items():
+        if isinstance(value, dict) and "median" not in value:
+            yield from rows(value, (*path, name))
+        else:
+            yield " ".join((*path, name)), value
+
+
+def table(results: Dict[str, Any]) -> str:
+    """All figures as text."""
+    lines = [f"{'':44}{'median':>12}{'p95':>12}{'p99':>12}{'n':>8}"]
+    for name, value in rows(results):
+        if isinstance(value, dict):
+            cells = "".join(f"{value.get(key, ''):>12}" for key in ("median", "p95", "p99"))
+            lines.append(f"{name:44}{cells}{value.get('n', ''):>8}")
+        else:
+            lines.append(f"{name:44}{value!s:>12}")
+    return "\n".join(lines)
+
+
+def main(topics: List[str]) -> int:
+    """Runs the benchmarks of these topics, or all; returns the exit code."""
+    modules = sorted(path.stem for path in BENCH.glob("bench_*.py"))
+    if topics:
+        unknown = sorted(set(topics) - {module[len("bench_") :] for module in modules})
+        if unknown:
+            print(f"no benchmark: {', '.join(unknown)}", file=sys.stderr)
+            return 2
+        modules = [f"bench_{topic}" for topic in topics]
+    RESULTS.parent.mkdir(exist_ok=True)
+    collected: Dict[str, Any] = {}
+    if topics and RESULTS.exists():  # a part is measured anew, the rest is kept
+        collected = json.loads(RESULTS.read_text())
+    failed = []
+    for module in modules:
+        start = time.monotonic()
+        print(f"{module} ...", end=" ", flush=True)
+        results, output = run(module)
+        print(f"{time.monotonic() - start:.0f} s" if results is not None else "FAILED", flush=True)
+        if results is None:
+            failed.append(module)
+            print(output, file=sys.stderr)
+        else:
+            collected.update(results)
+    collected["machine"] = f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
+    RESULTS.write_text(json.dumps(collected, indent=2, sort_keys=True) + "\n")
+    print(table(collected))
+    print(f"\nwritten to {RESULTS}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,145 @@
+"""The Goal Dispatcher, the mission layer's component: as a plain node or as a state machine (paper, 3.2.2).
+
+.. code-block:: python
+
+    class Round(GoalDispatcher):                       # a plain node
+        def run(self):
+            for poi in ("kitchen", "bathroom"):
+                self.achieve(f"(checked {poi})")
+
+    class Evening(MissionSM):                          # a state machine: each state sends its goals
+        def build(self):
+            self.goals("KITCHEN", "(checked kitchen)", {"succeeded": "DOOR"})
+            self.goals("DOOR", ["(checked main_door)"])
+"""
+
+from typing import Any, Dict, List, Optional
+
+import rospy
+from merlin_msgs.msg import ExecuteResult, MissionStatus
+
+from merlin_executor.executor_client import ExecutorRequest, Goals, MerlinExecutorClient
+from merlin_executor.goal_state import ACHIEVED, EXECUTOR_WAIT, GoalState, outcome_text
+from merlin_executor.mission_reporter import MissionReporter
+from merlin_sm.introspection import show
+from merlin_sm.merlin_sm import MerlinSM
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
+
+_FINAL = {
+    SUCCEEDED: MissionStatus.SUCCEEDED,
+    PREEMPTED: MissionStatus.CANCELLED,
+}
+
+
+class MissionFailed(RuntimeError):
+    """A goal of a mission was not achieved; the text says why, `result` is the Executor's."""
+
+    def __init__(self, text: str, result: Optional[ExecuteResult] = None) -> None:
+        super().__init__(text)
+        self.result = result
+
+
+class GoalDispatcher(MerlinROSPlanAssistant):
+    """A mission as a plain node. A subclass implements :meth:`run`; :meth:`execute` runs it.
+
+    :param name: of the mission; the class name when empty.
+    :param tasks: how many goals there will be, for the status; 0: not known.
+    """
+
+    def __init__(self, name: str = "", tasks: int = 0) -> None:
+        self.name = name or type(self).__name__
+        self.client = MerlinExecutorClient()
+        self.reporter = MissionReporter(self.name, tasks)
+        self._current: Optional[ExecutorRequest] = None
+        self._cancelled = False
+
+    def run(self) -> None:
+        """Sends the goals."""
+        raise NotImplementedError(f"{type(self).__name__} has to implement run()")
+
+    def execute(self) -> bool:
+        """Runs the mission and reports its end; whether it succeeded."""
+        rospy.on_shutdown(self.cancel)
+        try:
+            if not self.client.wait_for_executor(EXECUTOR_WAIT):
+                raise MissionFailed(f"no executor within {EXECUTOR_WAIT:g} s")
+            self.run()
+        except (MissionFailed, ValueError, rospy.ServiceException) as error:
+            state = MissionStatus.CANCELLED if self._cancelled else MissionStatus.FAILED
+            self.reporter.report(state, str(error))
+            rospy.logerr(f"mission {self.name}: {error}")
+            return False
+        self.reporter.report(MissionStatus.SUCCEEDED, "done")
+        return True
+
+    def achieve(self, goals: Goals, timeout: Optional[float] = None, **options: Any) -> ExecuteResult:
+        """Sends goals and waits until they hold.
+
+        :param timeout: s of running time, after which they are cancelled; None: as long as it takes.
+        :param options: priority and on_interrupt of :meth:`MerlinExecutorClient.send`.
+        :raises MissionFailed: when they do not.
+        """
+        text = goals if isinstance(goals, str) else " ".join(map(str, goals))
+        self.reporter.task(text)
+        request = self.client.send(goals, **options)
+        self._current = request
+        if self._cancelled or not request.wait(timeout):
+            request.cancel()
+            request.wait()
+        result = request.result
+        if result is None or result.outcome not in ACHIEVED:
+            reason = f"{outcome_text(result)}: {result.reason}" if result else "the node shuts down"
+            raise MissionFailed(f"{text}: {reason}", result)
+        return result
+
+    def cancel(self) -> None:
+        """Cancels the mission: the running goal stops, and no further one is sent."""
+        self._cancelled = True
+        if self._current is not None:
+            self._current.cancel()
+
+
+class MissionSM(MerlinSM):
+    """A mission as a state machine, ``/MISSION_<NAME>`` in smach_viewer; a subclass adds states in build().
+
+    Outcomes: succeeded, aborted, preempted.
+
+    :param name: of the mission; the class name when empty.
+    """
+
+    def __init__(self, name: str = "") -> None:
+        super().__init__([SUCCEEDED, ABORTED, PREEMPTED])
+        self.name = name or type(self).__name__
+        self.client = MerlinExecutorClient()
+        with self:
+            self.build()
+        self.reporter = MissionReporter(self.name, len(self.get_children()))
+        self.register_start_cb(self._report)
+        self.register_transition_cb(self._report)
+
+    def build(self) -> None:
+        """Adds the states; the machine is open for construction."""
+        raise NotImplementedError(f"{type(self).__name__} has to implement build()")
+
+    def goals(
+        self, label: str, goals: Goals, transitions: Optional[Dict[str, str]] = None, **options: Any
+    ) -> GoalState:
+        """Adds a state that sends goals; options are those of :class:`GoalState`."""
+        state = GoalState(goals, client=self.client, **options)
+        self.add(label, state, transitions=transitions)
+        return state
+
+    def run(self) -> str:
+        """Shows the machine, runs it to its end and reports that; returns its outcome."""
+        server = show(f"MISSION_{self.name.upper()}", self)
+        rospy.on_shutdown(self.request_preempt)
+        try:
+            outcome = str(self.execute())
+        finally:
+            server.stop()
+        self.reporter.report(_FINAL.get(outcome, MissionStatus.FAILED), self.reason or outcome)
+        return outcome
+
+    def _report(self, userdata: Any, states: List[str]) -> None:
+        self.reporter.task(", ".join(states))

@@ -1,0 +1,83 @@
+"""A state that sends goals to the Executor: what a mission's machine is made of (paper, Figure 3)."""
+
+import threading
+from typing import Any, Optional, Sequence
+
+from merlin_msgs.msg import ExecuteResult
+
+from merlin_executor.executor_client import RESUME, ExecutorRequest, Goals, MerlinExecutorClient, outcome_name
+from merlin_sm.deadline import Deadline
+from merlin_sm.pddl_text import PDDLSyntaxError
+from merlin_sm.service_proxy import ServiceError
+from merlin_sm.state_factory import MerlinStateFactory
+from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+
+EXECUTOR_WAIT = 30.0  # s of running time for an Executor that is still starting
+ACHIEVED = (ExecuteResult.SUCCEEDED, ExecuteResult.ALREADY_TRUE)
+
+
+class GoalState(MerlinState):
+    """Sends goals and waits until they hold; a preempt cancels them.
+
+    Outcomes: succeeded, preempted, and aborted with the Executor's reason. ``userdata.outcome`` becomes the
+    name of the Executor's outcome.
+
+    :param goals: PDDL text or knowledge items, one or many; ``{key}`` in text is replaced by userdata.
+    :param keys: the userdata keys that the goals name.
+    :param priority: higher is more urgent.
+    :param on_interrupt: RESUME or DROP.
+    :param client: None: one of its own.
+    """
+
+    def __init__(
+        self,
+        goals: Goals,
+        keys: Sequence[str] = (),
+        priority: int = 0,
+        on_interrupt: int = RESUME,
+        client: Optional[MerlinExecutorClient] = None,
+    ) -> None:
+        super().__init__(input_keys=keys, output_keys=["outcome"])
+        self._goals = [goals] if not isinstance(goals, (list, tuple)) else list(goals)
+        self._keys = list(keys)
+        self._priority = priority
+        self._on_interrupt = on_interrupt
+        self._client = client or MerlinExecutorClient()
+
+    def run(self, userdata: Any) -> str:
+        """Sends the goals and waits for the end."""
+        values = {key: userdata[key] for key in self._keys}
+        goals = [goal.format(**values) if isinstance(goal, str) else goal for goal in self._goals]
+        if not self._client.wait_for_executor(EXECUTOR_WAIT):
+            return self.fail(f"no executor within {EXECUTOR_WAIT:g} s")
+        ended = threading.Event()
+        try:
+            request = self._client.send(
+                goals, self._priority, self._on_interrupt, on_done=lambda _: ended.set()
+            )
+        except (ValueError, PDDLSyntaxError, ServiceError) as error:
+            return self.fail(str(error))
+        self.interruptible(request.cancel)
+        Deadline(None).wait_event(ended)
+        self.interruptible(None)
+        return self._outcome(userdata, request)
+
+    def _outcome(self, userdata: Any, request: ExecutorRequest) -> str:
+        result = request.result
+        if result is None:
+            return self.fail("the mission's node shuts down")
+        userdata.outcome = outcome_name(result.outcome)
+        self.reason = result.reason
+        if result.outcome in ACHIEVED:
+            return SUCCEEDED
+        if result.outcome == ExecuteResult.CANCELLED and self.preempt_requested():
+            return PREEMPTED
+        return self.fail(f"{outcome_text(result)}: {result.reason}")
+
+
+def outcome_text(result: ExecuteResult) -> str:
+    """An outcome in plain words."""
+    return outcome_name(result.outcome).lower().replace("_", " ")
+
+
+MerlinStateFactory.register("goals", GoalState)

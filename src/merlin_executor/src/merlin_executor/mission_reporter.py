@@ -1,0 +1,29 @@
+"""Tells what a mission does, on ``merlin/mission``."""
+
+import rospy
+from merlin_msgs.msg import MissionStatus
+
+
+class MissionReporter:
+    """Publishes MissionStatus, latched.
+
+    :param mission: its name.
+    :param tasks: how many it has; 0: not known.
+    """
+
+    def __init__(self, mission: str, tasks: int = 0) -> None:
+        self._status = MissionStatus(mission=mission, tasks=tasks)
+        self._publisher = rospy.Publisher("merlin/mission", MissionStatus, latch=True, queue_size=10)
+        self.report(MissionStatus.STARTING, description="starting")
+
+    def task(self, description: str) -> None:
+        """A next task begins."""
+        self._status.task += 1
+        self.report(MissionStatus.RUNNING, description)
+
+    def report(self, state: int, description: str) -> None:
+        """Publishes a state, a constant of MissionStatus, and a sentence."""
+        self._status.state = state
+        self._status.description = description
+        self._status.header.stamp = rospy.Time.now()
+        self._publisher.publish(self._status)

@@ -1,0 +1,1 @@
+"""The paper's experiment: which runs, their statistics, the report."""

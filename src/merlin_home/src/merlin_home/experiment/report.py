@@ -1,0 +1,223 @@
+"""Writes report.md: every number in it comes from the tables beside it."""
+
+import os
+import platform
+from pathlib import Path
+from typing import List, Sequence
+
+from ..mission_list import MISSION_TASKS
+from .analysis import Analysis, Key
+from .markdown import (
+    APPROACH_NAMES,
+    four_figures,
+    mean_and_variation,
+    number,
+    paper_cell,
+    ratio_cell,
+    section,
+    table,
+)
+from .paper_results import DISTANCE, TIME, paper_ratio
+from .report_figures import figures_section
+from .run_plan import APPROACHES, Run
+from .run_table import Row
+from .sensitivity import check_section, early_cancel_section, killed_section, sweep_section
+from .statistics import Ratio
+
+EFFICIENCY_GOAL = 0.95
+COMPLETED_GOAL = 0.90
+EXCESS_GOAL = 0.03
+
+
+def write_report(
+    results: Path, planned: Sequence[Run], run_rows: List[Row], task_rows: List[Row], command: str
+) -> Path:
+    """Writes the report and its figures.
+
+    Parameters:
+        results: folder.
+        planned: the runs that were asked for.
+        run_rows: of the finished ones; at least one.
+        task_rows: of their tasks.
+        command: that made it.
+
+    Returns:
+        The path of report.md.
+    """
+    everything = Analysis(run_rows, task_rows)
+    main = everything.only(set="main")
+    parts = [_head(planned, everything, command)]
+    if main.runs:
+        parts += [_table_1(main), _ratios(main), _efficiency(main), _where_time_goes(main)]
+        parts += [figures_section(results, main)]
+    parts += [
+        _failures(everything),
+        check_section(everything),
+        sweep_section(results, everything, "cancel_after", "cancel_after", "cancel time (s)"),
+        sweep_section(results, everything, "share", "marked_share", "share of cancelled tasks"),
+        early_cancel_section(everything),
+        killed_section(everything),
+    ]
+    path = results / "report.md"
+    path.write_text("\n\n".join(filter(None, parts)) + "\n")
+    return path
+
+
+def _head(planned: Sequence[Run], analysis: Analysis, command: str) -> str:
+    first = analysis.runs[0]
+    return f"""# The paper's experiment
+
+Made by `{command}`: {len(analysis.runs)} of {len(planned)} runs finished; {os.cpu_count()} processor cores,
+{platform.machine()}; {first["versions"]}.
+
+Settings, fixed before any run: four points of interest; lists of 6, 20 and 120 of them with different
+neighbours; exactly half of the tasks marked; a marked task is cancelled {first["cancel_after"]:g} s after it
+was sent if it still runs (the paper does not state its time; this is the value of its successor's public
+code). Naive and MERLIN run the same lists (same seed) from the same start. The simulation runs at factor
+{first["real_time_factor"]:g}, policy {first["rtf_policy"]} (adaptive: factor 1 from a goal until a second
+after its first action was dispatched, for a second after every other dispatch, and from a second before a
+cancel until the Executor is idle). All times are simulated seconds. Time and distance of a mission are sums
+over its tasks, each from its sending until the Executor is idle; positions are ground truth.
+
+Naive is ROSPlan's real behaviour: the action runs to its natural end, then the cancel is read.
+
+The oracle is what the best possible robot takes for each task from the pose in which it was sent: turning to
+the shortest path while setting off, driving along it at the limits of speed and acceleration, and the true
+length of the question; at most the cancel time for a marked task. Nothing else takes time, and no robot can
+be faster."""
+
+
+def _table_1(analysis: Analysis) -> str:
+    times, ways = analysis.summaries("time_s"), analysis.summaries("distance_m")
+    rows = [
+        [
+            *(key[0], APPROACH_NAMES[key[1]], times[key].n),
+            *(*four_figures(times[key]), paper_cell(TIME[key])),
+            *(*four_figures(ways[key]), paper_cell(DISTANCE[key])),
+        ]
+        for key in _keys(analysis)
+        if key in times
+    ]
+    header = (
+        "mission | approach | runs | time s: mean | median | sd | cv | paper: mean [median] ± sd "
+        "| distance m: mean | median | sd | cv | paper"
+    )
+    return section("Table 1", table(header, rows))
+
+
+def _ratios(analysis: Analysis) -> str:
+    rows, remarks = [], []
+    for mission in analysis.missions():
+        part = analysis.only(mission=float(mission))
+        time, way, oracle = part.ratio("time_s"), part.ratio("distance_m"), part.oracle_ratio()
+        if time is None or way is None or oracle is None:
+            continue
+        excess = time.value / oracle.value - 1.0
+        rows.append(
+            [
+                *(mission, time.pairs),
+                *(ratio_cell(time), number(paper_ratio(TIME, mission), 3)),
+                *(ratio_cell(way), number(paper_ratio(DISTANCE, mission), 3)),
+                *(ratio_cell(oracle), f"{excess:+.1%}", _verdict(excess <= EXCESS_GOAL)),
+            ]
+        )
+        remarks += _difference(part, mission, time, way)
+    header = (
+        "mission | pairs | time | paper | distance | paper | oracle / Naive, time "
+        f"| excess over the oracle | at most {EXCESS_GOAL:.0%}"
+    )
+    method = "Ratio of the means over the pairs, with the 95 % confidence interval of the ratio estimator."
+    return section("MERLIN / Naive", method, table(header, rows), "\n".join(remarks)) if rows else ""
+
+
+def _difference(part: Analysis, mission: int, time: Ratio, way: Ratio) -> List[str]:
+    """Why a ratio is not the paper's."""
+    both = (
+        ("time", time, paper_ratio(TIME, mission)),
+        ("distance", way, paper_ratio(DISTANCE, mission)),
+    )
+    differing = [
+        f"{name} {ratio.value:.3f} against {paper:.3f}"
+        for name, ratio, paper in both
+        if ratio.low is None or ratio.high is None or not ratio.low <= paper <= ratio.high
+    ]
+    naive, merlin = part.task_means("naive"), part.task_means("merlin")
+    if not differing or None in (naive["marked"], naive["unmarked"], merlin["marked"]):
+        return []
+    tasks = MISSION_TASKS[mission]
+    paper_task = TIME[mission, "naive"].mean / tasks
+    paper_saves = (TIME[mission, "naive"].mean - TIME[mission, "merlin"].mean) / (tasks / 2)
+    saves = naive["marked"] - merlin["marked"]
+    return [
+        f"- Mission {mission}: {', '.join(differing)}. Here a completed task takes {naive['unmarked']:.1f} "
+        f"s, a cancelled one {naive['marked']:.1f} s under Naive and {merlin['marked']:.1f} s under MERLIN, "
+        f"so that a cancel saves {saves:.1f} s. In the paper a Naive task takes {paper_task:.1f} s on "
+        f"average, and its means say that a cancel saves {paper_saves:.1f} s. Naive does not finish a "
+        "cancelled task either: it drives there, but does not speak."
+    ]
+
+
+def _efficiency(analysis: Analysis) -> str:
+    names = ("efficiency", "efficiency_completed", "efficiency_cancelled")
+    columns = [analysis.summaries(name) for name in names]
+    rows = [
+        [
+            key[0],
+            APPROACH_NAMES[key[1]],
+            *(c for column in columns for c in mean_and_variation(column.get(key))),
+        ]
+        for key in _keys(analysis)
+    ]
+    verdicts = []
+    for mission in analysis.missions():
+        for words, column, goal in (
+            ("all tasks", columns[0], EFFICIENCY_GOAL),
+            ("completed ones", columns[1], COMPLETED_GOAL),
+        ):
+            found = column.get((mission, "merlin"))
+            if found:
+                word = _verdict(found.mean >= goal)
+                verdicts.append(
+                    f"- Mission {mission}, MERLIN, {words}: {found.mean:.3f}, goal {goal}: {word}."
+                )
+    header = "mission | approach | all tasks: mean | cv | completed: mean | cv | cancelled: mean | cv"
+    return section("Efficiency: oracle / measured", table(header, rows), "\n".join(verdicts))
+
+
+def _where_time_goes(analysis: Analysis) -> str:
+    names = ("time_s", "navigating_s", "speaking_s", "deliberating_s", "other_s", "after_cancel_s")
+    rows = [
+        [mission, APPROACH_NAMES[approach], *(number(sums[name], 1) for name in names)]
+        for (mission, approach), sums in analysis.shares().items()
+    ]
+    notes = []
+    for approach in APPROACHES:
+        means = analysis.task_means(approach)
+        if means["stopping"] is not None and means["deliberating"] is not None:
+            notes.append(
+                f"- {APPROACH_NAMES[approach]}: {means['deliberating']:.3f} s from a goal to its first "
+                f"action, {means['stopping']:.2f} s from a cancel to idle, on average over all missions."
+            )
+    header = "mission | approach | all | driving | speaking | deliberating | between actions | after cancel"
+    method = "Mean simulated seconds of a run. *After cancel* lies within the others: from a cancel to idle."
+    return section("Where the time goes", method, table(header, rows), "\n".join(notes))
+
+
+def _failures(analysis: Analysis) -> str:
+    odd = [task for task in analysis.tasks if not task["right"]]
+    rows = [
+        [t["run"], f"{t['task']:.0f}", t["poi"], t["outcome"], t["stage"], t["reason"] or ""] for t in odd
+    ]
+    count = f"{len(odd)} of {len(analysis.tasks)}; they are in the data."
+    listed = table("run | task | point | outcome | stage | reason", rows) if rows else ""
+    return section("Tasks that did not end as listed", count, listed)
+
+
+def _keys(analysis: Analysis) -> List[Key]:
+    """Missions and approaches with a run, in the order of the paper's table."""
+    present = {(int(row["mission"]), row["approach"]) for row in analysis.runs}
+    return [(mission, name) for mission in (1, 2, 3) for name in APPROACHES if (mission, name) in present]
+
+
+def _verdict(met: bool) -> str:
+    return "met" if met else "missed"

@@ -1,0 +1,78 @@
+"""The statistics of the report."""
+
+import math
+import statistics
+from dataclasses import dataclass
+from typing import Optional, Sequence
+
+from scipy import stats
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A sample.
+
+    Attributes:
+        n: how many.
+        mean: arithmetic mean.
+        median: median.
+        sd: standard deviation of the sample (n - 1); None for one value.
+    """
+
+    n: int
+    mean: float
+    median: float
+    sd: Optional[float]
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "Summary":
+        """Summarises values; at least one."""
+        sd = statistics.stdev(values) if len(values) > 1 else None
+        return cls(len(values), statistics.fmean(values), statistics.median(values), sd)
+
+    @property
+    def variation(self) -> Optional[float]:
+        """Coefficient of variation, sd / mean."""
+        return None if self.sd is None or self.mean == 0 else self.sd / abs(self.mean)
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """The ratio of two means over paired runs.
+
+    Attributes:
+        value: mean of the first over mean of the second.
+        low: lower end of the confidence interval; None: fewer than two pairs.
+        high: its upper end.
+        pairs: how many.
+    """
+
+    value: float
+    low: Optional[float]
+    high: Optional[float]
+    pairs: int
+
+    @classmethod
+    def of(cls, first: Sequence[float], second: Sequence[float]) -> "Ratio":
+        """The ratio estimator for paired samples, with Student's t on its residuals.
+
+        Parameters:
+            first: the measurements of one approach.
+            second: those of the other on the same lists, in the same order.
+
+        Raises:
+            ValueError: no pairs, or unequal numbers.
+        """
+        count = len(first)
+        if count != len(second) or not count:
+            raise ValueError(f"{count} and {len(second)} values are no pairs")
+        below = statistics.fmean(second)
+        ratio = statistics.fmean(first) / below
+        if count == 1:
+            return cls(ratio, None, None, 1)
+        residuals = [a - ratio * b for a, b in zip(first, second)]
+        error = math.sqrt(sum(r * r for r in residuals) / (count - 1) / count) / below
+        reach = float(stats.t.ppf(0.5 + CONFIDENCE / 2, count - 1)) * error
+        return cls(ratio, ratio - reach, ratio + reach, count)

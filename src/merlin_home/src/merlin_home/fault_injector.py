@@ -1,0 +1,57 @@
+"""Node `fault_injector`: kills a node of the robot in the middle of a mission, as a crash would.
+
+Waits until a task of the mission runs, and a little longer; then sends SIGKILL to the process of a node. What
+happens next is up to the robot: the launch file may start the node again.
+"""
+
+import os
+import signal
+import threading
+import xmlrpc.client
+
+import rosgraph
+import rospy
+from merlin_msgs.msg import MissionStatus
+
+
+class FaultInjector:
+    """Kills one node once."""
+
+    def __init__(self, node: str, task: int, delay: float) -> None:
+        """
+        Parameters:
+            node: its name, relative names allowed.
+            task: number of the mission's task in which it is killed.
+            delay: s of ROS time after the beginning of that task.
+        """
+        self._node = rospy.resolve_name(node)
+        self._task = task
+        self._delay = delay
+        self._once = threading.Lock()  # taken for good by the first status that names the task
+        self._subscriber = rospy.Subscriber("merlin/mission", MissionStatus, self._receive)
+
+    def _receive(self, status: MissionStatus) -> None:
+        running = status.state == MissionStatus.RUNNING and status.task == self._task
+        if running and self._once.acquire(blocking=False):
+            rospy.Timer(rospy.Duration(self._delay), self._kill, oneshot=True)
+
+    def _kill(self, _event: object) -> None:
+        try:
+            address = rosgraph.Master(rospy.get_name()).lookupNode(self._node)
+            process = int(xmlrpc.client.ServerProxy(address).getPid(rospy.get_name())[2])
+        except (rosgraph.MasterException, OSError, xmlrpc.client.Error) as error:
+            rospy.logerr(f"cannot kill {self._node}: {error}")
+            return
+        rospy.loginfo(f"killing {self._node}, process {process}")
+        os.kill(process, signal.SIGKILL)
+
+
+def main() -> None:
+    """Runs the node."""
+    rospy.init_node("fault_injector")
+    FaultInjector(
+        rospy.get_param("~node", "navigation"),
+        int(rospy.get_param("~task", 2)),
+        float(rospy.get_param("~delay", 5.0)),
+    )
+    rospy.spin()

@@ -1,0 +1,112 @@
+"""What sensors say about the world: results of sensing functions as facts, and which of them are news."""
+
+import itertools
+from typing import Any, Dict, Iterable, List, Sequence, Set, Tuple, Union
+
+Value = Union[bool, float]
+Fact = Tuple[str, Tuple[str, ...]]  # predicate or function, objects
+
+WILDCARDS = ("*", "_")
+
+
+class SensingError(ValueError):
+    """A configuration or a result that makes no sense; the text says what."""
+
+
+def parameter_choices(given: Sequence[Any], instances: Sequence[Sequence[str]]) -> List[List[str]]:
+    """The objects that each parameter may stand for.
+
+    Parameters
+    ----------
+    given: from the configuration: an object's name, a list of names, or ``*`` (``_``) for all instances; when
+        empty every parameter is a wildcard.
+    instances: the instances of each parameter's type.
+
+    Raises
+    ------
+    SensingError: their numbers differ.
+    """
+    if not given:
+        return [list(objects) for objects in instances]
+    if len(given) != len(instances):
+        raise SensingError(f"params has {len(given)} entries, the predicate {len(instances)} parameters")
+    choices = []
+    for entry, objects in zip(given, instances):
+        if entry in WILDCARDS:
+            choices.append(list(objects))
+        else:
+            choices.append([str(name) for name in entry] if isinstance(entry, list) else [str(entry)])
+    return choices
+
+
+def is_wildcard(given: Sequence[Any], index: int) -> bool:
+    """Whether a parameter stands for all instances of its type."""
+    return not given or (index < len(given) and given[index] in WILDCARDS)
+
+
+def facts_of(predicate: str, result: Any, choices: Sequence[Sequence[str]]) -> Dict[Fact, Value]:
+    """A sensing function's result as facts.
+
+    Parameters
+    ----------
+    result: a bool or a number for the only possible combination of objects, or for all of them; a list of
+        ``("arg1:arg2", value)``; None for nothing.
+    choices: of :func:`parameter_choices`.
+
+    Raises
+    ------
+    SensingError: the result is something else, or names the wrong number of objects.
+    """
+    if result is None:
+        return {}
+    if isinstance(result, (bool, int, float)):
+        return {(predicate, arguments): result for arguments in itertools.product(*choices)}
+    if not isinstance(result, (list, tuple)):
+        raise SensingError(
+            f"the result is {result!r}, expected a bool, a number or a list of (objects, value)"
+        )
+    facts: Dict[Fact, Value] = {}
+    for entry in result:
+        if not isinstance(entry, (list, tuple)) or len(entry) != 2:
+            raise SensingError(f"{entry!r} in the result is no pair ('object:object', value)")
+        names, value = entry
+        arguments = tuple(str(names).split(":")) if str(names) else ()
+        if len(arguments) != len(choices):
+            raise SensingError(f"'{names}' in the result names {len(arguments)} objects, not {len(choices)}")
+        if not isinstance(value, (bool, int, float)):
+            raise SensingError(f"the value of '{names}' is {value!r}, expected a bool or a number")
+        facts[predicate, arguments] = value
+    return facts
+
+
+class SensedFacts:
+    """What was sensed last, and what of it the knowledge base has not been told. Not thread-safe."""
+
+    def __init__(self) -> None:
+        self._values: Dict[Fact, Value] = {}
+        self._news: Set[Fact] = set()
+
+    def sense(self, facts: Dict[Fact, Value]) -> bool:
+        """Takes what was sensed; returns whether it is news."""
+        for fact, value in facts.items():
+            known = self._values.get(fact)
+            if known is None or known != value or isinstance(known, bool) != isinstance(value, bool):
+                self._values[fact] = value
+                self._news.add(fact)
+        return bool(self._news)
+
+    def forget_told(self, names: Iterable[str] = ()) -> bool:
+        """Somebody else changed these predicates (none: all): they are told again, if there are any."""
+        wanted = {name.lower() for name in names}
+        self._news |= {fact for fact in self._values if not wanted or fact[0].lower() in wanted}
+        return bool(self._news)
+
+    def take_news(self) -> Dict[Fact, Value]:
+        """What has to be told; counts as told from now on."""
+        news = {fact: self._values[fact] for fact in sorted(self._news)}
+        self._news.clear()
+        return news
+
+    def keep_news(self, facts: Iterable[Fact]) -> None:
+        """Telling these did not work."""
+        self._news |= set(facts)

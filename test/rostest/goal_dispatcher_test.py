@@ -1,0 +1,120 @@
+#!/usr/bin/env python3
+"""Missions as a plain node and as a state machine, over the Executor."""
+
+import threading
+import unittest
+
+import rospy
+from merlin_msgs.msg import ExecutorStatus, MissionStatus
+from smach_msgs.msg import SmachContainerStructure
+
+import rostest
+from merlin_executor.goal_dispatcher import GoalDispatcher, MissionFailed, MissionSM
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+
+LONG = 30.0
+POIS = ("kitchen", "bathroom", "dorm_room", "main_door")
+
+
+class Round(GoalDispatcher):
+    def run(self):
+        for poi in POIS[:2]:
+            self.achieve(f"(checked {poi})")
+
+
+class Impossible(GoalDispatcher):
+    def run(self):
+        self.achieve("(checked moon)")
+
+
+class Evening(MissionSM):
+    def build(self):
+        self.goals("KITCHEN", "(checked kitchen)", {"succeeded": "DOOR"})
+        self.goals("DOOR", ["(checked main_door)", "(checked bathroom)"])
+
+
+class GoalDispatchers(unittest.TestCase):
+    def setUp(self):
+        self.knowledge = MerlinROSPlanAssistant()
+        for poi in POIS:
+            self.knowledge.remove_facts(f"(checked {poi})")
+        self.changed = threading.Condition()
+        self.missions = []
+        self.running = False
+        self.subscribers = [
+            rospy.Subscriber("merlin/mission", MissionStatus, self.receive),
+            rospy.Subscriber("merlin/status", ExecutorStatus, self.receive_executor),
+        ]
+
+    def tearDown(self):
+        for subscriber in self.subscribers:
+            subscriber.unregister()
+        self.assertEqual(self.knowledge.goals(), [])
+
+    def receive(self, status):
+        with self.changed:
+            self.missions.append((status.mission, status.state, status.task, status.description))
+            self.changed.notify_all()
+
+    def receive_executor(self, status):
+        with self.changed:
+            self.running = bool(status.running)
+            self.changed.notify_all()
+
+    def wait(self, holds):
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(holds, LONG), self.missions)
+
+    def test_a_plain_mission_sends_one_goal_after_the_other(self):
+        self.assertTrue(Round(tasks=2).execute())
+        self.assertTrue(self.knowledge.holds("(and (checked kitchen) (checked bathroom))"))
+        self.wait(lambda: ("Round", MissionStatus.SUCCEEDED, 2, "done") in self.missions)
+
+    def test_a_mission_that_cannot_be_says_why(self):
+        self.assertFalse(Impossible().execute())
+        self.wait(lambda: self.missions and self.missions[-1][1] == MissionStatus.FAILED)
+        self.assertIn("moon", self.missions[-1][3])
+
+    def test_a_cancelled_mission_stops_and_sends_nothing_more(self):
+        mission = Round()
+        ended = []
+        thread = threading.Thread(target=lambda: ended.append(mission.execute()))
+        thread.start()
+        self.wait(lambda: self.running)
+        mission.cancel()
+        thread.join(LONG)
+        self.assertEqual(ended, [False])
+        self.wait(lambda: self.missions and self.missions[-1][1] == MissionStatus.CANCELLED)
+        self.assertFalse(self.knowledge.holds("(checked bathroom)"))
+
+    def test_a_goal_that_takes_too_long_is_cancelled(self):
+        mission = Round()
+        self.assertTrue(mission.client.wait_for_executor(LONG))
+        with self.assertRaises(MissionFailed) as caught:
+            mission.achieve("(checked dorm_room)", timeout=0.2)
+        self.assertIn("cancelled", str(caught.exception))
+
+    def test_a_mission_as_a_machine(self):
+        shown = []
+        topic = "mission_evening/smach/container_structure"
+        rospy.Subscriber(topic, SmachContainerStructure, lambda message: shown.append(message.path))
+        self.assertEqual(Evening().run(), "succeeded")
+        self.assertTrue(self.knowledge.holds("(and (checked kitchen) (checked main_door))"))
+        self.assertIn("/MISSION_EVENING", shown)
+        self.wait(lambda: any(entry[:2] == ("Evening", MissionStatus.SUCCEEDED) for entry in self.missions))
+
+    def test_a_preempted_machine_stops_the_robot(self):
+        mission = Evening()
+        outcomes = []
+        thread = threading.Thread(target=lambda: outcomes.append(mission.run()))
+        thread.start()
+        self.wait(lambda: self.running)
+        mission.request_preempt()
+        thread.join(LONG)
+        self.assertEqual(outcomes, ["preempted"])
+        self.wait(lambda: not self.running)
+
+
+if __name__ == "__main__":
+    rospy.init_node("goal_dispatcher_test")
+    rostest.rosrun("merlin_test", "goal_dispatcher", GoalDispatchers)

@@ -1,0 +1,534 @@
+#!/usr/bin/env python3
+"""What a plan dispatcher promises to action interfaces and to its callers, over ROS."""
+
+import contextlib
+import tempfile
+import threading
+import unittest
+
+import rosnode
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import KeyValue
+from merlin_msgs.msg import DispatchStatus
+from rosplan_dispatch_msgs.msg import (
+    ActionDispatch,
+    ActionFeedback,
+    CompletePlan,
+    EsterelPlan,
+    NonBlockingDispatchAction,
+    NonBlockingDispatchGoal,
+)
+from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
+from rosplan_knowledge_msgs.msg import DomainFormula
+from std_msgs.msg import String
+from std_srvs.srv import Empty
+
+import rostest
+from merlin_sm.action_client import ActionClient
+from merlin_sm.knowledge_client import (
+    ADD,
+    ADD_GOAL,
+    REMOVE,
+    REMOVE_GOAL,
+    Update,
+    fact,
+    function_value,
+    knowledge_client,
+)
+from merlin_sm.service_proxy import ServiceError, ServiceProxy
+
+LONG = 20.0
+KNOWLEDGE_BASE = "/rosplan_knowledge_base"
+
+
+class Interfaces:
+    """Answers dispatched actions as the test wants; it applies no effects."""
+
+    def __init__(self, dispatcher, announced=("paint", "store_part", "move")):
+        self.changed = threading.Condition()
+        self.dispatched = []  # every message on action_dispatch, tombstones and cancels too
+        self.answers = {}  # operator -> what to do
+        self.feedback = rospy.Publisher(
+            f"{dispatcher}/action_feedback", ActionFeedback, latch=True, queue_size=100
+        )
+        self.announcements = rospy.Publisher(
+            f"{KNOWLEDGE_BASE}/pddl_action_parameters", DomainFormula, queue_size=10
+        )
+        self.announced = set(announced)
+        self.stopped = threading.Event()
+        self.announcer = threading.Thread(target=self.announce, daemon=True)
+        self.subscriber = rospy.Subscriber(
+            f"{dispatcher}/action_dispatch", ActionDispatch, self.receive, tcp_nodelay=True
+        )
+        while not (
+            self.feedback.get_num_connections()
+            and self.subscriber.get_num_connections()
+            and self.announcements.get_num_connections()
+        ):
+            assert not self.stopped.wait(0.01)
+        with self.changed:  # what was latched before us is not for us
+            self.changed.wait_for(lambda: self.dispatched, 0.2)
+            self.dispatched.clear()
+        self.announcer.start()
+
+    def announce(self):
+        while True:
+            for name in list(self.announced):
+                self.announcements.publish(DomainFormula(name=name))
+            if self.stopped.wait(0.3):
+                return
+
+    def close(self):
+        self.stopped.set()
+        self.announcer.join()
+        for handle in (self.subscriber, self.feedback, self.announcements):
+            handle.unregister()
+
+    def receive(self, message):
+        with self.changed:
+            self.dispatched.append(message)
+            self.changed.notify_all()
+        if message.name == "cancel_action":
+            if "on_cancel" in self.answers:
+                self.answer(message, *self.answers["on_cancel"])
+            return
+        for answer in self.answers.get(message.name, [(1,), (2,)]):
+            self.answer(message, *answer)
+
+    def answer(self, message, status, reason="", plan_id=None):
+        self.feedback.publish(
+            ActionFeedback(
+                action_id=message.action_id,
+                plan_id=message.plan_id if plan_id is None else plan_id,
+                status=status,
+                information=[KeyValue("reason", reason)] if reason else [],
+            )
+        )
+
+    def wait(self, predicate, count=1):
+        def seen():
+            return sum(1 for message in self.dispatched if predicate(message)) >= count
+
+        with self.changed:
+            assert self.changed.wait_for(seen, LONG), [(m.name, m.action_id) for m in self.dispatched]
+            return [message for message in self.dispatched if predicate(message)][-1]
+
+    def names(self):
+        with self.changed:
+            return [message.name for message in self.dispatched]
+
+
+def named(name):
+    return lambda message: message.name == name
+
+
+class Dispatching:
+    """Promises of both dispatchers."""
+
+    kind = ""
+
+    @classmethod
+    def setUpClass(cls):
+        dispatcher = cls.dispatcher = f"/{cls.kind}_dispatcher"
+        cls.knowledge = knowledge_client(KNOWLEDGE_BASE)
+        cls.parse = ServiceProxy(f"/{cls.kind}_parser/parse_plan_from_file", ParsingService)
+        cls.dispatch = ServiceProxy(f"{dispatcher}/dispatch_plan", DispatchService)
+        cls.cancel = ServiceProxy(f"{dispatcher}/cancel_dispatch", Empty)
+        cls.action = ActionClient(f"{dispatcher}/dispatch_plan_action", NonBlockingDispatchAction)
+        cls.statuses = []
+        cls.status_changed = threading.Condition()
+        cls.status_subscriber = rospy.Subscriber(
+            f"{dispatcher}/dispatch_status", DispatchStatus, cls.receive_status
+        )
+        assert cls.dispatch.wait(LONG) and cls.parse.wait(LONG) and cls.action.wait_for_server(LONG)
+        assert cls.knowledge.wait(LONG)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.status_subscriber.unregister()
+        cls.action.shutdown()
+
+    @classmethod
+    def receive_status(cls, status):
+        with cls.status_changed:
+            cls.statuses.append(status)
+            cls.status_changed.notify_all()
+
+    def setUp(self):
+        self.interfaces = Interfaces(self.dispatcher)
+        self.addCleanup(self.interfaces.close)
+        self.knowledge.update(
+            [Update(REMOVE, fact("broken", "")), Update(ADD, fact("powered")), Update(REMOVE_GOAL, fact(""))]
+            + [Update(REMOVE, fact("painted", ""))]
+            + [Update(ADD, function_value("battery", [robot], 50.0)) for robot in ("ann", "bob")]
+        )
+        with self.status_changed:
+            self.statuses.clear()
+
+    def give(self, *lines):
+        with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
+            file.write("".join(f"{line}\n" for line in lines))
+            file.flush()
+            return self.parse(plan_path=file.name).plan_parsed
+
+    def last_status(self, state=DispatchStatus.IDLE):
+        with self.status_changed:
+            assert self.status_changed.wait_for(
+                lambda: self.statuses and self.statuses[-1].state == state, LONG
+            )
+            return self.statuses[-1]
+
+    def start(self):
+        answers = []
+
+        def call():
+            try:
+                answers.append(self.dispatch())
+            except ServiceError as error:
+                answers.append(error)
+
+        thread = threading.Thread(target=call, daemon=True)
+        thread.start()
+
+        def result():
+            thread.join(LONG)
+            assert answers, "the dispatch does not end"
+            return answers[0]
+
+        return result
+
+    def tombstones(self):
+        """Cancels after the last answer; waits for one to come."""
+        self.interfaces.wait(named("cancel_action"))
+        return [m for m in self.interfaces.dispatched if m.name == "cancel_action"]
+
+    # --- the course of a plan ---
+
+    def test_a_plan_runs_to_its_end_and_one_tombstone_follows(self):
+        self.give("0.0: (paint ann leg) [5.0]", "5.0: (paint ann seat) [5.0]")
+        answer = self.dispatch()
+        self.assertTrue(answer.success)
+        stone = self.tombstones()
+        last = [m for m in self.interfaces.dispatched if m.name == "paint"][-1]
+        self.assertEqual(len(stone), 1)
+        self.assertEqual(
+            (stone[0].action_id, stone[0].plan_id, stone[0].parameters, stone[0].duration),
+            (last.action_id, last.plan_id, last.parameters, last.duration),
+        )
+        self.assertEqual([(p.key, p.value) for p in last.parameters], [("r", "ann"), ("x", "seat")])
+        self.assertEqual(self.last_status().reason, "")
+        # whoever subscribes now gets the tombstone and nothing to execute
+        late = Interfaces.__new__(Interfaces)
+        late.changed, late.dispatched, late.answers = threading.Condition(), [], {}
+        subscriber = rospy.Subscriber(f"{self.dispatcher}/action_dispatch", ActionDispatch, late.receive)
+        self.addCleanup(subscriber.unregister)
+        self.assertEqual(late.wait(lambda m: True).name, "cancel_action")
+
+    def test_a_goal_that_does_not_hold_is_told_apart_from_a_failed_plan(self):
+        self.knowledge.update([Update(ADD_GOAL, fact("painted", "leg"))])
+        self.give("0.0: (paint ann leg) [5.0]")
+        answer = self.dispatch()  # the interfaces of this test apply no effects
+        self.assertTrue(answer.success and not answer.goal_achieved)
+        self.assertIn("(painted leg)", self.last_status().reason)
+
+    def test_the_action_server_dispatches_too(self):
+        self.give("0.0: (paint ann leg) [5.0]")
+        self.interfaces.answers["paint"] = [(1,)]
+        told = threading.Event()
+        sent = self.action.send(
+            NonBlockingDispatchGoal(),
+            on_feedback=lambda _, feedback: feedback.feedback.status == 1 and told.set(),
+        )
+        self.assertTrue(told.wait(LONG))
+        self.interfaces.answer(self.interfaces.wait(named("paint")), 2)
+        self.assertTrue(sent.wait(LONG))
+        self.assertEqual(sent.status, GoalStatus.SUCCEEDED)
+        self.assertTrue(sent.result.success and sent.result.goal_achieved)
+
+    def test_a_failed_action_ends_the_dispatch(self):
+        self.interfaces.answers["paint"] = [(1,), (10, "the can is empty")]
+        self.give("0.0: (paint ann leg) [5.0]", "5.0: (store_part bob leg) [5.0]")
+        answer = self.dispatch()
+        self.assertFalse(answer.success)
+        status = self.last_status()
+        self.assertIn("the can is empty", status.reason)
+        self.assertEqual(status.failed_action, "(paint ann leg)")
+        self.assertNotIn("store_part", self.interfaces.names())
+
+    def test_a_failed_action_aborts_the_goal_with_its_reason(self):
+        self.interfaces.answers["paint"] = [(10, "the can is empty")]
+        self.give("0.0: (paint ann leg) [5.0]")
+        sent = self.action.send(NonBlockingDispatchGoal())
+        self.assertTrue(sent.wait(LONG))
+        self.assertEqual(sent.status, GoalStatus.ABORTED)
+        self.assertIn("the can is empty", sent.text)
+
+    # --- conditions ---
+
+    def refused(self, part, line="0.0: (paint ann leg) [5.0]"):
+        self.give(line)
+        self.assertFalse(self.dispatch().success)
+        self.assertIn(part, self.last_status().reason)
+        self.assertEqual(self.interfaces.names(), [])
+
+    def test_a_negative_condition_is_checked(self):
+        self.knowledge.update([Update(ADD, fact("broken", "ann"))])
+        self.refused("(broken ann) holds")
+
+    def test_a_numeric_condition_is_checked(self):
+        self.knowledge.update([Update(ADD, function_value("battery", ["ann"], 9.0))])
+        self.refused("battery")
+
+    def test_a_positive_condition_with_a_constant_is_checked(self):
+        self.knowledge.update([Update(ADD, fact("painted", "leg"))])
+        self.refused("(at ann store) does not hold", "0.0: (store_part ann leg) [5.0]")
+
+    def test_equality_is_checked(self):
+        self.refused("(= bench bench) holds", "0.0: (move ann bench bench) [5.0]")
+
+    def test_an_over_all_condition_is_checked_before_and_watched_while_the_action_runs(self):
+        self.interfaces.answers.update({"paint": [(1,)], "on_cancel": (10, "cancelled")})
+        self.give("0.0: (paint ann leg) [5.0]")
+        result = self.start()
+        self.interfaces.wait(named("paint"))
+        self.knowledge.update([Update(REMOVE, fact("powered"))])
+        self.assertFalse(result().success)
+        self.assertIn("(powered) does not hold", self.last_status().reason)
+        self.interfaces.dispatched.clear()
+        self.refused("(powered) does not hold")
+
+    # --- cancel ---
+
+    def test_cancel_reaches_the_running_action_and_waits_for_its_answer(self):
+        self.interfaces.answers["paint"] = [(1,)]
+        self.give("0.0: (paint ann leg) [5.0]", "5.0: (store_part bob leg) [5.0]")
+        result = self.start()
+        running = self.interfaces.wait(named("paint"))
+        self.cancel()
+        cancel = self.interfaces.wait(named("cancel_action"))
+        self.assertEqual(
+            (cancel.action_id, cancel.plan_id, cancel.parameters),
+            (running.action_id, running.plan_id, running.parameters),
+        )
+        self.assertEqual(self.last_status(DispatchStatus.CANCELLING).running[0].action_id, running.action_id)
+        self.interfaces.answer(running, 10, "cancelled")
+        answer = result()
+        self.assertFalse(answer.success)
+        self.assertNotIn("no answer", self.last_status().reason)
+        self.assertEqual(self.interfaces.names(), ["paint", "cancel_action", "cancel_action"])
+
+    def test_who_does_not_answer_a_cancel_is_named(self):
+        self.interfaces.answers["paint"] = [(1,)]
+        self.give("0.0: (paint ann leg) [5.0]")
+        result = self.start()
+        self.interfaces.wait(named("paint"))
+        self.cancel()
+        self.assertFalse(result().success)
+        self.assertIn("no answer to the cancel from (paint ann leg)", self.last_status().reason)
+
+    def test_a_cancelled_goal_ends_preempted(self):
+        self.interfaces.answers.update({"paint": [(1,)], "on_cancel": (10, "cancelled")})
+        self.give("0.0: (paint ann leg) [5.0]")
+        sent = self.action.send(NonBlockingDispatchGoal())
+        self.interfaces.wait(named("paint"))
+        sent.cancel()
+        self.assertTrue(sent.wait(LONG))
+        self.assertEqual(sent.status, GoalStatus.PREEMPTED)
+
+    def test_a_stray_cancel_does_not_touch_the_next_dispatch(self):
+        self.give("0.0: (paint ann leg) [5.0]")
+        self.cancel()
+        self.assertTrue(self.dispatch().success)
+        self.assertIn("paint", self.interfaces.names())
+
+    # --- interfaces that are missing or dead ---
+
+    def test_a_missing_interface_is_named_within_seconds(self):
+        self.interfaces.announced.clear()
+        self.interfaces.answers["move"] = []
+        watched = rospy.Subscriber(f"{KNOWLEDGE_BASE}/pddl_action_parameters", DomainFormula, lambda m: None)
+        self.addCleanup(watched.unregister)
+        self.give("0.0: (move ann bench store) [5.0]")
+        self.assertFalse(self.dispatch().success)
+        self.assertRegex(self.last_status().reason, "no action interface for move|interface of move is gone")
+
+    def test_an_interface_that_dies_in_its_action_is_named(self):
+        self.interfaces.answers["paint"] = [(1,)]
+        self.give("0.0: (paint ann leg) [5.0]")
+        result = self.start()
+        self.interfaces.wait(named("paint"))
+        self.last_status(DispatchStatus.RUNNING)
+        self.interfaces.announced.clear()
+        self.assertFalse(result().success)
+        self.assertIn("interface of paint is gone, silent", self.last_status().reason)
+
+    # --- nonsense ---
+
+    def test_a_second_dispatch_while_one_runs_is_refused(self):
+        self.interfaces.answers.update({"paint": [(1,)], "on_cancel": (10, "cancelled")})
+        self.give("0.0: (paint ann leg) [5.0]")
+        result = self.start()
+        self.interfaces.wait(named("paint"))
+        with self.assertRaisesRegex(ServiceError, "being dispatched already"):
+            ServiceProxy(f"{self.dispatcher}/dispatch_plan", DispatchService)()
+        second = self.action.send(NonBlockingDispatchGoal())
+        self.assertTrue(second.wait(LONG))
+        self.assertEqual(second.status, GoalStatus.REJECTED)
+        self.cancel()
+        result()
+
+    def test_a_plan_of_another_domain_is_refused_by_the_parser(self):
+        self.assertFalse(self.give("0.0: (navigate hall kitchen) [5.0]"))
+        self.assertFalse(self.give("0.0: (paint ann) [5.0]"))
+        self.assertFalse(self.give("soon: (paint ann leg) [5.0]"))
+        self.assertFalse(self.parse(plan_path="/nowhere/plan").plan_parsed)
+        self.assertFalse(self.dispatch().success)  # and nothing is left to dispatch
+
+    def test_feedback_that_fits_nothing_is_ignored(self):
+        self.interfaces.answers["paint"] = [(1,)]
+        self.give("0.0: (paint ann leg) [5.0]", "5.0: (paint ann seat) [5.0]")
+        result = self.start()
+        running = self.interfaces.wait(named("paint"))
+        stranger = ActionDispatch(action_id=999, plan_id=running.plan_id)
+        for message, status, plan_id in (
+            (stranger, 10, None),
+            (stranger, 2, None),
+            (running, 10, running.plan_id - 1),
+            (running, 2, -5),
+            (running, 77, None),
+            (running, 0, None),
+        ):
+            self.interfaces.answer(message, status, plan_id=plan_id)
+        self.interfaces.answers["paint"] = [(1,), (2,)]
+        self.interfaces.answer(running, 2)
+        self.assertTrue(result().success)
+
+    def test_nothing_new_is_nothing_to_dispatch(self):
+        self.give("0.0: (paint ann leg) [5.0]")
+        self.assertTrue(self.dispatch().success)
+        self.assertFalse(self.dispatch().success)
+        self.assertEqual(self.interfaces.names().count("paint"), 1)
+
+    def test_interfaces_that_do_not_set_the_plan_id_are_understood(self):
+        self.interfaces.answers["paint"] = [(1, "", 0), (2, "", 0)]
+        self.give("0.0: (paint ann leg) [5.0]")
+        self.assertTrue(self.dispatch().success)
+
+
+class SimpleDispatching(Dispatching, unittest.TestCase):
+    kind = "simple"
+
+    def test_its_own_feedback_is_on_the_wire_and_not_mistaken_for_an_answer(self):
+        seen = []
+        subscriber = rospy.Subscriber(f"{self.dispatcher}/action_feedback", ActionFeedback, seen.append)
+        self.addCleanup(subscriber.unregister)
+        self.interfaces.announced.clear()
+        self.interfaces.answers["store_part"] = []
+        self.knowledge.update([Update(ADD, fact("painted", "leg"))])
+        self.give("0.0: (store_part bob leg) [5.0]")
+        self.assertFalse(self.dispatch().success)
+        self.assertRegex(self.last_status().reason, "no action interface|is gone")
+        plan_id = self.last_status().plan_id
+        own = [m for m in seen if m.plan_id == plan_id and m.information[0].key == "dispatcher"]
+        self.assertEqual([m.status for m in own], [1])
+
+    def test_a_list_with_an_unknown_operator_is_refused(self):
+        publisher = rospy.Publisher("/simple_parser/complete_plan", CompletePlan, queue_size=1)
+        self.addCleanup(publisher.unregister)
+        while not publisher.get_num_connections():
+            rospy.rostime.wallsleep(0.01)
+        for plan in (
+            CompletePlan([ActionDispatch(name="fly")]),
+            CompletePlan([ActionDispatch(name="paint", parameters=[KeyValue("r", "ann")])]),
+            CompletePlan(
+                [ActionDispatch(action_id=1, name="paint"), ActionDispatch(action_id=1, name="paint")]
+            ),
+        ):
+            publisher.publish(plan)
+            self.assertFalse(self.dispatch().success)
+            self.assertNotEqual(self.last_status().reason, "")
+        self.assertEqual(self.interfaces.names(), [])
+
+
+class EsterelDispatching(Dispatching, unittest.TestCase):
+    kind = "esterel"
+
+    def test_independent_actions_run_at_the_same_time_and_cancel_reaches_only_running_ones(self):
+        self.interfaces.answers.update({"paint": [(1,)], "on_cancel": (10, "cancelled")})
+        self.give("0.0: (paint ann leg) [5.0]", "0.0: (paint bob seat) [5.0]", "0.0: (paint bob back) [5.0]")
+        result = self.start()
+        self.interfaces.wait(named("paint"), 3)
+        first = self.interfaces.wait(lambda m: m.action_id == 0)
+        self.interfaces.answer(first, 2)
+        self.last_status(DispatchStatus.RUNNING)
+        with self.status_changed:
+            self.assertTrue(self.status_changed.wait_for(lambda: self.statuses[-1].steps_done == 1, LONG))
+        self.cancel()
+        self.assertFalse(result().success)
+        self.interfaces.wait(named("cancel_action"), 3)
+        cancelled = [m.action_id for m in self.interfaces.dispatched if m.name == "cancel_action"]
+        self.assertEqual(sorted(cancelled[:2]), [1, 2])
+        self.assertEqual(len(cancelled), 3)
+
+    def test_the_graph_is_drawn(self):
+        drawings = []
+        drawn = threading.Event()
+
+        def receive(message):
+            drawings.append(message.data)
+            if "darkolivegreen" in message.data:
+                drawn.set()
+
+        subscriber = rospy.Subscriber(f"{self.dispatcher}/plan_graph", String, receive)
+        self.addCleanup(subscriber.unregister)
+        self.give("0.0: (paint ann leg) [5.0]")
+        self.assertTrue(self.dispatch().success)
+        self.assertTrue(drawn.wait(LONG))
+        self.assertIn('1[ label="paint_start\\n(ann,leg)"', drawings[-1])
+        self.assertIn('"1" -> "2" [ label="[5, 5]" , penwidth=2, color=', drawings[-1])
+
+    def test_a_damaged_graph_is_refused(self):
+        publisher = rospy.Publisher("/esterel_parser/complete_plan", EsterelPlan, queue_size=1)
+        self.addCleanup(publisher.unregister)
+        while not publisher.get_num_connections():
+            rospy.rostime.wallsleep(0.01)
+        self.give("0.0: (paint ann leg) [5.0]")
+        plan = rospy.wait_for_message("/esterel_parser/complete_plan", EsterelPlan, LONG)
+        plan.edges[0].sink_ids = [77]
+        publisher.publish(plan)
+        self.assertFalse(self.dispatch().success)
+        self.assertIn("joins nodes", self.last_status().reason)
+
+
+class Shutdown(unittest.TestCase):
+    def test_a_dispatcher_that_is_told_to_end_cancels_what_runs_and_is_gone(self):
+        dispatcher = "/ending_dispatcher"
+        dispatch = ServiceProxy(f"{dispatcher}/dispatch_plan", DispatchService)
+        self.assertTrue(dispatch.wait(LONG))
+        interfaces = Interfaces(dispatcher)
+        self.addCleanup(interfaces.close)
+        interfaces.answers.update({"paint": [(1,)], "on_cancel": (10, "cancelled")})
+        parse = ServiceProxy("/simple_parser/parse_plan_from_file", ParsingService)
+        with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
+            file.write("0.0: (paint ann leg) [5.0]\n")
+            file.flush()
+            self.assertTrue(parse(plan_path=file.name).plan_parsed)
+        ended = threading.Event()
+
+        def call():
+            with contextlib.suppress(ServiceError):
+                dispatch()
+            ended.set()
+
+        threading.Thread(target=call, daemon=True).start()
+        interfaces.wait(named("paint"))
+        rosnode.kill_nodes([dispatcher])
+        interfaces.wait(named("cancel_action"))
+        self.assertTrue(ended.wait(LONG))
+        self.assertFalse(dispatch.available())
+
+
+if __name__ == "__main__":
+    rospy.init_node("plan_dispatch_test")
+    rostest.rosrun("merlin_test", "plan_dispatch", "__main__")

@@ -1,0 +1,273 @@
+"""The plan graph and its schedule."""
+
+import random
+
+import pytest
+
+from merlin_rosplan.dispatch_schedule import GraphSchedule, PlanError, PlannedAction, SequentialSchedule
+from merlin_rosplan.operator_model import (
+    Atom,
+    Comparison,
+    Conditions,
+    Effects,
+    Operator,
+    over_all_before_start,
+)
+from merlin_rosplan.plan_graph import MIN_BOUND, NO_BOUND, EdgeType, PlanGraph, TimedLiteral, build_graph
+from merlin_rosplan.plan_text import PlanStep
+
+
+def at(place):
+    return Atom("robot_at", (place,))
+
+
+MOVE = Operator(
+    "move",
+    ("from", "to"),
+    at_start=Conditions(positive=(at("from"),)),
+    start_effects=Effects(delete=(at("from"),)),
+    end_effects=Effects(add=(at("to"),)),
+)
+ASK = Operator(
+    "ask",
+    ("p",),
+    over_all=Conditions(positive=(at("p"),)),
+    end_effects=Effects(add=(Atom("checked", ("p",)),)),
+)
+OPERATORS = {"move": MOVE, "ask": ASK}
+
+
+def plan(*lines):
+    steps = [
+        PlanStep(float(time), name, tuple(arguments), float(duration))
+        for time, name, arguments, duration in lines
+    ]
+    return steps, [OPERATORS[s.name].ground(OPERATORS[s.name].bind(s.arguments)) for s in steps]
+
+
+def edges(graph):
+    return {(edge.source, edge.sink): edge for edge in graph.edges}
+
+
+def planned(steps):
+    return [
+        PlannedAction(i, s.name, tuple(enumerate(s.arguments)), s.duration, s.time)
+        for i, s in enumerate(steps)
+    ]
+
+
+def test_two_chained_moves_as_rosplan_connects_them():
+    graph = build_graph(*plan((0, "move", "ab", 10), (10, "move", "bc", 5)))
+    assert [node.name for node in graph.nodes] == [
+        "plan_start",
+        "move_start",
+        "move_end",
+        "move_start",
+        "move_end",
+    ]
+    found = edges(graph)
+    assert set(found) == {(0, 1), (1, 2), (0, 2), (2, 3), (3, 4), (0, 4)}
+    assert (found[1, 2].lower, found[1, 2].upper, found[1, 2].type) == (10, 10, EdgeType.START_END)
+    assert (found[2, 3].lower, found[2, 3].upper, found[2, 3].type) == (
+        MIN_BOUND,
+        NO_BOUND,
+        EdgeType.CONDITION,
+    )
+    for edge in graph.edges:
+        assert edge.id in graph.nodes[edge.source].edges_out and edge.id in graph.nodes[edge.sink].edges_in
+
+
+def test_rounded_times_do_not_turn_the_order_round():
+    # 0.1 + 0.2 > 0.3 in binary; the second move needs the first one's end
+    graph = build_graph(*plan((0.1, "move", "ab", 0.2), (0.3, "move", "bc", 1)))
+    assert edges(graph)[2, 3].type == EdgeType.CONDITION
+
+
+def test_whoever_deletes_a_condition_waits_for_its_user():
+    graph = build_graph(*plan((0, "ask", "a", 5), (5, "move", "ab", 5)))
+    assert edges(graph)[2, 3].type == EdgeType.INTERFERENCE  # move starts after ask has ended
+
+
+def test_independent_actions_only_hang_on_the_start():
+    graph = build_graph(*plan((0, "move", "ab", 5), (0, "move", "cd", 5)))
+    assert set(edges(graph)) == {(0, 1), (1, 2), (0, 2), (0, 3), (3, 4), (0, 4)}
+
+
+def test_timed_literals_bound_who_depends_on_them():
+    steps, actions = plan((10, "ask", "a", 5))
+    literals = [TimedLiteral(8.0, at("a")), TimedLiteral(20.0, at("a"), negative=True)]
+    found = edges(build_graph(steps, actions, literals, epsilon=0.01))
+    assert found[0, 1].lower == 8.0
+    assert found[0, 2].upper == pytest.approx(19.99)
+
+
+def test_names_do_not_depend_on_case():
+    steps, actions = plan((0, "move", ("a", "Kitchen"), 5), (5, "ask", ("KITCHEN",), 5))
+    assert (2, 3) in edges(build_graph(steps, actions))
+
+
+def test_changes_of_a_number_keep_their_order():
+    battery = Atom("battery", ("r",))
+    paint = Operator(
+        "paint",
+        ("r",),
+        at_start=Conditions(comparisons=(Comparison(None, (battery,)),)),
+        start_effects=Effects(writes=(battery,)),
+    )
+    look = Operator("look", ("r",), at_start=Conditions(comparisons=(Comparison(None, (battery,)),)))
+    operators = [paint, look, look, paint]
+    steps = [PlanStep(float(i), operator.name, ("ann",), 10.0) for i, operator in enumerate(operators)]
+    found = edges(build_graph(steps, [operator.ground({"r": "ann"}) for operator in operators]))
+    assert {(1, 3), (1, 5), (3, 7), (5, 7)} <= set(found) and (3, 5) not in found
+
+
+def test_zero_durations_get_the_smallest_bound():
+    edge = edges(build_graph(*plan((0, "move", "ab", 0))))[1, 2]
+    assert (edge.lower, edge.upper) == (MIN_BOUND, MIN_BOUND)
+
+
+def tour(length, places="abcd", seed=3):
+    lines, here, rng = [], places[0], random.Random(seed)
+    for index in range(length):
+        there = rng.choice([place for place in places if place != here])
+        lines += [(index * 15, "move", here + there, 10), (index * 15 + 10, "ask", there, 5)]
+        here = there
+    return plan(*lines)
+
+
+def predecessors(graph):
+    """For each node the set of nodes that must happen before it, as bits."""
+    before = [0] * len(graph.nodes)
+    order = sorted(graph.edges, key=lambda edge: edge.sink)  # a tour's nodes are numbered in its order
+    for edge in order:
+        before[edge.sink] |= before[edge.source] | (1 << edge.source)
+    return before
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_reduced_graph_orders_the_same(seed):
+    full, reduced = (build_graph(*tour(30, "abc", seed), reduce=reduce) for reduce in (False, True))
+    assert predecessors(full) == predecessors(reduced)
+    assert len(reduced.edges) < len(full.edges) / 2
+
+
+def test_the_reduced_graph_of_a_long_plan_stays_small():
+    graph = build_graph(*tour(1000), reduce=True)
+    assert len(graph.nodes) == 4001 and len(graph.edges) < 5 * 4001
+
+
+def run_in_order(schedule, order=None):
+    """Runs a schedule without time: ends what runs in the given order, or oldest first."""
+    schedule.begin(0.0)
+    started, running = [], []
+    while not schedule.finished:
+        for action in schedule.ready(0.0):
+            schedule.started(action.id, 0.0)
+            started.append(action.id)
+            running.append(action.id)
+        assert running, f"stuck after {started}, waiting for {schedule.waiting()}"
+        schedule.ended(running.pop(order(len(running)) if order else 0), 0.0)
+    return started
+
+
+def test_the_graph_starts_what_is_possible_and_no_more():
+    steps, actions = plan(
+        (0, "move", "ab", 5), (0, "move", "cd", 5), (5, "ask", "b", 5), (10, "move", "be", 5)
+    )
+    schedule = GraphSchedule(build_graph(steps, actions), planned(steps))
+    schedule.begin(0.0)
+    assert [a.id for a in schedule.ready(0.0)] == [0, 1]
+    schedule.started(0, 0.0)
+    schedule.started(1, 0.0)
+    assert schedule.ready(0.0) == []
+    schedule.ended(0, 1.0)
+    assert [a.id for a in schedule.ready(1.0)] == [2]
+    schedule.started(2, 1.0)
+    schedule.ended(1, 2.0)
+    assert schedule.ready(2.0) == [] and not schedule.finished
+    schedule.ended(2, 3.0)
+    assert [a.id for a in schedule.ready(3.0)] == [3]
+    schedule.started(3, 3.0)
+    schedule.ended(3, 4.0)
+    assert schedule.finished and schedule.waiting() == []
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_plans_always_come_to_their_end(seed):
+    rng = random.Random(seed)
+    where = {"r1": "a", "r2": "b", "r3": "c"}
+    operator = Operator(
+        "go",
+        ("r", "from", "to"),
+        at_start=Conditions(positive=(Atom("at", ("r", "from")),), negative=(Atom("taken", ("to",)),)),
+        start_effects=Effects(add=(Atom("taken", ("to",)),), delete=(Atom("at", ("r", "from")),)),
+        end_effects=Effects(add=(Atom("at", ("r", "to")),), delete=(Atom("taken", ("to",)),)),
+    )
+    steps = []
+    for index in range(60):
+        robot = rng.choice(list(where))
+        target = rng.choice("abcdef")
+        steps.append(PlanStep(index * 3.0, "go", (robot, where[robot], target), 2.0))
+        where[robot] = target
+    actions = [operator.ground(operator.bind(step.arguments)) for step in steps]
+    schedule = GraphSchedule(build_graph(steps, actions), planned(steps))
+    started = run_in_order(schedule, lambda count: rng.randrange(count))
+    for robot in where:  # each robot's own actions keep their order
+        own = [i for i in started if steps[i].arguments[0] == robot]
+        assert own == sorted(own)
+
+
+def test_without_bounds_nothing_is_late_but_timed_literals_are_waited_for():
+    steps, actions = plan((10, "ask", "a", 5))
+    graph = build_graph(steps, actions, [TimedLiteral(8.0, at("a"))])
+    schedule = GraphSchedule(graph, planned(steps))
+    schedule.begin(100.0)
+    assert schedule.ready(107.0) == [] and schedule.wake_time() == 108.0
+    assert len(schedule.ready(108.0)) == 1
+    schedule.started(0, 200.0)
+    assert schedule.late(1e6) is None
+
+
+def test_with_bounds_an_action_that_takes_too_long_is_late():
+    steps, actions = plan((0, "move", "ab", 10), (10, "move", "bc", 5))
+    schedule = GraphSchedule(build_graph(steps, actions), planned(steps), bounds=True, fraction=0.5)
+    schedule.begin(100.0)
+    assert [a.id for a in schedule.ready(100.1)] == [0]
+    schedule.started(0, 100.0)
+    assert schedule.late(114.0) is None
+    assert schedule.wake_time() == pytest.approx(115.0)
+    assert "(move a b) should have ended" in schedule.late(115.5)
+    schedule.ended(0, 105.0)  # early is fine: the action has ended
+    assert [a.id for a in schedule.ready(105.1)] == [1]
+
+
+def test_a_graph_with_a_cycle_is_refused():
+    steps, actions = plan((0, "move", "ab", 5), (0, "move", "cd", 5))
+    graph = build_graph(steps, actions)
+    graph.connect(EdgeType.CONDITION, 2, 3)
+    graph.connect(EdgeType.CONDITION, 4, 1)
+    with pytest.raises(PlanError, match="cycle through move_start"):
+        GraphSchedule(graph, planned(steps))
+
+
+def test_ids_must_be_unique():
+    with pytest.raises(PlanError, match="id 3"):
+        SequentialSchedule([PlannedAction(3, "a"), PlannedAction(3, "b")])
+
+
+def test_a_graph_without_its_end_nodes_is_refused():
+    steps, actions = plan((0, "move", "ab", 5))
+    graph = build_graph(steps, actions)
+    cut = PlanGraph(graph.nodes[:2])
+    with pytest.raises(PlanError, match="one start and one end"):
+        GraphSchedule(cut, planned(steps))
+
+
+def test_over_all_conditions_of_ones_own_start_are_no_preconditions():
+    light = Operator(
+        "light",
+        (),
+        over_all=Conditions(positive=(Atom("burning"), Atom("dry")), negative=(Atom("dark"),)),
+        start_effects=Effects(add=(Atom("burning"),), delete=(Atom("dark"),)),
+    )
+    assert over_all_before_start(light) == Conditions(positive=(Atom("dry"),))
