@@ -44,6 +44,7 @@ def test_the_command_line_narrows() -> None:
     )
     assert [run.seed for run in runs] == [7, 8, 9, 10, 11]
     assert {(run.mission, run.approach, run.factor) for run in runs} == {(1, "merlin", 3.0)}
+    assert len(planned(parse("--runs 30 10 3".split()))) == 2 * 43
 
 
 @pytest.mark.parametrize(
