@@ -127,10 +127,18 @@ def clients_at_once(count: int) -> Dict[str, float]:
 
 
 def measure_sizes(results: Dict[str, Any]) -> None:
-    keys = ("kb_update_ms", "kb_query_ms", "kb_wildcard_query_ms", "kb_propositions_ms")
+    keys = (
+        "kb_update_ms",
+        "kb_query_ms",
+        "kb_wildcard_query_ms",
+        "kb_propositions_ms",
+        "problem_by_facts_ms",
+    )
     results.update({key: {} for key in keys})
+    generate = proxy("problem_generation_server_params", ProblemService, "shelves_problem_interface")
     shelves = Shelves()
     shelves.start()
+    shelves.send([fact("seen", f"t{number}") for number in range(1_000)], ADD_GOAL)
     for size in SIZES:
         shelves.grow(size)
         pair = time_ms(shelves.change_one, 500)
@@ -141,6 +149,7 @@ def measure_sizes(results: Dict[str, Any]) -> None:
         results["kb_query_ms"][str(size)] = time_ms(lambda item=known: shelves.query([item]), 1000)
         wildcard = fact("on", "", known.values[1].value)
         results["kb_wildcard_query_ms"][str(size)] = time_ms(lambda item=wildcard: shelves.query([item]), 300)
+        results["problem_by_facts_ms"][str(size)] = time_ms(lambda: generate("", False), 10, warm_up=1)
         repeats = 200 if size <= 1_000 else 10 if size <= 10_000 else 3
         results["kb_propositions_ms"][str(size)] = time_ms(
             lambda: shelves.propositions("on"), repeats, warm_up=1
@@ -164,15 +173,17 @@ def measure() -> Dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder, RosMaster() as master:
         domain = Path(folder) / "shelves.pddl"
         domain.write_text(DOMAIN)
-        master.node("merlin_rosplan", "knowledge_base", KB, {"domain_path": str(domain)})
         kept = {"domain_path": str(domain), "state_file": str(Path(folder) / "state.sqlite")}
         master.node("merlin_rosplan", "knowledge_base", "kept_knowledge_base", kept)
         components = {
+            KB: "knowledge_base",
+            "shelves_problem_interface": "problem_interface",
             "home_knowledge_base": "knowledge_base",
             "rosplan_problem_interface": "problem_interface",
         }
         master.set_params(
             {
+                f"/{KB}/domain_path": str(domain),
                 "/home_knowledge_base/domain_path": str(HOME / "domain.pddl"),
                 "/home_knowledge_base/problem_path": str(HOME / "problem.pddl"),
                 "/rosplan_problem_interface/knowledge_base": "home_knowledge_base",
@@ -185,6 +196,7 @@ def measure() -> Dict[str, Any]:
             f"/{KB}/apply_effects",
             "/kept_knowledge_base/apply_effects",
             "/rosplan_problem_interface/problem_generation_server_params",
+            "/shelves_problem_interface/problem_generation_server_params",
             "/problem_apart/problem_generation_server_params",
         ):
             master.wait_for_service(service)

@@ -201,6 +201,12 @@ class Actions:
             run.join(0.05)
         self.assertEqual(run.end(), "preempted")
 
+    def test_b2_result_that_is_lost_on_its_way_does_not_hang_the_state(self):
+        publish = self.server.server.result_pub.publish
+        self.server.server.result_pub.publish = lambda message: None
+        self.addCleanup(setattr, self.server.server.result_pub, "publish", publish)
+        self.assertEqual(Run(self.action(SUCCEED)).end(), "succeeded")
+
     def test_b3_state_whose_result_callback_failed_runs_in_another_thread(self):
         answers = [ZeroDivisionError, "unregistered", None]
 

@@ -91,6 +91,15 @@ def test_strict_store_refuses_and_stays_untouched(store, item, reason):
     assert store.version == version and store.facts() == [] and store.values() == []
 
 
+def test_object_of_another_type_is_told(clock):
+    told = []
+    store = KnowledgeStore(DOMAIN, clock=clock, warn=told.append)
+    add(store, Instance("robot", "r1"), Instance("poi", "hall"), Fact("robot_at", ("hall",)))
+    assert told == []
+    add(store, Fact("checked", ("anywhere",)))
+    assert told == ["'anywhere' is of type place, but 'checked' takes poi for 'p'"]
+
+
 def test_store_that_is_not_strict_accepts_what_rosplan_accepts(clock):
     store = KnowledgeStore(DOMAIN, strict=False, clock=clock)
     add(store, Fact("anything", ("x", "")), Instance("ghost", "living room"), Fact("checked", ("hall",)))

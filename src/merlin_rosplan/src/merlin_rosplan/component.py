@@ -174,12 +174,15 @@ class Component(metaclass=_ComponentType):
             if self._complete:
                 self.on_shutdown()
         finally:
+            # An ending node closes its services and topics itself, and does not ask the master for each.
+            node_ends = rospy.core.is_shutdown_requested()
             for handle in reversed(self._handles):
                 if isinstance(handle, rospy.Service):
-                    if not rospy.is_shutdown():  # an ending node unregisters its services itself
+                    if not node_ends:
                         handle.shutdown("component ended")
                 elif hasattr(handle, "unregister"):
-                    handle.unregister()
+                    if not node_ends:
+                        handle.unregister()
                 else:
                     handle.shutdown()
             self._handles.clear()

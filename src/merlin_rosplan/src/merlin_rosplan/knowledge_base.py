@@ -104,9 +104,12 @@ class KnowledgeBase(Component):
         path = str(self.param("state_file", ""))
         try:
             journal = StateFile(path, self.domain, bool(self.param("reset_state", False))) if path else None
-            return KnowledgeStore(self.domain, self.strict, ros_nanoseconds, journal)
+            return KnowledgeStore(self.domain, self.strict, ros_nanoseconds, journal, self._warn)
         except StateFileError as error:
             raise ComponentError(str(error)) from error
+
+    def _warn(self, text: str) -> None:
+        rospy.logwarn_throttle_identical(60.0, f"{self.scope}: {text}")
 
     def _load_problem(self) -> None:
         path = self.param("problem_path", "")

@@ -1,7 +1,7 @@
 """What a strict knowledge base refuses, with the reason; what it accepts gets the domain's spelling."""
 
 import math
-from typing import Dict, Optional, Tuple
+from typing import Callable, Dict, Optional, Tuple
 
 from merlin_rosplan.domain import Signature
 from merlin_rosplan.formula import (
@@ -24,6 +24,7 @@ from merlin_rosplan.formula import (
 from merlin_rosplan.knowledge import Fact, FunctionValue, Goal, Instance, Metric
 from merlin_rosplan.knowledge_state import KnowledgeState
 from merlin_rosplan.pddl_text import is_name, suggestion
+from merlin_rosplan.type_hierarchy import OBJECT
 
 
 class KnowledgeError(Exception):
@@ -34,11 +35,18 @@ class KnowledgeError(Exception):
 
 
 class KnowledgeChecks:
-    """Checks updates against a domain and the objects that exist."""
+    """Checks updates against a domain and the objects that exist.
 
-    def __init__(self, state: KnowledgeState) -> None:
+    Parameters
+    ----------
+    state: knows the domain and the objects.
+    warn: is told what is accepted and looks wrong: an object of another type than the domain declares.
+    """
+
+    def __init__(self, state: KnowledgeState, warn: Callable[[str], None] = lambda text: None) -> None:
         self._state = state
         self._domain = state.domain
+        self._warn = warn
 
     def instance(self, item: Instance) -> Instance:
         """An instance that may be added.
@@ -128,8 +136,18 @@ class KnowledgeChecks:
             if spelled is None:
                 hint = suggestion(arg.lower(), self._state.objects(parameter.types)[:1000])
                 raise KnowledgeError(f"unknown object '{arg}' in '{signature.name}'{hint}")
+            if not self._fits(spelled.lower(), parameter.types):
+                self._warn(
+                    f"'{spelled}' is of type {' and '.join(self._state.object_types(spelled))}, but "
+                    f"'{signature.name}' takes {' or '.join(parameter.types)} for '{parameter.label}'"
+                )
             found.append(spelled)
         return tuple(found)
+
+    def _fits(self, name: str, types: Tuple[str, ...]) -> bool:
+        if any(kind == OBJECT or (kind, name) in self._state.instances.rows for kind in types):
+            return True
+        return self._domain.accepts(types, tuple(kind.lower() for kind in self._state.object_types(name)))
 
     def _condition(self, condition: Condition) -> Condition:
         if isinstance(condition, Atom):

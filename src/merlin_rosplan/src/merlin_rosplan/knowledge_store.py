@@ -48,6 +48,7 @@ class KnowledgeStore:
     strict: refuse what the domain does not know (see :class:`KnowledgeChecks`); else accept everything.
     clock: now, in nanoseconds of ROS time.
     journal: where every transaction is written before it counts; its content is loaded first.
+    warn: is told what a strict store accepts although it looks wrong; must not block.
 
     What the journal raises when it cannot be read is passed on.
     """
@@ -58,12 +59,13 @@ class KnowledgeStore:
         strict: bool = True,
         clock: Callable[[], int] = lambda: 0,
         journal: Optional[Journal] = None,
+        warn: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.domain = domain
         self.version = 0
         self._lock = threading.RLock()
         self._state = KnowledgeState(domain)
-        self._checks = KnowledgeChecks(self._state) if strict else None
+        self._checks = KnowledgeChecks(self._state, warn) if strict else None
         self._clock = clock
         self._journal = journal
         self._next_order = 1

@@ -36,6 +36,7 @@ class ProblemInterface(Component):
         if extension in (".rddl", ".hddl") or (not extension and language not in ("", "pddl")):
             raise ComponentError(f"only PDDL problems can be written, not {language or extension}")
         self._generating = threading.Lock()  # owned by who generates: file and topic tell the same problem
+        self._knowledge_base = self.knowledge_base  # asking the master each time costs as much as the problem
         self._client: Optional[KnowledgeSnapshots] = None
         topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
         self._hand_over = self.own(Handover.sender(topic))
@@ -86,12 +87,11 @@ class ProblemInterface(Component):
             return text
 
     def _snapshot(self) -> Tuple[Domain, Problem]:
-        name = self.knowledge_base
-        local = knowledge_base_in_process(name)
+        local = knowledge_base_in_process(self._knowledge_base)
         if local is not None:
             return local.snapshot()
-        if self._client is None or self._client.name != name:
-            self._client = KnowledgeSnapshots(name)
+        if self._client is None:
+            self._client = KnowledgeSnapshots(self._knowledge_base)
         try:
             return self._client.snapshot()
         except KnowledgeBaseError as error:

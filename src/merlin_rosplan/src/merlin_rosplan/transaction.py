@@ -216,6 +216,9 @@ class Transaction:
 
     def remove_goal(self, goal: Goal) -> None:
         """Removes every goal that fits; an empty name or argument fits anything."""
+        if not _has_wildcard(goal):
+            self.drop(self.state.goals, goal.key)
+            return
         for row in self.state.goals.all():
             if goal_fits(goal, row):
                 self.drop(self.state.goals, row.key)
@@ -332,6 +335,13 @@ def goal_fits(pattern: Goal, goal: Goal) -> bool:
     if not wanted[0].name:
         return True
     return wanted[1] == actual[1] and key_fits(_atom_key(wanted[0]), _atom_key(actual[0]))
+
+
+def _has_wildcard(goal: Goal) -> bool:
+    if goal.instance is not None:
+        return not goal.instance.name
+    literal = goal.literal
+    return literal is not None and "" in (literal[0].name, *literal[0].args)
 
 
 def _atom_key(atom: Atom) -> Tuple[str, ...]:

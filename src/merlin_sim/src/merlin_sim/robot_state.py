@@ -4,7 +4,7 @@ import math
 import threading
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Optional, Tuple
+from typing import Deque, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -98,11 +98,8 @@ class RobotState:
             return None
         if self._mount is None:
             self._mount = self._laser_pose(history[-1].child_frame_id, message.header.frame_id)
-        base = self._frame_pose(history[-1].header.frame_id).compose(_at(history, stamp))
-        ranges = np.array(message.ranges, dtype=float)
-        ranges[~((ranges >= message.range_min) & (ranges <= message.range_max))] = math.inf
-        angles = message.angle_min + message.angle_increment * np.arange(len(ranges))
-        return PlacedScan(base.compose(self._mount), angles, ranges, stamp)
+        base = self._frame_pose(history[-1].header.frame_id).compose(odometry_at(history, stamp))
+        return PlacedScan(base.compose(self._mount), *rays_of(message), stamp)
 
     def _frame_pose(self, frame: str) -> Pose:
         try:
@@ -132,13 +129,20 @@ class RobotState:
             self._scan = message
 
 
+def rays_of(message: LaserScan) -> Tuple[np.ndarray, np.ndarray]:
+    """The angles (rad) and ranges (m) of a scan, infinite where nothing was hit."""
+    ranges = np.array(message.ranges, dtype=float)
+    ranges[~((ranges >= message.range_min) & (ranges <= message.range_max))] = math.inf
+    return message.angle_min + message.angle_increment * np.arange(len(ranges)), ranges
+
+
 def velocity_of(message: Odometry) -> Tuple[float, float]:
     """Speed (m/s) and turning speed (rad/s)."""
     return message.twist.twist.linear.x, message.twist.twist.angular.z
 
 
-def _at(history: list, stamp: float) -> Pose:
-    """The odometry pose at a time, between the messages around it."""
+def odometry_at(history: Sequence[Odometry], stamp: float) -> Pose:
+    """The odometry pose at a time (s), between the messages around it."""
     before = history[0]
     for message in history:
         if message.header.stamp.to_sec() >= stamp:

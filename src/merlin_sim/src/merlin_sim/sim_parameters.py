@@ -38,8 +38,10 @@ def read_parameters() -> SimParameters:
     if isinstance(seed, bool) or not isinstance(seed, int):
         raise ParameterError(f"parameter ~seed is {seed!r}, not a whole number")
     localization = rospy.get_param("~localization", "truth")
-    if localization not in ("truth", "none"):
-        raise ParameterError(f"parameter ~localization is {localization!r}, not one of truth, none")
+    if localization not in ("truth", "particles", "none"):
+        raise ParameterError(
+            f"parameter ~localization is {localization!r}, not one of truth, particles, none"
+        )
     return SimParameters(
         world=world,
         urdf=str(rospy.get_param("~urdf", "")),

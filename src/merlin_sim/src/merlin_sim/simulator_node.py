@@ -58,6 +58,12 @@ class SimulatorNode:
                 localization = TruthLocalization(
                     self._parameters.pose_noise, self._parameters.seed, robot.spec.name
                 )
+            start = robot.spec.start
+            # For a particle filter: where somebody switched the robot on.
+            rospy.set_param(
+                f"/{robot.spec.name}/start_pose".replace("//", "/"),
+                {"x": start.x, "y": start.y, "yaw": start.yaw},
+            )
             self._robots.append(RobotInterface(self.simulation, robot, localization))
         self._map.publish(grid_message(map_of(world), "map", rospy.Time.from_sec(1.0 / PHYSICS_RATE)))
         self._stopped = threading.Event()

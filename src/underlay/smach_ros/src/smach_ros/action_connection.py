@@ -15,6 +15,7 @@ from smach.log import wake_at_shutdown
 
 GONE = 1.0  # s of wall time without a connection to its status after which a server counts as dead
 SILENCE = 5.0  # s without a status, by the wall and by ROS time, after which a server counts as dead
+LATE_RESULT = 1.0  # s of wall time that a result may come behind the status that announces it
 REPEAT_CANCEL = 0.5  # s of wall time after which a cancel without effect is sent again
 TERMINAL = (
     GoalStatus.PREEMPTED,
@@ -39,6 +40,7 @@ class SentGoal:
         self.sent = now  # wall, ROS
         self.seen = False
         self.ended: Optional[float] = None  # wall time of a terminal status
+        self.end: Any = None  # that status
         self.cancelled: Optional[float] = None  # wall time of the last cancel
 
 
@@ -53,6 +55,7 @@ class ActionConnection:
         self.name = name
         self.goal_type = type(action.action_goal.goal)
         self._action_goal_type = type(action.action_goal)
+        self._result_type = type(action.action_result.result)
         self._users = 0
         self.changed = threading.Condition(threading.RLock())  # guards the fields below
         wake_at_shutdown(self.changed)
@@ -149,6 +152,17 @@ class ActionConnection:
         ):
             self.cancel(goal)
 
+    def settle(self, goal: SentGoal) -> None:
+        """Ends a goal that the status calls ended and whose result was lost on its way.
+
+        A server that has just been connected may send it before it knows that connection.
+        """
+        if goal.ended is not None and not goal.done and time.monotonic() - goal.ended > LATE_RESULT:
+            rospy.logwarn(f"Action {self.name}: the result did not arrive; using an empty one")
+            goal.status, goal.text = goal.end.status, goal.end.text
+            goal.result, goal.done = self._result_type(), True
+            self.forget(goal)
+
     def forget(self, goal: SentGoal) -> None:
         """Nobody waits for this goal any more."""
         with self.changed:
@@ -168,8 +182,6 @@ class ActionConnection:
             return f"the action server {self.name} has been silent for {silent:.1f} s"
         if not goal.seen and min(wall - goal.sent[0], ros - goal.sent[1]) > SILENCE:
             return f"the action server {self.name} never acknowledged the goal"
-        if goal.ended is not None and wall - goal.ended > SILENCE:
-            return f"the action server {self.name} ended the goal without a result"
         return goal.text if goal.status == GoalStatus.LOST else ""
 
     def _receive_result(self, message: Any) -> None:
@@ -194,7 +206,7 @@ class ActionConnection:
                         continue
                     goal.seen = True
                     if status.status in TERMINAL:
-                        goal.ended = goal.ended or self._status_at[0]
+                        goal.ended, goal.end = goal.ended or self._status_at[0], status
                     else:
                         goal.status = status.status
             for goal in lost:

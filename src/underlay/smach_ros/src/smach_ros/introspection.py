@@ -66,17 +66,19 @@ class IntrospectionServer:
             if self._worker is not None:
                 return
             self._stopping = False
+            self._notes.clear()
+            self._dirty.clear()
             name = self._server_name
             self._structure_publisher = rospy.Publisher(
                 name + STRUCTURE_TOPIC,
                 SmachContainerStructure,
-                _Greeter(self._structures),
+                _Greeter(self._greet, self._structures),
                 queue_size=QUEUE,
             )
             self._status_publisher = rospy.Publisher(
                 name + STATUS_TOPIC,
                 SmachContainerStatus,
-                _Greeter(self._statuses),
+                _Greeter(self._greet, self._statuses),
                 tcp_nodelay=True,
                 queue_size=QUEUE,
             )
@@ -132,8 +134,7 @@ class IntrospectionServer:
                 self._dirty[proxy.path] = info
                 return
             self._notes.append(lambda: self._publish_status(proxy, active, info))
-            if len(self._notes) == 1:
-                self._changed.notify_all()
+            self._changed.notify_all()
 
     def _work(self) -> None:
         heartbeat = time.monotonic()
@@ -162,12 +163,26 @@ class IntrospectionServer:
                     if self._status_publisher and self._status_publisher.get_num_connections():
                         self._publish_status(proxy, None, "HEARTBEAT")
 
+    def _greet(self, peer_publish: Callable[[Any], None], make: Callable[[], List[Any]]) -> None:
+        """A subscriber has come. The worker serves it: rospy does not lock what goes to a single one."""
+
+        def greet() -> None:
+            for message in make():
+                peer_publish(message)
+
+        with self._changed:
+            self._notes.append(lambda: self._guard(greet))
+            self._changed.notify_all()
+
     def _publish_status(self, proxy: ContainerProxy, active: Optional[List[str]], info: str) -> None:
         self._publish(self._status_publisher, lambda: proxy.status(active, info))
 
     def _publish(self, publisher: Any, make: Callable[[], Any]) -> None:
+        self._guard(lambda: publisher.publish(make()))
+
+    def _guard(self, publish: Callable[[], None]) -> None:
         try:
-            publisher.publish(make())
+            publish()
         except Exception as error:
             # A container that cannot be shown must not hide the others, nor end the thread.
             if not rospy.is_shutdown() and not self._stopping:
@@ -196,15 +211,20 @@ class IntrospectionServer:
 
 
 class _Greeter(rospy.SubscribeListener):
-    """Sends all there is to each new subscriber."""
+    """Has all there is sent to each new subscriber.
 
-    def __init__(self, messages: Callable[[], List[Any]]) -> None:
+    :param greet: called with what publishes to the subscriber alone and with what makes the messages.
+    :param messages: makes them.
+    """
+
+    def __init__(
+        self, greet: Callable[[Callable[[Any], None], Callable[[], List[Any]]], None], messages: Any
+    ) -> None:
         super().__init__()
-        self._messages = messages
+        self._greet, self._messages = greet, messages
 
     def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
-        for message in self._messages():
-            peer_publish(message)
+        self._greet(peer_publish, self._messages)
 
 
 class IntrospectionClient:

@@ -220,6 +220,7 @@ class SimpleActionState(smach.State):
     def _over(self, connection: ActionConnection, sent: SentGoal, preempting: bool) -> bool:
         if not sent.done:
             connection.repeat_cancel(sent)
+            connection.settle(sent)
         return (
             sent.done
             or bool(connection.why_lost(sent))

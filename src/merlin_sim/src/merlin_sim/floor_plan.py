@@ -1,0 +1,220 @@
+"""Generates random floor plans: rooms, doors, furniture, a point of interest in each room."""
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Tuple
+
+import cv2
+import numpy as np
+import yaml
+
+from merlin_sim.noise import draw
+from merlin_sim.occupancy_grid import OccupancyGrid, map_of
+from merlin_sim.path_planner import PathPlanner
+from merlin_sim.world_file import parse_world
+
+DOOR = 1.0  # m wide
+CORNER = 0.5  # m between a door and the nearest corner
+LEAST = 2.6  # m; no room is narrower
+RADIUS, CLEARANCE = 0.25, 0.05  # m, of the robot that has to get everywhere
+TRIES = 60  # positions that are tried for one wall or one piece of furniture
+
+FURNITURE = (  # name, size x, y, height (m), colour
+    ("cupboard", 1.2, 0.45, 1.9, "#a67c52"),
+    ("table", 1.2, 0.8, 0.75, "#8a6642"),
+    ("sofa", 1.8, 0.8, 0.7, "#7a9e7e"),
+    ("desk", 1.3, 0.6, 0.75, "#c9b18f"),
+    ("box", 0.5, 0.5, 0.6, "#8fa7c4"),
+)
+
+
+@dataclass(frozen=True)
+class Room:
+    """A rectangle between the middles of its walls, m."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+    @property
+    def area(self) -> float:
+        """m²."""
+        return (self.right - self.left) * (self.top - self.bottom)
+
+
+class FloorPlan:
+    """A plan that grows by dividing rooms.
+
+    :param rooms: wanted; fewer when the area is too small for them.
+    :param width: m, like height.
+    :raises ValueError: when not even one room fits.
+    """
+
+    def __init__(self, rooms: int, width: float, height: float, seed: int) -> None:
+        if min(width, height) < LEAST:
+            raise ValueError(f"a floor of {width:g} x {height:g} m is too small; each side needs {LEAST:g} m")
+        self._random = draw(seed, "floor plan", 0)
+        self.name = f"floor_{seed}"
+        self.rooms = [Room(0.0, 0.0, round(width, 1), round(height, 1))]
+        self._walls = [
+            ((0.0, 0.0), (width, 0.0)),
+            ((width, 0.0), (width, height)),
+            ((width, height), (0.0, height)),
+            ((0.0, height), (0.0, 0.0)),
+        ]
+        self._doors: List[Tuple[Tuple[float, float], Tuple[float, float]]] = []
+        self._furniture: List[Dict[str, Any]] = []
+        whole = set()  # rooms that cannot be divided
+        while len(self.rooms) < rooms and len(whole) < len(self.rooms):
+            room = max((room for room in self.rooms if room not in whole), key=lambda room: room.area)
+            if not self._divide(room):
+                whole.add(room)
+
+    def furnish(self, pieces: int) -> None:
+        """Puts up to this many pieces into each room, none where it would cut something off."""
+        for room in self.rooms:
+            for _ in range(pieces):
+                self._add_piece(room)
+
+    def data(self) -> Dict[str, Any]:
+        """The content of a world file."""
+        grid = map_of(parse_world(self._data([room_middle(room) for room in self.rooms]), self.name))
+        return self._data(self._places(grid))
+
+    def _divide(self, room: Room) -> bool:
+        upright = room.right - room.left > room.top - room.bottom
+        low, high = (room.left, room.right) if upright else (room.bottom, room.top)
+        first, last = (room.bottom, room.top) if upright else (room.left, room.right)
+        if high - low < 2 * LEAST or last - first < DOOR + 2 * CORNER:
+            return False
+        for _ in range(TRIES):
+            at = round(float(self._random.uniform(low + LEAST, high - LEAST)), 1)
+            ends = [(at, first), (at, last)] if upright else [(first, at), (last, at)]
+            if any(_near_door(end, door) for end in ends for door in self._doors):
+                continue
+            begin = round(float(self._random.uniform(first + CORNER, last - CORNER - DOOR)), 1)
+            door = [(at, begin), (at, begin + DOOR)] if upright else [(begin, at), (begin + DOOR, at)]
+            self._walls.append((ends[0], ends[1]))
+            self._doors.append((door[0], door[1]))
+            self.rooms.remove(room)
+            if upright:
+                self.rooms += [
+                    Room(room.left, room.bottom, at, room.top),
+                    Room(at, room.bottom, room.right, room.top),
+                ]
+            else:
+                self.rooms += [
+                    Room(room.left, room.bottom, room.right, at),
+                    Room(room.left, at, room.right, room.top),
+                ]
+            return True
+        return False
+
+    def _add_piece(self, room: Room) -> None:
+        name, size_x, size_y, height, color = FURNITURE[self._random.integers(len(FURNITURE))]
+        for _ in range(TRIES):
+            if self._random.random() < 0.5:
+                size_x, size_y = size_y, size_x
+            free_x = room.right - room.left - size_x - 0.2
+            free_y = room.top - room.bottom - size_y - 0.2
+            if free_x <= 0.0 or free_y <= 0.0:
+                continue
+            x = room.left + 0.1 + size_x / 2 + free_x * float(self._random.choice([0.0, 1.0, 0.5]))
+            y = room.bottom + 0.1 + size_y / 2 + free_y * float(self._random.random())
+            piece = {
+                "name": f"{name}_{len(self._furniture) + 1}",
+                "at": [round(x, 2), round(y, 2)],
+                "box": [size_x, size_y, height],
+                "color": color,
+            }
+            self._furniture.append(piece)
+            if self._all_reachable():
+                return
+            self._furniture.pop()
+
+    def _all_reachable(self) -> bool:
+        data = self._data([room_middle(room) for room in self.rooms])
+        world = parse_world(data, self.name)
+        # Pieces that overlap pass for one; the map does not mind, but it looks odd.
+        piece = world.furniture[-1]
+        corners = np.array(piece.corners())
+        for other in world.furniture[:-1]:
+            box = np.array(other.corners())
+            below = corners.min(axis=0) < box.max(axis=0)
+            if below.all() and (corners.max(axis=0) > box.min(axis=0)).all():
+                return False
+        grid = map_of(world)
+        try:
+            places = self._places(grid)
+        except ValueError:
+            return False
+        room = PathPlanner(grid, RADIUS, CLEARANCE).distance >= RADIUS + CLEARANCE
+        _, labels = cv2.connectedComponents(room.astype(np.uint8), connectivity=4)
+        return len({labels[cell] for cell in map(grid.cell, places) if cell is not None}) == 1
+
+    def _places(self, grid: OccupancyGrid) -> List[Tuple[float, float]]:
+        """The roomiest spot of each room."""
+        planner = PathPlanner(grid, RADIUS, CLEARANCE)
+        places = []
+        for room in self.rooms:
+            low, high = grid.cell((room.left, room.bottom)), grid.cell((room.right, room.top))
+            assert low is not None and high is not None
+            part = planner.distance[low[0] : high[0], low[1] : high[1]]
+            if part.max() < RADIUS + CLEARANCE:
+                raise ValueError("a room is full")
+            row, column = np.unravel_index(int(np.argmax(part)), part.shape)
+            x, y = grid.point(low[0] + int(row), low[1] + int(column))
+            places.append((round(x, 3), round(y, 3)))
+        return places
+
+    def _data(self, places: List[Tuple[float, float]]) -> Dict[str, Any]:
+        points = {f"room_{i}": {"x": x, "y": y, "yaw": 0.0} for i, (x, y) in enumerate(places, 1)}
+        return {
+            "name": self.name,
+            "walls": [{"from": list(start), "to": list(end)} for start, end in self._walls],
+            "doors": [
+                {"name": f"door_{i}", "from": list(start), "to": list(end)}
+                for i, (start, end) in enumerate(self._doors, 1)
+            ],
+            "furniture": self._furniture,
+            "points_of_interest": points,
+            "starts": list(points.values()),
+        }
+
+
+def room_middle(room: Room) -> Tuple[float, float]:
+    """The middle of a room, m."""
+    return ((room.left + room.right) / 2, (room.bottom + room.top) / 2)
+
+
+def _near_door(point: Tuple[float, float], door: Tuple[Tuple[float, float], Tuple[float, float]]) -> bool:
+    (x0, y0), (x1, y1) = door
+    return (
+        min(x0, x1) - CORNER < point[0] < max(x0, x1) + CORNER
+        and min(y0, y1) - CORNER < point[1] < max(y0, y1) + CORNER
+    )
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """The command ``generate_world``; returns its exit code."""
+    parser = argparse.ArgumentParser(prog="generate_world", description="Writes a random floor plan.")
+    parser.add_argument("file", type=Path, help="world file (YAML) to write")
+    parser.add_argument("--rooms", type=int, default=8)
+    parser.add_argument("--size", type=float, nargs=2, default=(16.0, 12.0), metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--furniture", type=int, default=3, help="pieces per room")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args(arguments)
+    try:
+        plan = FloorPlan(options.rooms, *options.size, options.seed)
+        plan.furnish(options.furniture)
+        text = yaml.safe_dump(plan.data(), sort_keys=False, default_flow_style=None)
+        options.file.write_text(text, encoding="utf-8")
+    except (ValueError, OSError) as error:
+        print(f"generate_world: {error}", file=sys.stderr)
+        return 1
+    if len(plan.rooms) < options.rooms:
+        print(f"generate_world: only {len(plan.rooms)} of {options.rooms} rooms fit", file=sys.stderr)
+    return 0

@@ -1,0 +1,149 @@
+"""The node ``localization``: a particle filter behind the topics of amcl."""
+
+import threading
+from collections import deque
+from typing import Deque, Optional
+
+import numpy as np
+import rospy
+import tf2_ros
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid, Odometry
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Empty, EmptyResponse
+from tf2_msgs.msg import TFMessage
+
+from merlin_sim.parameters import ParameterError, number
+from merlin_sim.particle_filter import FilterSettings, Localizer, ParticleFilter
+from merlin_sim.prompt_publisher import PromptPublisher
+from merlin_sim.robot_state import HISTORY, odometry_at, rays_of
+from merlin_sim.ros_messages import grid_of, pose_message, pose_of, pose_of_transform, transform
+from merlin_sim.world import Pose
+
+START_SPREAD = (0.15, 0.10)  # m, rad: how well somebody who switches a robot on knows where it stands
+
+
+class LocalizationNode:
+    """Localises one robot.
+
+    :raises ParameterError: a parameter cannot be used.
+    """
+
+    def __init__(self) -> None:
+        self._settings = FilterSettings(
+            particles=round(number("~particles", FilterSettings.particles, 50)),
+            beams=round(number("~beams", FilterSettings.beams, 10)),
+        )
+        self._seed = round(number("~seed", 1, 0))
+        self._frame = str(rospy.get_param("~global_frame", "map"))
+        self._lock = threading.Lock()  # guards everything below
+        self._localizer: Optional[Localizer] = None
+        self._odometry: Deque[Odometry] = deque(maxlen=HISTORY)
+        self._mount: Optional[Pose] = None
+        self._buffer = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._buffer)
+        self._tf = PromptPublisher("/tf", TFMessage)
+        self._pose = PromptPublisher("amcl_pose", PoseWithCovarianceStamped, latch=True)
+        self._cloud = rospy.Publisher("particlecloud", PoseArray, queue_size=2)
+        self._service = rospy.Service("global_localization", Empty, self._scatter)
+        map_topic = str(rospy.get_param("~map_topic", "/map"))
+        self._subscribers = [
+            rospy.Subscriber(map_topic, OccupancyGrid, self._receive_map),
+            rospy.Subscriber("initialpose", PoseWithCovarianceStamped, self._receive_pose),
+            rospy.Subscriber("odom", Odometry, self._receive_odometry, tcp_nodelay=True, queue_size=20),
+            rospy.Subscriber("scan", LaserScan, self._receive_scan, tcp_nodelay=True, queue_size=1),
+        ]
+
+    def _receive_map(self, message: OccupancyGrid) -> None:
+        try:
+            grid = grid_of(message)
+        except ValueError as error:
+            rospy.logerr(f"localization: {error}")
+            return
+        particles = ParticleFilter(grid, self._settings, self._seed, rospy.get_namespace())
+        start = rospy.get_param("~initial_pose", rospy.get_param("start_pose", None))
+        if start is not None:
+            try:
+                particles.believe(Pose(start["x"], start["y"], start.get("yaw", 0.0)), *START_SPREAD)
+            except (KeyError, TypeError) as error:
+                rospy.logerr(f"localization: the initial pose {start!r} needs x, y and yaw: {error}")
+        with self._lock:
+            self._localizer = Localizer(particles, self._settings)
+
+    def _receive_pose(self, message: PoseWithCovarianceStamped) -> None:
+        if message.header.frame_id.lstrip("/") not in ("", self._frame):
+            rospy.logwarn(
+                f"localization: an initial pose in {message.header.frame_id} is ignored; it has to be in "
+                f"{self._frame}"
+            )
+            return
+        covariance = message.pose.covariance
+        xy = max(0.05, np.sqrt(max(covariance[0], covariance[7])))
+        yaw = max(0.05, np.sqrt(covariance[35]))
+        with self._lock:
+            if self._localizer is not None:
+                self._localizer.filter.believe(pose_of(message.pose.pose), xy, yaw)
+                self._localizer.restart()
+
+    def _scatter(self, _: object) -> EmptyResponse:
+        with self._lock:
+            if self._localizer is not None:
+                self._localizer.filter.scatter()
+                self._localizer.restart()
+        return EmptyResponse()
+
+    def _receive_odometry(self, message: Odometry) -> None:
+        with self._lock:
+            if self._odometry and message.header.stamp < self._odometry[-1].header.stamp:
+                self._odometry.clear()
+            self._odometry.append(message)
+
+    def _receive_scan(self, message: LaserScan) -> None:
+        with self._lock:
+            if self._localizer is None or not self._odometry:
+                return
+            last = self._odometry[-1]
+            if self._mount is None:
+                try:
+                    self._mount = pose_of_transform(
+                        self._buffer.lookup_transform(
+                            last.child_frame_id, message.header.frame_id, rospy.Time(0)
+                        )
+                    )
+                except tf2_ros.TransformException as error:
+                    rospy.logwarn_throttle(10.0, f"localization: where is the laser? {error}")
+                    return
+            odometry = odometry_at(list(self._odometry), message.header.stamp.to_sec())
+            updated = self._localizer.update(odometry, self._mount, *rays_of(message))
+            self._publish(message.header.stamp, last.header.frame_id, odometry, updated)
+
+    def _publish(self, stamp: rospy.Time, odom_frame: str, odometry: Pose, updated: bool) -> None:
+        assert self._localizer is not None
+        offset = self._localizer.map_to_odom
+        self._tf.publish(TFMessage(transforms=[transform(offset, self._frame, odom_frame, stamp)]))
+        if not updated:
+            return
+        message = PoseWithCovarianceStamped()
+        message.header.frame_id, message.header.stamp = self._frame, stamp
+        message.pose.pose = pose_message(offset.compose(odometry))
+        covariance = self._localizer.filter.estimate()[1]
+        full = np.zeros((6, 6))
+        full[np.ix_((0, 1, 5), (0, 1, 5))] = covariance
+        message.pose.covariance = full.ravel().tolist()
+        self._pose.publish(message)
+        if self._cloud.get_num_connections():
+            cloud = PoseArray(poses=[pose_message(Pose(*pose)) for pose in self._localizer.filter.poses])
+            cloud.header = message.header
+            self._cloud.publish(cloud)
+
+
+def main() -> int:
+    """The executable ``localization``; returns its exit code."""
+    rospy.init_node("localization")
+    try:
+        LocalizationNode()
+    except ParameterError as error:
+        rospy.logfatal(f"localization: {error}")
+        return 1
+    rospy.spin()
+    return 0

@@ -1,0 +1,78 @@
+#!/usr/bin/env python3
+"""The particle filter in place: it drives by its own belief, and finds back from a wrong one."""
+
+import math
+import threading
+import unittest
+
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from nav_msgs.msg import Odometry
+
+import rostest
+from merlin_sm.action_client import ActionClient
+
+LONG = 60.0  # s of wall time
+
+
+class Localization(unittest.TestCase):
+    def setUp(self):
+        self.changed = threading.Condition()
+        self.truth = self.belief = None
+        self.subscribers = [
+            rospy.Subscriber("ground_truth", Odometry, self.receive, "truth", tcp_nodelay=True),
+            rospy.Subscriber("amcl_pose", PoseWithCovarianceStamped, self.receive, "belief"),
+        ]
+        self.client = ActionClient("move_base", MoveBaseAction)
+        self.assertTrue(self.client.wait_for_server(LONG))
+
+    def receive(self, message, name):
+        with self.changed:
+            setattr(self, name, message)
+            self.changed.notify_all()
+
+    def wait(self, predicate):
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(predicate, timeout=LONG), f"error {self.error()}")
+
+    def error(self):
+        if self.truth is None or self.belief is None:
+            return math.inf
+        one, two = self.truth.pose.pose.position, self.belief.pose.pose.position
+        return math.hypot(one.x - two.x, one.y - two.y)
+
+    def drive(self, x, y):
+        goal = MoveBaseGoal()
+        goal.target_pose.header.frame_id = "map"
+        goal.target_pose.pose.position.x, goal.target_pose.pose.position.y = x, y
+        goal.target_pose.pose.orientation.w = 1.0
+        return self.client.send(goal)
+
+    def test_it_drives_by_its_belief_and_finds_back(self):
+        goal = self.drive(4.8, 3.5)
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual(goal.status, GoalStatus.SUCCEEDED, goal.text)
+        self.wait(lambda: self.error() < 0.25)
+        where = self.truth.pose.pose.position
+        self.assertLess(math.hypot(where.x - 4.8, where.y - 3.5), 0.25)
+
+        publisher = rospy.Publisher("initialpose", PoseWithCovarianceStamped, queue_size=1)
+        while not publisher.get_num_connections():
+            rospy.rostime.wallsleep(0.01)
+        wrong = PoseWithCovarianceStamped()
+        wrong.header.frame_id = "map"
+        wrong.pose.pose.position.x, wrong.pose.pose.position.y = 4.3, 3.2
+        wrong.pose.pose.orientation.w = 1.0
+        wrong.pose.covariance[0] = wrong.pose.covariance[7] = wrong.pose.covariance[35] = 0.25
+        publisher.publish(wrong)
+        goal = self.drive(2.6, 3.4)
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual(goal.status, GoalStatus.SUCCEEDED, goal.text)
+        self.wait(lambda: self.error() < 0.3)
+
+
+if __name__ == "__main__":
+    rospy.init_node("localization_test")
+    rostest.rosrun("merlin_test", "localization", Localization)

@@ -1,0 +1,137 @@
+#!/usr/bin/env python3
+"""Times of a plan are ROS times: bounds, timed literals, durations, and a clock that jumps back."""
+
+import tempfile
+import threading
+import unittest
+
+import rospy
+from merlin_msgs.msg import DispatchStatus
+from rosgraph_msgs.msg import Clock
+from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
+
+import rostest
+from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
+from merlin_sm.service_proxy import ServiceProxy
+
+LONG = 30.0
+DISPATCHER = "/rosplan_plan_dispatcher"
+
+
+class Times(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.clock = rospy.Publisher("/clock", Clock, queue_size=10, latch=True)
+        cls.time = 100.0
+        cls.tick(0.0)
+        cls.knowledge = knowledge_client()
+        cls.parse = ServiceProxy("/rosplan_parsing_interface/parse_plan_from_file", ParsingService)
+        cls.dispatch = ServiceProxy(f"{DISPATCHER}/dispatch_plan", DispatchService)
+        cls.changed = threading.Condition()
+        cls.statuses = []
+        cls.subscriber = rospy.Subscriber(f"{DISPATCHER}/dispatch_status", DispatchStatus, cls.note)
+        assert cls.dispatch.wait(LONG) and cls.parse.wait(LONG) and cls.knowledge.wait(LONG)
+
+    @classmethod
+    def tick(cls, seconds):
+        cls.time += seconds
+        cls.clock.publish(Clock(rospy.Time.from_sec(cls.time)))
+
+    @classmethod
+    def note(cls, status):
+        with cls.changed:
+            cls.statuses.append(status)
+            cls.changed.notify_all()
+
+    def setUp(self):
+        rospy.set_param(f"{DISPATCHER}/timeout_actions", False)
+        self.knowledge.update(
+            [Update(ADD, function_value("battery", ["ann"], 50.0)), Update(ADD, fact("powered"))]
+            + [Update(REMOVE, fact("painted", ""))]
+        )
+        with self.changed:
+            self.statuses.clear()
+
+    def wait(self, predicate):
+        with self.changed:
+            seen = self.changed.wait_for(lambda: any(predicate(s) for s in self.statuses), LONG)
+            self.assertTrue(seen, self.statuses)
+
+    def start(self, *lines):
+        with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
+            file.write("".join(f"{line}\n" for line in lines))
+            file.flush()
+            self.assertTrue(self.parse(plan_path=file.name).plan_parsed)
+        answers = []
+        thread = threading.Thread(target=lambda: answers.append(self.dispatch()), daemon=True)
+        thread.start()
+
+        def result():
+            thread.join(LONG)
+            self.assertTrue(answers, "the dispatch does not end")
+            return answers[0]
+
+        return result
+
+    @staticmethod
+    def running(status):
+        return bool(status.running)
+
+    def until(self, predicate):
+        """Lets the clock run until the status says so."""
+        for _ in range(400):
+            with self.changed:
+                if any(predicate(status) for status in self.statuses):
+                    return
+                self.changed.wait(0.02)
+            self.tick(0.1)
+        self.fail("it does not come")
+
+    def test_a_simulated_action_takes_its_time_on_the_ros_clock(self):
+        result = self.start("0.0: (paint ann leg) [5.0]")
+        self.wait(self.running)
+        began = self.time
+        self.until(lambda status: status.steps_done == 1)
+        self.assertTrue(result().success)
+        self.assertGreaterEqual(self.time - began, 7.9)
+        self.assertTrue(self.knowledge.query([fact("painted", "leg")])[0])
+
+    def test_with_bounds_an_action_that_takes_too_long_ends_the_plan(self):
+        rospy.set_param(f"{DISPATCHER}/timeout_actions", True)
+        result = self.start("0.0: (paint ann leg) [2.0]")
+        self.wait(self.running)
+        self.tick(5.0)  # the graph allows 2 s and a tenth, the action takes 8 s
+        self.assertFalse(result().success)
+        self.wait(lambda status: "(paint ann leg) should have ended" in status.reason)
+        self.assertFalse(self.knowledge.query([fact("painted", "leg")])[0])
+
+    def test_a_timed_fact_is_waited_for_without_bounds_too(self):
+        self.knowledge.update([Update(REMOVE, fact("powered"))])
+        later = fact("powered")
+        later.initial_time = rospy.Time.from_sec(self.time + 10.0)
+        self.knowledge.update([Update(ADD, later)])
+        began = self.time
+        result = self.start("11.0: (paint ann leg) [1.0]")
+        self.wait(lambda status: status.state == DispatchStatus.RUNNING)
+        self.until(self.running)
+        self.assertGreaterEqual(self.time - began, 9.8)
+        self.until(lambda status: status.steps_done == 1)
+        self.assertTrue(result().success)
+
+    def test_a_clock_that_jumps_back_leaves_the_dispatcher_usable(self):
+        result = self.start("0.0: (paint ann leg) [5.0]")
+        self.wait(self.running)
+        self.tick(-50.0)
+        self.until(lambda status: status.steps_done == 1 or status.state == DispatchStatus.IDLE)
+        result()
+        self.tick(100.0)
+        with self.changed:
+            self.statuses.clear()
+        result = self.start("0.0: (paint ann seat) [1.0]")
+        self.until(lambda status: status.steps_done == 1)
+        self.assertTrue(result().success)
+
+
+if __name__ == "__main__":
+    rospy.init_node("plan_times_test")
+    rostest.rosrun("merlin_test", "plan_times", "__main__")

@@ -1,0 +1,73 @@
+import pytest
+
+from merlin_rosplan.domain_reader import read_domain
+from merlin_rosplan.knowledge import Instance
+from merlin_rosplan.knowledge_store import KnowledgeStore
+from merlin_rosplan.ontology_command import convert
+from merlin_rosplan.problem_reader import read_problem
+
+pytest.importorskip("rdflib")
+
+HOUSE = """
+@prefix : <http://example.org/house#> .
+@prefix owl: <http://www.w3.org/2002/07/owl#> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+:Place a owl:Class . :Poi a owl:Class ; rdfs:subClassOf :Place .
+:WetPoi a owl:Class ; rdfs:subClassOf :Poi . :BathRoom a owl:Class ; owl:equivalentClass :WetPoi .
+:Heated a owl:Class .
+:nextTo a owl:ObjectProperty , owl:SymmetricProperty ; rdfs:domain :Place ; rdfs:range :Place .
+:inside a owl:ObjectProperty , owl:TransitiveProperty .
+:contains a owl:ObjectProperty ; owl:inverseOf :inside .
+:kitchen a owl:NamedIndividual , :Poi ; :nextTo :hall ; :inside :flat .
+:bath a :BathRoom , :Heated . :flat :inside :building . :building a owl:NamedIndividual .
+"""
+DOMAIN = """(define (domain house)
+  (:requirements :typing)   ; a comment stays
+  (:predicates (checked ?p - poi))
+  (:action look :parameters (?p - poi) :effect (checked ?p)))"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    (tmp_path / "house.ttl").write_text(HOUSE)
+    (tmp_path / "domain.pddl").write_text(DOMAIN)
+    return tmp_path
+
+
+def run(files, *options):
+    return convert([str(files / "house.ttl"), str(files / "domain.pddl"), str(files / "out"), *options])
+
+
+def test_ontology_answers_queries(files):
+    assert run(files) == 0
+    domain = read_domain(files / "out" / "domain.pddl")
+    assert domain.types.subtypes("place") == {"place", "poi", "bathroom"}
+    assert "a comment stays" in (files / "out" / "domain.pddl").read_text()
+    store = KnowledgeStore(domain)
+    store.load_problem(read_problem(files / "out" / "problem.pddl", domain))
+    # the hall is a place only because something is next to it; the bath is two things at once
+    assert set(store.instances("place", subtypes=True)) == {"kitchen", "hall", "bath"}
+    assert store.query([Instance("place", "hall"), Instance("poi", "hall")]) == [True, False]
+    assert store.query([Instance("heated", "bath"), Instance("poi", "bath")]) == [True, True]
+    facts = {fact.text() for fact in store.facts()}
+    assert {"(nextto hall kitchen)", "(nextto kitchen hall)"} <= facts
+    assert {"(inside kitchen building)", "(contains building flat)"} <= facts
+
+
+def test_only_the_chosen_properties(files):
+    assert run(files, "--property", "nextTo") == 0
+    assert set(read_domain(files / "out" / "domain.pddl").predicates) == {"nextto", "checked"}
+
+
+@pytest.mark.parametrize(
+    "file, text, reason",
+    [
+        ("house.ttl", "nonsense", "is no ontology"),
+        ("house.ttl", HOUSE + ":Kitchen a owl:Class .", "have the same name in PDDL"),
+        ("domain.pddl", "(define (domain", "never closed"),
+    ],
+)
+def test_bad_input(files, capsys, file, text, reason):
+    (files / file).write_text(text)
+    assert run(files) == 1
+    assert reason in capsys.readouterr().err
