@@ -44,11 +44,12 @@ def test_the_command_line_narrows() -> None:
     )
     assert [run.seed for run in runs] == [7, 8, 9, 10, 11]
     assert {(run.mission, run.approach, run.factor) for run in runs} == {(1, "merlin", 3.0)}
-    assert len(planned(parse("--runs 30 10 3".split()))) == 2 * 43
+    assert len(planned(parse(["--runs", "30", "10", "3"]))) == 2 * 43
 
 
 @pytest.mark.parametrize(
-    "words", [["--mission", "4"], ["--runs", "0"], ["--rtf", "-1"], ["--approach", "clever"]]
+    "words",
+    [["--mission", "4"], ["--runs", "0"], ["--runs", "1", "2"], ["--rtf", "-1"], ["--approach", "clever"]],
 )
 def test_bad_command_lines_end(words: List[str], capsys: pytest.CaptureFixture) -> None:
     with pytest.raises(SystemExit) as ended:
