@@ -94,7 +94,7 @@ class ActionClient:
     """
 
     def __init__(self, name: str, action_spec: type, silence: float = SILENCE) -> None:
-        self.name = rospy.remap_name(name)
+        self.name = rospy.resolve_name(name)
         self.silence = silence
         action = action_spec()
         self._goal_type = type(action.action_goal)

@@ -135,7 +135,7 @@ class ActionServer:
         on_goal: Callable[[ServerGoal], None],
         on_cancel: Callable[[ServerGoal], None],
     ) -> None:
-        self.name = rospy.remap_name(name)
+        self.name = rospy.resolve_name(name)
         action = action_spec()
         self._goal_type = type(action.action_goal)
         self._result_type = type(action.action_result)

@@ -111,4 +111,5 @@ class TopicState(MerlinState):
             return str(accepted[0]) if isinstance(accepted[0], str) else SUCCEEDED
         if self.preempt_requested():
             return PREEMPTED
-        return self.fail(f"nothing fitting arrived on {subscriber.resolved_name} within {self._timeout} s")
+        topic = rospy.resolve_name(self._topic)
+        return self.fail(f"nothing fitting arrived on {topic} within {self._timeout:g} s")

@@ -1,0 +1,104 @@
+"""The node ``listen``: understands one utterance at a time."""
+
+import threading
+from collections import deque
+from typing import Deque, Optional
+
+import numpy as np
+import rospy
+from audio_common_msgs.msg import AudioData
+from merlin_msgs.msg import ListenAction, ListenFeedback, ListenResult
+
+from merlin_sim.parameters import ParameterError, number
+from merlin_sim.ros_clock import RosClock
+from merlin_sim.speech_recognizer import THRESHOLD, GrammarError, SpeechRecognizer, UtteranceDetector
+from merlin_sm.action_server import ServerGoal
+from merlin_sm.serial_action_server import SerialActionServer
+
+BROKEN_OFF = 1.0  # s of ROS time without sound after which who spoke has stopped
+
+
+class ListenNode:
+    """Serves the action ``listen``.
+
+    :raises ParameterError: a parameter cannot be used.
+    """
+
+    def __init__(self) -> None:
+        self._recognizer = SpeechRecognizer(number("~threshold", THRESHOLD, -1.0))
+        self._loud = number("~loudness", 400.0, 1.0)
+        self._timeout = number("~timeout", 8.0, 0.1)
+        self._clock = RosClock()
+        self._news = threading.Event()  # sound came, or somebody wants it to stop
+        self._sound: Deque[np.ndarray] = deque(maxlen=1000)
+        self._listening = False
+        self._server = SerialActionServer("listen", ListenAction, self._execute, self._cancel)
+        self._subscriber = rospy.Subscriber(
+            "audio/microphone", AudioData, self._receive, tcp_nodelay=True, queue_size=50
+        )
+        rospy.on_shutdown(self._server.shutdown)
+        self._server.start()
+
+    def _receive(self, message: AudioData) -> None:
+        if self._listening:
+            self._sound.append(np.frombuffer(message.data, dtype="<i2"))
+            self._news.set()
+            self._clock.wake()
+
+    def _cancel(self, _: ServerGoal) -> None:
+        self._news.set()
+        self._clock.wake()
+
+    def _execute(self, goal: ServerGoal) -> None:
+        try:
+            self._recognizer.use(goal.goal.grammar)
+        except GrammarError as error:
+            goal.abort(ListenResult(), str(error))
+            return
+        self._sound.clear()
+        self._listening = True
+        try:
+            self._listen(goal)
+        finally:
+            self._listening = False
+
+    def _listen(self, goal: ServerGoal) -> None:
+        timeout = goal.goal.timeout.to_sec() or self._timeout
+        end = rospy.get_time() + timeout
+        detector = UtteranceDetector(loud=self._loud)
+        utterance: Optional[np.ndarray] = None
+        while utterance is None:
+            # Who has begun to speak may finish.
+            left = BROKEN_OFF if detector.speaking else end - rospy.get_time()
+            if left > 0.0 and self._clock.wait(left, self._news):
+                left = 0.0
+            self._news.clear()
+            if goal.cancel_requested:
+                goal.cancelled(ListenResult(heard=detector.speaking), "cancelled")
+                return
+            spoke = detector.speaking
+            while self._sound and utterance is None:
+                left = 1.0
+                utterance = detector.feed(self._sound.popleft())
+            if detector.speaking != spoke:
+                goal.feedback(ListenFeedback(speech=detector.speaking))
+            if left <= 0.0 and utterance is None:
+                utterance = detector.finish()
+                if utterance is None:
+                    goal.succeed(ListenResult(), f"nobody spoke within {timeout:.1f} s")
+                    return
+        said = self._recognizer.understand(utterance)
+        text = f"understood: {said.text}" if said.text else "somebody spoke, but was not understood"
+        goal.succeed(ListenResult(text=said.text, confidence=said.confidence, heard=True), text)
+
+
+def main() -> int:
+    """The executable ``listen``; returns its exit code."""
+    rospy.init_node("listen")
+    try:
+        ListenNode()
+    except ParameterError as error:
+        rospy.logfatal(f"listen: {error}")
+        return 1
+    rospy.spin()
+    return 0

@@ -1,0 +1,138 @@
+"""Understands speech: pocketsphinx with a JSGF grammar, and the courage to say that it did not understand."""
+
+import threading
+from dataclasses import dataclass
+from typing import Any, Optional, Tuple
+
+import numpy as np
+from pocketsphinx import Config, Decoder, get_model_path
+
+# A grammar alone turns every sound into one of its sentences. A free sequence of phones fits sounds that are
+# not in the grammar better than the grammar does: the difference of the scores per frame tells. Measured (see
+# docs/simulation.md), nine of ten good sentences lie above this, and all but a few of the others below.
+THRESHOLD = 0.00002
+CERTAIN = 0.0006  # margin over the threshold from which an answer counts as certain
+DITHER = 20.0  # standard deviation of the noise that is added, of 32767
+PADDING = 0.25  # s of silence around an utterance; the decoder wants some
+
+
+class GrammarError(Exception):
+    """A grammar that cannot be used; the text says why."""
+
+
+@dataclass(frozen=True)
+class Understanding:
+    """What was understood: text empty when nothing was; confidence 0 to 1."""
+
+    text: str
+    confidence: float
+
+
+class SpeechRecognizer:
+    """Decodes utterances; 16 kHz, mono. Safe to use from several threads, one utterance at a time.
+
+    :param threshold: margin per frame below which an utterance is rejected.
+    """
+
+    def __init__(self, threshold: float = THRESHOLD) -> None:
+        self._threshold = threshold
+        self._lock = threading.Lock()  # the decoder has one state
+        model = get_model_path("en-us")
+        self._decoder = Decoder(
+            Config(hmm=f"{model}/en-us", dict=f"{model}/cmudict-en-us.dict", lm=None, loglevel="FATAL")
+        )
+        self._decoder.add_allphone_file("phones", f"{model}/en-us-phone.lm.bin")
+        self._grammar: Optional[str] = None
+
+    def use(self, grammar: str) -> None:
+        """Sets the grammar (JSGF text) for the next utterances.
+
+        :raises GrammarError: it is empty, malformed, or has words that the dictionary lacks.
+        """
+        if not grammar.strip():
+            raise GrammarError("the grammar is empty")
+        with self._lock:
+            if grammar == self._grammar:
+                return
+            self._grammar = None
+            try:
+                self._decoder.add_jsgf_string("grammar", grammar)
+            except (RuntimeError, ValueError) as error:
+                raise GrammarError(
+                    f"the grammar cannot be used (JSGF? words of the English dictionary?): {error}"
+                ) from error
+            self._grammar = grammar
+
+    def understand(self, samples: np.ndarray) -> Understanding:
+        """What an utterance (int16) says.
+
+        :raises GrammarError: when no grammar was set.
+        """
+        text, margin = self.hypothesis(samples)
+        if not text or margin < self._threshold:
+            return Understanding("", 0.0)
+        return Understanding(text, min(1.0, 0.5 + 0.5 * (margin - self._threshold) / CERTAIN))
+
+    def hypothesis(self, samples: np.ndarray) -> Tuple[str, float]:
+        """The sentence that fits best, and how much better it does than mere phones, per frame."""
+        silence = np.zeros(round(PADDING * 16000))
+        audio = np.concatenate([silence, samples, silence])
+        # Digital silence has no spectrum to take the logarithm of.
+        audio = audio + DITHER * np.random.default_rng(0).standard_normal(len(audio))
+        data = np.clip(audio, -32768, 32767).astype("<i2").tobytes()
+        with self._lock:
+            if self._grammar is None:
+                raise GrammarError("there is no grammar")
+            said, frames = self._search("grammar", data)
+            if said is None or not said.hypstr:
+                return "", 0.0
+            phones, _ = self._search("phones", data)
+        if phones is None:
+            return "", 0.0
+        return str(said.hypstr), (said.score - phones.score) / max(frames, 1)
+
+    def _search(self, name: str, audio: bytes) -> Tuple[Any, int]:
+        self._decoder.activate_search(name)
+        self._decoder.start_utt()
+        self._decoder.process_raw(audio, no_search=False, full_utt=True)
+        self._decoder.end_utt()
+        return self._decoder.hyp(), self._decoder.n_frames()
+
+
+class UtteranceDetector:
+    """Cuts an utterance out of a stream of sound, by its loudness.
+
+    :param silence: s of quiet that end it.
+    :param loud: RMS of a frame, of 32767, that counts as speech.
+    """
+
+    def __init__(self, silence: float = 0.6, loud: float = 400.0, rate: int = 16000) -> None:
+        self._frame = rate // 50
+        self._quiet_frames = round(silence * 50)
+        self._loud = loud
+        self._rest = np.zeros(0, dtype=np.int16)
+        self._frames: list = []
+        self._quiet = 0
+        self.speaking = False
+
+    def feed(self, samples: np.ndarray) -> Optional[np.ndarray]:
+        """Takes sound as it comes; returns the utterance when one has ended."""
+        samples = np.concatenate([self._rest, samples])
+        whole = len(samples) // self._frame * self._frame
+        self._rest = samples[whole:]
+        for frame in samples[:whole].reshape(-1, self._frame):
+            loud = float(np.sqrt(np.mean(np.square(frame.astype(float))))) > self._loud
+            if loud:
+                self.speaking, self._quiet = True, 0
+            if self.speaking:
+                self._frames.append(frame)
+                self._quiet += not loud
+                if self._quiet >= self._quiet_frames:
+                    return self.finish()
+        return None
+
+    def finish(self) -> Optional[np.ndarray]:
+        """Ends the utterance now; None when nobody speaks."""
+        frames, self._frames = self._frames, []
+        self.speaking, self._quiet = False, 0
+        return np.concatenate(frames) if frames else None

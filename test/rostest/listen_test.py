@@ -1,0 +1,71 @@
+#!/usr/bin/env python3
+"""listen as its clients use it."""
+
+import unittest
+
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from merlin_msgs.msg import ListenAction, ListenGoal
+from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
+
+import rostest
+from merlin_sm.action_client import ActionClient
+
+LONG = 40.0  # s of wall time
+ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
+ANSWERS = "#JSGF V1.0; grammar answer; public <answer> = (seven | eleven) of them;"
+
+
+class Listen(unittest.TestCase):
+    def setUp(self):
+        self.listen = ActionClient("listen", ListenAction)
+        self.speak = ActionClient("sound_play", SoundRequestAction)
+        self.assertTrue(self.listen.wait_for_server(LONG))
+        self.assertTrue(self.speak.wait_for_server(LONG))
+
+    def ask(self):
+        request = SoundRequest(
+            sound=SoundRequest.SAY, command=SoundRequest.PLAY_ONCE, volume=1.0, arg="What can I do?"
+        )
+        self.speak.send(SoundRequestGoal(sound_request=request))
+
+    def hear(self, grammar, timeout=10.0):
+        return self.listen.send(ListenGoal(grammar=grammar, timeout=rospy.Duration(timeout)))
+
+    def test_an_answer_is_understood(self):
+        goal = self.hear(ORDERS)
+        self.ask()
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual(goal.status, GoalStatus.SUCCEEDED)
+        self.assertEqual(goal.result.text, "bring me a coffee please")
+        self.assertTrue(goal.result.heard)
+        self.assertGreater(goal.result.confidence, 0.5)
+
+    def test_what_the_grammar_does_not_allow_is_not_understood(self):
+        goal = self.hear(ANSWERS)
+        self.ask()
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual(goal.status, GoalStatus.SUCCEEDED)
+        self.assertEqual((goal.result.text, goal.result.heard), ("", True))
+
+    def test_silence_times_out_and_a_cancel_ends_it(self):
+        goal = self.hear(ORDERS, timeout=2.0)
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual((goal.result.text, goal.result.heard), ("", False))
+        self.assertIn("nobody spoke", goal.text)
+        goal = self.hear(ORDERS, timeout=1000.0)
+        goal.cancel()
+        self.assertTrue(goal.wait(LONG))
+        self.assertIn(goal.status, (GoalStatus.PREEMPTED, GoalStatus.RECALLED))
+
+    def test_a_bad_grammar_is_refused(self):
+        for grammar in ("", "this is no grammar", "#JSGF V1.0; grammar g; public <g> = qwrtzp;"):
+            goal = self.hear(grammar)
+            self.assertTrue(goal.wait(LONG))
+            self.assertEqual(goal.status, GoalStatus.ABORTED, grammar)
+            self.assertIn("grammar", goal.text)
+
+
+if __name__ == "__main__":
+    rospy.init_node("listen_test")
+    rostest.rosrun("merlin_test", "listen", Listen)

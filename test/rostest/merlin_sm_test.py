@@ -1,0 +1,217 @@
+#!/usr/bin/env python3
+"""State machines of MERLIN: what the robot knows, what the ready states do, and how they stop."""
+
+import threading
+import unittest
+
+import rospy
+from geometry_msgs.msg import Twist
+from sound_play.msg import SoundRequestActionGoal
+from std_msgs.msg import String
+from std_srvs.srv import Trigger, TriggerResponse
+
+import rostest
+from merlin_sm.knowledge_client import KnowledgeError
+from merlin_sm.merlin_sm import MerlinSM
+from merlin_sm.pddl_text import PDDLSyntaxError
+from merlin_sm.state_factory import MerlinStateFactory
+from merlin_sm.states.merlin_state import MerlinState
+
+LONG = 20.0
+OUTCOMES = ["succeeded", "aborted", "preempted"]
+create = MerlinStateFactory.create
+
+
+def machine(state, **userdata):
+    sm = MerlinSM(OUTCOMES)
+    for key, value in userdata.items():
+        sm.userdata[key] = value
+    with sm:
+        sm.add("ONLY", state)
+    return sm
+
+
+class Knowledge(unittest.TestCase):
+    def setUp(self):
+        self.sm = MerlinSM(OUTCOMES)
+        self.assertTrue(self.sm.knowledge.wait(LONG))
+        self.sm.remove_facts(self.sm.facts("checked") or ["(checked kitchen)"])
+
+    def test_facts(self):
+        self.sm.add_facts(["(checked kitchen)", "(checked bathroom)"])
+        self.assertTrue(self.sm.holds("(and (checked kitchen) (not (checked dorm_room)))"))
+        self.sm.change_facts(add="(checked dorm_room)", remove="(checked kitchen)")
+        self.assertEqual(sorted(self.sm.facts("checked")), ["(checked bathroom)", "(checked dorm_room)"])
+        self.sm.add_facts("(not (checked bathroom))")
+        self.assertFalse(self.sm.holds("(checked bathroom)"))
+
+    def test_objects(self):
+        self.sm.add_objects("poi", "garage", "attic")
+        self.assertLessEqual({"garage", "attic", "kitchen"}, set(self.sm.objects("poi")))
+        self.assertIn("anywhere", self.sm.objects("place"))
+        self.sm.add_facts("(checked attic)")
+        self.sm.remove_objects("poi", "garage", "attic")
+        self.assertNotIn("attic", self.sm.objects())
+        self.assertNotIn("(checked attic)", self.sm.facts())
+
+    def test_goals(self):
+        self.sm.add_goals(["(checked kitchen)", "(not (checked bathroom))"])
+        self.assertEqual(self.sm.goals(), ["(checked kitchen)", "(not (checked bathroom))"])
+        self.sm.remove_goals(["(checked kitchen)", "(not (checked bathroom))"])
+        self.assertEqual(self.sm.goals(), [])
+
+    def test_values(self):
+        self.sm.set_value("duration", "kitchen", "bathroom", value=12.5)
+        self.assertEqual(self.sm.value("duration", "kitchen", "bathroom"), 12.5)
+        self.assertIsNone(self.sm.value("duration", "bathroom", "bathroom"))
+        self.assertTrue(self.sm.holds("(> (duration kitchen bathroom) 12)"))
+
+    def test_nonsense_is_refused_and_changes_nothing(self):
+        before = self.sm.facts()
+        for fact in ("(clean kitchen)", "(checked moon)", "(checked kitchen bathroom)"):
+            with self.assertRaises(KnowledgeError):
+                self.sm.add_facts(["(checked kitchen)", fact])
+        with self.assertRaises(PDDLSyntaxError):
+            self.sm.add_facts("checked kitchen")
+        self.assertEqual(self.sm.facts(), before)
+
+
+class Stop(MerlinState):
+    """Waits for a preempt."""
+
+    def __init__(self):
+        super().__init__()
+        self.begun = threading.Event()
+
+    def run(self, userdata):
+        ended = threading.Event()
+        self.interruptible(ended.set)
+        self.begun.set()
+        ended.wait(LONG)
+        return "preempted"
+
+
+class States(unittest.TestCase):
+    def setUp(self):
+        self.velocities = []
+        self.changed = threading.Condition()
+        self.subscriber = rospy.Subscriber("cmd_vel", Twist, self.receive)
+        self.addCleanup(self.subscriber.unregister)
+
+    def receive(self, velocity):
+        with self.changed:
+            self.velocities.append(velocity)
+            self.changed.notify_all()
+
+    def driving(self):
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(lambda: any(v.linear.x for v in self.velocities), LONG))
+
+    def run_and_preempt(self, sm, ready):
+        outcomes = []
+        thread = threading.Thread(target=lambda: outcomes.append(sm.execute()))
+        thread.start()
+        ready()
+        sm.request_preempt()
+        thread.join(LONG)
+        self.assertEqual(outcomes, ["preempted"])
+
+    def test_navigation(self):
+        sm = machine(create("navigation"), target="kitchen")
+        self.assertEqual(sm.execute(), "succeeded")
+
+    def test_navigation_says_what_is_wrong_with_a_place(self):
+        for place, reason in (("moon", "kitchen"), ("broken", "numbers")):
+            sm = machine(create("navigation", place))
+            self.assertEqual(sm.execute(), "aborted")
+            self.assertIn(reason, sm.reason)
+
+    def test_a_preempt_stops_navigation_and_the_machine_runs_again(self):
+        sm = machine(create("navigation", "kitchen"))
+        self.run_and_preempt(sm, self.driving)
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(lambda: self.velocities[-1] == Twist(), LONG))
+        self.assertEqual(sm.execute(), "succeeded")
+
+    def test_speaking_fills_in_userdata(self):
+        said = []
+        heard = threading.Event()
+
+        def hear(message):
+            said.append(message.goal.sound_request)
+            heard.set()
+
+        sm = machine(create("speak", "I am in the {room}.", keys=("room",)), room="kitchen")
+        subscriber = rospy.Subscriber("sound_play/goal", SoundRequestActionGoal, hear)
+        self.addCleanup(subscriber.unregister)
+        while not heard.wait(0.1):  # the first goals may be sent before this subscriber is connected
+            self.assertEqual(sm.execute(), "succeeded")
+        self.assertEqual((said[-1].arg, said[-1].volume), ("I am in the kitchen.", 1.0))
+
+    def test_nothing_to_say_is_refused(self):
+        sm = machine(create("speak"), text="  ")
+        self.assertEqual(sm.execute(), "aborted")
+        self.assertIn("no text", sm.reason)
+
+    def test_a_missing_server_is_named(self):
+        sm = machine(create("navigation", "kitchen", action="nowhere", server_wait=0.2))
+        self.assertEqual(sm.execute(), "aborted")
+        self.assertIn("/nowhere", sm.reason)
+
+    def test_a_service(self):
+        service = rospy.Service("ask_me", Trigger, lambda request: TriggerResponse(True, "yes"))
+        self.addCleanup(service.shutdown)
+        answers = []
+        state = create("service", "ask_me", Trigger, on_response=lambda ud, r: answers.append(r.message))
+        self.assertEqual(machine(state).execute(), "succeeded")
+        self.assertEqual(answers, ["yes"])
+
+    def test_a_preempt_ends_the_wait_for_a_service(self):
+        state = create("service", "never_there", Trigger, wait=LONG)
+        self.run_and_preempt(machine(state), lambda: None)
+
+    def test_a_topic(self):
+        publisher = rospy.Publisher("news", String, latch=True, queue_size=1)
+        publisher.publish("good")
+        state = create("topic", "news", String, lambda ud, message: message.data == "good", timeout=LONG)
+        self.assertEqual(machine(state).execute(), "succeeded")
+        state = create("topic", "news", String, lambda ud, message: False, timeout=0.2)
+        sm = machine(state)
+        self.assertEqual(sm.execute(), "aborted")
+        self.assertIn("/news", sm.reason)
+
+    def test_knowledge(self):
+        sm = machine(create("knowledge", add=["(checked {room})"], keys=["room"]), room="kitchen")
+        self.assertEqual(sm.execute(), "succeeded")
+        self.assertTrue(sm.holds("(checked kitchen)"))
+        sm = machine(create("knowledge", add=["(checked {room})"], keys=["room"]), room="moon")
+        self.assertEqual(sm.execute(), "aborted")
+        self.assertTrue(sm.reason)
+
+    def test_a_cancel_before_the_run_is_not_lost(self):
+        sm = machine(Stop())
+        sm.prepare()
+        sm.cancel()
+        self.assertEqual(sm.execute(), "preempted")
+        sm.prepare()
+        self.run_and_preempt(sm, sm["ONLY"].begun.wait)
+
+    def test_users_register_their_states(self):
+        MerlinStateFactory.register("stop", Stop)
+        self.assertIsInstance(create("stop"), Stop)
+        with self.assertRaises(ValueError):
+            MerlinStateFactory.register("stop", MerlinState)
+        with self.assertRaises(KeyError) as caught:
+            create("fly")
+        self.assertIn("navigation", str(caught.exception))
+
+
+class MerlinSMSuite(Knowledge, States):
+    def setUp(self):
+        Knowledge.setUp(self)
+        States.setUp(self)
+
+
+if __name__ == "__main__":
+    rospy.init_node("merlin_sm_test")
+    rostest.rosrun("merlin_test", "merlin_sm", MerlinSMSuite)

@@ -1,0 +1,57 @@
+"""Understanding synthesised speech, and not understanding what no grammar allows."""
+
+import numpy as np
+import pytest
+
+from merlin_sim.speech_recognizer import GrammarError, SpeechRecognizer, UtteranceDetector
+from merlin_sim.speech_synthesizer import SpeechSynthesizer
+
+GRAMMAR = """#JSGF V1.0; grammar answer;
+public <answer> = (yes | no) [please | thank you] | bring me a (coffee | tea) [please];"""
+
+
+@pytest.fixture(scope="module")
+def recognizer():
+    recognizer = SpeechRecognizer()
+    recognizer.use(GRAMMAR)
+    return recognizer
+
+
+@pytest.fixture(scope="module")
+def synthesizer():
+    return SpeechSynthesizer()
+
+
+@pytest.mark.parametrize("text", ["yes please", "no thank you", "bring me a tea please"])
+@pytest.mark.parametrize("voice", ["en-us", "en-us+f3"])
+def test_what_the_grammar_allows_is_understood(recognizer, synthesizer, text, voice):
+    said = recognizer.understand(synthesizer.say(text, voice).samples)
+    assert said.text == text
+    assert 0.5 <= said.confidence <= 1.0
+
+
+@pytest.mark.parametrize("text", ["the weather is nice today", "i have a big dog at home", "seven"])
+def test_other_sentences_are_rejected(recognizer, synthesizer, text):
+    assert recognizer.understand(synthesizer.say(text).samples).text == ""
+
+
+def test_noise_is_no_sentence(recognizer):
+    noise = (1000 * np.random.default_rng(1).standard_normal(16000)).astype(np.int16)
+    assert recognizer.understand(noise).text == ""
+
+
+def test_bad_grammars(recognizer):
+    for grammar in ("", "nonsense", "#JSGF V1.0; grammar g; public <g> = qwrtzp;"):
+        with pytest.raises(GrammarError):
+            recognizer.use(grammar)
+    recognizer.use(GRAMMAR)
+
+
+def test_an_utterance_is_cut_out_of_a_stream():
+    detector = UtteranceDetector()
+    tone = (8000 * np.sin(np.arange(8000) / 5)).astype(np.int16)
+    assert detector.feed(np.zeros(16000, dtype=np.int16)) is None
+    assert detector.feed(tone) is None and detector.speaking
+    found = detector.feed(np.zeros(16000, dtype=np.int16))
+    assert len(tone) <= len(found) <= len(tone) + 0.7 * 16000
+    assert detector.finish() is None
