@@ -73,9 +73,15 @@ class Times(unittest.TestCase):
         def result():
             thread.join(LONG)
             self.assertTrue(answers, "the dispatch does not end")
+            self.wait(self.ended)
             return answers[0]
 
         return result
+
+    def ended(self, status):
+        """The last word on a dispatch that was seen to run."""
+        known = {other.plan_id for other in self.statuses if other.state != DispatchStatus.IDLE}
+        return status.state == DispatchStatus.IDLE and status.plan_id in known
 
     @staticmethod
     def running(status):
@@ -125,8 +131,8 @@ class Times(unittest.TestCase):
         result = self.start("0.0: (paint ann leg) [5.0]")
         self.wait(self.running)
         self.tick(-50.0)
-        self.until(lambda status: status.steps_done == 1 or status.state == DispatchStatus.IDLE)
-        result()
+        self.until(lambda status: status.steps_done == 1)
+        self.assertTrue(result().success)
         self.tick(100.0)
         with self.changed:
             self.statuses.clear()

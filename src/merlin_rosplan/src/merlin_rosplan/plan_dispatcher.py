@@ -188,18 +188,17 @@ class PlanDispatcher(Component):
             except PlanError as error:
                 report = DispatchReport(DispatchState.FAILED, str(error))
             unmet = self._unmet_goals()
+            told = dataclasses.replace(report, reason=unmet) if report.success else report
+            self._topics.tell_status(told)
             log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
             log("%s: %s: %s", self.scope, report.state.name, report.reason)
-            if report.success:
-                if unmet:
-                    rospy.logwarn("%s: every action succeeded, but %s", self.scope, unmet)
-                report = dataclasses.replace(report, reason=unmet)
-            self._topics.tell_status(report)
+            if report.success and unmet:
+                rospy.logwarn("%s: every action succeeded, but %s", self.scope, unmet)
         finally:
             with self._state:
                 self._dispatch = self._goal = None
                 self._busy = False
-        return report, not unmet
+        return told, not unmet
 
     def _run_plan(self) -> DispatchReport:
         plan = self._take_plan()
@@ -332,16 +331,11 @@ class EsterelPlanDispatcher(PlanDispatcher):
         return schedule
 
     def received(self, plan: EsterelPlan) -> None:
-        """Draws a plan that has just come, unless one runs."""
+        """Has a plan drawn that has just come, unless one runs."""
         with self._state:
             idle = self._dispatch is None
         if idle and self._drawer is not None:
-            try:
-                graph, messages = graph_from_message(plan)
-            except PlanError as error:
-                rospy.logerr("%s: %s", self.scope, error)
-                return
-            self._drawer.show(graph, messages, None)
+            self._drawer.show_plan(plan)
 
     def progressed(self) -> None:
         """Draws the graph again."""

@@ -105,7 +105,7 @@ class PlanParser(Component):
                 raise rospy.ServiceException(reason) from error
             self._hand_over.hand_over(plan)
             self._plan.publish(plan)
-        rospy.loginfo(
+        rospy.logdebug(  # a line at INFO costs as much as the parsing
             "%s: %d actions parsed in %.1f ms", self.scope, len(steps), 1e3 * (time.monotonic() - started)
         )
 
