@@ -13,6 +13,7 @@ from actionlib.msg import TestAction, TestGoal
 from figures import figure
 from ros_process import RosMaster
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
+from std_msgs.msg import Int32
 
 import smach
 import smach_ros
@@ -22,6 +23,7 @@ DEPTH = 8  # containers around the leaf that is preempted
 PREEMPTS = 500
 EXECUTIONS = 10_000
 ACTIONS = 500
+MONITORS = 300
 SERVER = "bench"
 
 
@@ -141,7 +143,7 @@ def growth(state: smach.State, executions: int) -> Dict[str, int]:
 
 
 def partner() -> None:
-    """The other process: a viewer, and an action server that succeeds at once."""
+    """The other process: a viewer, an action server that succeeds at once, a topic."""
     rospy.init_node("partner")
     rospy.Subscriber(f"/{SERVER}/smach/container_status", SmachContainerStatus, lambda message: None)
     rospy.Subscriber(f"/{SERVER}/smach/container_structure", SmachContainerStructure, lambda message: None)
@@ -151,6 +153,7 @@ def partner() -> None:
         goal.set_succeeded()
 
     actionlib.ActionServer("/partner", TestAction, succeed, lambda goal: None, False).start()
+    rospy.Publisher("/tick", Int32, latch=True, queue_size=1).publish(1)
     rospy.spin()
 
 
@@ -203,6 +206,8 @@ def measure_ros() -> Dict[str, Any]:
     leaf = smach.CBState(lambda ud: "done", outcomes=["done"])
     results["smach_growth"] = growth(nest(leaf, 3, concurrent=True), EXECUTIONS)
     results["smach_growth_actions"] = growth(action, ACTIONS)
+    monitor = smach_ros.MonitorState("/tick", Int32, lambda ud, message: True, max_checks=1)
+    results["smach_growth_monitors"] = growth(monitor, MONITORS)
     return results
 
 

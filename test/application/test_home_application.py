@@ -74,7 +74,6 @@ def test_an_interrupted_mission_stops_and_keeps_what_it_has(tmp_path: Path) -> N
         ("domain:=/nowhere.pddl", "/nowhere.pddl"),
         ("problem:=/nowhere.pddl", "/nowhere.pddl"),
         ("points:=kitchen garage", "no garage; it has"),
-        ("results:=/proc/results", "no folder for the results"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path: Path, word: str, text: str) -> None:

@@ -158,6 +158,7 @@ class Dispatching:
     def setUp(self):
         self.interfaces = Interfaces(self.dispatcher)
         self.addCleanup(self.interfaces.close)
+        self.addCleanup(self.cancel)  # a dispatch that a failed test left running
         self.knowledge.update(
             [Update(REMOVE, fact("broken", "")), Update(ADD, fact("powered")), Update(REMOVE_GOAL, fact(""))]
             + [Update(REMOVE, fact("painted", ""))]
@@ -387,7 +388,8 @@ class Dispatching:
 
     def test_feedback_that_fits_nothing_is_ignored(self):
         self.interfaces.answers["paint"] = [(1,)]
-        self.give("0.0: (paint ann leg) [5.0]", "5.0: (paint ann seat) [5.0]")
+        self.knowledge.update([Update(ADD, fact("painted", "leg"))])  # for who applies no effects
+        self.give("0.0: (paint ann leg) [5.0]", "5.0: (store_part bob leg) [5.0]")
         result = self.start()
         running = self.interfaces.wait(named("paint"))
         stranger = ActionDispatch(action_id=999, plan_id=running.plan_id)
@@ -400,9 +402,9 @@ class Dispatching:
             (running, 0, None),
         ):
             self.interfaces.answer(message, status, plan_id=plan_id)
-        self.interfaces.answers["paint"] = [(1,), (2,)]
         self.interfaces.answer(running, 2)
         self.assertTrue(result().success)
+        self.assertEqual(self.interfaces.names()[:2], ["paint", "store_part"])
 
     def test_nothing_new_is_nothing_to_dispatch(self):
         self.give("0.0: (paint ann leg) [5.0]")

@@ -27,9 +27,14 @@ class Times(unittest.TestCase):
         cls.knowledge = knowledge_client()
         cls.parse = ServiceProxy("/rosplan_parsing_interface/parse_plan_from_file", ParsingService)
         cls.dispatch = ServiceProxy(f"{DISPATCHER}/dispatch_plan", DispatchService)
+        cls.strict = ServiceProxy("/strict_dispatcher/dispatch_plan", DispatchService)
         cls.changed = threading.Condition()
         cls.statuses = []
-        cls.subscriber = rospy.Subscriber(f"{DISPATCHER}/dispatch_status", DispatchStatus, cls.note)
+        cls.subscribers = [
+            rospy.Subscriber(f"{dispatcher}/dispatch_status", DispatchStatus, cls.note)
+            for dispatcher in (DISPATCHER, "/strict_dispatcher")
+        ]
+        assert cls.strict.wait(LONG)
         assert cls.dispatch.wait(LONG) and cls.parse.wait(LONG) and cls.knowledge.wait(LONG)
 
     @classmethod
@@ -44,7 +49,6 @@ class Times(unittest.TestCase):
             cls.changed.notify_all()
 
     def setUp(self):
-        rospy.set_param(f"{DISPATCHER}/timeout_actions", False)
         self.knowledge.update(
             [Update(ADD, function_value("battery", ["ann"], 50.0)), Update(ADD, fact("powered"))]
             + [Update(REMOVE, fact("painted", ""))]
@@ -57,21 +61,27 @@ class Times(unittest.TestCase):
             seen = self.changed.wait_for(lambda: any(predicate(s) for s in self.statuses), LONG)
             self.assertTrue(seen, self.statuses)
 
-    def start(self, *lines):
+    def start(self, *lines, dispatch=None):
         with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
             file.write("".join(f"{line}\n" for line in lines))
             file.flush()
             self.assertTrue(self.parse(plan_path=file.name).plan_parsed)
         answers = []
-        thread = threading.Thread(target=lambda: answers.append(self.dispatch()), daemon=True)
+        thread = threading.Thread(target=lambda: answers.append((dispatch or self.dispatch)()), daemon=True)
         thread.start()
 
         def result():
             thread.join(LONG)
             self.assertTrue(answers, "the dispatch does not end")
+            self.wait(self.ended)
             return answers[0]
 
         return result
+
+    def ended(self, status):
+        """The last word on a dispatch that was seen to run."""
+        known = {other.plan_id for other in self.statuses if other.state != DispatchStatus.IDLE}
+        return status.state == DispatchStatus.IDLE and status.plan_id in known
 
     @staticmethod
     def running(status):
@@ -97,8 +107,7 @@ class Times(unittest.TestCase):
         self.assertTrue(self.knowledge.query([fact("painted", "leg")])[0])
 
     def test_with_bounds_an_action_that_takes_too_long_ends_the_plan(self):
-        rospy.set_param(f"{DISPATCHER}/timeout_actions", True)
-        result = self.start("0.0: (paint ann leg) [2.0]")
+        result = self.start("0.0: (paint ann leg) [2.0]", dispatch=self.strict)
         self.wait(self.running)
         self.tick(5.0)  # the graph allows 2 s and a tenth, the action takes 8 s
         self.assertFalse(result().success)
@@ -122,8 +131,8 @@ class Times(unittest.TestCase):
         result = self.start("0.0: (paint ann leg) [5.0]")
         self.wait(self.running)
         self.tick(-50.0)
-        self.until(lambda status: status.steps_done == 1 or status.state == DispatchStatus.IDLE)
-        result()
+        self.until(lambda status: status.steps_done == 1)
+        self.assertTrue(result().success)
         self.tick(100.0)
         with self.changed:
             self.statuses.clear()

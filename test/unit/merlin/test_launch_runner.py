@@ -92,13 +92,22 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert expected in err[0]
 
 
-def test_unreadable_launch_file_is_one_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("<include file='/nowhere.launch'/>", "/nowhere.launch"),
+        ("<include file='$(find nowhere)/x.launch'/>", "no package 'nowhere'"),
+        ("<param if='maybe' name='a' value='1'/>", "maybe"),
+        ("<param name='a'", "XML"),
+    ],
+)
+def test_a_broken_launch_file_is_one_line(tmp_path: Path, content: str, expected: str) -> None:
     broken = tmp_path / "broken.launch"
-    broken.write_text("<launch><include file='/nowhere.launch'/></launch>")
+    broken.write_text(f"<launch>{content}</launch>")
     exit_code, _, err = run(tmp_path, str(broken))
     assert exit_code == 2
     assert len(err) == 1
-    assert "/nowhere.launch" in err[0]
+    assert expected in err[0]
 
 
 def test_a_busy_port_is_refused(tmp_path: Path) -> None:

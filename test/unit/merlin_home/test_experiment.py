@@ -1,5 +1,6 @@
 """The experiment: which runs, their statistics, and a report whose numbers come from the tables."""
 
+import fcntl
 from pathlib import Path
 from typing import Dict, List
 
@@ -43,10 +44,12 @@ def test_the_command_line_narrows() -> None:
     )
     assert [run.seed for run in runs] == [7, 8, 9, 10, 11]
     assert {(run.mission, run.approach, run.factor) for run in runs} == {(1, "merlin", 3.0)}
+    assert len(planned(parse(["--runs", "30", "10", "3"]))) == 2 * 43
 
 
 @pytest.mark.parametrize(
-    "words", [["--mission", "4"], ["--runs", "0"], ["--rtf", "-1"], ["--approach", "clever"]]
+    "words",
+    [["--mission", "4"], ["--runs", "0"], ["--runs", "1", "2"], ["--rtf", "-1"], ["--approach", "clever"]],
 )
 def test_bad_command_lines_end(words: List[str], capsys: pytest.CaptureFixture) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -198,6 +201,27 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.Monk
     assert done == [run.name for run in runs[2:]]
     assert ExperimentRunner(tmp_path).run_all(runs) == []
     assert len(done) == 2
+
+
+def test_what_another_process_works_on_is_left_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    theirs, ours = main_runs([1], ["naive", "merlin"], {1: 1}, 1, 5.0)
+    done: List[Run] = []
+
+    def carry_out(self: ExperimentRunner, run: Run) -> object:
+        done.append(run)
+        leave(tmp_path, [run])
+        return finished(tmp_path / "runs" / run.name)
+
+    monkeypatch.setattr(ExperimentRunner, "_carry_out", carry_out)
+    folder = tmp_path / "runs" / theirs.name
+    folder.mkdir(parents=True)
+    with (folder / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        ExperimentRunner(tmp_path).run_all([theirs, ours])
+    assert done == [ours]
+    assert "another process" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(40, "40 s"), (600, "10 min"), (3900, "1 h 05 min")])

@@ -311,3 +311,28 @@ def test_a_state_that_raises_in_request_preempt_does_not_keep_it_from_its_siblin
     broken.release.set()
     run.end()
     assert any("request_preempt() raised" in text for level, text in log if level == "error")
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_one_request_at_any_moment_ends_a_machine_that_would_run_for_ever(kit, log, nested):
+    """A request lost between two states, or between execute() and the first, would never come again."""
+    loop = smach.StateMachine(["preempted"])
+    with loop:
+        smach.StateMachine.add("A", kit.Checking(), {"done": "B"})
+        smach.StateMachine.add("B", kit.Checking(), {"done": "A"})
+    root = loop
+    if nested:
+        both = smach.Concurrence(["preempted", "other"], "other")
+        with both:
+            smach.Concurrence.add("LOOP", loop)
+            smach.Concurrence.add("WAITS", kit.Waiting())
+        root = smach.StateMachine(["preempted", "other"])
+        with root:
+            smach.StateMachine.add("BOTH", both, {"other": "BOTH"})
+    for i in range(100):
+        root.prepare_run()
+        run = kit.Running(root)
+        threading.Event().wait(i * 3e-5)
+        root.request_preempt()
+        assert run.end() == "preempted"
+        assert not any(flags(root))

@@ -19,6 +19,7 @@ import roslib.packages
 import rospkg
 from roslaunch.core import Node, RLException
 from roslaunch.pmon import ProcessListener
+from roslaunch.substitution_args import SubstitutionException
 
 from .error_relay import ErrorRelay
 from .launch_request import LaunchError, LaunchRequest, one_line
@@ -65,7 +66,14 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
             RLException: it, or a file it includes, cannot be read.
             LaunchError: it names a file that is missing.
         """
-        self._load_config()
+        try:
+            self._load_config()
+        except rospkg.ResourceNotFound as error:
+            raise LaunchError(
+                f"there is no package '{error.args[0]}'; build it, or correct $(find …)"
+            ) from error
+        except (ValueError, SubstitutionException) as error:  # roslaunch does not wrap all of them
+            raise LaunchError(one_line(error)) from error
         check_files({key: param.value for key, param in self.config.params.items()})
         # roslaunch starts its core nodes (rosout) only together with a master of its own.
         self.config.nodes.extend(self.config.nodes_core)
@@ -165,7 +173,7 @@ class LaunchRun:
             self._parent = _Parent(self._run_id, self._request, self._master.port, self._events)
             self._parent.load()
             self._parent.start(auto_terminate=False)
-        except (RLException, LaunchError, rospkg.ResourceNotFound) as error:
+        except (RLException, LaunchError) as error:
             self._say(f"{self._request.launch_file.name}: {one_line(error)}")
             return EXIT_REFUSED
         nodes = self._parent.config.nodes

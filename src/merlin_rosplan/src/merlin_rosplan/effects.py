@@ -10,7 +10,7 @@ from typing import Any, Dict, List, Mapping, Optional, Tuple
 from merlin_rosplan.domain import Operator
 from merlin_rosplan.evaluation import Evaluator, arithmetic
 from merlin_rosplan.formula import END, OVER_ALL, START, Atom, Effect, Fluent, TimedCondition
-from merlin_rosplan.knowledge import ASSIGN, Fact, FunctionValue
+from merlin_rosplan.knowledge import ASSIGN, DECREASE, INCREASE, OPERATIONS, Fact, FunctionValue
 from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_state import KnowledgeState
 from merlin_rosplan.pddl_text import suggestion
@@ -21,7 +21,6 @@ REMEMBERED = 256
 
 TOTAL_COST = Fluent("total-cost")
 
-_OPERATIONS = {"increase": "+", "decrease": "-", "scale-up": "*", "scale-down": "/"}
 Bindings = Dict[str, str]
 
 
@@ -260,11 +259,11 @@ class EffectApplier:
         before = self._state.value(value.key)
         result: Optional[float] = value.value
         if op != ASSIGN:
-            result = arithmetic(_OPERATIONS[op], (before, value.value))
+            result = arithmetic(OPERATIONS[op], (before, value.value))
         if result is None:
             raise KnowledgeError(f"{value.text()}: {before} {op} {value.value} is no number")
         self._transaction.add_value(FunctionValue(value.name, value.args, result))
-        relative = op in ("increase", "decrease")
+        relative = op in (INCREASE, DECREASE)
         delta = result - before if relative and before is not None else None
         undo.append(
             {

@@ -18,6 +18,9 @@ DECREASE = "decrease"
 SCALE_UP = "scale-up"
 SCALE_DOWN = "scale-down"
 
+#: Arithmetic of the changes that are no assignment.
+OPERATIONS = {INCREASE: "+", DECREASE: "-", SCALE_UP: "*", SCALE_DOWN: "/"}
+
 
 class Row:
     """Something stored. `order` tells which of two came first; `wire` is a cache of who serialises it."""

@@ -29,6 +29,7 @@ from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.knowledge_store import KnowledgeStore
 from merlin_rosplan.pddl_text import PddlError
+from merlin_rosplan.problem import Problem
 from merlin_rosplan.problem_reader import read_problem
 from merlin_rosplan.state_file import StateFile, StateFileError
 from merlin_rosplan.state_services import StateServices
@@ -235,7 +236,7 @@ class KnowledgeBase(Component):
 
     # --- for components of the same process ------------------------------------------------------
 
-    def snapshot(self) -> Tuple[Domain, Any]:
+    def snapshot(self) -> Tuple[Domain, Problem]:
         """The domain and everything that is stored, at one moment."""
         return self.domain, self.store.snapshot()[1]
 

@@ -73,6 +73,7 @@ class PlanDispatcher(Component):
             over_all_grace=self.number("over_all_grace", 1.0, 0.0),
             settle=self.number("settle_time", 2.0, 0.0),
         )
+        self._allow_redispatch = bool(self.param("allow_redispatch", False))
         self._knowledge = PlanKnowledge(self.knowledge_base)
         self._topics = DispatchTopics(
             self, self._knowledge, self.publishes_feedback, self._tick, self._forward, self.progressed
@@ -187,18 +188,17 @@ class PlanDispatcher(Component):
             except PlanError as error:
                 report = DispatchReport(DispatchState.FAILED, str(error))
             unmet = self._unmet_goals()
+            told = dataclasses.replace(report, reason=unmet) if report.success else report
+            self._topics.tell_status(told)
             log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
             log("%s: %s: %s", self.scope, report.state.name, report.reason)
-            if report.success:
-                if unmet:
-                    rospy.logwarn("%s: every action succeeded, but %s", self.scope, unmet)
-                report = dataclasses.replace(report, reason=unmet)
-            self._topics.tell_status(report)
+            if report.success and unmet:
+                rospy.logwarn("%s: every action succeeded, but %s", self.scope, unmet)
         finally:
             with self._state:
                 self._dispatch = self._goal = None
                 self._busy = False
-        return report, not unmet
+        return told, not unmet
 
     def _run_plan(self) -> DispatchReport:
         plan = self._take_plan()
@@ -217,7 +217,7 @@ class PlanDispatcher(Component):
             self._state.wait_for(lambda: self._fresh or self.closed, timeout=IN_FLIGHT)
             if self._plan is None:
                 raise PlanError(f"there is no plan: nothing was received on {self._plan_topic}")
-            if not self._fresh and not self.param("allow_redispatch", False):
+            if not self._fresh and not self._allow_redispatch:
                 raise PlanError("there is no new plan: the last one was dispatched already")
             self._fresh = False
             return self._plan
@@ -302,7 +302,10 @@ class EsterelPlanDispatcher(PlanDispatcher):
 
     def __init__(self, scope: str = SCOPE) -> None:
         self._drawer: Optional[PlanGraphDrawer] = None  # plans may arrive before the rest is there
+        self._bounds, self._fraction = False, 0.0
         super().__init__(scope)
+        self._bounds = bool(self.param("timeout_actions", False))
+        self._fraction = self.number("action_timeout_fraction", 0.0, 0.0)
         self._drawer = self.own(
             PlanGraphDrawer(
                 self.resolve(str(self.param("plan_graph_topic", "plan_graph"))),
@@ -320,24 +323,19 @@ class EsterelPlanDispatcher(PlanDispatcher):
         schedule = GraphSchedule(
             graph,
             [planned_action(message) for message in messages],
-            bool(self.param("timeout_actions", False)),
-            self.number("action_timeout_fraction", 0.0, 0.0),
+            self._bounds,
+            self._fraction,
         )
         if self._drawer is not None:
             self._drawer.show(graph, messages, schedule)
         return schedule
 
     def received(self, plan: EsterelPlan) -> None:
-        """Draws a plan that has just come, unless one runs."""
+        """Has a plan drawn that has just come, unless one runs."""
         with self._state:
             idle = self._dispatch is None
         if idle and self._drawer is not None:
-            try:
-                graph, messages = graph_from_message(plan)
-            except PlanError as error:
-                rospy.logerr("%s: %s", self.scope, error)
-                return
-            self._drawer.show(graph, messages, None)
+            self._drawer.show_plan(plan)
 
     def progressed(self) -> None:
         """Draws the graph again."""

@@ -4,12 +4,12 @@ import threading
 from typing import List, Optional, Set
 
 import rospy
-from rosplan_dispatch_msgs.msg import ActionDispatch
+from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlan
 from std_msgs.msg import String
 
-from merlin_rosplan.dispatch_schedule import GraphSchedule
+from merlin_rosplan.dispatch_schedule import GraphSchedule, PlanError
 from merlin_rosplan.plan_graph import Node, NodeType, PlanGraph
-from merlin_rosplan.plan_graph_messages import graph_to_dot
+from merlin_rosplan.plan_graph_messages import graph_from_message, graph_to_dot
 
 SMALL = 500  # edges: such a graph is drawn at every change, a larger one only when somebody subscribes
 
@@ -32,6 +32,7 @@ class PlanGraphDrawer(rospy.SubscribeListener):
         self._changed = threading.Condition()  # guards the fields below
         self._dirty = False
         self._stopping = False
+        self._plan: Optional[EsterelPlan] = None  # not taken apart yet
         self._graph: Optional[PlanGraph] = None
         self._actions: List[ActionDispatch] = []
         self._schedule: Optional[GraphSchedule] = None
@@ -47,6 +48,13 @@ class PlanGraphDrawer(rospy.SubscribeListener):
         """Draws another graph; without a schedule nothing of it has happened."""
         with self._changed:
             self._graph, self._actions, self._schedule = graph, list(actions), schedule
+            self._plan = None
+        self.refresh()
+
+    def show_plan(self, plan: EsterelPlan) -> None:
+        """Draws a plan of which nothing has happened; it is taken apart by the drawing thread."""
+        with self._changed:
+            self._graph, self._plan = None, plan
         self.refresh()
 
     def refresh(self) -> None:
@@ -75,6 +83,10 @@ class PlanGraphDrawer(rospy.SubscribeListener):
                 if self._stopping:
                     return
                 self._dirty = False
+                plan = self._plan
+            if plan is not None:
+                self._take_apart(plan)
+            with self._changed:
                 graph, actions, schedule = self._graph, self._actions, self._schedule
             if graph is None:
                 continue
@@ -86,6 +98,16 @@ class PlanGraphDrawer(rospy.SubscribeListener):
             except rospy.ROSException:
                 if not rospy.is_shutdown():
                     raise
+
+    def _take_apart(self, plan: EsterelPlan) -> None:
+        try:
+            graph, actions = graph_from_message(plan)
+        except PlanError as error:
+            rospy.logerr("%s: %s", self._publisher.resolved_name, error)
+            graph, actions = PlanGraph(), []
+        with self._changed:
+            if self._plan is plan:  # else another one has come
+                self._graph, self._actions, self._schedule, self._plan = graph, actions, None, None
 
     def _draw(
         self, graph: PlanGraph, actions: List[ActionDispatch], schedule: Optional[GraphSchedule]

@@ -105,7 +105,7 @@ class PlanParser(Component):
                 raise rospy.ServiceException(reason) from error
             self._hand_over.hand_over(plan)
             self._plan.publish(plan)
-        rospy.loginfo(
+        rospy.logdebug(  # a line at INFO costs as much as the parsing
             "%s: %d actions parsed in %.1f ms", self.scope, len(steps), 1e3 * (time.monotonic() - started)
         )
 
@@ -136,12 +136,17 @@ class EsterelPlanParser(PlanParser):
 
     plan_class = EsterelPlan
 
+    def __init__(self, scope: str = SCOPE) -> None:
+        self._epsilon = self._full_graph_limit = 0.0  # a call may come before the rest is there
+        super().__init__(scope)
+        self._epsilon = self.number("epsilon_time", 0.01, 0.0)
+        self._full_graph_limit = self.number("full_graph_limit", 50, 0)
+
     def message(self, steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> EsterelPlan:
         """The plan graph, with the timed literals that the knowledge base waits for."""
-        epsilon = self.number("epsilon_time", 0.01, 0.0)
         timed = self._knowledge.timed_literals() if steps else []
-        reduce = len(steps) > self.number("full_graph_limit", 50, 0)
-        graph = build_graph(steps, [ground for _, ground in actions], timed, epsilon, reduce)
+        reduce = len(steps) > self._full_graph_limit
+        graph = build_graph(steps, [ground for _, ground in actions], timed, self._epsilon, reduce)
         return graph_to_message(graph, action_messages(steps, actions))
 
 

@@ -1,6 +1,7 @@
 """ROSPlan's planner interface: PDDL problem in, plan out."""
 
 import contextlib
+import dataclasses
 import itertools
 import os
 import tempfile
@@ -16,7 +17,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
 from merlin_rosplan import pddl_check
-from merlin_rosplan.component import Component, ComponentError, run_component
+from merlin_rosplan.component import Component, run_component
 from merlin_rosplan.handover import Handover
 from merlin_rosplan.planner import PlannerSettings, Planning
 from merlin_rosplan.planning_outcome import PlannerState, PlanningOutcome
@@ -43,7 +44,7 @@ class PlannerInterface(Component):
         self._warned: Set[str] = set()
         self._numbers = itertools.count(1)
         self._folder = tempfile.TemporaryDirectory(prefix="planner_interface-")
-        self._settings()  # complains now about parameters that make no sense
+        self._settings = self._read_settings()
         if not pddl_check.available():
             rospy.logwarn("%s: kairos is not installed: PDDL and plans are not checked", self.scope)
         topic = self.resolve(str(self.param("planner_topic", "planner_output")))
@@ -73,9 +74,8 @@ class PlannerInterface(Component):
 
     # --- requests ---------------------------------------------------------------------------------
 
-    def _settings(self, command: Optional[str] = None) -> PlannerSettings:
+    def _read_settings(self) -> PlannerSettings:
         return PlannerSettings(
-            command=str(self.param("planner_command", "")) if command is None else command,
             fallback=bool(self.param("planner_fallback", True)),
             time_limit=self.number("time_limit", 60.0, 0.0),
             anytime=self.number("anytime", 0.0, 0.0),
@@ -83,12 +83,14 @@ class PlannerInterface(Component):
         )
 
     def _request_of_params(self) -> PlanningServiceRequest:
+        # All in one look-up: each costs a call to the master.
+        values = rospy.get_param(self.scope, {})
         return PlanningServiceRequest(
-            use_problem_topic=bool(self.param("use_problem_topic", False)),
-            domain_path=str(self.param("domain_path", "")),
-            problem_path=str(self.param("problem_path", "")),
-            data_path=str(self.param("data_path", "")),
-            planner_command=str(self.param("planner_command", "")),
+            use_problem_topic=bool(values.get("use_problem_topic", False)),
+            domain_path=str(values.get("domain_path", "")),
+            problem_path=str(values.get("problem_path", "")),
+            data_path=str(values.get("data_path", "")),
+            planner_command=str(values.get("planner_command", "")),
         )
 
     def _serve(self, _: EmptyRequest) -> EmptyResponse:
@@ -171,10 +173,7 @@ class PlannerInterface(Component):
         for name, path in (("domain", domain_path), ("problem", problem_path)):
             if not path:
                 return PlanningOutcome(PlannerState.INVALID, f"no {name}: {name}_path is empty")
-        try:
-            settings = self._settings(request.planner_command)
-        except ComponentError as error:
-            return PlanningOutcome(PlannerState.INVALID, str(error))
+        settings = dataclasses.replace(self._settings, command=request.planner_command)
         planning = Planning(settings, domain_path, problem_path, self._data_folder(request.data_path))
         with self._state:
             self._current = planning
@@ -223,9 +222,8 @@ class PlannerInterface(Component):
         return data_path
 
     def _domain_of_knowledge_base(self) -> str:
-        return str(
-            rospy.get_param(f"{self.knowledge_base}/domain_path", rospy.get_param("/rosplan/domain_path", ""))
-        )
+        path = rospy.get_param(f"{self.knowledge_base}/domain_path", "")
+        return str(path or rospy.get_param("/rosplan/domain_path", ""))
 
     def _tell(self, status: PlannerStatus) -> None:
         status.header.stamp = rospy.Time.now()

@@ -19,16 +19,19 @@ class RosAlarm:
         self._callback = callback
         self._name = name
         self._changed = threading.Condition()  # guards the fields below
-        self._when: Optional[float] = None
+        self._asked: Optional[float] = None
+        self._when: Optional[float] = None  # `_asked`, moved along when the clock jumped back
+        self._seen = 0.0  # ROS time at the last look
         self._stopping = False
         self._thread: Optional[threading.Thread] = None
 
     def set(self, when: Optional[float]) -> None:
         """Rings at a ROS time, s; None: not at all. A time that is past rings at once."""
         with self._changed:
-            if when == self._when:
+            if when == self._asked:
                 return
-            self._when = when
+            self._asked = self._when = when
+            self._seen = rospy.get_time()
             if when is not None and self._thread is None:
                 self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
                 self._thread.start()
@@ -39,7 +42,7 @@ class RosAlarm:
         """Ends the thread."""
         with self._changed:
             self._stopping = True
-            self._when = None
+            self._asked = self._when = None
             self._changed.notify_all()
         self._poke()
 
@@ -57,10 +60,14 @@ class RosAlarm:
                     self._changed.wait()
                 if self._stopping:
                     return
-                left = self._when - rospy.get_time()
+                now = rospy.get_time()
+                if now < self._seen:  # what was to come in so many seconds still is
+                    self._when -= self._seen - now
+                self._seen = now
+                left = self._when - now
                 due = left <= 0
                 if due:
-                    self._when = None
+                    self._asked = self._when = None
                 elif rospy.rostime.is_wallclock():
                     self._changed.wait(left)
             if due:

@@ -5,14 +5,22 @@ from typing import Any, Dict, List, Optional, Tuple, Union
 
 from merlin_rosplan.evaluation import arithmetic
 from merlin_rosplan.formula import Atom
-from merlin_rosplan.knowledge import ASSIGN, Fact, FunctionValue, Goal, Instance, Metric, Row, Timed
+from merlin_rosplan.knowledge import (
+    ASSIGN,
+    OPERATIONS,
+    Fact,
+    FunctionValue,
+    Goal,
+    Instance,
+    Metric,
+    Row,
+    Timed,
+)
 from merlin_rosplan.knowledge_checks import KnowledgeChecks, KnowledgeError
 from merlin_rosplan.knowledge_state import KnowledgeState, MetricRow, Note
 from merlin_rosplan.knowledge_table import Table
 
 Item = Union[Instance, Fact, FunctionValue]
-
-_OPERATIONS = {"increase": "+", "decrease": "-", "scale-up": "*", "scale-down": "/"}
 
 
 @dataclass
@@ -152,7 +160,7 @@ class Transaction:
                 if self._checks is None:
                     return  # as ROSPlan: nothing to change, nothing happens
                 raise KnowledgeError(f"{item.text()} has no value yet that could {item.op}")
-            value = arithmetic(_OPERATIONS[item.op], (known.value, item.value))
+            value = arithmetic(OPERATIONS[item.op], (known.value, item.value))
             if value is None:
                 raise KnowledgeError(f"{item.text()}: {known.value} {item.op} {item.value} is no number")
         assert value is not None

@@ -81,7 +81,8 @@ class KnowledgeClient:
         """Whether each item holds. Negative facts are asked as positive ones, which every version answers."""
         positive = [_positive(item) for item in items]
         results = self._query(positive).results
-        return [bool(result) != bool(item.is_negative) for item, result in zip(items, results)]
+        asked = zip(items, positive, results)
+        return [bool(result) != bool(item.is_negative and item is not sent) for item, sent, result in asked]
 
     def instances(self, type_name: str = "", constants: bool = True, subtypes: bool = True) -> List[str]:
         """Names of the objects of a type; an empty type means all."""
@@ -161,6 +162,6 @@ def instance(type_name: str, name: str) -> KnowledgeItem:
 
 
 def _positive(item: KnowledgeItem) -> KnowledgeItem:
-    if not item.is_negative:
+    if item.knowledge_type != KnowledgeItem.FACT or not item.is_negative:
         return item
     return fact(item.attribute_name, *[value.value for value in item.values])

@@ -35,6 +35,7 @@ class ServiceProxy:
         self._timeout = timeout
         self._lock = threading.Lock()  # one call at a time; guards the proxy
         self._proxy: Optional[rospy.ServiceProxy] = None
+        self._nodelay = False
 
     def __call__(self, *args: Any, **fields: Any) -> Any:
         """Calls the service with a request, or with the request's fields.
@@ -100,6 +101,10 @@ class ServiceProxy:
             self._close()
         if self._proxy is None:
             self._proxy = rospy.ServiceProxy(self.name, self._service_class, persistent=True)
+        elif not self._nodelay:
+            # A request of several segments would wait for the acknowledgement of the first.
+            self._proxy.transport.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._nodelay = True
         return self._proxy
 
     @staticmethod
@@ -122,3 +127,4 @@ class ServiceProxy:
         if self._proxy is not None:
             self._proxy.close()
             self._proxy = None
+            self._nodelay = False

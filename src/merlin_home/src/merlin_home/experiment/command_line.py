@@ -23,7 +23,13 @@ def parse(words: Optional[List[str]] = None) -> argparse.Namespace:
     )
     parser.add_argument("--mission", type=int, choices=(1, 2, 3), help="only this one")
     parser.add_argument("--approach", choices=APPROACHES, help="only this one")
-    parser.add_argument("--runs", type=int, help="pairs of each mission (default: 5, 5 and 1)")
+    parser.add_argument(
+        "--runs",
+        type=int,
+        nargs="+",
+        metavar="PAIRS",
+        help="of all missions, or of 1, 2 and 3 (default: 5 5 1)",
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the first pair")
     parser.add_argument("--rtf", type=float, default=5.0, help="real-time factor while the robot moves")
     parser.add_argument("--check", action="store_true", help="also runs at factor 1 throughout")
@@ -33,8 +39,8 @@ def parse(words: Optional[List[str]] = None) -> argparse.Namespace:
     parser.add_argument("--report-only", action="store_true", help="no runs: report on what there is")
     parser.add_argument("--docs", type=Path, help="also copy report, figures and runs.csv into this folder")
     arguments = parser.parse_args(words)
-    if arguments.runs is not None and arguments.runs < 1:
-        parser.error(f"--runs {arguments.runs}: give 1 or more")
+    if arguments.runs is not None and (len(arguments.runs) not in (1, 3) or min(arguments.runs) < 1):
+        parser.error("--runs: give one number, or three (of Missions 1, 2 and 3), each 1 or more")
     if not 0.0 <= arguments.rtf < float("inf"):
         parser.error(f"--rtf {arguments.rtf}: give 0 (as fast as possible) or more")
     return arguments
@@ -44,7 +50,8 @@ def planned(arguments: argparse.Namespace) -> List[Run]:
     """The runs that a command line asks for."""
     missions = [arguments.mission] if arguments.mission else sorted(DEFAULT_RUNS)
     approaches = [arguments.approach] if arguments.approach else list(APPROACHES)
-    counts = {mission: arguments.runs or DEFAULT_RUNS[mission] for mission in missions}
+    given = arguments.runs or [DEFAULT_RUNS[mission] for mission in (1, 2, 3)]
+    counts = dict(zip((1, 2, 3), given if len(given) == 3 else given * 3))
     runs = main_runs(missions, approaches, counts, arguments.seed, arguments.rtf)
     if arguments.check:
         runs += check_runs(approaches, arguments.seed)
