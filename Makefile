@@ -19,7 +19,7 @@ help:
 	@echo "make experiment   Missions 1, 2, 3, naive and MERLIN, and a report (MISSION= APPROACH= RUNS= SEED= RTF= SWEEPS= CHECK=1)"
 	@echo "make test   all tests"
 	@echo "make bench  benchmarks"
-	@echo "make soak   10 000 cancels and interruptions (CYCLES= RTF=)"
+	@echo "make soak   10 000 cancels and interruptions (CYCLES=)"
 	@echo "make lint   ruff, catkin_lint, roslaunch-check"
 	@echo "make build  only what the others need"
 
@@ -44,7 +44,7 @@ bench: build
 	@$(IN) python bench/run.py
 
 soak: build
-	@CYCLES=$(CYCLES) RTF=$(RTF) $(IN) python bench/run.py cancel
+	@CYCLES=$(CYCLES) LIMIT=20000 $(IN) python bench/run.py cancel_stress
 
 lint: build
 	@$(IN) tools/lint.sh

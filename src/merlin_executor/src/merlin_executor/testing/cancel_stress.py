@@ -29,6 +29,8 @@ class CycleTimes(NamedTuple):
     """Cancel → first zero velocity command; only when the robot was driving."""
     idle: Optional[float]
     """Cancel → the Executor is ready for the next goal; None when it was so before."""
+    dispatch: Optional[float]
+    """Goal sent → its first action dispatched; None when it was cancelled before."""
     urgent: Optional[float]
     """Urgent request → its first action dispatched."""
     stage: str
@@ -93,8 +95,11 @@ class CancelStress:
     def _cycle(self) -> CycleTimes:
         goal = self._random.choice(self._goals)
         self._knowledge.remove_facts(goal)
+        sent_at = time.monotonic()
         request = self._client.send(goal)
         self._pause()
+        with self._changed:
+            dispatch = (self._dispatched_at - sent_at) * 1e3 if self._dispatched_at >= sent_at else None
         urgent_ms = None
         requests = [request]
         if self._random.random() < 0.2:
@@ -115,7 +120,7 @@ class CancelStress:
         with self._changed:
             stop = (self._halted_at - begin) * 1e3 if driving else None
             idle = (self._idle_at - begin) * 1e3 if self._idle_at >= begin else None
-        return CycleTimes(stop, idle, urgent_ms, stage)
+        return CycleTimes(stop, idle, dispatch, urgent_ms, stage)
 
     def _interrupt(self, present: str) -> tuple:
         others = [goal for goal in self._goals if goal != present] or self._goals
@@ -180,7 +185,7 @@ class CancelStress:
 
     def _receive_dispatch(self, dispatch: ActionDispatch) -> None:
         with self._changed:
-            if dispatch.name != CANCEL_ACTION:
+            if dispatch.name != CANCEL_ACTION and dispatch.action_id == 0:
                 self._dispatched_at = time.monotonic()
                 self._changed.notify_all()
 
