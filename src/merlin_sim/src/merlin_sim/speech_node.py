@@ -54,6 +54,7 @@ class Speaker:
             self._speaking.publish(Bool(True))
             self._card.play(sound)
             played = 0.0
+            began = rospy.get_time()
             try:
                 size = round(CHUNK * RATE)
                 for first in range(0, len(sound.samples), size):
@@ -61,9 +62,12 @@ class Speaker:
                     heard(played)
                     # Published when it begins: a listener that measures loudness hears it as it is said.
                     self._audio.publish(AudioData(data=part.astype("<i2").tobytes()))
-                    if not self._clock.wait(len(part) / RATE, stop):
+                    length = len(part) / RATE
+                    # By the beginning, not by the part before: the ticks of the clock must not add up.
+                    left = began + played + length - rospy.get_time()
+                    if not self._clock.wait(min(left, length), stop):
                         break
-                    played += len(part) / RATE
+                    played += length
             finally:
                 self._card.stop()
                 if not rospy.is_shutdown():
