@@ -81,14 +81,16 @@ class Speech(unittest.TestCase):
         self.wait(lambda: self.speaking is False)
 
     def test_a_cancel_works_while_time_stands_still(self):
+        pause, resume = (ServiceProxy(f"/merlin_sim/{verb}", Trigger) for verb in ("pause", "resume"))
+        self.assertTrue(pause.wait(LONG) and resume.wait(LONG))
         goal = self.send()
         self.wait(lambda: self.speaking)
-        ServiceProxy("/merlin_sim/pause", Trigger)()
+        pause()
         try:
             goal.cancel()
             self.assertTrue(goal.wait(LONG))
         finally:
-            ServiceProxy("/merlin_sim/resume", Trigger)()
+            resume()
         self.assertEqual(goal.status, GoalStatus.PREEMPTED)
 
     def test_what_cannot_be_said_is_refused_with_a_reason(self):

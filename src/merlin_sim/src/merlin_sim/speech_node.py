@@ -54,7 +54,7 @@ class Speaker:
             self._speaking.publish(Bool(True))
             self._card.play(sound)
             played = 0.0
-            began = rospy.get_time()
+            begin = rospy.get_time()
             try:
                 size = round(CHUNK * RATE)
                 for first in range(0, len(sound.samples), size):
@@ -62,12 +62,11 @@ class Speaker:
                     heard(played)
                     # Published when it begins: a listener that measures loudness hears it as it is said.
                     self._audio.publish(AudioData(data=part.astype("<i2").tobytes()))
-                    length = len(part) / RATE
-                    # By the beginning, not by the part before: the ticks of the clock must not add up.
-                    left = began + played + length - rospy.get_time()
-                    if not self._clock.wait(min(left, length), stop):
+                    # Until the part's own end on the clock: what one wait is late must not add up.
+                    left = begin + played + len(part) / RATE - rospy.get_time()
+                    if stop.is_set() or not self._clock.wait(max(left, 0.0), stop):
                         break
-                    played += length
+                    played += len(part) / RATE
             finally:
                 self._card.stop()
                 if not rospy.is_shutdown():

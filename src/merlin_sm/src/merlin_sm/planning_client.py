@@ -159,13 +159,13 @@ class PlanningClient:
         raise StageError(f"{self._parse.name} answered, but no plan appeared on {watch.topic}")
 
     def _goal(self) -> PlanGoal:
-        prefix = self._planner + "/"
+        params = rospy.get_param(self._planner, {})
         return PlanGoal(
-            domain_path=rospy.get_param(prefix + "domain_path", ""),
-            problem_path=rospy.get_param(prefix + "problem_path", ""),
-            data_path=rospy.get_param(prefix + "data_path", ""),
-            planner_command=rospy.get_param(prefix + "planner_command", ""),
-            use_problem_topic=bool(rospy.get_param(prefix + "use_problem_topic", True)),
+            domain_path=params.get("domain_path", ""),
+            problem_path=params.get("problem_path", ""),
+            data_path=params.get("data_path", ""),
+            planner_command=params.get("planner_command", ""),
+            use_problem_topic=bool(params.get("use_problem_topic", True)),
         )
 
     def _failure(self, text: str, status: int) -> PlanningResult:
