@@ -57,6 +57,7 @@ class Simulator(unittest.TestCase):
         cls.truth = {name: Latest(f"/{name}/ground_truth", Odometry) for name in ("r1", "r2")}
         cls.odom = Latest("/r1/odom", Odometry)
         cls.scan = Latest("/r1/scan", LaserScan)
+        assert ServiceProxy("/merlin_sim/pause", Trigger).wait(LONG), "the simulator has started"
         cls.status = Latest("/merlin_sim/status", SimStatus)
         cls.buffer = tf2_ros.Buffer()
         cls.listener = tf2_ros.TransformListener(cls.buffer)

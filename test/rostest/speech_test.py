@@ -32,6 +32,7 @@ class Speech(unittest.TestCase):
             rospy.Subscriber("audio/speaker_info", AudioInfo, lambda m: setattr(cls, "info", m)),
             rospy.Subscriber("sound_play/is_speaking", Bool, cls.see),
         ]
+        assert ServiceProxy("/merlin_sim/pause", Trigger).wait(LONG), "the simulator has started"
         cls.client = ActionClient("sound_play", SoundRequestAction)
         assert cls.client.wait_for_server(LONG)
 

@@ -5,6 +5,8 @@ import threading
 import rospy
 from rosgraph_msgs.msg import Clock
 
+ROUNDING = 1e-6  # s; sums of ticks are not exact
+
 
 class RosClock:
     """ROS time to wait for: simulated time as its messages come, wall time otherwise."""
@@ -20,7 +22,7 @@ class RosClock:
         now = rospy.get_time()
         left = seconds
         with self._ticked:
-            while left > 0.0:
+            while left > ROUNDING:
                 if stop.is_set() or rospy.is_shutdown():
                     return False
                 # The slice is for shutdown, which notifies nobody.
