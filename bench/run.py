@@ -69,6 +69,26 @@ def table(results: Dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def markdown(results: Dict[str, Any]) -> str:
+    """All figures as a page, for docs/benchmarks.md."""
+    lines = [
+        "# Benchmarks",
+        "",
+        f"`make bench` on {results['machine']}, load average {results['load_average']} at the start. Times in ms",
+        "where the name ends so. The machine is shared: medians are worth more than tails.",
+        "",
+        "| figure | median | p95 | p99 | n |",
+        "|---|---|---|---|---|",
+    ]
+    for name, value in rows(results):
+        if isinstance(value, dict):
+            cells = " | ".join(str(value.get(key, "")) for key in ("median", "p95", "p99", "n"))
+            lines.append(f"| {name} | {cells} |")
+        elif name not in ("machine", "load_average"):
+            lines.append(f"| {name} | {value} | | | |")
+    return "\n".join(lines) + "\n"
+
+
 def main(topics: List[str]) -> int:
     """Runs the benchmarks of these topics, or all; returns the exit code."""
     modules = sorted(path.stem for path in BENCH.glob("bench_*.py"))
@@ -83,6 +103,7 @@ def main(topics: List[str]) -> int:
     if topics and RESULTS.exists():  # a part is measured anew, the rest is kept
         collected = json.loads(RESULTS.read_text())
     failed = []
+    collected["load_average"] = round(os.getloadavg()[0], 1)
     for module in modules:
         start = time.monotonic()
         print(f"{module} ...", end=" ", flush=True)
@@ -95,8 +116,9 @@ def main(topics: List[str]) -> int:
             collected.update(results)
     collected["machine"] = f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
     RESULTS.write_text(json.dumps(collected, indent=2, sort_keys=True) + "\n")
+    RESULTS.with_suffix(".md").write_text(markdown(collected))
     print(table(collected))
-    print(f"\nwritten to {RESULTS}")
+    print(f"\nwritten to {RESULTS} and {RESULTS.with_suffix('.md').name}")
     return 1 if failed else 0
 
 
