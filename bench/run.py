@@ -74,8 +74,8 @@ def markdown(results: Dict[str, Any]) -> str:
     lines = [
         "# Benchmarks",
         "",
-        f"`make bench` on {results['machine']}, load average {results['load_average']} at the start. Times in ms",
-        "where the name ends so. The machine is shared: medians are worth more than tails.",
+        f"`make bench` on {results['machine']}, load average {results['load_average']} at the start.",
+        "Times in ms where the name ends so. The machine is shared: medians are worth more than tails.",
         "",
         "| figure | median | p95 | p99 | n |",
         "|---|---|---|---|---|",
