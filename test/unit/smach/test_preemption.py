@@ -336,3 +336,49 @@ def test_one_request_at_any_moment_ends_a_machine_that_would_run_for_ever(kit, l
         root.request_preempt()
         assert run.end() == "preempted"
         assert not any(flags(root))
+
+
+@pytest.mark.parametrize("container", ["machine", "concurrence", "iterator"])
+def test_a_request_whose_child_ends_before_it_hears_of_it_is_not_lost(kit, container):
+    """The child ends after the request was noted by its container and before it was passed on."""
+    free, ended = threading.Event(), threading.Event()
+
+    def work(ud):
+        assert free.wait(kit.LIMIT)
+        return "done"
+
+    child = kit.Calling(work)
+    if container == "machine":
+        inner = smach.StateMachine(["done"])
+        with inner:
+            smach.StateMachine.add("WORK", child, {"done": "done"})
+    elif container == "concurrence":
+        inner = smach.Concurrence(["done"], "done")
+        with inner:
+            smach.Concurrence.add("WORK", child)
+    else:
+        inner = smach.Iterator(["done"], [], [], it=[1], exhausted_outcome="done")
+        with inner:
+            smach.Iterator.set_contained_state("WORK", child, loop_outcomes=["done"])
+    root = smach.StateMachine(["done", "preempted"])
+    with root:
+        smach.StateMachine.add("FIRST", inner, {"done": "CHECK"})
+        smach.StateMachine.add("CHECK", kit.Checking(), {"done": "done"})
+    pass_on = inner._forward_preempt
+    started = threading.Event()
+    inner.register_start_cb(lambda *_: started.set())
+    inner.register_termination_cb(lambda *_: ended.set())
+
+    def pass_on_too_late(children):
+        if children:
+            free.set()
+            assert ended.wait(kit.LIMIT)
+        pass_on(children)
+
+    inner._forward_preempt = pass_on_too_late
+    run = kit.Running(root)
+    assert started.wait(kit.LIMIT)
+    while not inner._smach_executing:
+        threading.Event().wait(0.001)
+    root.request_preempt()
+    assert run.end() == "preempted"

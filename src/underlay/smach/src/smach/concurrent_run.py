@@ -114,7 +114,7 @@ class ConcurrentRun:
             failure = error
         with self._changed:
             unserved = container._end_child(label, child)
-            if container._preempt_requested:
+            if container._preempt_requested and unserved is not None:
                 self.unserved[label] = unserved
             self.outcomes[label] = None if failure else outcome
             self.active.remove(label)

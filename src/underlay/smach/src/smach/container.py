@@ -253,6 +253,7 @@ class Container(PreemptibleContainer):
             "_smach_changed",
             "_smach_executing",
             "_smach_forwards",
+            "_smach_unreached",
             "_smach_runner",
             "_smach_parent",
         ):

@@ -224,7 +224,7 @@ class Iterator(Container):
             with self._smach_lock:
                 unserved = self._end_child(self._state_label, state)
                 preempted = self._preempt_requested
-                if not unserved:
+                if unserved is False:
                     self._preempt_requested = False
         return outcome, preempted
 

@@ -10,7 +10,7 @@ none is left behind for a later run.
 import threading
 import time
 import traceback
-from typing import Any, Dict, Optional
+from typing import Any, Dict, Optional, Set
 
 import smach
 from smach import run_context
@@ -33,6 +33,7 @@ class PreemptibleContainer(State):
         self._smach_changed = threading.Condition(self._smach_lock)
         self._smach_executing: Dict[str, State] = {}
         self._smach_forwards: Dict[str, int] = {}  # label -> requests on their way to that child
+        self._smach_unreached: Set[str] = set()  # children that a request has to reach yet
         self._smach_runner: Optional[threading.Thread] = None
         self._is_running = False
 
@@ -64,6 +65,9 @@ class PreemptibleContainer(State):
         with self._smach_lock:
             super().request_preempt()
             children = dict(self._smach_executing)
+            # From here on, not from the moment of delivery: a child may end in between, without having
+            # heard of the request, and must not count as having served it.
+            self._smach_unreached.update(children)
         self._forward_preempt(children)
 
     def _forward_preempt(self, children: Dict[str, State]) -> None:
@@ -72,6 +76,7 @@ class PreemptibleContainer(State):
             with self._smach_lock:
                 if self._smach_executing.get(label) is not child:
                     continue
+                self._smach_unreached.discard(label)
                 self._smach_forwards[label] = self._smach_forwards.get(label, 0) + 1
             try:
                 child.request_preempt()
@@ -105,6 +110,7 @@ class PreemptibleContainer(State):
     def _end_run(self, by_container: bool) -> None:
         with self._smach_lock:
             self._smach_executing.clear()
+            self._smach_unreached.clear()
             run_context.end_run(self, by_container)
             self._is_running = False
             self._smach_runner = None
@@ -134,10 +140,11 @@ class PreemptibleContainer(State):
         finally:
             run_context.leave(outer)
 
-    def _end_child(self, label: str, child: State) -> bool:
+    def _end_child(self, label: str, child: State) -> Optional[bool]:
         """A child has ended; to be called with the lock held, which it may release while it waits.
 
-        :return: whether a preempt request reached it on which it did not act.
+        :return: whether a preempt request reached it on which it did not act; None when a request was made
+            that did not reach it any more.
         """
         while self._smach_forwards.get(label):
             self._smach_changed.wait()
@@ -145,6 +152,9 @@ class PreemptibleContainer(State):
         self._smach_executing.pop(label, None)
         unserved = child.preempt_requested()
         child._preempt_requested = False
+        if label in self._smach_unreached:
+            self._smach_unreached.discard(label)
+            return True if unserved else None
         return unserved
 
     def _path(self, label: str = "") -> str:

@@ -261,7 +261,7 @@ class StateMachine(Container):
             raise self._user_code_error(label, state, error) from error
         finally:
             with self._smach_lock:
-                if not self._end_child(label, state):
+                if self._end_child(label, state) is False:
                     self._preempt_requested = False
         if outcome is None and smach.is_shutdown():
             return None
