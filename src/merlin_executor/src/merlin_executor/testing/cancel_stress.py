@@ -4,6 +4,7 @@ Latencies are taken in this one process on the monotonic clock: from the call th
 shows the effect.
 """
 
+import math
 import random
 import threading
 import time
@@ -11,15 +12,18 @@ from typing import Callable, List, NamedTuple, Optional, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Point, Twist
 from merlin_msgs.msg import ExecutorStatus
+from nav_msgs.msg import Odometry
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_sm.states.navigation import POINTS_PARAM
 
 LIMIT = 30.0  # s for anything to happen; exceeding it is a violation
 CANCEL_ACTION = "cancel_action"
+NEAR = 0.5  # m within which the robot is at a point of interest
 
 
 class CycleTimes(NamedTuple):
@@ -66,10 +70,12 @@ class CancelStress:
         self._idle_at = 0.0
         self._dispatched_at = 0.0
         self._navigation: List[int] = []
+        self._place: Optional[Point] = None
         self.times: List[CycleTimes] = []
         for topic, message_class, callback in (
             ("merlin/status", ExecutorStatus, self._receive_status),
             ("cmd_vel", Twist, self._receive_velocity),
+            ("ground_truth", Odometry, self._receive_place),
             ("rosplan_plan_dispatcher/action_dispatch", ActionDispatch, self._receive_dispatch),
             ("move_base/status", GoalStatusArray, self._receive_navigation),
         ):
@@ -155,10 +161,23 @@ class CancelStress:
         positions = self._knowledge.facts(self._position)
         if len(positions) != 1:
             raise Violation(f"{len(positions)} facts {self._position} hold when idle: {positions}")
+        self._check_place(positions[0])
         self._wait("the end of all navigation goals", lambda: not self._navigation)
         with self._changed:
             if self._driving:
                 raise Violation("the robot is commanded to drive while the executor is idle")
+
+    def _check_place(self, position: str) -> None:
+        """What is known about the place has to agree with where the simulator says the robot is."""
+        with self._changed:
+            place = self._place
+        name = position.strip("()").split()[-1]
+        points = rospy.get_param(POINTS_PARAM, {})
+        if place is None or name not in points:
+            return
+        distance = math.hypot(place.x - points[name]["x"], place.y - points[name]["y"])
+        if distance > NEAR:
+            raise Violation(f"{position} holds, but the robot is {distance:.2f} m away from there")
 
     def _idle(self) -> bool:
         return self._status is not None and self._status.state == ExecutorStatus.IDLE
@@ -182,6 +201,10 @@ class CancelStress:
                 self._halted_at = time.monotonic()
             self._driving = moving
             self._changed.notify_all()
+
+    def _receive_place(self, odometry: Odometry) -> None:
+        with self._changed:
+            self._place = odometry.pose.pose.position
 
     def _receive_dispatch(self, dispatch: ActionDispatch) -> None:
         with self._changed:
