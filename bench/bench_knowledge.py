@@ -24,7 +24,7 @@ HOME = Path(__file__).resolve().parent.parent / "pddl" / "home"
 KB = "rosplan_knowledge_base"
 SIZES = (10, 1_000, 10_000, 100_000)
 BATCH = 500  # items in one array
-ADD, ADD_GOAL, REMOVE = 0, 1, 2
+ADD, ADD_GOAL, REMOVE, REMOVE_GOAL = 0, 1, 2, 3
 DOMAIN = """(define (domain shelves) (:requirements :strips :typing)
   (:types thing shelf) (:predicates (on ?t - thing ?s - shelf) (seen ?t - thing))
   (:action look :parameters (?t - thing) :effect (seen ?t)))"""
@@ -156,6 +156,22 @@ def measure_sizes(results: Dict[str, Any]) -> None:
         )
 
 
+def measure_goals(results: Dict[str, Any]) -> None:
+    """A thousand goals, added and removed by two arrays, and listed while they stand."""
+    shelves = Shelves()
+    shelves.start()
+    goals = [fact("seen", f"t{number}") for number in range(1_000)]
+
+    def change() -> None:
+        shelves.send(goals, ADD_GOAL)
+        shelves.send(goals, REMOVE_GOAL)
+
+    results["kb_goals_1000_change_ms"] = time_ms(change, 20, warm_up=1)
+    shelves.send(goals, ADD_GOAL)
+    listed = proxy("state/goals", GetAttributeService)
+    results["kb_goals_1000_list_ms"] = time_ms(lambda: listed(""), 20, warm_up=1)
+
+
 def measure_problem(results: Dict[str, Any]) -> None:
     """The problem of the home, by a problem interface in the knowledge base's process and in its own."""
     update = proxy("update", KnowledgeUpdateService, "home_knowledge_base")
@@ -203,6 +219,7 @@ def measure() -> Dict[str, Any]:
         rospy.init_node("bench_knowledge", disable_signals=True)
         measure_problem(results)
         results["kb_load_10000_s"] = figure(load_10000())
+        measure_goals(results)
         measure_sizes(results)
         results["kb_query_8_clients_ms"] = clients_at_once(8)
         kept_update = proxy("update", KnowledgeUpdateService, "kept_knowledge_base")

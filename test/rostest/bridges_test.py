@@ -9,7 +9,7 @@ import threading
 import unittest
 
 import rospy
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Twist
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from sound_play.msg import SoundRequestActionGoal
@@ -19,6 +19,7 @@ from merlin_actions.merlin_action import MerlinAction
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 30.0
+DISPATCHER = "planning_system: rosplan_plan_dispatcher"
 ACTIONS = "[merlin_home.actions.navigate:Navigate, merlin_home.actions.ask:Ask]"
 FINAL = (ActionFeedback.ACTION_FAILED, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
 
@@ -35,6 +36,8 @@ class Bridges(unittest.TestCase):
         cls.velocity = rospy.Subscriber("cmd_vel", Twist, cls.receive_velocity)
         cls.speech = threading.Event()
         rospy.Subscriber("sound_play/goal", SoundRequestActionGoal, lambda message: cls.speech.set())
+        cls.health = {}
+        rospy.Subscriber("/diagnostics", DiagnosticArray, cls.receive_health)
         cls.number = 0
         with cls.changed:
             cls.changed.wait_for(cls.connected, LONG)
@@ -54,6 +57,21 @@ class Bridges(unittest.TestCase):
         with cls.changed:
             cls.velocities.append(message)
             cls.changed.notify_all()
+
+    @classmethod
+    def receive_health(cls, message):
+        with cls.changed:
+            cls.health.update({status.name: status for status in message.status})
+            cls.changed.notify_all()
+
+    def wait_for_health(self, name, level):
+        with self.changed:
+
+            def fits():
+                return name in self.health and self.health[name].level == level
+
+            self.assertTrue(self.changed.wait_for(fits, LONG), f"{name}: {self.health.get(name)}")
+            return self.health[name].message
 
     def setUp(self):
         while not self.connected():
@@ -139,6 +157,16 @@ class Bridges(unittest.TestCase):
         self.assertIn("no action server", reason)
         self.assertIn("actions/navigate", reason)
         self.assertEqual(self.robot_at(), ["(robot_at kitchen)"])
+
+    def test_diagnostics_tell_which_machine_is_missing(self):
+        self.assertEqual(self.wait_for_health(DISPATCHER, DiagnosticStatus.OK), "idle")
+        reason = self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.ERROR)
+        self.assertIn("no action server /actions/navigate", reason)
+        self.serve()
+        self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.OK)
+        self.wait_for_health("merlin_fsm_host: ask", DiagnosticStatus.OK)
+        self.kill()
+        self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.ERROR)
 
     def test_a_missing_parameter(self):
         self.assertIn("?to", self.reason(self.final(self.dispatch("navigate", **{"from": "kitchen"}))))

@@ -8,6 +8,7 @@ import rospy
 from merlin_actions.action_interface import wait_for_knowledge_base
 from merlin_actions.merlin_action import MerlinAction
 from merlin_actions.names import by_ros_name
+from merlin_sm.health import HealthReporter
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError, knowledge_client
 
 
@@ -40,6 +41,7 @@ def main() -> None:
         sys.exit(1)
     for bridge in bridges:
         bridge.start()
+    HealthReporter({bridge.operator: bridge.health for bridge in bridges}).start()
     rospy.loginfo(f"bridging the operators {', '.join(bridge.operator for bridge in bridges)}")
     rospy.spin()
     for bridge in bridges:

@@ -9,6 +9,7 @@ from merlin_actions.action_interface import wait_for_knowledge_base
 from merlin_actions.merlin_action_server import MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.names import by_ros_name, load_class
+from merlin_sm.health import HealthReporter
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError, knowledge_client
 
 
@@ -53,6 +54,7 @@ def main() -> None:
         sys.exit(1)
     for server in servers:
         server.start()
+    HealthReporter({server.operator: server.health for server in servers}).start()
     rospy.loginfo(f"serving the actions {', '.join(server.operator for server in servers)}")
     rospy.spin()
     for server in servers:

@@ -12,6 +12,7 @@ from merlin_actions.action_interface import ActionInterface
 from merlin_actions.execution import Ending, Execution
 from merlin_actions.names import ros_name
 from merlin_sm.action_client import ActionClient, ClientGoal
+from merlin_sm.health import ERROR, Health
 
 
 class MerlinAction(ActionInterface):
@@ -37,6 +38,14 @@ class MerlinAction(ActionInterface):
         self._cancel_limit = cancel_limit
         self._run_limit = run_limit
         self._client = ActionClient(f"actions/{ros_name(operator)}", RunActionAction)
+
+    def health(self) -> Health:
+        """Whether the action server answers."""
+        if self._client.alive:
+            return Health()
+        return Health(
+            ERROR, f"no action server {self._client.name}; does the host of its machine run?"
+        )
 
     def run(self, execution: Execution) -> Ending:
         """Sends the goal and waits for the machine's end."""

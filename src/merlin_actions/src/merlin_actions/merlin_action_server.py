@@ -10,6 +10,7 @@ from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.names import action_param, ros_name
 from merlin_sm.action_server import ActionServer, ServerGoal
+from merlin_sm.health import OK, WARN, Health
 from merlin_sm.introspection import show
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED
 
@@ -25,8 +26,9 @@ class MerlinActionServer:
     def __init__(self, machine: MerlinActionSM) -> None:
         self.machine = machine
         self.operator = machine.operator_name()
-        self._lock = threading.Lock()  # guards _running
+        self._lock = threading.Lock()  # guards _running and _crash
         self._running: Optional[ServerGoal] = None
+        self._crash = ""  # what the last run raised
         self._server = ActionServer(
             f"actions/{ros_name(self.operator)}", RunActionAction, self._receive, self._cancel
         )
@@ -49,6 +51,13 @@ class MerlinActionServer:
         self._server.shutdown()
         self._introspection.stop()
 
+    def health(self) -> Health:
+        """What the machine does; a warning when its last run raised an exception."""
+        with self._lock:
+            running, crash = self._running is not None, self._crash
+        doing = "running" if running else "idle"
+        return Health(WARN, f"{doing}; the last run raised {crash}") if crash else Health(OK, doing)
+
     def _receive(self, goal: ServerGoal) -> None:
         with self._lock:
             free = self._running is None
@@ -70,6 +79,7 @@ class MerlinActionServer:
 
     def _run(self, goal: ServerGoal) -> None:
         parameters = {parameter.key: parameter.value for parameter in goal.goal.parameters}
+        crash = ""
         missing = [name for name in self.machine.parameters if name not in parameters]
         try:
             if missing:
@@ -81,9 +91,10 @@ class MerlinActionServer:
                 reason = self.machine.reason
         except Exception as error:  # user code may raise anything; the bridge still gets its answer
             rospy.logerr(f"{self.operator}: {traceback.format_exc()}")
-            outcome, reason = "aborted", f"{type(error).__name__}: {error}"
+            crash = f"{type(error).__name__}: {error}"
+            outcome, reason = "aborted", crash
         with self._lock:
-            self._running = None
+            self._running, self._crash = None, crash
         self._end(goal, outcome, reason)
 
     def _end(self, goal: ServerGoal, outcome: str, reason: str) -> None:

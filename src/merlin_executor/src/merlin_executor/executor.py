@@ -20,11 +20,15 @@ from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.request import Request, Stop, sorted_requests
 from merlin_sm.action_server import ActionServer, ServerGoal
 from merlin_sm.dispatch_client import DispatchClient
+from merlin_sm.health import OK, WARN, Health
 from merlin_sm.introspection import show
 from merlin_sm.knowledge_client import REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
 from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal
 from merlin_sm.planning_client import PlanningClient
 from merlin_sm.service_proxy import ServiceError
+
+#: Outcomes that call for somebody to look at a node.
+_SOFTWARE = (ExecuteResult.PLANNER_ERROR, ExecuteResult.CANCEL_TIMEOUT, ExecuteResult.INTERNAL)
 
 
 class Executor:
@@ -48,11 +52,12 @@ class Executor:
         self._dispatcher = DispatchClient(dispatcher, knowledge.name, cancel_deadline, self._publish_status)
         self._machine = ExecutorSM(knowledge, planning, self._dispatcher, max_replans, self._publish_status)
         self._server = ActionServer("merlin/execute", ExecuteAction, self._receive, self._cancel)
-        self._changed = threading.Condition()  # guards the four fields below
+        self._changed = threading.Condition()  # guards the five fields below
         self._queue: List[Request] = []
         self._running: Optional[Request] = None
         self._stopping = False
         self._reason = ""
+        self._ill = False  # the last request failed for a reason that is not the world's
         self._order = itertools.count()
         self._status_lock = threading.Lock()  # keeps published statuses in order
         self._status_publisher = rospy.Publisher("merlin/status", ExecutorStatus, latch=True, queue_size=10)
@@ -81,6 +86,17 @@ class Executor:
         self._worker.join(1.5)
         self._server.shutdown()
         self._introspection.stop()
+
+    def health(self) -> Health:
+        """What it does; a warning when the last request failed because of software."""
+        with self._changed:
+            running, waiting, reason, ill = self._running, len(self._queue), self._reason, self._ill
+        doing = f"running {', '.join(running.texts)}" if running is not None else "idle"
+        return Health(
+            WARN if ill else OK,
+            f"{doing}; last: {reason}" if ill else doing,
+            {"waiting requests": waiting, "last request": reason},
+        )
 
     def _receive(self, goal: ServerGoal) -> None:
         try:
@@ -167,6 +183,7 @@ class Executor:
             if again:
                 request.interrupted = True
                 self._queue = sorted_requests([*self._queue, request])
+            self._ill = outcome in _SOFTWARE
             self._reason = f"{', '.join(request.texts)}: {reason or 'done'}"
         rospy.loginfo(self._reason)
         # Idle is published before the answer: who has the answer may rely on it.

@@ -5,6 +5,7 @@ import sys
 import rospy
 
 from merlin_executor.executor import Executor
+from merlin_sm.health import HealthReporter
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_sm.planning_client import PlanningClient, StageError
 
@@ -36,6 +37,7 @@ def main() -> None:
         max_replans=int(rospy.get_param("~max_replans", 3)),
     )
     executor.start()
+    HealthReporter({"requests": executor.health}).start()
     rospy.loginfo("the executor is ready")
     rospy.on_shutdown(executor.shutdown)
     rospy.spin()

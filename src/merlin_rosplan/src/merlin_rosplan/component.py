@@ -15,6 +15,8 @@ import rospy
 import rospy.names
 from rospy.impl import tcpros_base
 
+from merlin_sm.health import Health, HealthReporter
+
 #: Scope of the knowledge base where nothing else is said.
 KNOWLEDGE_BASE = "rosplan_knowledge_base"
 
@@ -150,6 +152,10 @@ class Component(metaclass=_ComponentType):
         self._handles.append(handle)
         return handle
 
+    def health(self) -> Health:
+        """How the component does, for ``/diagnostics``; must not block."""
+        return Health()
+
     # --- life -----------------------------------------------------------------------------------
 
     @property
@@ -189,6 +195,12 @@ class Component(metaclass=_ComponentType):
             self._handles.clear()
 
     @staticmethod
+    def checks() -> Dict[str, Callable[[], Health]]:
+        """The :meth:`health` of every component of this process, by scope."""
+        with Component._running_lock:
+            return {scope.lstrip("/"): component.health for scope, component in Component._running.items()}
+
+    @staticmethod
     def shutdown_all() -> None:
         """Ends every component of this process, the youngest first."""
         with Component._running_lock:
@@ -226,6 +238,7 @@ def run_components(node_name: str, make: Callable[[str], Any]) -> int:
     rospy.on_shutdown(Component.shutdown_all)
     try:
         make(rospy.get_name().rsplit("/", 1)[-1])
+        HealthReporter(Component.checks()).start()
         rospy.spin()
     except ComponentError as error:
         rospy.logfatal("%s: %s", rospy.get_name(), error)

@@ -37,6 +37,7 @@ from merlin_rosplan.timed_knowledge import TimedKnowledge
 from merlin_rosplan.transaction import Change
 from merlin_rosplan.update_messages import UpdateReader
 from merlin_rosplan.wire_items import AnyItem, UpdateArray
+from merlin_sm.health import OK, Health
 
 _ONLY_PDDL = "only PDDL domains (.pddl) are known, no PPDDL, RDDL or HDDL"
 
@@ -85,6 +86,11 @@ class KnowledgeBase(Component):
     def on_shutdown(self) -> None:
         """Closes the store."""
         self.store.close()
+
+    def health(self) -> Health:
+        """The version of the knowledge and the number of goals."""
+        values = {"version": self.store.version, "goals": len(self.store.goals())}
+        return Health(OK, f"version {self.store.version}", values)
 
     # --- start ----------------------------------------------------------------------------------
 

@@ -42,6 +42,7 @@ from merlin_rosplan.plan_graph_drawer import PlanGraphDrawer
 from merlin_rosplan.plan_graph_messages import graph_from_message
 from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError, goals_text
 from merlin_sm.action_server import ActionServer, ServerGoal
+from merlin_sm.health import OK, WARN, Health
 
 SCOPE = "rosplan_plan_dispatcher"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
@@ -62,6 +63,7 @@ class PlanDispatcher(Component):
         self._state = threading.Condition()  # guards the fields down to _goal
         self._plan: Optional[Any] = None
         self._fresh = False
+        self._failure = ""  # of the last dispatch
         self._dispatch: Optional[Dispatch] = None
         self._busy = False
         self._goal: Optional[ServerGoal] = None
@@ -108,6 +110,14 @@ class PlanDispatcher(Component):
         if dispatch is not None:
             dispatch.cancel("the dispatcher ends")
             dispatch.ended.wait(SHUTDOWN_DEADLINE)
+
+    def health(self) -> Health:
+        """Whether a plan is dispatched; a warning with the reason when the last one failed."""
+        with self._state:
+            busy, failure = self._busy, self._failure
+        if failure and not busy:
+            return Health(WARN, f"the last dispatch failed: {failure}")
+        return Health(OK, "dispatching" if busy else "idle")
 
     # --- for subclasses ---------------------------------------------------------------------------
 
@@ -198,6 +208,7 @@ class PlanDispatcher(Component):
             with self._state:
                 self._dispatch = self._goal = None
                 self._busy = False
+                self._failure = report.reason if report.state == DispatchState.FAILED else ""
         return told, not unmet
 
     def _run_plan(self) -> DispatchReport:

@@ -22,6 +22,7 @@ from merlin_rosplan.handover import Handover
 from merlin_rosplan.planner import PlannerSettings, Planning
 from merlin_rosplan.planning_outcome import PlannerState, PlanningOutcome
 from merlin_sm.action_server import ServerGoal
+from merlin_sm.health import OK, WARN, Health
 from merlin_sm.serial_action_server import SerialActionServer
 
 SCOPE = "rosplan_planner_interface"
@@ -41,6 +42,7 @@ class PlannerInterface(Component):
         self._problem: Optional[str] = None
         self._current: Optional[Planning] = None
         self._current_goal: Optional[str] = None
+        self._last: Optional[PlanningOutcome] = None
         self._warned: Set[str] = set()
         self._numbers = itertools.count(1)
         self._folder = tempfile.TemporaryDirectory(prefix="planner_interface-")
@@ -71,6 +73,16 @@ class PlannerInterface(Component):
             current.cancel()
         with contextlib.suppress(OSError):
             self._folder.cleanup()
+
+    def health(self) -> Health:
+        """What the planner does; a warning when planner or input made the last planning fail."""
+        with self._state:
+            busy, last = self._current is not None, self._last
+        if last is None:
+            return Health(OK, "planning" if busy else "nothing planned yet")
+        fault = last.state in (PlannerState.CRASHED, PlannerState.INVALID, PlannerState.TIMEOUT)
+        values = {"last": last.state.name, "planner": last.planner, "seconds": f"{last.seconds:.3f}"}
+        return Health(WARN if fault else OK, last.reason if fault else "planning" if busy else "idle", values)
 
     # --- requests ---------------------------------------------------------------------------------
 
@@ -141,6 +153,8 @@ class PlannerInterface(Component):
     def _plan(self, request: PlanningServiceRequest, goal: Optional[ServerGoal] = None) -> PlanningOutcome:
         with self._planning_lock:
             outcome = self._plan_one(request, goal)
+        with self._state:
+            self._last = outcome
         self._tell(
             PlannerStatus(
                 state=int(outcome.state),

@@ -1,0 +1,73 @@
+"""The health of a node's parts on ``/diagnostics`` (diagnostic_msgs), once per second of wall time.
+
+Wall time, so that a paused simulator does not look like a dead node.
+"""
+
+import threading
+from typing import Callable, Dict, NamedTuple
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper, Updater
+
+PERIOD = 1.0  # s of wall time
+
+OK = DiagnosticStatus.OK
+WARN = DiagnosticStatus.WARN
+ERROR = DiagnosticStatus.ERROR
+
+
+class Health(NamedTuple):
+    """How a part does: `OK`, `WARN` or `ERROR`, a sentence, and figures for who looks closer."""
+
+    level: int = OK
+    message: str = "ready"
+    values: Dict[str, object] = {}
+
+
+class HealthReporter:
+    """Asks every part how it does and publishes the answers.
+
+    :param checks: by name of the part; called in one thread, must not block.
+    """
+
+    def __init__(self, checks: Dict[str, Callable[[], Health]]) -> None:
+        self._updater = Updater()
+        self._updater.setHardwareID("none")
+        self._stopped = threading.Event()
+        for name, check in checks.items():
+            self._updater.add(name, _task(check))
+        self._thread = threading.Thread(target=self._report, name="health", daemon=True)
+
+    def start(self) -> None:
+        """Begins to publish; ends with the node."""
+        rospy.on_shutdown(self.stop)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Publishes no more."""
+        self._stopped.set()
+
+    def _report(self) -> None:
+        while not self._stopped.is_set():
+            try:
+                self._updater.force_update()
+            except rospy.ROSException:
+                if rospy.is_shutdown():
+                    return
+                raise
+            self._stopped.wait(PERIOD)
+
+
+def _task(check: Callable[[], Health]) -> Callable[[DiagnosticStatusWrapper], DiagnosticStatusWrapper]:
+    def fill(status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
+        try:
+            health = check()
+        except Exception as error:  # a part that cannot tell is ill, and the others are still asked
+            health = Health(ERROR, f"cannot tell: {type(error).__name__}: {error}")
+        status.summary(health.level, health.message)
+        for key, value in health.values.items():
+            status.add(key, str(value))
+        return status
+
+    return fill
