@@ -15,15 +15,16 @@ from merlin_msgs.msg import (
     GoalQueue,
 )
 
-from merlin_executor.executor_sm import LEFT_GOALS, ExecutorSM
+from merlin_executor.executor_sm import ExecutorSM
 from merlin_executor.goal_check import GoalError, check_goals
+from merlin_executor.own_goals import OwnGoals
 from merlin_executor.request import Request, Stop, sorted_requests
 from merlin_sm.action_server import ActionServer, ServerGoal
 from merlin_sm.dispatch_client import DispatchClient
 from merlin_sm.health import OK, WARN, Health
 from merlin_sm.introspection import show
-from merlin_sm.knowledge_client import REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
-from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal
+from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
+from merlin_sm.pddl_text import PDDLSyntaxError
 from merlin_sm.planning_client import PlanningClient
 from merlin_sm.service_proxy import ServiceError
 
@@ -38,6 +39,8 @@ class Executor:
     :param planning: its stages before dispatch.
     :param cancel_deadline: s of running time for a cancelled plan to stop; zero or less: no limit.
     :param max_replans: how often a failed plan is replaced.
+    :param goals_file: where it notes the goals it added; empty: on the parameter server.
+    :raises OSError: when that file cannot be written.
     """
 
     def __init__(
@@ -47,10 +50,14 @@ class Executor:
         dispatcher: str = "rosplan_plan_dispatcher",
         cancel_deadline: float = 5.0,
         max_replans: int = 3,
+        goals_file: str = "",
     ) -> None:
         self._knowledge = knowledge
+        self._own = OwnGoals(knowledge, goals_file)
         self._dispatcher = DispatchClient(dispatcher, knowledge.name, cancel_deadline, self._publish_status)
-        self._machine = ExecutorSM(knowledge, planning, self._dispatcher, max_replans, self._publish_status)
+        self._machine = ExecutorSM(
+            knowledge, planning, self._dispatcher, self._own, max_replans, self._publish_status
+        )
         self._server = ActionServer("merlin/execute", ExecuteAction, self._receive, self._cancel)
         self._changed = threading.Condition()  # guards the five fields below
         self._queue: List[Request] = []
@@ -234,12 +241,10 @@ class Executor:
                 raise
 
     def _remove_left_goals(self) -> None:
-        texts = rospy.get_param(LEFT_GOALS, [])
-        items = [item for text in texts for item in parse_goal(text)]
         try:
-            self._knowledge.update([Update(REMOVE_GOAL, item) for item in items])
+            texts = self._own.remove_left()
         except (KnowledgeError, ServiceError) as error:
             rospy.logerr(f"goals of an earlier executor stay in the knowledge base: {error}")
             return
-        if items:
+        if texts:
             rospy.logwarn(f"removed the goals that an earlier executor left: {', '.join(texts)}")

@@ -29,13 +29,18 @@ def main() -> None:
     except StageError as error:
         rospy.logfatal(f"merlin_executor: {error}")
         sys.exit(1)
-    executor = Executor(
-        knowledge,
-        planning,
-        dispatcher=rospy.get_param("~plan_dispatcher", "rosplan_plan_dispatcher"),
-        cancel_deadline=float(rospy.get_param("~cancel_deadline", 5.0)),
-        max_replans=int(rospy.get_param("~max_replans", 3)),
-    )
+    try:
+        executor = Executor(
+            knowledge,
+            planning,
+            dispatcher=rospy.get_param("~plan_dispatcher", "rosplan_plan_dispatcher"),
+            cancel_deadline=float(rospy.get_param("~cancel_deadline", 5.0)),
+            max_replans=int(rospy.get_param("~max_replans", 3)),
+            goals_file=str(rospy.get_param("~goals_file", "")),
+        )
+    except OSError as error:
+        rospy.logfatal(f"merlin_executor: the parameter ~goals_file cannot be used: {error}")
+        sys.exit(1)
     executor.start()
     HealthReporter({"requests": executor.health}).start()
     rospy.loginfo("the executor is ready")

@@ -6,12 +6,12 @@ from typing import Any, Callable, List, Optional, Sequence
 import rospy
 from merlin_msgs.msg import ExecuteResult
 from rosplan_dispatch_msgs.msg import ActionDispatch
-from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 import smach
+from merlin_executor.own_goals import OwnGoals
 from merlin_executor.request import Request
 from merlin_sm.dispatch_client import DispatchClient, DispatchResult
-from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
+from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.pddl_text import to_pddl
 from merlin_sm.planning_client import PlanningClient
@@ -64,6 +64,7 @@ class ExecutorSM(MerlinSM):
     :param knowledge: of the planning system.
     :param planning: its stages before dispatch.
     :param dispatcher: its dispatcher.
+    :param own: the goals it puts into the knowledge base.
     :param max_replans: how often a failed dispatch is planned again, from the world as it is.
     :param on_change: called when the stage changes.
     """
@@ -73,6 +74,7 @@ class ExecutorSM(MerlinSM):
         knowledge: KnowledgeClient,
         planning: PlanningClient,
         dispatcher: DispatchClient,
+        own: OwnGoals,
         max_replans: int,
         on_change: Callable[[], None],
     ) -> None:
@@ -82,7 +84,7 @@ class ExecutorSM(MerlinSM):
         self._stage = ""
         self.request: Optional[Request] = None
         with self:
-            self._add_stages(knowledge, planning, dispatcher, max_replans)
+            self._add_stages(knowledge, planning, dispatcher, own, max_replans)
         self.register_start_cb(self._enter)
         self.register_transition_cb(self._enter)
         self.register_termination_cb(self._enter)
@@ -111,21 +113,22 @@ class ExecutorSM(MerlinSM):
         knowledge: KnowledgeClient,
         planning: PlanningClient,
         dispatcher: DispatchClient,
+        own: OwnGoals,
         max_replans: int,
     ) -> None:
         def stage(label: str, state: MerlinState, follows: str, **transitions: str) -> None:
             ends = dict.fromkeys(state.get_registered_outcomes(), REMOVE_GOALS)
             self.add(label, state, transitions={**ends, SUCCEEDED: follows, **transitions})
 
-        self._goals = _AddGoals(knowledge, lambda: self.request)
-        stage("ADD_GOALS", self._goals, "GENERATE_PROBLEM")
+        add_goals = _AddGoals(knowledge, own, lambda: self.request)
+        stage("ADD_GOALS", add_goals, "GENERATE_PROBLEM")
         stage("GENERATE_PROBLEM", GenerateProblemState(planning), "PLAN")
         stage("PLAN", PlanState(planning), "PARSE_PLAN")
         stage("PARSE_PLAN", ParsePlanState(planning, self._take_plan), "DISPATCH_PLAN")
         dispatch = DispatchPlanState(dispatcher, self._take_result, self._plan)
         stage("DISPATCH_PLAN", dispatch, REMOVE_GOALS, **{FAILED: "REPLAN"})
         stage("REPLAN", _Replan(dispatch, lambda: self.request, max_replans), "GENERATE_PROBLEM")
-        self.add(REMOVE_GOALS, _RemoveGoals(self._goals, self.verdict, list(_OUTCOMES)))
+        self.add(REMOVE_GOALS, _RemoveGoals(own, self.verdict, list(_OUTCOMES)))
 
     def _plan(self) -> Sequence[ActionDispatch]:
         assert self.request is not None
@@ -161,37 +164,25 @@ class ExecutorSM(MerlinSM):
 class _AddGoals(MerlinState):
     """Adds the goals that are not there yet; ends with already_true when all of them hold."""
 
-    def __init__(self, knowledge: KnowledgeClient, request: Callable[[], Request]) -> None:
+    def __init__(self, knowledge: KnowledgeClient, own: OwnGoals, request: Callable[[], Request]) -> None:
         super().__init__(outcomes=[ALREADY_TRUE])
         self._knowledge = knowledge
+        self._own = own
         self._request = request
-        self._added: List[KnowledgeItem] = []
 
     def run(self, userdata: Any) -> str:
         """Adds them."""
         items = self._request().items
         try:
+            self._own.remove()  # what an earlier request could not remove
             if all(self._knowledge.query(items)):
                 self.reason = "the goal holds already"
                 return ALREADY_TRUE
             present = {to_pddl(goal).lower() for goal in self._knowledge.goals()}
-            self._added = [item for item in items if to_pddl(item).lower() not in present]
-            remember_goals(self._added)
-            self._knowledge.update([Update(ADD_GOAL, item) for item in self._added])
+            self._own.add([item for item in items if to_pddl(item).lower() not in present])
         except (KnowledgeError, ServiceError) as error:
             return self.fail(str(error))
         return SUCCEEDED
-
-    def remove(self) -> None:
-        """Removes what was added.
-
-        :raises KnowledgeError: when the knowledge base refuses.
-        :raises ServiceError: when it does not answer.
-        """
-        if self._added:
-            self._knowledge.update([Update(REMOVE_GOAL, item) for item in self._added])
-            remember_goals([])
-            self._added = []
 
 
 class _Replan(MerlinState):
@@ -219,24 +210,16 @@ class _Replan(MerlinState):
 class _RemoveGoals(smach.State):
     """Removes the goals that were added, whatever happened, and gives the machine its outcome."""
 
-    def __init__(self, goals: _AddGoals, verdict: Callable[[], str], outcomes: List[str]) -> None:
+    def __init__(self, own: OwnGoals, verdict: Callable[[], str], outcomes: List[str]) -> None:
         super().__init__(outcomes=outcomes)
-        self._goals = goals
+        self._own = own
         self._verdict = verdict
 
     def execute(self, userdata: Any) -> str:
         """Removes them also when the run is being preempted."""
         self.service_preempt()
         try:
-            self._goals.remove()
+            self._own.remove()
         except (KnowledgeError, ServiceError) as error:
             rospy.logerr(f"the goals of the request stay in the knowledge base: {error}")
         return self._verdict()
-
-
-LEFT_GOALS = "~added_goals"
-
-
-def remember_goals(items: List[KnowledgeItem]) -> None:
-    """Notes the goals that are in the knowledge base for a request, for an Executor that is killed."""
-    rospy.set_param(LEFT_GOALS, [to_pddl(item) for item in items])

@@ -1,0 +1,86 @@
+"""The goals that an Executor has put into the knowledge base, noted where its successor finds them."""
+
+import json
+import os
+from pathlib import Path
+from typing import List, Optional
+
+import rospy
+from rosplan_knowledge_msgs.msg import KnowledgeItem
+
+from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update
+from merlin_sm.pddl_text import parse_goal, to_pddl
+
+PARAMETER = "~added_goals"
+
+
+class OwnGoals:
+    """Adds goals to the knowledge base and removes exactly those again.
+
+    They are noted on the parameter server, or in a file: that outlives the master too, as a knowledge base
+    with a state file does. Used by one thread.
+
+    :param knowledge: where the goals go.
+    :param path: of the file; empty: the parameter server.
+    :raises OSError: when the file cannot be written.
+    """
+
+    def __init__(self, knowledge: KnowledgeClient, path: str = "") -> None:
+        self._knowledge = knowledge
+        self._path: Optional[Path] = Path(path).expanduser() if path else None
+        if self._path is not None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._path.touch()
+        self._items: List[KnowledgeItem] = []
+
+    def add(self, items: List[KnowledgeItem]) -> None:
+        """Adds goals. They are noted first: one noted too many is harmless, one too few would stay.
+
+        :raises KnowledgeError: when the knowledge base refuses.
+        :raises ServiceError: when it does not answer.
+        """
+        self._items += items
+        self._note()
+        self._knowledge.update([Update(ADD_GOAL, item) for item in items])
+
+    def remove(self) -> None:
+        """Removes every goal that was added, also those of an earlier attempt that failed.
+
+        :raises KnowledgeError: when the knowledge base refuses.
+        :raises ServiceError: when it does not answer.
+        """
+        if self._items:
+            self._knowledge.update([Update(REMOVE_GOAL, item) for item in self._items])
+            self._items = []
+            self._note()
+
+    def remove_left(self) -> List[str]:
+        """Removes what an Executor that was killed has left.
+
+        :return: the goals, as PDDL text.
+        :raises KnowledgeError: when the knowledge base refuses.
+        :raises ServiceError: when it does not answer.
+        """
+        texts = self._noted()
+        self._items = [item for text in texts for item in parse_goal(text)]
+        self.remove()
+        return texts
+
+    def _note(self) -> None:
+        texts = [to_pddl(item) for item in self._items]
+        if self._path is None:
+            rospy.set_param(PARAMETER, texts)
+            return
+        new = self._path.with_name(self._path.name + ".new")
+        new.write_text(json.dumps(texts))
+        os.replace(new, self._path)
+
+    def _noted(self) -> List[str]:
+        if self._path is None:
+            return list(rospy.get_param(PARAMETER, []))
+        text = self._path.read_text()
+        try:
+            return [str(goal) for goal in json.loads(text)] if text else []
+        except (ValueError, TypeError):
+            rospy.logerr(f"{self._path} is no list of goals and is ignored: {text[:80]!r}")
+            return []
