@@ -43,9 +43,7 @@ class MerlinAction(ActionInterface):
         """Whether the action server answers."""
         if self._client.alive:
             return Health()
-        return Health(
-            ERROR, f"no action server {self._client.name}; does the host of its machine run?"
-        )
+        return Health(ERROR, f"no action server {self._client.name}; does the host of its machine run?")
 
     def run(self, execution: Execution) -> Ending:
         """Sends the goal and waits for the machine's end."""
