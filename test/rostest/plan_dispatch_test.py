@@ -45,7 +45,7 @@ KNOWLEDGE_BASE = "/rosplan_knowledge_base"
 class Interfaces:
     """Answers dispatched actions as the test wants; it applies no effects."""
 
-    def __init__(self, dispatcher, announced=("paint", "store_part", "move")):
+    def __init__(self, dispatcher, announced=("paint", "store_part", "move", "inspect")):
         self.changed = threading.Condition()
         self.dispatched = []  # every message on action_dispatch, tombstones and cancels too
         self.answers = {}  # operator -> what to do
@@ -161,7 +161,7 @@ class Dispatching:
         self.addCleanup(self.cancel)  # a dispatch that a failed test left running
         self.knowledge.update(
             [Update(REMOVE, fact("broken", "")), Update(ADD, fact("powered")), Update(REMOVE_GOAL, fact(""))]
-            + [Update(REMOVE, fact("painted", ""))]
+            + [Update(REMOVE, fact("painted", "")), Update(REMOVE, fact("stored", ""))]
             + [Update(ADD, function_value("battery", [robot], 50.0)) for robot in ("ann", "bob")]
         )
         with self.status_changed:
@@ -298,6 +298,30 @@ class Dispatching:
         self.assertIn("(powered) does not hold", self.last_status().reason)
         self.interfaces.dispatched.clear()
         self.refused("(powered) does not hold")
+
+    def test_a_disjunction_is_checked(self):
+        self.refused("(or (painted leg) (stored leg)) does not hold", "0.0: (inspect ann leg) [5.0]")
+        self.knowledge.update([Update(ADD, fact("stored", "leg"))])
+        self.give("0.0: (inspect ann leg) [5.0]")
+        self.assertTrue(self.dispatch().success)
+
+    def inspection_broken_by(self, update):
+        self.knowledge.update([Update(ADD, fact("painted", "leg"))])
+        self.interfaces.answers.update({"inspect": [(1,)], "on_cancel": (10, "cancelled")})
+        self.give("0.0: (inspect ann leg) [5.0]")
+        result = self.start()
+        self.interfaces.wait(named("inspect"))
+        self.knowledge.update([update])
+        self.assertFalse(result().success)
+        return self.last_status().reason
+
+    def test_a_quantified_over_all_condition_is_watched(self):
+        reason = self.inspection_broken_by(Update(ADD, function_value("battery", ["bob"], 1.0)))
+        self.assertIn("(forall (?o - robot) (>= (battery ?o) 5)) does not hold", reason)
+
+    def test_an_over_all_condition_on_a_derived_predicate_is_watched(self):
+        reason = self.inspection_broken_by(Update(ADD, fact("broken", "ann")))
+        self.assertIn("(lit ann) does not hold", reason)
 
     # --- cancel ---
 
@@ -455,6 +479,16 @@ class SimpleDispatching(Dispatching, unittest.TestCase):
 
 class EsterelDispatching(Dispatching, unittest.TestCase):
     kind = "esterel"
+
+    def test_an_action_waits_for_what_makes_its_disjunction_true(self):
+        self.interfaces.answers.update({"paint": [(1,)]})
+        self.give("0.0: (paint ann leg) [5.0]", "5.0: (inspect bob leg) [5.0]")
+        result = self.start()
+        paint = self.interfaces.wait(named("paint"))
+        self.knowledge.update([Update(ADD, fact("painted", "leg"))])
+        self.interfaces.answer(paint, 2)
+        self.assertTrue(result().success)
+        self.assertEqual(self.interfaces.names()[:2], ["paint", "inspect"])
 
     def test_independent_actions_run_at_the_same_time_and_cancel_reaches_only_running_ones(self):
         self.interfaces.answers.update({"paint": [(1,)], "on_cancel": (10, "cancelled")})

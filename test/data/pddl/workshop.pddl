@@ -1,6 +1,8 @@
-; Two robots that paint and carry: parallel actions, numbers, negative and over-all conditions, a constant.
+; Two robots that paint and carry: parallel actions, numbers, negative and over-all conditions, a constant;
+; inspect has what ROSPlan's messages cannot carry.
 (define (domain workshop)
-  (:requirements :strips :typing :negative-preconditions :numeric-fluents :durative-actions :equality)
+  (:requirements :strips :typing :negative-preconditions :numeric-fluents :durative-actions :equality
+    :disjunctive-preconditions :universal-preconditions :derived-predicates)
   (:types robot part place - object)
   (:constants store - place)
   (:predicates
@@ -8,8 +10,10 @@
     (broken ?r - robot)
     (powered)
     (painted ?x - part)
-    (stored ?x - part))
+    (stored ?x - part)
+    (lit ?r - robot))
   (:functions (battery ?r - robot))
+  (:derived (lit ?r - robot) (and (powered) (not (broken ?r))))
   (:durative-action paint
     :parameters (?r - robot ?x - part)
     :duration (= ?duration 5)
@@ -35,4 +39,12 @@
       (at start (not (= ?from ?to))))
     :effect (and
       (at start (not (at ?r ?from)))
-      (at end (at ?r ?to)))))
+      (at end (at ?r ?to))))
+  (:durative-action inspect
+    :parameters (?r - robot ?x - part)
+    :duration (= ?duration 5)
+    :condition (and
+      (at start (or (painted ?x) (stored ?x)))
+      (over all (lit ?r))
+      (over all (forall (?o - robot) (>= (battery ?o) 5))))
+    :effect (at end (stored ?x))))

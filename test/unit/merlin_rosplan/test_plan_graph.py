@@ -5,11 +5,14 @@ import random
 import pytest
 
 from merlin_rosplan.dispatch_schedule import GraphSchedule, PlanError, PlannedAction, SequentialSchedule
+from merlin_rosplan.formula import Atom as FormulaAtom
+from merlin_rosplan.formula import Forall, Or, Variable
 from merlin_rosplan.operator_model import (
     Atom,
     Comparison,
     Conditions,
     Effects,
+    Expression,
     Operator,
     over_all_before_start,
 )
@@ -271,3 +274,28 @@ def test_over_all_conditions_of_ones_own_start_are_no_preconditions():
         start_effects=Effects(add=(Atom("burning"),), delete=(Atom("dark"),)),
     )
     assert over_all_before_start(light) == Conditions(positive=(Atom("dry"),))
+
+
+EITHER = Expression(
+    Or((FormulaAtom("robot_at", ("?p",)), FormulaAtom("open", ("?p",)))), frozenset(("robot_at", "open"))
+)
+LOOK = Operator("look", ("p",), at_start=Conditions(expressions=(EITHER,)))
+
+
+def test_expressions_follow_earlier_changes_of_their_names_and_precede_later_ones():
+    steps = [
+        PlanStep(0.0, "move", ("a", "b"), 5.0),
+        PlanStep(0.0, "move", ("c", "d"), 5.0),
+        PlanStep(5.0, "look", ("b",), 1.0),
+        PlanStep(7.0, "move", ("b", "e"), 5.0),
+    ]
+    operators = {"move": MOVE, "look": LOOK}
+    actions = [operators[s.name].ground(operators[s.name].bind(s.arguments)) for s in steps]
+    graph = edges(build_graph(steps, actions))
+    assert {(2, 5), (4, 5), (5, 7)} <= graph.keys()
+    assert (2, 3) not in graph and (1, 4) not in graph  # changes of one name stay unordered among themselves
+
+
+def test_grounding_leaves_quantified_variables_alone():
+    inner = Forall((Variable("?p"),), FormulaAtom("near", ("?p", "?q")))
+    assert str(Expression(inner).ground({"p": "a", "q": "b"})) == "(forall (?p - object) (near ?p b))"

@@ -171,11 +171,7 @@ class Dispatch:
     def _start(self, action: PlannedAction) -> bool:
         operator = self._outside.operator(action)
         first = over_all_before_start(operator)
-        needed = Conditions(
-            operator.at_start.positive + first.positive,
-            operator.at_start.negative + first.negative,
-            operator.at_start.comparisons + first.comparisons,
-        )
+        needed = operator.at_start + first
         unmet = self._outside.false_of(action, needed)
         if self._cancelled.is_set():
             return False
@@ -187,7 +183,6 @@ class Dispatch:
             self._outside.tell(action, FeedbackStatus.PRECONDITION_FALSE)
             self._fail(f"{action} cannot start: {describe(unmet)}", action)
             return False
-        over_all = operator.over_all
         self._running[action.id] = _Running(
             action,
             operator,
@@ -195,12 +190,8 @@ class Dispatch:
             self._outside.deadline(self._limits.accept),
             first,
             self._outside.deadline(self._limits.settle) if self._limits.settle > 0 else _PAST,
-            Conditions(
-                tuple(atom for atom in over_all.positive if atom not in first.positive),
-                tuple(atom for atom in over_all.negative if atom not in first.negative),
-                tuple(entry for entry in over_all.comparisons if entry not in first.comparisons),
-            ),
-            _names(over_all),
+            operator.over_all - first,
+            operator.over_all.names,
         )
         self._last = action
         self._report()  # first: an interface that has just started asks the status whether it is meant
@@ -257,13 +248,8 @@ class Dispatch:
         pending = record.pending
         if not pending.empty:
             still = self._outside.false_of(record.action, pending)
-            seen = _without(pending, still)
             record.pending = still
-            record.watched = Conditions(
-                record.watched.positive + seen.positive,
-                record.watched.negative + seen.negative,
-                record.watched.comparisons + seen.comparisons,
-            )
+            record.watched += pending - still
         if record.watched.empty:
             return
         broken = self._outside.false_of(record.action, record.watched)
@@ -274,6 +260,7 @@ class Dispatch:
             all(broken_by_own_end(record.operator, atom, False) for atom in broken.positive)
             and all(broken_by_own_end(record.operator, atom, True) for atom in broken.negative)
             and all(entry.functions & record.operator.end_effects.functions for entry in broken.comparisons)
+            and all(entry.reads & record.operator.end_effects.names for entry in broken.expressions)
         )
         record.broken = describe(broken)
         if not own:
@@ -397,20 +384,5 @@ def describe(conditions: Conditions) -> str:
         f"a comparison of {', '.join(sorted(entry.functions)) or 'numbers'} is false"
         for entry in conditions.comparisons
     ]
+    parts += [f"{entry} does not hold" for entry in conditions.expressions]
     return ", ".join(parts)
-
-
-def _names(conditions: Conditions) -> FrozenSet[str]:
-    atoms = conditions.positive + conditions.negative
-    names = {atom.name.lower() for atom in atoms}
-    for entry in conditions.comparisons:
-        names |= entry.functions
-    return frozenset(names)
-
-
-def _without(conditions: Conditions, removed: Conditions) -> Conditions:
-    return Conditions(
-        tuple(atom for atom in conditions.positive if atom not in removed.positive),
-        tuple(atom for atom in conditions.negative if atom not in removed.negative),
-        tuple(entry for entry in conditions.comparisons if entry not in removed.comparisons),
-    )

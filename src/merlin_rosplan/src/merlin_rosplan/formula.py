@@ -3,9 +3,9 @@
 Terms are strings: a variable starts with a question mark, anything else is an object.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
-from typing import Callable, Dict, Mapping, Optional, Tuple, Union
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple, Union
 
 START = "start"
 OVER_ALL = "over all"
@@ -201,6 +201,24 @@ _WRITERS: Dict[type, Callable[..., str]] = {
 def to_pddl(formula: Union[Numeric, Condition]) -> str:
     """A condition or numeric expression as PDDL text."""
     return _WRITERS[type(formula)](formula)
+
+
+def ground(formula: Any, bindings: Mapping[str, str]) -> Any:
+    """A condition or numeric expression with objects for free variables; others stay."""
+    if isinstance(formula, (Atom, Fluent)):
+        return replace(formula, args=tuple(bindings.get(term, term) for term in formula.args))
+    if isinstance(formula, Equal):
+        return Equal(bindings.get(formula.left, formula.left), bindings.get(formula.right, formula.right))
+    if isinstance(formula, Comparison):
+        return Comparison(formula.op, ground(formula.left, bindings), ground(formula.right, bindings))
+    if isinstance(formula, (And, Or, Arithmetic)):
+        return replace(formula, parts=tuple(ground(part, bindings) for part in formula.parts))
+    if isinstance(formula, (Forall, Exists)):
+        hidden = {variable.name for variable in formula.variables}
+        bindings = {name: value for name, value in bindings.items() if name not in hidden}
+    if isinstance(formula, (Not, Forall, Exists, Preference)):
+        return replace(formula, part=ground(formula.part, bindings))
+    return formula
 
 
 def bind(term: str, bindings: Mapping[str, str]) -> str:

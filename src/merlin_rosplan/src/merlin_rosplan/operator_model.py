@@ -1,11 +1,13 @@
 """Operators as the parser and the dispatcher see them: conditions and effects by time, ready to be grounded.
 
-They are read from ``rosplan_knowledge_msgs/DomainOperator`` by attribute, so nothing here needs ROS, and they
-carry what that message can carry: no duration, disjunction, quantifier or conditional effect.
+They are read from ``rosplan_knowledge_msgs/DomainOperator`` by attribute, so nothing here needs ROS. What that
+message cannot carry (disjunctions, quantifiers, derived predicates) comes from the domain where it is at hand.
 """
 
 from dataclasses import dataclass, field
 from typing import Any, Dict, FrozenSet, Iterable, Sequence, Tuple
+
+from merlin_rosplan import formula
 
 
 @dataclass(frozen=True)
@@ -48,12 +50,58 @@ class Comparison:
 
 
 @dataclass(frozen=True)
+class Expression:
+    """A condition that is neither literal nor comparison.
+
+    Parameters
+    ----------
+    condition: it; operator variables before grounding, objects after it.
+    reads: names of the predicates and functions that it depends on.
+    """
+
+    condition: formula.Condition
+    reads: FrozenSet[str] = frozenset()
+
+    def ground(self, binding: Dict[str, str]) -> "Expression":
+        """Operator variables replaced."""
+        bindings = {f"?{name}": value for name, value in binding.items()}
+        return Expression(formula.ground(self.condition, bindings), self.reads)
+
+    def __str__(self) -> str:
+        return formula.to_pddl(self.condition)
+
+
+@dataclass(frozen=True)
 class Conditions:
     """Conditions of one time label."""
 
     positive: Tuple[Atom, ...] = ()
     negative: Tuple[Atom, ...] = ()
     comparisons: Tuple[Comparison, ...] = ()
+    expressions: Tuple[Expression, ...] = ()
+
+    def __add__(self, other: "Conditions") -> "Conditions":
+        return Conditions(
+            self.positive + other.positive,
+            self.negative + other.negative,
+            self.comparisons + other.comparisons,
+            self.expressions + other.expressions,
+        )
+
+    def __sub__(self, other: "Conditions") -> "Conditions":
+        return Conditions(
+            tuple(atom for atom in self.positive if atom not in other.positive),
+            tuple(atom for atom in self.negative if atom not in other.negative),
+            tuple(entry for entry in self.comparisons if entry not in other.comparisons),
+            tuple(entry for entry in self.expressions if entry not in other.expressions),
+        )
+
+    @property
+    def names(self) -> FrozenSet[str]:
+        """Predicates and functions that they depend on."""
+        return frozenset(atom.name.lower() for atom in self.positive + self.negative).union(
+            *(entry.functions for entry in self.comparisons), *(entry.reads for entry in self.expressions)
+        )
 
     def ground(self, binding: Dict[str, str]) -> "Conditions":
         """Atoms and terms grounded; a comparison's message is grounded when it is asked."""
@@ -61,12 +109,13 @@ class Conditions:
             _ground(self.positive, binding),
             _ground(self.negative, binding),
             tuple(Comparison(entry.message, _ground(entry.reads, binding)) for entry in self.comparisons),
+            tuple(entry.ground(binding) for entry in self.expressions),
         )
 
     @property
     def empty(self) -> bool:
         """Whether there is nothing to check."""
-        return not (self.positive or self.negative or self.comparisons)
+        return not (self.positive or self.negative or self.comparisons or self.expressions)
 
 
 @dataclass(frozen=True)
@@ -82,6 +131,11 @@ class Effects:
     def functions(self) -> FrozenSet[str]:
         """Names of the functions they change."""
         return frozenset(term.name.lower() for term in self.writes)
+
+    @property
+    def names(self) -> FrozenSet[str]:
+        """Names of the predicates and functions they change."""
+        return self.functions.union(atom.name.lower() for atom in self.add + self.delete)
 
     def ground(self, binding: Dict[str, str]) -> "Effects":
         """Atoms and terms grounded."""
@@ -169,6 +223,7 @@ def over_all_before_start(action: Operator) -> Conditions:
             for comparison in action.over_all.comparisons
             if not comparison.functions & action.start_effects.functions
         ),
+        tuple(entry for entry in action.over_all.expressions if not entry.reads & action.start_effects.names),
     )
 
 

@@ -7,9 +7,9 @@ the start node 2k+1 and the end node 2k+2, edge ids are indices.
 import sys
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Dict, Iterable, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Dict, FrozenSet, Iterable, List, NamedTuple, Optional, Sequence, Set, Tuple
 
-from merlin_rosplan.operator_model import Atom, Operator
+from merlin_rosplan.operator_model import Atom, Conditions, Operator
 from merlin_rosplan.plan_text import PlanStep
 
 NO_BOUND = sys.float_info.max  # "no upper bound" on the wire
@@ -152,6 +152,35 @@ class _Number:
         self.readers: List[int] = []
 
 
+class _Dependants:
+    """Who changed one predicate or function, and who read it in an expression, in alternating batches.
+
+    Members of a batch need no order among themselves, and each batch follows the whole batch before it: two
+    batches back follows from that.
+    """
+
+    __slots__ = ("changing", "writers", "readers")
+
+    def __init__(self) -> None:
+        self.changing = True
+        self.writers: List[int] = []
+        self.readers: List[int] = []
+
+    def read(self, node: int) -> List[int]:
+        """A node reads it; returns whom it follows."""
+        if self.changing:
+            self.changing, self.readers = False, []
+        self.readers.append(node)
+        return self.writers
+
+    def write(self, node: int) -> List[int]:
+        """A node changes it; returns whom it follows."""
+        if not self.changing:
+            self.changing, self.writers = True, []
+        self.writers.append(node)
+        return self.readers
+
+
 class _Happening(NamedTuple):
     """What one node needs and changes."""
 
@@ -164,6 +193,8 @@ class _Happening(NamedTuple):
     keep_negative: Sequence[Atom] = ()
     reads: Sequence[Atom] = ()  # function values
     writes: Sequence[Atom] = ()
+    depends: FrozenSet[str] = frozenset()  # names in its expressions
+    changes: FrozenSet[str] = frozenset()
 
 
 def build_graph(
@@ -196,6 +227,7 @@ def build_graph(
     literals = _index(timed)
     touched: Dict[Atom, _Touched] = {}
     numbers: Dict[Atom, _Number] = {}
+    dependants = {name: _Dependants() for name in _expression_names(actions)}
     for node in sorted(graph.nodes[1:], key=lambda entry: (time_of(entry), entry.id)):
         action = actions[node.action]
         start = node.id - 1 if node.type == NodeType.ACTION_END else None
@@ -206,6 +238,7 @@ def build_graph(
         supported = _support(graph, node, happening, touched, literals, time_of(node), epsilon)
         supported |= _interference(graph, node, start, happening, touched, reduce)
         supported |= _numeric_order(graph, node, start, happening, numbers)
+        supported |= _expression_order(graph, node, start, happening, dependants)
         if not supported:
             graph.connect(EdgeType.CONDITION, 0, node.id)
         _remember(node.id, happening, touched)
@@ -235,6 +268,8 @@ def _happening(action: Operator, type_: NodeType) -> _Happening:
                 action.start_effects.reads,
             ),
             writes=_keys(action.start_effects.writes),
+            depends=_reads(action.at_start, action.over_all),
+            changes=action.start_effects.names,
         )
     return _Happening(
         _keys(action.at_end.positive),
@@ -248,7 +283,17 @@ def _happening(action: Operator, type_: NodeType) -> _Happening:
             action.end_effects.reads,
         ),
         _keys(action.end_effects.writes),
+        _reads(action.at_end, action.over_all),
+        action.end_effects.names,
     )
+
+
+def _reads(*conditions: Conditions) -> FrozenSet[str]:
+    return frozenset().union(*(entry.reads for each in conditions for entry in each.expressions))
+
+
+def _expression_names(actions: Sequence[Operator]) -> FrozenSet[str]:
+    return frozenset().union(*(_reads(a.at_start, a.over_all, a.at_end) for a in actions))
 
 
 def _support(
@@ -343,6 +388,31 @@ def _numeric_order(
     for term in happening.reads:
         if term not in happening.writes:
             numbers[term].readers.append(node.id)
+    return supported
+
+
+def _expression_order(
+    graph: PlanGraph,
+    node: Node,
+    start: Optional[int],
+    happening: _Happening,
+    dependants: Dict[str, _Dependants],
+) -> bool:
+    """Edges that keep expressions behind the changes the planner saw before them, and later changes behind them.
+
+    Which change makes a disjunction or a quantified condition true is not looked into: a name counts. ROSPlan has
+    none of these edges.
+    """
+    supported = False
+    for names, note, edge_type in (
+        (happening.depends, _Dependants.read, EdgeType.CONDITION),
+        (happening.changes, _Dependants.write, EdgeType.INTERFERENCE),
+    ):
+        for name in sorted(names & dependants.keys()):
+            for source in note(dependants[name], node.id):
+                if source not in (start, node.id):
+                    graph.connect(edge_type, source, node.id)
+                    supported = True
     return supported
 
 

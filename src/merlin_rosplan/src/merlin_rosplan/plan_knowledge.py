@@ -9,6 +9,7 @@ from rosplan_knowledge_msgs.msg import DomainInequality, KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
 from merlin_rosplan.component import Component
+from merlin_rosplan.operator_expressions import with_expressions
 from merlin_rosplan.operator_model import Atom, Conditions, Operator
 from merlin_rosplan.plan_graph import TimedLiteral
 from merlin_sm.knowledge_client import CALL_LIMIT, fact, knowledge_client
@@ -51,19 +52,21 @@ class PlanKnowledge:
                 self._operators.clear()
             known = self._operators.get(name)
         if known is None:
-            known = self._ask_operator(name)
+            known = self._ask_operator(name, local)
             with self._lock:
                 if self._operators_of is local:
                     self._operators[name] = known
         return known
 
-    def _ask_operator(self, name: str) -> Operator:
+    def _ask_operator(self, name: str, local: Optional[Component] = None) -> Operator:
         try:
-            return Operator.from_message(self._client.operator(name))
+            operator = Operator.from_message(self._client.operator(name))
         except ServiceError as error:
             if "does not answer" in str(error):
                 raise PlanKnowledgeError(str(error)) from error
             raise PlanKnowledgeError(f"the domain has no operator '{name}' ({error})") from error
+        domain = getattr(local, "domain", None)
+        return with_expressions(operator, domain) if domain is not None else operator
 
     def false_of(self, conditions: Conditions, binding: Dict[str, str]) -> Conditions:
         """Those conditions that do not hold now, asked in one call.
@@ -80,8 +83,11 @@ class PlanKnowledge:
         negative = [atom for atom in conditions.negative if atom.name != "="]
         items = [fact(atom.name, *atom.arguments) for atom in positive + negative]
         items += [comparison_item(entry.message, binding) for entry in conditions.comparisons]
+        items += [expression_item(str(entry)) for entry in conditions.expressions]
         results = self.query(items) if items else []
         holds = dict(zip(positive + negative, results))
+        numeric = len(positive) + len(negative)
+        other = numeric + len(conditions.comparisons)
         return Conditions(
             tuple(
                 atom
@@ -91,11 +97,8 @@ class PlanKnowledge:
             tuple(
                 atom for atom in conditions.negative if (_equal(atom) if atom.name == "=" else holds[atom])
             ),
-            tuple(
-                entry
-                for entry, true in zip(conditions.comparisons, results[len(positive) + len(negative) :])
-                if not true
-            ),
+            tuple(entry for entry, true in zip(conditions.comparisons, results[numeric:other]) if not true),
+            tuple(entry for entry, true in zip(conditions.expressions, results[other:]) if not true),
         )
 
     def query(self, items: Sequence[KnowledgeItem]) -> List[bool]:
@@ -149,6 +152,11 @@ def comparison_item(inequality: DomainInequality, binding: Dict[str, str]) -> Kn
                 for parameter in token.function.typed_parameters:
                     parameter.value = binding.get(parameter.key, parameter.key)
     return KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=ground)
+
+
+def expression_item(text: str) -> KnowledgeItem:
+    """A condition as PDDL text; only our knowledge base understands it."""
+    return KnowledgeItem(knowledge_type=KnowledgeItem.EXPRESSION, attribute_name=text)
 
 
 def _equal(atom: Atom) -> bool:
