@@ -1,7 +1,7 @@
 """The conditions of an operator that a DomainOperator message cannot carry, from the domain itself.
 
-Disjunctions, quantifiers, numeric equality and derived predicates: whoever has the domain at hand (the parser and
-the dispatcher in the knowledge base's process) checks them too.
+Disjunctions, quantifiers, numeric equality and derived predicates: whoever has the domain at hand (parser and
+dispatcher in the knowledge base's process) checks them too.
 """
 
 import dataclasses
@@ -81,7 +81,7 @@ def _rest(condition: Condition, domain: Domain) -> List[Condition]:
 
 
 def _names(condition: Condition, derived: Mapping[str, List[Derived]]) -> FrozenSet[str]:
-    """The predicates and functions that a condition depends on; derived ones by what they are derived from."""
+    """The predicates and functions that a condition depends on, through rules too."""
     names: Set[str] = set()
     waiting = [term.name for term in _terms(condition)]
     while waiting:

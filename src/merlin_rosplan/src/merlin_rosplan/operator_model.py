@@ -1,7 +1,8 @@
 """Operators as the parser and the dispatcher see them: conditions and effects by time, ready to be grounded.
 
-They are read from ``rosplan_knowledge_msgs/DomainOperator`` by attribute, so nothing here needs ROS. What that
-message cannot carry (disjunctions, quantifiers, derived predicates) comes from the domain where it is at hand.
+They are read from ``rosplan_knowledge_msgs/DomainOperator`` by attribute, so nothing here needs ROS. What
+that message cannot carry (disjunctions, quantifiers, derived predicates) comes from
+:mod:`merlin_rosplan.operator_expressions`.
 """
 
 from dataclasses import dataclass, field

@@ -398,10 +398,10 @@ def _expression_order(
     happening: _Happening,
     dependants: Dict[str, _Dependants],
 ) -> bool:
-    """Edges that keep expressions behind the changes the planner saw before them, and later changes behind them.
+    """Edges that keep expressions behind earlier changes of what they read, and before later ones.
 
-    Which change makes a disjunction or a quantified condition true is not looked into: a name counts. ROSPlan has
-    none of these edges.
+    Which change makes a disjunction or a quantified condition true is not looked into: a name counts. ROSPlan
+    has none of these edges.
     """
     supported = False
     for names, note, edge_type in (
