@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseStamped, Twist
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from nav_msgs.msg import Odometry
 from nav_msgs.srv import GetPlan
-from std_srvs.srv import Empty
+from std_srvs.srv import Empty, Trigger
 
 import rostest
 from merlin_sm.action_client import ActionClient
@@ -100,6 +100,23 @@ class Navigation(unittest.TestCase):
         self.assertLess(abs(moved), 0.01)
         after = self.commands[self.commands.index((0.0, 0.0)) :]
         self.assertEqual(set(after), {(0.0, 0.0)}, "a command came after the stop")
+
+    def from_start(self):
+        start = rospy.get_param("start_pose")
+        where = self.truth.pose.pose.position
+        return math.hypot(where.x - start["x"], where.y - start["y"])
+
+    def test_a_reset_of_the_world_ends_the_drive_and_the_next_goal_is_driven_to(self):
+        goal = self.send(pose(4.8, 5.5))
+        self.wait(lambda: self.driving() and self.from_start() > 1.0)
+        self.assertTrue(ServiceProxy("/merlin_sim/reset", Trigger)().success)
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual(goal.status, GoalStatus.ABORTED)
+        self.assertIn("The odometry jumped", goal.text)
+        self.wait(lambda: self.from_start() < 0.1)
+        again = self.send(pose(4.8, 3.6))
+        self.assertTrue(again.wait(LONG))
+        self.assertEqual(again.status, GoalStatus.SUCCEEDED, again.text)
 
     def test_a_newer_goal_takes_over(self):
         first = self.send(pose(4.8, 5.5))

@@ -9,7 +9,7 @@ import rospy
 import tf2_ros
 from geometry_msgs.msg import Twist
 from merlin_msgs.msg import SimStatus
-from merlin_msgs.srv import SetRealTimeFactor
+from merlin_msgs.srv import SetRealTimeFactor, SetSeed
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
@@ -144,6 +144,30 @@ class Simulator(unittest.TestCase):
             answer = change(nonsense)
             self.assertFalse(answer.success)
             self.assertIn("not allowed", answer.message)
+
+    def scans_after(self, begin_anew, count):
+        """The first scans of a new world, and some of the old one that were under way."""
+        with self.scan.changed:
+            self.scans.clear()
+        self.assertTrue(begin_anew().success)
+        self.scan.wait(lambda _: len(self.scans) >= count)
+        return set(self.scans)
+
+    def test_the_world_begins_anew_and_the_same_seed_gives_the_same_noise(self):
+        self.scans = []
+        listener = rospy.Subscriber(
+            "/r1/scan", LaserScan, lambda m: self.scans.append(tuple(m.ranges)), tcp_nodelay=True
+        )
+        self.addCleanup(listener.unregister)
+        change = ServiceProxy("/merlin_sim/set_seed", SetSeed)
+        before = self.truth["r1"].wait().header.stamp
+        one = self.scans_after(lambda: change(9), 20)
+        self.status.wait(lambda m: m.seed == 9)
+        two = self.scans_after(ServiceProxy("/merlin_sim/reset", Trigger), 20)
+        other = self.scans_after(lambda: change(10), 20)
+        self.assertGreater(len(one & two), 10)
+        self.assertEqual(len(one & other), 0)
+        self.assertGreater(self.truth["r1"].wait().header.stamp, before)  # time goes on
 
 
 if __name__ == "__main__":

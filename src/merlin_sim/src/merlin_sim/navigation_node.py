@@ -7,7 +7,7 @@ from typing import Optional
 import rospy
 from geometry_msgs.msg import PoseStamped
 from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedback, MoveBaseGoal
-from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.msg import Path as PathMessage
 from nav_msgs.srv import GetPlan, GetPlanRequest, GetPlanResponse
 from std_srvs.srv import Empty, EmptyResponse
@@ -18,7 +18,7 @@ from merlin_sim.parameters import ParameterError, number
 from merlin_sim.path_follower import Cruise
 from merlin_sim.path_planner import NoPath, PathPlanner
 from merlin_sim.robot_state import RobotState, StateError, velocity_of
-from merlin_sim.ros_messages import grid_of, path_message, stamped
+from merlin_sim.ros_messages import grid_of, path_message, pose_of, stamped
 from merlin_sim.velocity_gate import VelocityGate
 from merlin_sim.world import Point, Pose
 from merlin_sm.action_server import ServerGoal
@@ -28,6 +28,7 @@ from merlin_sm.serial_action_server import SerialActionServer
 START_TIMEOUT = 10.0  # s of running time for map, odometry, scan and transforms to appear
 SILENCE = 3.0  # s of running time without odometry after which driving is given up
 SCAN_AGE = 1.0  # s of ROS time after which a scan is too old to drive by
+JUMP, JUMP_SPEED = 0.3, 2.0  # m and m/s; no base of this kind moves further between two odometries
 FEEDBACK_EVERY = 4  # control steps
 
 
@@ -141,6 +142,7 @@ class NavigationNode:
         starting = Deadline(START_TIMEOUT)
         step = 0
         shown: object = None
+        last: Optional[Odometry] = None
         while True:
             odometry = self._state.wait_news(stamp, goal.cancel_event, SILENCE if started else START_TIMEOUT)
             if goal.cancel_requested:
@@ -148,6 +150,9 @@ class NavigationNode:
                 return
             if odometry is None:
                 raise StateError(f"There is no odometry on {rospy.resolve_name('odom')}")
+            if last is not None:
+                _refuse_jump(last, odometry)
+            last = odometry
             stamp = odometry.header.stamp
             now = stamp.to_sec()
             try:
@@ -215,6 +220,17 @@ class NavigationNode:
     def _shutdown(self) -> None:
         self._gate.stop()
         self._server.shutdown()
+
+
+def _refuse_jump(last: Odometry, odometry: Odometry) -> None:
+    """Raises StateError when the wheels cannot have made the way between two odometries."""
+    before, after = pose_of(last.pose.pose), pose_of(odometry.pose.pose)
+    elapsed = abs((odometry.header.stamp - last.header.stamp).to_sec())
+    if before.distance(after) > JUMP + JUMP_SPEED * elapsed:
+        raise StateError(
+            f"{NO_CONTROL_TEXT} The odometry jumped from ({before.x:.2f}, {before.y:.2f}) to "
+            f"({after.x:.2f}, {after.y:.2f}): the base was restarted, or the simulator reset."
+        )
 
 
 def _reachable(planner: PathPlanner, goal: Pose, tolerance: float) -> Point:

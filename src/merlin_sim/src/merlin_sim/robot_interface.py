@@ -32,9 +32,7 @@ class RobotInterface:
         robot: SimulatedRobot,
         localization: Optional[TruthLocalization],
     ) -> None:
-        self._simulation = simulation
-        self._robot = robot
-        self._localization = localization
+        self.attach(simulation, robot, localization)
         name = robot.spec.name
         topics = f"/{name}" if name else ""
         self._prefix = f"{name}/" if name else ""
@@ -44,6 +42,14 @@ class RobotInterface:
         self._joints = PromptPublisher(f"{topics}/joint_states", JointState)
         self._amcl = PromptPublisher(f"{topics}/amcl_pose", PoseWithCovarianceStamped, latch=True)
         self._commands = rospy.Subscriber(f"{topics}/cmd_vel", Twist, self._command, tcp_nodelay=True)
+
+    def attach(
+        self, simulation: Simulation, robot: SimulatedRobot, localization: Optional[TruthLocalization]
+    ) -> None:
+        """Speaks for another body from now on: the world began anew."""
+        self._simulation = simulation
+        self._robot = robot
+        self._localization = localization
 
     def _command(self, twist: Twist) -> None:
         self._robot.base.command(twist.linear.x, twist.angular.z, self._simulation.time)

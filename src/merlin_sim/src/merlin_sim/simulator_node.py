@@ -2,12 +2,19 @@
 
 import threading
 from pathlib import Path
-from typing import List, Optional
+from typing import Dict, Optional
 
 import rospkg
 import rospy
 from merlin_msgs.msg import SimStatus
-from merlin_msgs.srv import SetRealTimeFactor, SetRealTimeFactorRequest, SetRealTimeFactorResponse
+from merlin_msgs.srv import (
+    SetRealTimeFactor,
+    SetRealTimeFactorRequest,
+    SetRealTimeFactorResponse,
+    SetSeed,
+    SetSeedRequest,
+    SetSeedResponse,
+)
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger, TriggerResponse
@@ -50,27 +57,31 @@ class SimulatorNode:
         urdf = self._parameters.urdf or Path(rospkg.RosPack().get_path("merlin_sim")) / "urdf" / "rb1.urdf"
         if not Path(urdf).is_file():
             raise ParameterError(f"parameter ~urdf: there is no file {urdf}")
-        self.simulation = Simulation(world, read_robots(world), Path(urdf), self._parameters.seed)
-        self._robots: List[RobotInterface] = []
+        self._robot_urdf = Path(urdf)
+        self._seed = self._parameters.seed
+        self._world = world
+        self._world_lock = threading.Lock()  # held by whoever lets the world go on, or begin anew
+        self._begun = 0  # physics steps on the clock when this world began
+        self.simulation = Simulation(world, read_robots(world), self._robot_urdf, self._seed)
+        self._robots: Dict[str, RobotInterface] = {}
         for robot in self.simulation.robots.values():
-            localization: Optional[TruthLocalization] = None
-            if self._parameters.localization == "truth":
-                localization = TruthLocalization(
-                    self._parameters.pose_noise, self._parameters.seed, robot.spec.name
-                )
             start = robot.spec.start
             # For a particle filter: where somebody switched the robot on.
             rospy.set_param(
                 f"/{robot.spec.name}/start_pose".replace("//", "/"),
                 {"x": start.x, "y": start.y, "yaw": start.yaw},
             )
-            self._robots.append(RobotInterface(self.simulation, robot, localization))
-        self._map.publish(grid_message(map_of(world), "map", rospy.Time.from_sec(1.0 / PHYSICS_RATE)))
+            localization = self._localization(robot.spec.name)
+            self._robots[robot.spec.name] = RobotInterface(self.simulation, robot, localization)
+        self._grid = map_of(world)
+        self._map.publish(grid_message(self._grid, "map", _time(1)))
         self._stopped = threading.Event()
         self._services = [
             rospy.Service("~set_real_time_factor", SetRealTimeFactor, self._set_factor),
             rospy.Service("~pause", Trigger, lambda _: self._set_paused(True)),
             rospy.Service("~resume", Trigger, lambda _: self._set_paused(False)),
+            rospy.Service("~reset", Trigger, lambda _: self._reset()),
+            rospy.Service("~set_seed", SetSeed, self._set_seed),
         ]
         rospy.on_shutdown(self._stop)
         names = ", ".join(robot or "(no namespace)" for robot in self.simulation.robots)
@@ -81,14 +92,44 @@ class SimulatorNode:
         threading.Thread(target=self._report, name="simulator status", daemon=True).start()
         step = 1.0 / PHYSICS_RATE
         while self._pacer.wait(step):
-            self.simulation.step()
-            self._publish(self.simulation.tick)
+            with self._world_lock:
+                self.simulation.step()
+                self._publish(self.simulation.tick)
+
+    def _localization(self, robot: str) -> Optional[TruthLocalization]:
+        if self._parameters.localization != "truth":
+            return None
+        return TruthLocalization(self._parameters.pose_noise, self._seed, robot)
+
+    def _begin_anew(self, seed: int) -> None:
+        """The world as its file describes it; time goes on, so that nobody's timers or transforms break."""
+        with self._world_lock:
+            old, self._seed = self.simulation, seed
+            self._begun += old.tick + old.tick % CLOCK_PERIOD  # the clock keeps its beat
+            specs = [robot.spec for robot in old.robots.values()]
+            self.simulation = Simulation(self._world, specs, self._robot_urdf, seed)
+            for name, robot in self.simulation.robots.items():
+                self._robots[name].attach(self.simulation, robot, self._localization(name))
+            old.close()
+            # Who localises or plans on a map forgets what it believed of the old world.
+            self._map.publish(grid_message(self._grid, "map", _time(self._begun)))
+        self._publish_status()
+
+    def _reset(self) -> TriggerResponse:
+        self._begin_anew(self._seed)
+        return TriggerResponse(True, f"the world began anew with seed {self._seed}")
+
+    def _set_seed(self, request: SetSeedRequest) -> SetSeedResponse:
+        self._begin_anew(request.seed)
+        return SetSeedResponse(True, f"the world began anew with seed {request.seed}")
 
     def _publish(self, tick: int) -> None:
         if tick % CLOCK_PERIOD == 0:
-            self._publish_clock(tick)
-        stamp = _time(tick)
-        transforms = [transform for robot in self._robots for transform in robot.publish(tick, stamp)]
+            self._publish_clock(self._begun + tick)
+        stamp = _time(self._begun + tick)
+        transforms = [
+            transform for robot in self._robots.values() for transform in robot.publish(tick, stamp)
+        ]
         if transforms:
             self._tf.publish(TFMessage(transforms=transforms))
 
@@ -121,9 +162,9 @@ class SimulatorNode:
             paused=paused,
             requested_factor=self._pacer.factor,
             achieved_factor=0.0 if paused else self._achieved,
-            seed=self._parameters.seed,
+            seed=self._seed,
         )
-        status.header.stamp = _time(self.simulation.tick)
+        status.header.stamp = _time(self._begun + self.simulation.tick)
         if not self._stopped.is_set():
             self._status.publish(status)
 
