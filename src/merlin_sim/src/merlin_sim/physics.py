@@ -117,6 +117,8 @@ class Physics:
         self._solids: Dict[str, int] = {}
         for solid in [*world.wall_solids(), *world.furniture, *world.unmapped]:
             self.add(solid)
+        for thing in world.objects:
+            self.add(thing.solid, thing.bottom)
         for person in world.people:
             self.add(person.solid(Pose(*person.path[0])))
         for door in world.doors:
@@ -124,8 +126,8 @@ class Physics:
             self.add(leaf)
             self.show(leaf, not door.open)
 
-    def add(self, solid: Solid) -> None:
-        """Puts a thing into the world that the robots cannot push."""
+    def add(self, solid: Solid, bottom: float = 0.0) -> None:
+        """Puts a thing into the world that the robots cannot push, `bottom` m above the floor."""
         if solid.radius is not None:
             shape = self._engine.createCollisionShape(
                 pybullet.GEOM_CYLINDER, radius=solid.radius, height=solid.height
@@ -137,7 +139,7 @@ class Physics:
         body = self._engine.createMultiBody(0, shape)
         self._engine.changeDynamics(body, -1, lateralFriction=0.5, restitution=0.0)
         self._solids[solid.name] = body
-        self._put(body, solid.pose, solid.height / 2)
+        self._put(body, solid.pose, bottom + solid.height / 2)
 
     def show(self, solid: Solid, there: bool) -> None:
         """Moves a thing to where it is said to stand, or out of the world."""

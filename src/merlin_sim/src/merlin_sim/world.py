@@ -124,6 +124,28 @@ class Person:
 
 
 @dataclass(frozen=True)
+class WorldObject:
+    """A small thing that can be recognised: a cup on a table, a box on the floor.
+
+    :param kind: its class, such as cup; several objects may share one.
+    :param bottom: m above the floor at which it stands.
+    :param support: the furniture that it stands on; None: it stands at `bottom` by itself.
+    :param tag: number of the ArUco tag (4x4) on it, if there is one.
+    """
+
+    kind: str
+    solid: Solid
+    bottom: float = 0.0
+    support: Optional[str] = None
+    tag: Optional[int] = None
+
+    @property
+    def name(self) -> str:
+        """Its name, unlike that of any other thing of the world."""
+        return self.solid.name
+
+
+@dataclass(frozen=True)
 class DoorEvent:
     """A door that opens or closes at a moment of simulated time, s."""
 
@@ -156,6 +178,7 @@ class World:
     furniture: List[Solid] = field(default_factory=list)
     unmapped: List[Solid] = field(default_factory=list)  # stands there, but not on the map
     people: List[Person] = field(default_factory=list)
+    objects: List[WorldObject] = field(default_factory=list)
     events: List[WorldEvent] = field(default_factory=list)
     points_of_interest: Dict[str, Pose] = field(default_factory=dict)
     starts: List[Pose] = field(default_factory=list)

@@ -18,6 +18,7 @@ from merlin_sim.world import (
     WorldEvent,
     span_on,
 )
+from merlin_sim.world_objects import misplaced, read_objects
 from merlin_sim.world_schema import SCHEMA
 
 REPORTED = 5  # errors told at once
@@ -65,7 +66,8 @@ def parse_world(data: Any, source: str = "world") -> World:
         starts=[_pose(item) for item in data["starts"]],
         resolution=data.get("resolution", 0.05),
     )
-    nonsense = list(_nonsense(world))
+    world.objects = read_objects(data.get("objects", []), world.furniture + world.unmapped)
+    nonsense = [*_nonsense(world), *misplaced(world)]
     if nonsense:
         raise WorldError(_told(source, nonsense))
     return world
@@ -135,6 +137,7 @@ def _nonsense(world: World) -> Iterator[str]:
         ("doors", [door.name for door in world.doors]),
         ("furniture", [solid.name for solid in world.furniture + world.unmapped]),
         ("people", [person.name for person in world.people]),
+        ("objects", [thing.name for thing in world.objects]),
     ):
         for name in names:
             if name in seen:

@@ -62,6 +62,23 @@ SCHEMA: Dict[str, Any] = _object(
                 "name path",
             )
         ),
+        "objects": _list(
+            _object(
+                {
+                    "name": _name,
+                    "class": {"type": "string", "pattern": "^[a-z][a-z0-9_]*$"},
+                    "support": _name,
+                    "at": {"type": "array", "items": _number, "minItems": 2, "maxItems": 3},
+                    "yaw": _number,
+                    "box": {"type": "array", "items": _positive, "minItems": 3, "maxItems": 3},
+                    "cylinder": {"type": "array", "items": _positive, "minItems": 2, "maxItems": 2},
+                    "color": _color,
+                    "tag": {"type": "integer", "minimum": 0, "maximum": 49},
+                },
+                "name class at",
+                oneOf=[{"required": ["box"]}, {"required": ["cylinder"]}],
+            )
+        ),
         "events": _list(
             {
                 "oneOf": [
