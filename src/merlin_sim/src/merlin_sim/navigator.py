@@ -31,6 +31,7 @@ HERE = 0.7  # m within which waiting goes on and does not begin anew
 GIVE_WAY = 0.5  # m that it backs off for somebody who waits for it
 RECOVERY_WAY = 0.15  # m that it backs off when it does not get away
 BACK_SPEED = 0.1  # m/s
+STOP_RESERVE = 0.01  # m inside the tolerance of the goal that stopping is aimed at
 LOST_PATH = 0.5  # m off the path at which a new one is planned
 
 
@@ -128,6 +129,8 @@ class Navigator:
         if self._at_goal or pose.distance(self._goal) <= settings.xy_goal_tolerance:
             self._at_goal = True  # passing the edge of the tolerance while turning starts nothing anew
             return self._finish(pose, velocity)
+        if self._stops_at(pose, velocity[0]).distance(self._goal) <= settings.xy_goal_tolerance - STOP_RESERVE:
+            return Step(0.0, 0.0, Outcome.DRIVING, "braking for the goal")
         if self._follower.offset > LOST_PATH:
             self._replan(pose, now)
         if self._backing is not None:
@@ -144,6 +147,11 @@ class Navigator:
             if limit < CREEP:
                 return self._wait(pose, waited, now)
         return self._drive(pose, limit, now)
+
+    def _stops_at(self, pose: Pose, speed: float) -> Pose:
+        """Where it comes to a stand if it brakes now."""
+        way = speed * abs(speed) / (2 * self.settings.cruise.acceleration)
+        return Pose(pose.x + way * math.cos(pose.yaw), pose.y + way * math.sin(pose.yaw), pose.yaw)
 
     def _wait(self, pose: Pose, waited: float, now: float) -> Step:
         """Stands before what is in the way, makes room for it once, and gives up in the end."""
