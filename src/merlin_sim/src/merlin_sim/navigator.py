@@ -105,6 +105,7 @@ class Navigator:
         """
         self._goal = goal
         self._follower = None
+        self._seen = np.zeros((0, 2))  # what stands beside the map, at this step
         self._waits_at: Optional[Pose] = None  # where it first had to wait, about here
         self._waits_since = now
         self._gave_way = False
@@ -129,13 +130,15 @@ class Navigator:
         if self._at_goal or pose.distance(self._goal) <= settings.xy_goal_tolerance:
             self._at_goal = True  # passing the edge of the tolerance while turning starts nothing anew
             return self._finish(pose, velocity)
-        if self._stops_at(pose, velocity[0]).distance(self._goal) <= settings.xy_goal_tolerance - STOP_RESERVE:
+        stop = self._stops_at(pose, velocity[0])
+        if stop.distance(self._goal) <= settings.xy_goal_tolerance - STOP_RESERVE:
             return Step(0.0, 0.0, Outcome.DRIVING, "braking for the goal")
         if self._follower.offset > LOST_PATH:
             self._replan(pose, now)
         if self._backing is not None:
             return self._back_off(pose, now)
         limit = settings.cruise.speed
+        self._seen = self.memory.points(now)
         room = self._room_ahead(now)
         if room < AHEAD:
             if self._waits_at is None or pose.distance(self._waits_at) > HERE:
@@ -196,7 +199,7 @@ class Navigator:
                 )
             self._backing, self._backing_way, self._backing_since = pose, RECOVERY_WAY, now
         speed, turn = self._follower.command(pose, limit)
-        return Step(self._guard.allowed(speed, turn), turn, Outcome.DRIVING)
+        return Step(*self._guard.steered(speed, turn, settings.cruise.turn_speed), Outcome.DRIVING)
 
     def _finish(self, pose: Pose, velocity: Tuple[float, float]) -> Step:
         assert self._goal is not None and self._follower is not None
@@ -238,4 +241,16 @@ class Navigator:
 
     def _follow(self, path: List[Point]) -> None:
         self.path = path
-        self._follower = PathFollower(Path(path), self.settings.cruise)
+        self._follower = PathFollower(Path(path), self.settings.cruise, self._may_go)
+
+    def _may_go(self, start: Point, end: Point) -> bool:
+        """Whether going straight keeps enough distance, or at least does not come nearer to anything."""
+        samples = max(2, math.ceil(math.dist(start, end) / 0.025) + 1)
+        way = np.linspace(start, end, samples)
+        room = self.planner.rooms(way)
+        seen = self._seen[np.hypot(*(self._seen - start).T) < 1.5]
+        if len(seen):
+            gaps = np.hypot(way[:, :1] - seen[:, 0], way[:, 1:] - seen[:, 1]).min(axis=1)
+            room = np.minimum(room, gaps)
+        enough = self.settings.radius + (self.settings.clearance + self.settings.tight_clearance) / 2
+        return bool(room.min() >= min(enough, room[0] - 0.005))
