@@ -10,6 +10,7 @@ import pytest
 from merlin_sim.navigator import NavigationSettings, Outcome
 from merlin_sim.obstacle_memory import ObstacleMemory
 from merlin_sim.occupancy_grid import OccupancyGrid
+from merlin_sim.path_follower import Cruise, PathFollower
 from merlin_sim.path_follower import Path as Way
 from merlin_sim.scan_guard import ScanGuard
 from merlin_sim.trial import Trial
@@ -83,6 +84,37 @@ def test_somebody_who_crosses_the_way_is_not_run_into(drive):
     person = Person("ann", ((4.8, 5.5), (4.8, 2.8)), speed=0.8, pause=0.5)
     result = drive(Pose(3.4, 3.6), Pose(6.4, 3.7), people=[person])
     assert result.reached, result.text
+
+
+def test_it_stands_just_within_the_tolerance_of_the_goal(drive):
+    result = drive(Pose(2.6, 3.4), Pose(4.6, 3.5))
+    assert result.reached, result.text
+    # The tolerance is 0.1 m; the believed pose is off by some centimetres. Driving on to it and braking only
+    # then would end 4.5 cm nearer.
+    assert result.final_error > 0.06
+    assert min(speed for speed, _ in result.speeds) > -0.02
+
+
+def test_the_follower_steers_for_the_farthest_point_that_it_can_go_straight_to():
+    corner = [(0.0, 0.0), (0.2, 0.0), (0.2, 1.0)]
+
+    def outside(start, end):
+        return end[1] < 0.04
+
+    _, cut = PathFollower(Way(corner), Cruise()).command(Pose(0.0, 0.0), 0.3)
+    _, kept = PathFollower(Way(corner), Cruise(), outside).command(Pose(0.0, 0.0), 0.3)
+    assert cut > 0.3 and kept == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_corner_that_the_path_leads_past_too_closely_is_swerved_round():
+    guard = ScanGuard(0.25, 0.015, 1.0)
+    guard.see(np.array([[0.2, -0.25]]))
+    speed, turn = guard.steered(0.3, 0.0, 1.0)
+    assert speed == 0.3 and 0.0 < turn <= 1.0
+    guard.see(np.array([[0.2, -0.25], [0.2, 0.25], [0.262, 0.0]]))
+    assert guard.steered(0.3, 0.0, 1.0)[0] == 0.0, "no swerve leads past a wall"
+    guard.see(np.array([[0.2, -0.4]]))
+    assert guard.steered(0.3, 0.1, 1.0) == (0.3, 0.1), "what is far enough changes nothing"
 
 
 def test_a_path_is_measured_along_its_corners():

@@ -31,6 +31,7 @@ HERE = 0.7  # m within which waiting goes on and does not begin anew
 GIVE_WAY = 0.5  # m that it backs off for somebody who waits for it
 RECOVERY_WAY = 0.15  # m that it backs off when it does not get away
 BACK_SPEED = 0.1  # m/s
+STOP_RESERVE = 0.01  # m inside the tolerance of the goal that stopping is aimed at
 LOST_PATH = 0.5  # m off the path at which a new one is planned
 
 
@@ -104,6 +105,7 @@ class Navigator:
         """
         self._goal = goal
         self._follower = None
+        self._seen = np.zeros((0, 2))  # what stands beside the map, at this step
         self._waits_at: Optional[Pose] = None  # where it first had to wait, about here
         self._waits_since = now
         self._gave_way = False
@@ -128,11 +130,15 @@ class Navigator:
         if self._at_goal or pose.distance(self._goal) <= settings.xy_goal_tolerance:
             self._at_goal = True  # passing the edge of the tolerance while turning starts nothing anew
             return self._finish(pose, velocity)
+        stop = self._stops_at(pose, velocity[0])
+        if stop.distance(self._goal) <= settings.xy_goal_tolerance - STOP_RESERVE:
+            return Step(0.0, 0.0, Outcome.DRIVING, "braking for the goal")
         if self._follower.offset > LOST_PATH:
             self._replan(pose, now)
         if self._backing is not None:
             return self._back_off(pose, now)
         limit = settings.cruise.speed
+        self._seen = self.memory.points(now)
         room = self._room_ahead(now)
         if room < AHEAD:
             if self._waits_at is None or pose.distance(self._waits_at) > HERE:
@@ -144,6 +150,11 @@ class Navigator:
             if limit < CREEP:
                 return self._wait(pose, waited, now)
         return self._drive(pose, limit, now)
+
+    def _stops_at(self, pose: Pose, speed: float) -> Pose:
+        """Where it comes to a stand if it brakes now."""
+        way = speed * abs(speed) / (2 * self.settings.cruise.acceleration)
+        return Pose(pose.x + way * math.cos(pose.yaw), pose.y + way * math.sin(pose.yaw), pose.yaw)
 
     def _wait(self, pose: Pose, waited: float, now: float) -> Step:
         """Stands before what is in the way, makes room for it once, and gives up in the end."""
@@ -188,7 +199,7 @@ class Navigator:
                 )
             self._backing, self._backing_way, self._backing_since = pose, RECOVERY_WAY, now
         speed, turn = self._follower.command(pose, limit)
-        return Step(self._guard.allowed(speed, turn), turn, Outcome.DRIVING)
+        return Step(*self._guard.steered(speed, turn, settings.cruise.turn_speed), Outcome.DRIVING)
 
     def _finish(self, pose: Pose, velocity: Tuple[float, float]) -> Step:
         assert self._goal is not None and self._follower is not None
@@ -230,4 +241,16 @@ class Navigator:
 
     def _follow(self, path: List[Point]) -> None:
         self.path = path
-        self._follower = PathFollower(Path(path), self.settings.cruise)
+        self._follower = PathFollower(Path(path), self.settings.cruise, self._may_go)
+
+    def _may_go(self, start: Point, end: Point) -> bool:
+        """Whether going straight keeps enough distance, or at least does not come nearer to anything."""
+        samples = max(2, math.ceil(math.dist(start, end) / 0.025) + 1)
+        way = np.linspace(start, end, samples)
+        room = self.planner.rooms(way)
+        seen = self._seen[np.hypot(*(self._seen - start).T) < 1.5]
+        if len(seen):
+            gaps = np.hypot(way[:, :1] - seen[:, 0], way[:, 1:] - seen[:, 1]).min(axis=1)
+            room = np.minimum(room, gaps)
+        enough = self.settings.radius + (self.settings.clearance + self.settings.tight_clearance) / 2
+        return bool(room.min() >= min(enough, room[0] - 0.005))

@@ -2,16 +2,17 @@
 
 import math
 from dataclasses import dataclass
-from typing import Sequence, Tuple, Union
+from typing import Callable, Sequence, Tuple, Union
 
 import numpy as np
 
 from merlin_sim.world import Point, Pose, wrap
 
-LOOKAHEAD = 0.25  # m along the path to the point that is steered for
-GAIN = 2.6  # rad/s of turning per radian of heading error
-FULL_SPEED_ERROR = 0.45  # rad of heading error up to which it drives at full speed
-STAND_ERROR = 1.2  # rad of heading error from which it turns on the spot
+LOOKAHEADS = (0.35, 0.25, 0.18, 0.12)  # m along the path to the point that is steered for: the first safe one
+SHORTEST = 0.25  # m within which the end of the path is approached without turning for it sharply
+GAIN = 3.5  # rad/s of turning per radian of heading error
+FULL_SPEED_ERROR = 0.8  # rad of heading error up to which it drives at full speed
+STAND_ERROR = 1.4  # rad of heading error from which it turns on the spot
 BRAKE_USE = 0.9  # part of the turning acceleration that the end of a turn is planned with
 WINDOW = 1.0  # m of path ahead of the last progress in which the robot is looked for
 
@@ -55,10 +56,15 @@ class PathFollower:
     """Follows one path.
 
     :param path: in the frame of the poses.
+    :param safe: whether the robot may go straight from one point to another. Where it may not, the robot
+        steers for a nearer point of the path, so that it cuts no corner that it would touch.
     """
 
-    def __init__(self, path: Path, cruise: Cruise) -> None:
+    def __init__(
+        self, path: Path, cruise: Cruise, safe: Callable[[Point, Point], bool] = lambda start, end: True
+    ) -> None:
         self.path = path
+        self._safe = safe
         self._cruise = cruise
         self.progress = 0.0  # m along the path
         self.offset = 0.0  # m off the path
@@ -76,16 +82,23 @@ class PathFollower:
 
     def command(self, pose: Pose, limit: float) -> Tuple[float, float]:
         """Speed (m/s, at most `limit`) and turning speed (rad/s) from a pose."""
-        target = self.path.at(np.array([self.progress + LOOKAHEAD]))[0]
+        target = self._target(pose.point)
         dx, dy = target[0] - pose.x, target[1] - pose.y
         error = wrap(math.atan2(dy, dx) - pose.yaw)
         if abs(error) >= STAND_ERROR:
             return 0.0, self.turn(error)
         slow = (STAND_ERROR - abs(error)) / (STAND_ERROR - FULL_SPEED_ERROR)
         speed = min(limit, self._cruise.speed) * min(1.0, slow)
-        near = math.hypot(dx, dy)
         # Close to the end the bearing of the goal says little; turning for it would make the robot dance.
-        return speed, self.turn(error) * min(1.0, near / LOOKAHEAD)
+        return speed, self.turn(error) * min(1.0, self.remaining / SHORTEST)
+
+    def _target(self, point: Point) -> Point:
+        """The farthest point of the path ahead that the robot can go straight to; the nearest one if none."""
+        ahead = self.path.at(self.progress + np.array(LOOKAHEADS))
+        for x, y in ahead[:-1]:
+            if self._safe(point, (float(x), float(y))):
+                return float(x), float(y)
+        return float(ahead[-1, 0]), float(ahead[-1, 1])
 
     def turn(self, error: float) -> float:
         """Turning speed that removes a heading error (rad) without overshooting."""

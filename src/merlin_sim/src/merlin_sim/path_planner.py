@@ -10,8 +10,8 @@ import pyastar2d
 from merlin_sim.occupancy_grid import FREE, OccupancyGrid
 from merlin_sim.world import Point
 
-COMFORT = 0.15  # m beyond the clearance up to which closeness costs extra
-COMFORT_COST = 0.6  # extra cost per metre at the clearance itself
+COMFORT = 0.08  # m beyond the clearance up to which closeness costs extra
+COMFORT_COST = 0.3  # extra cost per metre at the clearance itself
 ESCAPE = 0.6  # m around the start in which the robot may squeeze out of what is too close
 ESCAPE_COST = 30.0  # per metre
 STRIDES = (0.3, 0.1)  # m between the points that a path is straightened over, the second if the first fails
@@ -48,6 +48,13 @@ class PathPlanner:
         """Distance to the nearest obstacle of the map, m; 0 outside the map."""
         cell = self.grid.cell(point)
         return 0.0 if cell is None else float(self.distance[cell])
+
+    def rooms(self, points: np.ndarray) -> np.ndarray:
+        """As `room`, for n x 2 points."""
+        rows, columns, inside = self.grid.rows_and_columns(points)
+        found = np.zeros(len(points))
+        found[inside] = self.distance[rows[inside], columns[inside]]
+        return found
 
     def why_unreachable(self, point: Point) -> str:
         """Why the robot can never stand at a point of the map; empty when it can."""

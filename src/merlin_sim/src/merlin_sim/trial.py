@@ -6,7 +6,7 @@ For tests, for figures, and for whoever changes worlds or navigation and wants t
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import List, Optional
+from typing import List, Optional, Tuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class TrialResult:
     waited: float
     final_error: float
     path: List[Point] = field(default_factory=list)
+    speeds: List[Tuple[float, float]] = field(default_factory=list)  # m/s, rad/s; one per point of the path
 
     @property
     def reached(self) -> bool:
@@ -68,6 +69,7 @@ class Trial:
         began, driven = simulation.time, robot.distance
         angles = -math.pi + robot.lidar.increment * np.arange(robot.lidar.model.rays)
         path: List[Point] = []
+        speeds: List[Tuple[float, float]] = []
         collisions, touching, waited = 0, False, 0.0
         outcome, text = Outcome.NO_CONTROL, f"not there after {limit:g} s"
         started = False
@@ -75,6 +77,7 @@ class Trial:
             if simulation.tick % ODOMETRY_EVERY == 0:
                 truth = robot.body.pose()
                 path.append(truth.point)
+                speeds.append(robot.body.velocity())
                 pose = self._localization.estimate(truth, simulation.time)
                 if simulation.tick % SCAN_EVERY == 0:
                     self.navigator.see(pose, angles, simulation.scan(robot), simulation.time)
@@ -106,6 +109,7 @@ class Trial:
             waited,
             pose.distance(goal),
             path,
+            speeds,
         )
 
     def close(self) -> None:

@@ -1,0 +1,162 @@
+#!/usr/bin/env python3
+"""Driving against the best possible: a tour over all ways between the points of interest, without ROS.
+
+The robot drives with the reactive layer's navigation in a simulated apartment, as fast as that computes; the
+oracle is the experiment's. Equal seeds give equal figures on every machine.
+"""
+
+import itertools
+import math
+import statistics
+import sys
+from dataclasses import dataclass, fields
+from typing import Any, Dict, Iterator, List
+
+from merlin_home.motion_limits import MotionLimits
+from merlin_home.oracle import Oracle
+from merlin_home.shortest_path import ShortestPaths
+from merlin_sim.navigator import NavigationSettings
+from merlin_sim.occupancy_grid import OCCUPIED, map_of
+from merlin_sim.trial import Trial, TrialResult
+from merlin_sim.world import Pose, World
+from merlin_sim.world_drawing import find_world
+from merlin_sim.world_file import load_world
+
+SEEDS = (1, 2, 3)
+TICK = 0.05  # s between the samples of a trial
+MOVING = (0.01, 0.02)  # m/s, rad/s from which the robot counts as moving
+AT_CRUISE = 0.97  # part of the cruising speed from which it counts as driving at full speed
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One drive: s and m, and where the time beyond the oracle's went (s; the parts sum up to the loss).
+
+    Attributes:
+        start: before the first motion.
+        turn: until the first full speed, beyond what the oracle needs to turn and to set off.
+        way: driven beyond the shortest path.
+        curve: slower than full speed between the first and the last of it.
+        end: after the last full speed, beyond the oracle's braking.
+    """
+
+    time: float
+    distance: float
+    oracle_time: float
+    oracle_distance: float
+    start: float
+    turn: float
+    way: float
+    curve: float
+    end: float
+    collisions: int
+
+
+def measure() -> Dict[str, Any]:
+    """The figures of all seeds."""
+    world = load_world(find_world("apartment"))
+    legs = [leg for seed in SEEDS for leg in tour(world, seed)]
+    time, distance = sum(leg.time for leg in legs), sum(leg.distance for leg in legs)
+    results: Dict[str, Any] = {
+        "driving_efficiency_time": round(sum(leg.oracle_time for leg in legs) / time, 4),
+        "driving_efficiency_distance": round(sum(leg.oracle_distance for leg in legs) / distance, 4),
+        "driving_collisions": sum(leg.collisions for leg in legs),
+        "driving_loss_s": _spread([leg.time - leg.oracle_time for leg in legs]),
+    }
+    for part in ("start", "turn", "way", "curve", "end"):
+        results[f"driving_loss_{part}_s"] = _spread([getattr(leg, part) for leg in legs])
+    return results
+
+
+def tour(world: World, seed: int) -> Iterator[Leg]:
+    """Drives each way between two points of interest once, in one go: headings are as they come.
+
+    :raises RuntimeError: a drive failed.
+    """
+    limits = MotionLimits()
+    settings = NavigationSettings(yaw_goal_tolerance=math.pi)
+    grid = map_of(world)
+    paths = ShortestPaths(grid.cells == OCCUPIED, grid.resolution, grid.origin, limits.radius)
+    oracle = Oracle(paths, limits, 0.0, settings.xy_goal_tolerance)
+    stops = _round_trip(list(world.points_of_interest))
+    trial = Trial(world, world.points_of_interest[stops[0]], seed, settings)
+    try:
+        for name in stops[1:]:
+            start, goal = trial.robot.body.pose(), world.points_of_interest[name]
+            result = trial.drive(goal)
+            if not result.reached:
+                raise RuntimeError(f"to {name}, seed {seed}: {result.text}, {result.collisions} collisions")
+            yield _leg(result, start, goal, oracle, limits)
+    finally:
+        trial.close()
+
+
+def _leg(result: TrialResult, start: Pose, goal: Pose, oracle: Oracle, limits: MotionLimits) -> Leg:
+    best = oracle.task(start.point, start.yaw, goal.point)
+    deficits = [(1.0 - speed / limits.speed) * TICK for speed, _ in result.speeds]
+    moving = [abs(speed) > MOVING[0] or abs(turn) > MOVING[1] for speed, turn in result.speeds]
+    cruising = [speed >= AT_CRUISE * limits.speed for speed, _ in result.speeds]
+    if True not in cruising:
+        raise RuntimeError("a way too short to reach full speed says nothing")
+    set_off, first = moving.index(True), cruising.index(True)
+    last = len(cruising) - cruising[::-1].index(True)
+    braking = limits.speed / limits.acceleration / 2  # s that braking takes beyond driving the same way on
+    begun = sum(deficits[:set_off])
+    whole = result.time - best.time
+    way = (result.distance - best.distance) / limits.speed
+    turn = sum(deficits[set_off:first]) - (best.time - best.distance / limits.speed - braking)
+    curve = sum(deficits[first:last])
+    return Leg(
+        time=result.time,
+        distance=result.distance,
+        oracle_time=best.time,
+        oracle_distance=best.distance,
+        start=begun,
+        turn=turn,
+        way=way,
+        curve=curve,
+        end=whole - begun - turn - way - curve,  # what sampling leaves over is here too
+        collisions=result.collisions,
+    )
+
+
+def _round_trip(names: List[str]) -> List[str]:
+    """A closed tour with each ordered pair of names once (Hierholzer's algorithm)."""
+    ahead = {name: [other for other in names if other != name] for name in names}
+    stack, tour = [names[0]], []
+    while stack:
+        if ahead[stack[-1]]:
+            stack.append(ahead[stack[-1]].pop())
+        else:
+            tour.append(stack.pop())
+    return tour[::-1]
+
+
+def _spread(values: List[float]) -> Dict[str, float]:
+    ordered = sorted(values)
+    return {
+        "median": round(statistics.median(ordered), 3),
+        "mean": round(statistics.mean(ordered), 3),
+        "p95": round(ordered[min(len(ordered) - 1, int(0.95 * len(ordered)))], 3),
+        "p99": round(ordered[min(len(ordered) - 1, int(0.99 * len(ordered)))], 3),
+        "n": len(ordered),
+    }
+
+
+def main() -> int:
+    """Prints every leg and the mean of all; returns 0."""
+    world = load_world(find_world("apartment"))
+    names = [field.name for field in fields(Leg)]
+    print("".join(f"{name:>16}" for name in names))
+    legs: List[Leg] = []
+    for leg in itertools.chain.from_iterable(tour(world, seed) for seed in SEEDS):
+        legs.append(leg)
+        print("".join(f"{getattr(leg, name):16.3f}" for name in names), flush=True)
+    means = [statistics.mean(getattr(leg, name) for leg in legs) for name in names]
+    print("".join(f"{value:16.3f}" for value in means))
+    print(f"efficiency {means[2] / means[0]:.4f} (time), {means[3] / means[1]:.4f} (distance)")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
