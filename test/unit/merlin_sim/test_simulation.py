@@ -95,6 +95,22 @@ def test_a_wall_stops_it(simulate):
     assert robot.body.pose().x < 8.95 - 0.24
 
 
+def test_a_thing_with_mass_is_pushed_and_never_passed_through(apartment, simulate):
+    chair = Solid("chair", Pose(4.0, 3.5), 0.9, size=(0.4, 0.4), mass=4.0)
+    simulation = simulate(Pose(3.0, 3.5), world=dataclasses.replace(apartment, unmapped=[chair]))
+    robot = simulation.robots["r0"]
+    ahead = len(simulation.scan(robot)) // 2
+    assert simulation.scan(robot)[ahead] == pytest.approx(0.8, abs=0.05)
+    closest = math.inf
+    for _ in range(60):
+        run(simulation, 0.1, (0.3, 0.0))
+        closest = min(closest, simulation.physics.place_of("chair").x - robot.body.pose().x)
+    pushed = simulation.physics.place_of("chair")
+    assert pushed.x > 4.2 and abs(pushed.y - 3.5) < 0.3
+    assert closest > 0.25 + 0.2 - 0.03
+    assert simulation.scan(robot)[ahead] == pytest.approx(0.25, abs=0.08)  # seen where it is now
+
+
 def test_robots_bump_into_each_other_and_see_each_other(simulate):
     simulation = simulate(Pose(3.0, 3.5), Pose(4.0, 3.5))
     one, two = simulation.robots.values()

@@ -4,7 +4,7 @@ import math
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, Optional, Sequence, Tuple
 
 from merlin_sim.silence import silence
 
@@ -80,9 +80,7 @@ class RobotBody:
 
     def pose(self) -> Pose:
         """Where it is, in the map frame."""
-        position, turn = self._engine.getBasePositionAndOrientation(self.body)
-        x, y, z, w = turn
-        return Pose(position[0], position[1], math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+        return _pose(*self._engine.getBasePositionAndOrientation(self.body))
 
     def velocity(self) -> Tuple[float, float]:
         """Speed along its heading (m/s) and turning speed (rad/s)."""
@@ -127,7 +125,7 @@ class Physics:
             self.show(leaf, not door.open)
 
     def add(self, solid: Solid, bottom: float = 0.0) -> None:
-        """Puts a thing into the world that the robots cannot push, `bottom` m above the floor."""
+        """Puts a thing into the world, `bottom` m above the floor; without mass robots cannot push it."""
         if solid.radius is not None:
             shape = self._engine.createCollisionShape(
                 pybullet.GEOM_CYLINDER, radius=solid.radius, height=solid.height
@@ -136,7 +134,7 @@ class Physics:
             assert solid.size is not None
             half = [solid.size[0] / 2, solid.size[1] / 2, solid.height / 2]
             shape = self._engine.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
-        body = self._engine.createMultiBody(0, shape)
+        body = self._engine.createMultiBody(solid.mass, shape)
         self._engine.changeDynamics(body, -1, lateralFriction=0.5, restitution=0.0)
         self._solids[solid.name] = body
         self._put(body, solid.pose, bottom + solid.height / 2)
@@ -144,6 +142,10 @@ class Physics:
     def show(self, solid: Solid, there: bool) -> None:
         """Moves a thing to where it is said to stand, or out of the world."""
         self._put(self._solids[solid.name], solid.pose, solid.height / 2 if there else BURIED)
+
+    def place_of(self, name: str) -> Pose:
+        """Where a thing is, in the map frame."""
+        return _pose(*self._engine.getBasePositionAndOrientation(self._solids[name]))
 
     def add_robot(self, urdf: Path, start: Pose, geometry: DriveGeometry) -> RobotBody:
         """Adds a robot."""
@@ -160,6 +162,11 @@ class Physics:
     def _put(self, body: int, pose: Pose, height: float) -> None:
         turn = self._engine.getQuaternionFromEuler([0, 0, pose.yaw])
         self._engine.resetBasePositionAndOrientation(body, [pose.x, pose.y, height], turn)
+
+
+def _pose(position: Sequence[float], turn: Sequence[float]) -> Pose:
+    x, y, z, w = turn
+    return Pose(position[0], position[1], math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 
 
 def _massive_part(urdf: Path) -> str:

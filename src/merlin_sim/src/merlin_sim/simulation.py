@@ -11,12 +11,13 @@ from merlin_sim.drive import BaseController, DriveGeometry, DriveLimits, Odometr
 from merlin_sim.lidar import Lidar, LidarModel
 from merlin_sim.physics import Physics
 from merlin_sim.ray_casting import Outlines
-from merlin_sim.world import Pose, Solid, World
+from merlin_sim.world import Pose, Solid, World, wrap
 from merlin_sim.world_events import WorldEvents
 
 PHYSICS_RATE = 100  # steps per simulated second
 ODOMETRY_EVERY = 5  # steps
 ROBOT_RADIUS = 0.25  # m, as in urdf/rb1.urdf
+PUSHED = 0.002  # m and rad that a thing has to move before the laser sees it elsewhere
 LASER_HEIGHT = 0.33  # m, likewise
 
 
@@ -90,6 +91,7 @@ class Simulation:
         for person in world.people:
             self.outlines.show(person.solid(Pose(*person.path[0])))
         self._events = WorldEvents(world, self._show)
+        self._pushable = {solid.name: solid for solid in world.furniture + world.unmapped if solid.mass}
 
     @property
     def time(self) -> float:
@@ -107,6 +109,7 @@ class Simulation:
             for robot in self.robots.values():
                 robot.measure(self.tick)
             places = [robot.body.pose().point for robot in self.robots.values()]
+            self._follow_pushed()
             self._events.step(self.time, ODOMETRY_EVERY / PHYSICS_RATE, places, ROBOT_RADIUS)
 
     def scan(self, robot: SimulatedRobot) -> np.ndarray:
@@ -118,6 +121,13 @@ class Simulation:
             for pose in [other.body.pose()]
         ]
         return robot.lidar.scan(robot.body.pose(), self.outlines, others, self.tick)
+
+    def _follow_pushed(self) -> None:
+        for name, seen in self._pushable.items():
+            pose = self.physics.place_of(name)
+            if pose.distance(seen.pose) > PUSHED or abs(wrap(pose.yaw - seen.pose.yaw)) > PUSHED:
+                self._pushable[name] = seen.moved(pose)
+                self.outlines.show(self._pushable[name])
 
     def _show(self, solid: Solid, there: bool) -> None:
         self.physics.show(solid, there)

@@ -5,7 +5,7 @@ Nothing here knows ROS or the physics engine.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Dict, List, Optional, Tuple, Union
 
 Point = Tuple[float, float]
@@ -50,7 +50,10 @@ def wrap(angle: float) -> float:
 
 @dataclass(frozen=True)
 class Solid:
-    """A box (size x, y, height) or an upright cylinder (radius, height) that stands on the floor."""
+    """A box (size x, y, height) or an upright cylinder (radius, height) that stands on the floor.
+
+    :param mass: kg, of a thing that robots can push; 0: it does not give way.
+    """
 
     name: str
     pose: Pose
@@ -58,6 +61,7 @@ class Solid:
     size: Optional[Tuple[float, float]] = None  # m, of a box
     radius: Optional[float] = None  # m, of a cylinder
     color: str = "#9a9a9a"
+    mass: float = 0.0
 
     def corners(self) -> List[Point]:
         """Its outline as a polygon, counter-clockwise."""
@@ -74,7 +78,7 @@ class Solid:
 
     def moved(self, pose: Pose) -> "Solid":
         """The same thing somewhere else."""
-        return Solid(self.name, pose, self.height, self.size, self.radius, self.color)
+        return replace(self, pose=pose)
 
 
 @dataclass(frozen=True)

@@ -58,8 +58,8 @@ def parse_world(data: Any, source: str = "world") -> World:
             Door(item["name"], tuple(item["from"]), tuple(item["to"]), item.get("open", True))
             for item in data.get("doors", [])
         ],
-        furniture=[_solid(item) for item in furniture if item.get("on_map", True)],
-        unmapped=[_solid(item) for item in furniture if not item.get("on_map", True)],
+        furniture=[_solid(item) for item in furniture if _surveyed(item)],
+        unmapped=[_solid(item) for item in furniture if not _surveyed(item)],
         people=[_person(item) for item in data.get("people", [])],
         events=sorted(map(_event, data.get("events", [])), key=lambda event: event.at),
         points_of_interest={name: _pose(item) for name, item in data["points_of_interest"].items()},
@@ -112,7 +112,13 @@ def _solid(item: Dict[str, Any]) -> Solid:
         size=tuple(size[:2]) if size else None,
         radius=None if size else item["cylinder"][0],
         color=item.get("color", "#9a9a9a"),
+        mass=float(item.get("mass", 0.0)),
     )
+
+
+def _surveyed(item: Dict[str, Any]) -> bool:
+    """Whether furniture is on the map: what can be pushed away is not, unless the file says so."""
+    return bool(item.get("on_map", "mass" not in item))
 
 
 def _person(item: Dict[str, Any]) -> Person:

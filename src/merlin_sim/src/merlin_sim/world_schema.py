@@ -44,6 +44,7 @@ SCHEMA: Dict[str, Any] = _object(
                     "cylinder": {"type": "array", "items": _positive, "minItems": 2, "maxItems": 2},
                     "color": _color,
                     "on_map": {"type": "boolean"},
+                    "mass": {"type": "number", "exclusiveMinimum": 0, "maximum": 500},
                 },
                 "name at",
                 oneOf=[{"required": ["box"]}, {"required": ["cylinder"]}],
