@@ -7,6 +7,7 @@ import unittest
 
 import rospy
 import tf2_ros
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from merlin_msgs.msg import SimStatus
 from merlin_msgs.srv import SetRealTimeFactor, SetSeed
@@ -134,6 +135,16 @@ class Simulator(unittest.TestCase):
         self.assertTrue(resume().success)
         self.status.wait(lambda m: not m.paused)
         self.truth["r1"].wait(lambda m: m.header.stamp > two)
+
+    def test_a_factor_beyond_the_machine_is_in_the_diagnostics(self):
+        change = ServiceProxy("/merlin_sim/set_real_time_factor", SetRealTimeFactor)
+        self.addCleanup(change, 4.0)
+        health = Latest("/diagnostics", DiagnosticArray)
+        self.assertTrue(change(1000.0).success)
+        told = health.wait(lambda m: any("reaches factor" in status.message for status in m.status))
+        self.assertEqual(told.status[0].name, "merlin_sim: world")
+        self.assertTrue(change(1.0).success)
+        health.wait(lambda m: m.status[0].name == "merlin_sim: world" and m.status[0].level == 0)
 
     def test_the_factor_changes_and_nonsense_is_refused(self):
         change = ServiceProxy("/merlin_sim/set_real_time_factor", SetRealTimeFactor)

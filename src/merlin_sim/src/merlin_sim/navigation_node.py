@@ -23,6 +23,7 @@ from merlin_sim.velocity_gate import VelocityGate
 from merlin_sim.world import Point, Pose
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.deadline import Deadline
+from merlin_sm.health import ERROR, Health, HealthReporter
 from merlin_sm.serial_action_server import SerialActionServer
 
 START_TIMEOUT = 10.0  # s of running time for map, odometry, scan and transforms to appear
@@ -73,9 +74,9 @@ class NavigationNode:
         self._current = rospy.Publisher(f"{name}/current_goal", PoseStamped, queue_size=1)
         self._path = rospy.Publisher(f"{name}/plan", PathMessage, queue_size=1)
         self._goals = rospy.Publisher(f"{name}/goal", MoveBaseActionGoal, queue_size=1)
-        map_topic = str(rospy.get_param("~map_topic", "/map"))
+        self._map_topic = str(rospy.get_param("~map_topic", "/map"))
         self._subscribers = [
-            rospy.Subscriber(map_topic, OccupancyGrid, self._receive_map),
+            rospy.Subscriber(self._map_topic, OccupancyGrid, self._receive_map),
             rospy.Subscriber("move_base_simple/goal", PoseStamped, self._receive_goal, tcp_nodelay=True),
         ]
         self._services = [
@@ -84,6 +85,13 @@ class NavigationNode:
         ]
         rospy.on_shutdown(self._shutdown)
         self._server.start()
+
+    def health(self) -> Health:
+        """Whether everything that driving needs is there."""
+        if self._navigator is None:
+            return Health(ERROR, f"there is no map on {rospy.resolve_name(self._map_topic)}")
+        missing = self._state.missing(SILENCE)
+        return Health(ERROR, missing) if missing else Health()
 
     def _receive_map(self, message: OccupancyGrid) -> None:
         try:
@@ -253,7 +261,7 @@ def main() -> int:
     """The executable ``navigation``; returns its exit code."""
     rospy.init_node("navigation")
     try:
-        NavigationNode()
+        HealthReporter({"move_base": NavigationNode().health}).start()
     except ParameterError as error:
         rospy.logfatal(f"navigation: {error}")
         return 1

@@ -72,6 +72,25 @@ class RobotState:
             found = deadline.wait(self.changed, news)
             return self._odometry[-1] if found and not stop.is_set() else None
 
+    def missing(self, age: float) -> str:
+        """What has not come within `age` seconds of ROS time, as a sentence; empty when all is there."""
+        with self.changed:
+            odometry = self._odometry[-1] if self._odometry else None
+            scan = self._scan
+        now = rospy.Time.now()
+        for topic, message in (("odom", odometry), ("scan", scan)):
+            name = rospy.resolve_name(topic)
+            if message is None:
+                return f"nothing has come on {name}"
+            silence = (now - message.header.stamp).to_sec()
+            if silence > age:
+                return f"{name} is silent for {silence:.1f} s"
+        try:
+            self._frame_pose(odometry.header.frame_id)
+        except StateError as error:
+            return str(error)
+        return ""
+
     def wake(self) -> None:
         """Lets a wait look at its stop event."""
         with self.changed:

@@ -30,8 +30,10 @@ from merlin_sim.ros_messages import grid_message
 from merlin_sim.sim_parameters import read_parameters, read_robots
 from merlin_sim.simulation import PHYSICS_RATE, Simulation
 from merlin_sim.world_file import WorldError, load_world
+from merlin_sm.health import OK, WARN, Health, HealthReporter
 
 CLOCK_PERIOD = 2  # physics steps: 50 Hz
+KEPT_UP = 0.9  # share of the factor asked for that counts as reached
 STATUS_PERIOD = 1.0  # s of wall time
 
 
@@ -168,6 +170,16 @@ class SimulatorNode:
         if not self._stopped.is_set():
             self._status.publish(status)
 
+    def health(self) -> Health:
+        """Whether the machine keeps up with the factor asked for."""
+        wanted, achieved = self._pacer.factor, self._achieved
+        values = {"requested factor": wanted, "achieved factor": f"{achieved:.2f}", "seed": self._seed}
+        if self._pacer.paused:
+            return Health(OK, "paused", values)
+        if achieved < KEPT_UP * wanted:
+            return Health(WARN, f"the machine reaches factor {achieved:.2f} of {wanted:g}", values)
+        return Health(OK, f"factor {achieved:.2f}", values)
+
     def _stop(self) -> None:
         self._stopped.set()
         self._pacer.stop()
@@ -193,6 +205,7 @@ def main() -> int:
     except (ParameterError, WorldError) as error:
         rospy.logfatal(f"merlin_sim: {error}")
         return 1
+    HealthReporter({"world": node.health}).start()
     node.run()
     node.simulation.close()
     return 0
