@@ -47,7 +47,7 @@ def _object(item: Dict[str, Any], supports: Dict[str, Solid]) -> WorldObject:
         radius=None if size else float(item["cylinder"][0]),
         color=item.get("color", "#9a9a9a"),
     )
-    return WorldObject(item["class"], solid, bottom, item.get("support"), item.get("tag"))
+    return WorldObject(item["class"], solid, bottom, item.get("support"), item.get("tag"), item.get("absent", False))
 
 
 def _holds(support: Solid, pose: Pose) -> bool:
