@@ -79,7 +79,7 @@ SCHEMA: Dict[str, Any] = _object(
                     "absent": {"type": "boolean"},
                 },
                 "name class at",
-                oneOf=[{"required": ["box"]}, {"required": ["cylinder"]}],
+                **{"not": {"required": ["box", "cylinder"]}},
             )
         ),
         "events": _list(
