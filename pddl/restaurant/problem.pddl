@@ -3,7 +3,7 @@
   (:domain restaurant)
   (:objects
     table_1 table_2 table_3 table_4 table_5 table_6 - table
-    coffee water juice cake - item)
+    coffee water juice sandwich cake - item)
   (:init
     (robot_at anywhere)
     (tray_free)

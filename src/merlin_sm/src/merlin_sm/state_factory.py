@@ -17,6 +17,7 @@ from merlin_sm.states.planning import (
 from merlin_sm.states.recognition import RecognizeState
 from merlin_sm.states.ros_calls import ServiceCallState, TopicState
 from merlin_sm.states.speech import ListenState, SpeakState
+from merlin_sm.states.while_state import WhileSM
 
 StateMaker = Callable[..., smach.State]
 
@@ -41,6 +42,7 @@ class MerlinStateFactory:
     plan              :class:`merlin_sm.states.planning.PlanState`
     parse_plan        :class:`merlin_sm.states.planning.ParsePlanState`
     dispatch_plan     :class:`merlin_sm.states.planning.DispatchPlanState`
+    while             :class:`merlin_sm.states.while_state.WhileSM`
     ================  ==================================================================
     """
 
@@ -88,5 +90,6 @@ for _name, _maker in (
     ("service", ServiceCallState),
     ("speak", SpeakState),
     ("topic", TopicState),
+    ("while", WhileSM),
 ):
     MerlinStateFactory.register(_name, _maker)

@@ -1,0 +1,27 @@
+"""The action (check_table ?t): look at a table and tell in which state it is."""
+
+from typing import Any
+
+from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_restaurant.table_state import decide, dishes_on, people_at, remember_state
+
+
+class CheckTable(MerlinActionSM):
+    """Takes a picture, says the table's state aloud, and remembers it."""
+
+    parameters = ["t"]
+
+    def build(self) -> None:
+        """LOOK → JUDGE → TELL → REMEMBER."""
+        self.add_auto("LOOK", self.state("recognize"), ["succeeded"])
+        judge = self.state("function", self._judge, ["t", "detections"], ["state"])
+        self.add_auto("JUDGE", judge, ["succeeded"])
+        self.add_auto("TELL", self.state("speak", "{t} is {state}.", keys=("t", "state")), ["succeeded"])
+        self.add("REMEMBER", self.state("function", self._remember, ["t", "state"]))
+
+    def _judge(self, userdata: Any) -> None:
+        table, seen = userdata.t, userdata.detections
+        userdata.state = decide(people_at(table, seen), dishes_on(table, seen))
+
+    def _remember(self, userdata: Any) -> None:
+        remember_state(self, userdata.t, userdata.state)

@@ -1,0 +1,213 @@
+"""One guest: comes, follows the robot, orders, eats and leaves."""
+
+import math
+import re
+from typing import Dict, Optional, Sequence
+
+from merlin_msgs.msg import GuestEvent
+
+from merlin_restaurant.menu import call_from, listed
+from merlin_restaurant.players.house import House, TRAY
+from merlin_restaurant.players.places import Places
+from merlin_restaurant.players.schedule import CHAIR, LEAVES, MUMBLES, WALKS_OFF, GuestPlan
+from merlin_restaurant.players.stage import Stage
+
+CALL_EVERY = 25.0  # s between two calls for the robot
+PATIENCE = 420.0  # s that a guest waits for a table, for the waiter or for the order
+KEPT = 0.9  # m that who follows keeps from the robot
+LOOK = 0.6  # s between two looks at where the robot is now
+STRANDED = 40.0  # s without the robot moving on after which who follows goes back to the entrance
+MUMBLED = ("the weather was lovely by the lake", "my uncle has seven little dogs")
+CHAIR_NAME = "chair_5"
+GOES_AFTER = 12.0  # s after ordering in which an impatient guest leaves
+
+
+class Guest:
+    """Plays one plan. :meth:`play` returns when the guest has left."""
+
+    def __init__(self, plan: GuestPlan, stage: Stage, places: Places, house: House) -> None:
+        self.plan = plan
+        self.table = plan.table
+        self._name = plan.name
+        self._stage = stage
+        self._places = places
+        self._house = house
+
+    def play(self) -> None:
+        """Lives through the evening.
+
+        :raises Closed: the restaurant closed early.
+        """
+        if self.table:
+            seat, yaw = self._places.seat(self.table)
+            self._stage.put_person(self._name, seat, yaw, sit=True)
+            self._tell(GuestEvent.CAME)
+            self._tell(GuestEvent.SEATED)
+        else:
+            self._stage.wait(self.plan.comes)
+            self._come_in()
+            if not self._get_a_table():
+                return
+        if self._order() and self._be_served():
+            self._stage.wait(self.plan.eating)
+            self._house.empty(self.table)
+            self._leave("content")
+
+    # --- coming --------------------------------------------------------------------------------------------
+
+    def _come_in(self) -> None:
+        stage, places = self._stage, self._places
+        stage.put_person(self._name, places.door)
+        self._tell(GuestEvent.CAME)
+        self._go_to_waiting_place()
+
+    def _go_to_waiting_place(self) -> None:
+        stage, places = self._stage, self._places
+        way = places.way(stage.position(self._name), places.waiting)
+        walk = stage.walk(self._name, way, self.plan.pace, yaw=math.pi)
+        stage.arrived(self._name, walk)
+        self._answers({"would you like a table": "yes please"})
+
+    def _get_a_table(self) -> bool:
+        stage, came = self._stage, self._stage.now()
+        while stage.now() - came < PATIENCE:
+            stage.forget(self._name)
+            stage.call("good evening we would like a table")
+            self._tell(GuestEvent.CALLED)
+            said = stage.hear(self._name, "follow me to", CALL_EVERY)
+            if not said:
+                continue
+            found = re.search(r"table \d+", said)
+            if found is None:
+                continue
+            if self.plan.disturbance == WALKS_OFF:
+                return self._walk_off()
+            if self._follow():
+                self.table = found.group().replace(" ", "_")
+                self._sit_down()
+                return True
+            self._go_to_waiting_place()
+        self._leave("waited too long for a table")
+        return False
+
+    def _follow(self, limit: float = STRANDED) -> bool:
+        """Walks behind the robot until it offers a seat; False: it does not go on."""
+        stage, name = self._stage, self._name
+        moved, last = stage.now(), stage.robot()
+        joined = len(stage.trail())
+        while not stage.hear(name, "please take a seat", LOOK):
+            here, robot = stage.position(name), stage.robot()
+            if math.dist(robot, last) > 0.1:
+                moved, last = stage.now(), robot
+            elif stage.now() - moved > limit:
+                return False
+            if math.dist(here, robot) > KEPT + 0.1:
+                steps = [point for point in stage.trail()[joined - 1 :] if math.dist(point, robot) > KEPT]
+                ahead = _not_yet_walked(steps, here)
+                stage.walk(name, ahead or [_towards(here, robot, KEPT)], self.plan.pace)
+        return True
+
+    def _walk_off(self) -> bool:
+        self._tell(GuestEvent.DISTURBED, reason=WALKS_OFF)
+        stage, begun = self._stage, self._stage.now()
+        while stage.now() - begun < 5.0:
+            here, robot = stage.position(self._name), stage.robot()
+            if math.dist(here, robot) > KEPT + 0.1:
+                stage.walk(self._name, [_towards(here, robot, KEPT)], self.plan.pace)
+            stage.wait(LOOK)
+        self._leave("walked off before there was a table")
+        return False
+
+    def _sit_down(self) -> None:
+        stage = self._stage
+        seat, yaw = self._places.seat(self.table)
+        way = self._places.way(stage.position(self._name), seat)
+        walk = stage.walk(self._name, way, self.plan.pace, sit=True, yaw=yaw)
+        if not stage.arrived(self._name, walk, 60.0):
+            stage.put_person(self._name, seat, yaw, sit=True)
+        self._tell(GuestEvent.SEATED)
+
+    # --- eating --------------------------------------------------------------------------------------------
+
+    def _order(self) -> bool:
+        """Orders when the robot asks; calls it when it does not come."""
+        stage, order = self._stage, listed(self.plan.order)
+        wish = " and ".join(f"a {item}" for item in self.plan.order)
+        mumbled: Sequence[str] = ()
+        if self.plan.disturbance == MUMBLES:
+            mumbled = MUMBLED
+            self._tell(GuestEvent.DISTURBED, reason=MUMBLES)
+        self._answers(
+            {
+                "what would you like": f"{wish} please",
+                f"would like {order}\\. is that right": "yes please",
+                "is that right": "no",
+            },
+            mumbled,
+        )
+        stage.forget(self._name)
+        begun, quiet = stage.now(), self.plan.thinking
+        while stage.now() - begun < PATIENCE:
+            if stage.hear(self._name, "", quiet):
+                # The robot speaks to this guest: no calling while it does.
+                if stage.hear(self._name, f"would like {order}. is that right", 90.0):
+                    self._tell(GuestEvent.ORDERED, items=self.plan.order)
+                    return True
+            else:
+                stage.call(call_from(self.table))
+                self._tell(GuestEvent.CALLED)
+            quiet = CALL_EVERY
+        self._leave("waited too long for the waiter")
+        return False
+
+    def _be_served(self) -> bool:
+        stage = self._stage
+        if self.plan.disturbance == LEAVES:
+            self._tell(GuestEvent.DISTURBED, reason=LEAVES)
+            stage.wait(GOES_AFTER)
+            self._leave("left before the order came")
+            return False
+        if self.plan.disturbance == CHAIR:
+            self._tell(GuestEvent.DISTURBED, reason=CHAIR)
+            stage.move_furniture(CHAIR_NAME, self._places.before(self.table, "bar", 1.6))
+        if not stage.hear(self._name, "here is your", PATIENCE):
+            self._leave("waited too long for the order")
+            return False
+        brought = self._house.take(TRAY)
+        self._house.put(self.table, brought)
+        self._tell(GuestEvent.SERVED, items=brought)
+        return True
+
+    def tray_is_loaded(self, items: Sequence[str]) -> None:
+        """Learns what comes, so that the answer to the robot's question can be true."""
+        right = sorted(items) == sorted(self.plan.order)
+        self._answers({"is everything right": "yes thank you" if right else "no thank you"})
+
+    def _leave(self, reason: str) -> None:
+        stage, places = self._stage, self._places
+        self._tell(GuestEvent.LEFT, reason=reason)
+        self._answers({})
+        way = places.way(stage.position(self._name), places.door)
+        stage.arrived(self._name, stage.walk(self._name, way, self.plan.pace), 90.0)
+        stage.remove(self._name)
+
+    def _answers(self, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
+        self._stage.answer(self._name, answers, then)
+
+    def _tell(self, event: int, items: Sequence[str] = (), reason: str = "", table: Optional[str] = None) -> None:
+        self._stage.tell(event, self._name, self.table if table is None else table, items, reason)
+
+
+def _not_yet_walked(steps: Sequence, here: tuple) -> list:
+    """The part of a trail that lies ahead of its place nearest to somebody."""
+    if not steps:
+        return []
+    nearest = min(range(len(steps)), key=lambda number: math.dist(steps[number], here))
+    return list(steps[nearest + 1 :])
+
+
+def _towards(here: tuple, there: tuple, keep: float) -> tuple:
+    """The place that lies `keep` m before `there`, seen from here."""
+    distance = math.dist(here, there)
+    share = max(0.0, distance - keep) / distance if distance else 0.0
+    return (here[0] + share * (there[0] - here[0]), here[1] + share * (there[1] - here[1]))
