@@ -94,8 +94,7 @@ class Barman:
         self._stage.call(READY)
 
     def _load(self, table: str) -> None:
-        items = self._house.take(BAR)
-        self._house.put(TRAY, items)
+        self._house.put(TRAY, self._house.take(BAR))
         guest = self._guest_of(table)
         if guest is not None:
-            guest.tray_is_loaded(items)
+            guest.tray_is_loaded(self._house.on(TRAY))

@@ -1,5 +1,6 @@
 """One guest: comes, follows the robot, orders, eats and leaves."""
 
+import contextlib
 import math
 import re
 from typing import Dict, Optional, Sequence
@@ -10,7 +11,7 @@ from merlin_restaurant.menu import call_from, listed
 from merlin_restaurant.players.house import House, TRAY
 from merlin_restaurant.players.places import Places
 from merlin_restaurant.players.schedule import CHAIR, LEAVES, MUMBLES, WALKS_OFF, GuestPlan
-from merlin_restaurant.players.stage import Stage
+from merlin_restaurant.players.stage import Stage, StageError
 
 CALL_EVERY = 25.0  # s between two calls for the robot
 PATIENCE = 420.0  # s that a guest waits for a table, for the waiter or for the order
@@ -28,6 +29,7 @@ class Guest:
     def __init__(self, plan: GuestPlan, stage: Stage, places: Places, house: House) -> None:
         self.plan = plan
         self.table = plan.table
+        self.seated = False
         self._name = plan.name
         self._stage = stage
         self._places = places
@@ -42,7 +44,7 @@ class Guest:
             seat, yaw = self._places.seat(self.table)
             self._stage.put_person(self._name, seat, yaw, sit=True)
             self._tell(GuestEvent.CAME)
-            self._tell(GuestEvent.SEATED)
+            self._seat()
         else:
             self._stage.wait(self.plan.comes)
             self._come_in()
@@ -52,6 +54,10 @@ class Guest:
             self._stage.wait(self.plan.eating)
             self._house.empty(self.table)
             self._leave("content")
+            if self.plan.cleared:
+                self._stage.wait(self.plan.cleared)
+                self._house.take(self.table)
+                self._stage.tell(GuestEvent.CLEARED, table=self.table)
 
     # --- coming --------------------------------------------------------------------------------------------
 
@@ -125,6 +131,10 @@ class Guest:
         walk = stage.walk(self._name, way, self.plan.pace, sit=True, yaw=yaw)
         if not stage.arrived(self._name, walk, 60.0):
             stage.put_person(self._name, seat, yaw, sit=True)
+        self._seat()
+
+    def _seat(self) -> None:
+        self.seated = True
         self._tell(GuestEvent.SEATED)
 
     # --- eating --------------------------------------------------------------------------------------------
@@ -148,8 +158,8 @@ class Guest:
         stage.forget(self._name)
         begun, quiet = stage.now(), self.plan.thinking
         while stage.now() - begun < PATIENCE:
-            if stage.hear(self._name, "", quiet):
-                # The robot speaks to this guest: no calling while it does.
+            if stage.hear(self._name, "what would you like", quiet):
+                # Who is being asked does not call.
                 if stage.hear(self._name, f"would like {order}. is that right", 90.0):
                     self._tell(GuestEvent.ORDERED, items=self.plan.order)
                     return True
@@ -169,7 +179,7 @@ class Guest:
             return False
         if self.plan.disturbance == CHAIR:
             self._tell(GuestEvent.DISTURBED, reason=CHAIR)
-            stage.move_furniture(CHAIR_NAME, self._places.before(self.table, "bar", 1.6))
+            self._block_the_way()
         if not stage.hear(self._name, "here is your", PATIENCE):
             self._leave("waited too long for the order")
             return False
@@ -178,6 +188,12 @@ class Guest:
         self._tell(GuestEvent.SERVED, items=brought)
         return True
 
+    def _block_the_way(self) -> None:
+        for distance in (1.6, 1.2, 2.0):
+            with contextlib.suppress(StageError):  # somebody stands there: somewhere else then
+                self._stage.move_furniture(CHAIR_NAME, self._places.before(self.table, "bar", distance))
+                return
+
     def tray_is_loaded(self, items: Sequence[str]) -> None:
         """Learns what comes, so that the answer to the robot's question can be true."""
         right = sorted(items) == sorted(self.plan.order)
@@ -185,6 +201,7 @@ class Guest:
 
     def _leave(self, reason: str) -> None:
         stage, places = self._stage, self._places
+        self.seated = False
         self._tell(GuestEvent.LEFT, reason=reason)
         self._answers({})
         way = places.way(stage.position(self._name), places.door)

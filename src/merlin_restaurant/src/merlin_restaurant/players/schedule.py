@@ -32,6 +32,7 @@ class GuestPlan:
         order: items of the menu.
         thinking: from sitting down to calling the robot.
         eating: from being served to leaving.
+        cleared: from leaving to the clearing of the table; 0: it stays as it is.
         pace: m/s.
         disturbance: one of DISTURBANCES; empty: none.
     """
@@ -42,6 +43,7 @@ class GuestPlan:
     order: Tuple[str, ...]
     thinking: float
     eating: float
+    cleared: float
     pace: float
     disturbance: str
 
@@ -74,6 +76,7 @@ def make_schedule(guests: int, seed: int, disturbances: int) -> List[GuestPlan]:
         places[0] = guests - 1
     places.sort()
     disturbed = dict(zip(places, order))
+    dirty = random.sample(range(guests), 2 if guests > 3 else 1)
     comes = 20.0
     plans = []
     for number in range(guests):
@@ -88,6 +91,7 @@ def make_schedule(guests: int, seed: int, disturbances: int) -> List[GuestPlan]:
                 order=tuple(sorted(random.sample(MENU, random.choice((1, 2))), key=MENU.index)),
                 thinking=round(random.uniform(8.0, 40.0), 1),
                 eating=round(random.uniform(60.0, 120.0), 1),
+                cleared=0.0 if number in dirty else round(random.uniform(30.0, 60.0), 1),
                 pace=round(random.uniform(0.4, 0.6), 2),
                 disturbance=disturbed.get(number, ""),
             )
