@@ -126,7 +126,8 @@ class MissionSM(MerlinSM):
         self,
         label: str,
         goals: Union[Goals, Callable[[Any], Goals]],
-        transitions: Optional[Dict[str, str]] = None, **options: Any
+        transitions: Optional[Dict[str, str]] = None,
+        **options: Any,
     ) -> GoalState:
         """Adds a state that sends goals; options are those of :class:`GoalState`."""
         state = GoalState(goals, client=self.client, **options)

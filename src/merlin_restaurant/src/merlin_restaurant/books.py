@@ -1,4 +1,4 @@
-"""The books of an evening: what happened to each guest, what the robot did about it, and whether both agree."""
+"""The books of an evening: what happened to each guest, what the robot did, and whether both agree."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -123,12 +123,16 @@ class Books:
         )
         believed = Counter((table, items) for _, table, items in self.deliveries)
         for (table, items), count in (believed - given).items():
-            found.append(f"the robot believes it brought {_listed(items)} to {table} {count} time(s) more than it did")
+            found.append(
+                f"the robot believes it brought {_listed(items)} to {table} {count} time(s) more than it did"
+            )
         for (table, items), count in (given - believed).items():
             found.append(f"{_listed(items)} came to {table} {count} time(s) more than the robot knows")
         for table, state in sorted(self._knowledge.items()):
             if state != self.truth(table):
-                found.append(f"the robot knows {table} as {state or 'nothing'}, but it is {self.truth(table)}")
+                found.append(
+                    f"the robot knows {table} as {state or 'nothing'}, but it is {self.truth(table)}"
+                )
         found += [f"the robot still has to do with {fact}" for fact in self._held]
         return found
 

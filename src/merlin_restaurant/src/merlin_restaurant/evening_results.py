@@ -13,8 +13,19 @@ import matplotlib.pyplot as plt
 from merlin_restaurant.books import Books
 from merlin_restaurant.robot_watch import Deed
 
-COLUMNS = ("guest", "table", "came_s", "waited_for_table_s", "waited_for_waiter_s", "waited_for_order_s",
-           "ordered", "served", "calls", "outcome", "errors")
+COLUMNS = (
+    "guest",
+    "table",
+    "came_s",
+    "waited_for_table_s",
+    "waited_for_waiter_s",
+    "waited_for_order_s",
+    "ordered",
+    "served",
+    "calls",
+    "outcome",
+    "errors",
+)
 COLORS = {
     "navigate": "#9bb7d4",
     "check_table": "#d9b44a",
@@ -31,10 +42,19 @@ COLORS = {
 
 def guest_table(books: Books) -> List[str]:
     """The table for the screen; what went wrong follows below it."""
-    heads = ("guest", "table", "came", "for table", "for waiter", "for order", "ordered", "served", "calls", "outcome")
-    rows = [heads] + [
-        tuple(_cell(row[column]) for column in COLUMNS[:10]) for row in books.rows()
-    ]
+    heads = (
+        "guest",
+        "table",
+        "came",
+        "for table",
+        "for waiter",
+        "for order",
+        "ordered",
+        "served",
+        "calls",
+        "outcome",
+    )
+    rows = [heads] + [tuple(_cell(row[column]) for column in COLUMNS[:10]) for row in books.rows()]
     widths = [max(map(len, column)) for column in zip(*rows)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows]
     for account in books.guests.values():

@@ -11,8 +11,7 @@ DISHES = (*MENU, "cup", "glass", "plate", "dirty_plate", "bottle", "can")
 
 _HEADER = "#JSGF V1.0; grammar g; "
 ORDER = _HEADER + (
-    "public <order> = <item> [please] | <item> and <item> [please]; "
-    f"<item> = [a | one] ({' | '.join(MENU)});"
+    f"public <order> = <item> [please] | <item> and <item> [please]; <item> = [a | one] ({' | '.join(MENU)});"
 )
 YES_NO = _HEADER + "public <answer> = yes [please | thank you] | no [thank you];"
 ALL_RIGHT = _HEADER + "public <answer> = all right | of course;"

@@ -1,7 +1,7 @@
 """Node `mission`: the evening in the restaurant, with its live log, its books and its timeline.
 
-Exit code: 0 when the books balance, 1 when they do not, 2 when the evening could not begin or go on, 130 when it
-was interrupted.
+Exit code: 0 when the books balance, 1 when they do not, 2 when the evening could not begin or go on, 130 when
+it was interrupted.
 """
 
 import sys
@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import List
 
 import rospy
-from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import GuestEvent
 
-from merlin_executor.readiness import missing_interfaces
+from merlin_executor.readiness import missing_interfaces, missing_servers
 from merlin_restaurant.books import Books
 from merlin_restaurant.evening import Evening
 from merlin_restaurant.robot_watch import RobotWatch
@@ -24,6 +23,12 @@ EXIT_UNBALANCED, EXIT_STOPPED, EXIT_INTERRUPTED = 1, 2, 130
 SERVERS = ("move_base", "sound_play", "listen", "recognize", "calls/listen")
 UNDER_WAY = ("carrying", "prepared", "waiting")
 """Predicates of which nothing may be left at the end."""
+
+
+BALANCED = (
+    "the books balance: every guest was served or there is a reason, what was delivered is what was ordered,\n"
+    "and the robot knows the world as it is"
+)
 
 
 class NotReady(RuntimeError):
@@ -74,8 +79,10 @@ class EveningNode:
         for problem in problems:
             print(f"NOT BALANCED: {problem}")
         if not problems:
-            print("the books balance: every guest served or a stated reason, delivered as ordered, knowledge as the world is")
-        print(f"written: {self._results / 'guests.csv'}\nwritten: {self._results / 'timeline.png'}", flush=True)
+            print(BALANCED)
+        print(
+            f"written: {self._results / 'guests.csv'}\nwritten: {self._results / 'timeline.png'}", flush=True
+        )
         return EXIT_UNBALANCED if problems else 0
 
     def _wait_for_robot(self) -> None:
@@ -85,11 +92,9 @@ class EveningNode:
         missing = missing_interfaces(self._evening.knowledge, timeout)
         if missing:
             raise NotReady(f"no action interface for {', '.join(missing)} after {timeout:.0f} s")
-        for server in SERVERS:
-            try:
-                rospy.wait_for_message(f"{server}/status", GoalStatusArray, timeout)
-            except rospy.ROSException:
-                raise NotReady(f"no action server {server} after {timeout:.0f} s; is it launched?") from None
+        missing = missing_servers(SERVERS, timeout)
+        if missing:
+            raise NotReady(f"no action server {', '.join(missing)} after {timeout:.0f} s; is it launched?")
 
     def _closed(self) -> bool:
         with self._books_lock:

@@ -27,9 +27,7 @@ def seen_near(detections: Seen, place: Tuple[float, float], reach: float) -> Lis
     return [
         name
         for name, detection in detections
-        if math.dist(
-            place, (detection.bbox.center.position.x, detection.bbox.center.position.y)
-        ) <= reach
+        if math.dist(place, (detection.bbox.center.position.x, detection.bbox.center.position.y)) <= reach
     ]
 
 

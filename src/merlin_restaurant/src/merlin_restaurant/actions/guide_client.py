@@ -15,7 +15,7 @@ class GuideClient(MerlinActionSM):
     if_interrupted = ["(robot_at anywhere)", "(ready ?t)"]
 
     def build(self) -> None:
-        """INVITE → LEAD → OFFER_SEAT; a client who falls behind leads to CALL → WAIT, one who is gone to GONE."""
+        """INVITE → LEAD → OFFER_SEAT; who falls behind leads to CALL → WAIT, who is gone to GONE."""
         watch = FollowerWatch()
         self.register_start_cb(watch.begin)
         self.register_termination_cb(watch.end)

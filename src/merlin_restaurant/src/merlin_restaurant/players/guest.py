@@ -8,7 +8,7 @@ from typing import Dict, Optional, Sequence
 from merlin_msgs.msg import GuestEvent
 
 from merlin_restaurant.menu import call_from, listed
-from merlin_restaurant.players.house import House, TRAY
+from merlin_restaurant.players.house import TRAY, House
 from merlin_restaurant.players.places import Places
 from merlin_restaurant.players.schedule import CHAIR, LEAVES, MUMBLES, WALKS_OFF, GuestPlan
 from merlin_restaurant.players.stage import Stage, StageError
@@ -143,23 +143,24 @@ class Guest:
         """Orders when the robot asks; calls it when it does not come."""
         stage, order = self._stage, listed(self.plan.order)
         wish = " and ".join(f"a {item}" for item in self.plan.order)
-        mumbled: Sequence[str] = ()
-        if self.plan.disturbance == MUMBLES:
-            mumbled = MUMBLED
+        understood = {
+            "what would you like": f"{wish} please",
+            f"would like {order}\\. is that right": "yes please",
+            "is that right": "no",
+        }
+        mumbled = list(MUMBLED) if self.plan.disturbance == MUMBLES else []
+        if mumbled:
             self._tell(GuestEvent.DISTURBED, reason=MUMBLES)
-        self._answers(
-            {
-                "what would you like": f"{wish} please",
-                f"would like {order}\\. is that right": "yes please",
-                "is that right": "no",
-            },
-            mumbled,
-        )
+        self._answers({**understood, "what would you like": mumbled.pop(0)} if mumbled else understood)
         stage.forget(self._name)
         begun, quiet = stage.now(), self.plan.thinking
         while stage.now() - begun < PATIENCE:
             if stage.hear(self._name, "what would you like", quiet):
                 # Who is being asked does not call.
+                while mumbled:
+                    self._answers({**understood, "what would you like": mumbled.pop(0)})
+                    stage.hear(self._name, "what would you like", 30.0)
+                self._answers(understood)
                 if stage.hear(self._name, f"would like {order}. is that right", 90.0):
                     self._tell(GuestEvent.ORDERED, items=self.plan.order)
                     return True
@@ -211,7 +212,9 @@ class Guest:
     def _answers(self, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
         self._stage.answer(self._name, answers, then)
 
-    def _tell(self, event: int, items: Sequence[str] = (), reason: str = "", table: Optional[str] = None) -> None:
+    def _tell(
+        self, event: int, items: Sequence[str] = (), reason: str = "", table: Optional[str] = None
+    ) -> None:
         self._stage.tell(event, self._name, self.table if table is None else table, items, reason)
 
 

@@ -1,4 +1,4 @@
-"""What stands where in the simulated restaurant: the players' common knowledge, and the truth for the books."""
+"""What stands where in the simulated restaurant, as its players know it."""
 
 import itertools
 import threading
@@ -8,7 +8,13 @@ from merlin_restaurant.players.places import Places, Point
 from merlin_restaurant.players.stage import Stage
 
 BAR, TRAY = "bar_counter", "robot"
-EMPTIES = {"coffee": "cup", "water": "glass", "juice": "glass", "sandwich": "dirty_plate", "cake": "dirty_plate"}
+EMPTIES = {
+    "coffee": "cup",
+    "water": "glass",
+    "juice": "glass",
+    "sandwich": "dirty_plate",
+    "cake": "dirty_plate",
+}
 
 
 class House:

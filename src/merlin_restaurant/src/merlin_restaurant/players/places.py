@@ -76,5 +76,3 @@ class Places:
     def _ahead(self, poi: str, distance: float) -> Point:
         pose = self._pois[poi]
         return pose.x + distance * math.cos(pose.yaw), pose.y + distance * math.sin(pose.yaw)
-
-

@@ -124,7 +124,12 @@ class Stage:
         self._demand(self._place(name=name, absent=True), name)
 
     def walk(
-        self, name: str, path: Sequence[Point], speed: float = 0.0, sit: bool = False, yaw: Optional[float] = None
+        self,
+        name: str,
+        path: Sequence[Point],
+        speed: float = 0.0,
+        sit: bool = False,
+        yaw: Optional[float] = None,
     ) -> int:
         """Lets somebody walk; returns the number of the walk."""
         points = [PointMessage(x, y, 0.0) for x, y in path]
@@ -167,9 +172,7 @@ class Stage:
 
     # --- speech --------------------------------------------------------------------------------------------
 
-    def answer(
-        self, name: str, answers: Dict[str, str], then: Sequence[str] = ()
-    ) -> None:
+    def answer(self, name: str, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
         """Sets what somebody answers: pattern of what the robot says → answer.
 
         :param then: answers to the next questions, whatever they are.
@@ -215,7 +218,9 @@ class Stage:
 
     # --- books ---------------------------------------------------------------------------------------------
 
-    def tell(self, event: int, guest: str = "", table: str = "", items: Sequence[str] = (), reason: str = "") -> None:
+    def tell(
+        self, event: int, guest: str = "", table: str = "", items: Sequence[str] = (), reason: str = ""
+    ) -> None:
         """Publishes what happened."""
         message = GuestEvent(guest=guest, event=event, table=table, items=list(items), reason=reason)
         message.header.stamp = rospy.Time.now()
