@@ -26,7 +26,7 @@ UNDER_WAY = ("carrying", "prepared", "waiting")
 
 
 BALANCED = (
-    "the books balance: every guest was served or there is a reason, what was delivered is what was ordered,\n"
+    "the books balance: every guest was served or there is a reason, what was delivered was ordered,\n"
     "and the robot knows the world as it is"
 )
 
