@@ -255,3 +255,21 @@ def test_impossible_walks_are_refused(room, walk, words):
     with pytest.raises(Refused) as refused:
         room().control.walk(*walk)
     assert words in str(refused.value)
+
+
+def test_the_camera_sees_who_and_what_came_at_run_time(room):
+    simulation = room(Pose(3.6, 1.0))
+
+    robot = simulation.robots[""]
+
+    def changed(before):
+        return int(np.sum(np.abs(simulation.picture(robot).astype(int) - before).max(axis=-1) > 60))
+
+    empty = simulation.picture(robot).astype(int)
+    simulation.control.place(Placing("plate_7", kind="plate", pose=Pose(5.0, 1.0), z=0.7))
+    with_plate = changed(empty)
+    simulation.control.place(Placing("cleo", kind="person", pose=Pose(5.5, 1.3)))
+    with_cleo = changed(empty)
+    simulation.control.place(Placing("cleo", absent=True))
+    simulation.control.place(Placing("plate_7", absent=True))
+    assert 0 == changed(empty) < with_plate - 50 < with_cleo - 500

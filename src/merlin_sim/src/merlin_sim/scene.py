@@ -6,6 +6,7 @@ The physics engine pushes what has a mass; this follows, and takes along what st
 from dataclasses import dataclass, replace
 from typing import Dict, Iterator, List, Optional, Tuple
 
+from merlin_sim.object_classes import PERSON
 from merlin_sim.physics import Physics, RobotBody
 from merlin_sim.ray_casting import Outlines
 from merlin_sim.world import Point, Pose, Solid, World, WorldObject, wrap
@@ -88,7 +89,7 @@ class Scene:
 
     def add_person(self, solid: Solid) -> None:
         """A body for somebody new, who is not there yet."""
-        self.physics.add(solid)
+        self.physics.add(solid, kind=PERSON)
         self.show(solid, False)
 
     def follow(self) -> None:
