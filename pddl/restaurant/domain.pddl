@@ -33,9 +33,9 @@
     (speed)                             ; m/s, of the robot
     (pace))                             ; m/s, of a person who follows it
 
-  (:durative-action navigate
+  (:durative-action navigate          ; each drive turns twice, about 3 s
     :parameters (?from - place ?to - poi)
-    :duration (= ?duration (/ (distance ?from ?to) (speed)))
+    :duration (= ?duration (+ 3 (/ (distance ?from ?to) (speed))))
     :condition (at start (robot_at ?from))
     :effect (and
       (at start (not (robot_at ?from)))

@@ -41,12 +41,12 @@ class Evening(MissionSM):
         """Stage 1: check the tables. Stage 2: serve. Stage 3: look for new clients and guide them."""
         rounds = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
         with rounds:
-            rounds.add("BEGIN", FunctionState(self._begin), {SUCCEEDED: "CHECK_TABLES"})
+            rounds.add("BEGIN", FunctionState(self._begin_round), {SUCCEEDED: "CHECK_TABLES"})
             self.goals("CHECK_TABLES", self._tables, then("SERVE"))
             self.goals("SERVE", self._to_serve, {**then("SERVE"), NOTHING: "LOOK"}, priority=URGENT)
             self.goals("LOOK", "(entrance_checked)", {SUCCEEDED: "GUIDE", ABORTED: "GUIDE"})
             self.goals("GUIDE", self._to_guide, then("END"), priority=URGENT)
-            rounds.add("END", FunctionState(self._end, outcomes=["open"]), {"open": "BEGIN"})
+            rounds.add("END", FunctionState(self._end_round, outcomes=["open"]), {"open": "BEGIN"})
         return rounds
 
     def _calls(self) -> MerlinSM:
@@ -63,7 +63,7 @@ class Evening(MissionSM):
             self.goals("GUIDE", self._to_guide, then("LISTEN"), priority=URGENT)
         return calls
 
-    def _begin(self, userdata: Any) -> None:
+    def _begin_round(self, userdata: Any) -> None:
         """Looks at nothing as checked, and notes whether this is the last round."""
         self._last_round = self._closed()
         self._tried = []
@@ -99,7 +99,7 @@ class Evening(MissionSM):
     def _called(self, userdata: Any) -> List[str]:
         return [f"(already_served {self._table})"]
 
-    def _end(self, userdata: Any) -> Optional[str]:
+    def _end_round(self, userdata: Any) -> Optional[str]:
         """The evening ends after a round that began when the restaurant had closed."""
         return None if self._last_round else "open"
 

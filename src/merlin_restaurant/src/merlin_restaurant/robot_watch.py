@@ -5,7 +5,7 @@ from typing import Callable, Dict, List, NamedTuple, Set, Tuple
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import KnowledgeChanges, ListenActionResult
+from merlin_msgs.msg import KnowledgeChanges, ListenActionResult, RecognizeActionResult
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from sound_play.msg import SoundRequestActionGoal
@@ -57,6 +57,7 @@ class RobotWatch:
             ("sound_play/goal", SoundRequestActionGoal, self._spoke),
             ("listen/result", ListenActionResult, self._heard),
             ("calls/listen/result", ListenActionResult, self._heard),
+            ("recognize/result", RecognizeActionResult, self._saw),
         ):
             rospy.Subscriber(topic, kind, receive, queue_size=100, tcp_nodelay=True)
 
@@ -109,6 +110,16 @@ class RobotWatch:
             self._log(f'understands "{result.result.text}"')
         elif result.result.heard:
             self._log("hears something it does not understand")
+
+    def _saw(self, result: RecognizeActionResult) -> None:
+        names = result.result.names
+        seen = [
+            f"{names[detection.results[0].id]} ({detection.bbox.center.position.x:.1f}, "
+            f"{detection.bbox.center.position.y:.1f})"
+            for detection in result.result.detections.detections
+            if detection.results
+        ]
+        self._log(f"sees {', '.join(seen) or 'nothing'}")
 
 
 TOLD = (

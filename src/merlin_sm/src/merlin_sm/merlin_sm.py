@@ -21,7 +21,7 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         super().__init__(list(outcomes), list(input_keys), list(output_keys))
         self.reason = ""
         self._cancelled = False
-        self.register_start_cb(self._begin)
+        self.register_start_cb(self.__begin)  # a name that subclasses, users' code, do not override by chance
         self.register_termination_cb(self._take_reason)
 
     def prepare(self) -> None:
@@ -33,7 +33,7 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         self._cancelled = True
         self.request_preempt()
 
-    def _begin(self, userdata: Any, initial_states: List[str]) -> None:
+    def __begin(self, userdata: Any, initial_states: List[str]) -> None:
         self.reason = ""
         if self._cancelled:
             # SMACH forgets the flag of an idle machine when a run begins. request_preempt() would deadlock in

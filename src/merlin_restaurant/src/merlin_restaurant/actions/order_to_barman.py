@@ -44,10 +44,10 @@ class OrderToBarman(MerlinActionSM):
 
     def _compare(self, userdata: Any) -> Optional[str]:
         seen = seen_near(userdata.detections, spot("bar", 0.8), PICKUP)
-        userdata.wrong = difference(userdata.order.split(" and "), seen)
-        if not userdata.wrong:
+        wrong = userdata.wrong = difference(userdata.order.split(" and "), seen)
+        if not wrong:
             return None
         self._complaints += 1
         if self._complaints > 3:
-            raise ValueError(f"the barman does not get it right: {userdata.wrong}")
+            raise ValueError(f"the barman does not get it right: {wrong}")
         return "wrong"

@@ -16,8 +16,8 @@ PREPARES = 8.0  # s
 MENDS = 4.0  # s
 READY = "your order is ready"
 ANSWERS = {
-    "ordered": "all right",
     "i am sorry": "all right",
+    "ordered": "all right",
     "put the order": "here you are",
     "take the order": "all right",
 }
@@ -56,10 +56,10 @@ class Barman:
             said = self._stage.hear(NAME, "", 3600.0)
             found = re.search(r"table \d+", said)
             table = found.group().replace(" ", "_") if found else table
-            if "ordered" in said:
-                self._prepare(table, items_in(said.split("ordered", 1)[1]))
-            elif "i am sorry" in said:
+            if "i am sorry" in said:
                 self._mend(table)
+            elif found and "ordered" in said:
+                self._prepare(table, items_in(said[found.end() :]))
             elif "put the order" in said:
                 self._load(table)
             elif "take the order" in said:
@@ -67,7 +67,8 @@ class Barman:
 
     def _prepare(self, table: str, items: Sequence[str]) -> None:
         if self._orders.get(table) == list(items) and self._house.on(BAR):
-            return  # the robot did not hear the answer and said it again
+            self._stage.call(READY)  # the robot did not hear that, and ordered again
+            return
         self._orders[table] = list(items)
         self._house.take(BAR)
         self._stage.wait(PREPARES)
