@@ -54,7 +54,7 @@ class Evening(MissionSM):
         calls = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
         with calls:
             listen = ListenState(CALL, LISTEN, "calls/listen")
-            calls.add("LISTEN", listen, {SUCCEEDED: "NOTE", "misunderstood": "LISTEN"})
+            calls.add("LISTEN", listen, {SUCCEEDED: "NOTE", "misunderstood": "LISTEN", ABORTED: "LISTEN"})
             note = FunctionState(self._note_call, ["heard"], outcomes=["entrance"])
             calls.add("NOTE", note, {SUCCEEDED: "SERVE", "entrance": "LOOK", ABORTED: "LISTEN"})
             self.goals("SERVE", self._called, then("LISTEN"), priority=URGENT)
