@@ -20,6 +20,7 @@ from merlin_sim.ros_clock import RosClock
 from merlin_sim.sound_card import SoundCard
 from merlin_sim.speech_synthesizer import RATE, Sound, SoundError, SpeechSynthesizer, beep, read_wave
 from merlin_sm.action_server import ServerGoal
+from merlin_sm.publishing import publish
 from merlin_sm.serial_action_server import SerialActionServer
 
 CHUNK = 0.2  # s of sound per message and per feedback
@@ -69,8 +70,7 @@ class Speaker:
                     played += len(part) / RATE
             finally:
                 self._card.stop()
-                if not rospy.is_shutdown():
-                    self._speaking.publish(Bool(False))
+                publish(self._speaking, Bool(False))
             return played
 
 
