@@ -7,6 +7,7 @@ from typing import Dict, List
 
 import numpy as np
 
+from merlin_sim.camera import CAMERA_LINK, Camera, CameraError, CameraModel
 from merlin_sim.drive import BaseController, DriveGeometry, DriveLimits, OdometryNoise, WheelOdometry
 from merlin_sim.lidar import Lidar, LidarModel
 from merlin_sim.physics import Physics
@@ -34,11 +35,12 @@ class RobotSpec:
     limits: DriveLimits = field(default_factory=DriveLimits)
     odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
     lidar: LidarModel = field(default_factory=LidarModel)
+    camera: CameraModel = field(default_factory=CameraModel)
     command_timeout: float = 0.5  # s
 
 
 class SimulatedRobot:
-    """A robot's body, base controller, odometry and laser."""
+    """A robot's body, base controller, odometry, laser and camera."""
 
     def __init__(self, spec: RobotSpec, physics: Physics, urdf: Path, seed: int) -> None:
         geometry = DriveGeometry()
@@ -47,6 +49,7 @@ class SimulatedRobot:
         self.base = BaseController(spec.limits, geometry, spec.command_timeout)
         self.odometry = WheelOdometry(geometry, spec.odometry_noise, seed, spec.name)
         self.lidar = Lidar(spec.lidar, seed, spec.name)
+        self.camera = Camera(spec.camera, seed, spec.name)
         self.distance = 0.0  # m really driven since the beginning
         self._last = spec.start
 
@@ -121,6 +124,16 @@ class Simulation:
             for pose in [other.body.pose()]
         ]
         return robot.lidar.scan(robot.body.pose(), self.outlines, others, self.tick)
+
+    def picture(self, robot: SimulatedRobot) -> np.ndarray:
+        """What the robot's camera sees now: height x width x 3, RGB, 0..255. Takes tens of milliseconds.
+
+        :raises CameraError: its description has no camera.
+        """
+        pose = robot.body.camera_pose()
+        if pose is None:
+            raise CameraError(f"the robot's description has no link {CAMERA_LINK} with a mass")
+        return robot.camera.expose(self.physics.picture(robot.spec.camera, pose), self.tick)
 
     def _follow_pushed(self) -> None:
         for name, seen in self._pushable.items():

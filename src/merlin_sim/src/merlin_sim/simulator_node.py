@@ -1,6 +1,7 @@
 """The node /merlin_sim: a world, its robots and its time."""
 
 import threading
+from functools import partial
 from pathlib import Path
 from typing import Dict, Optional
 
@@ -8,6 +9,9 @@ import rospkg
 import rospy
 from merlin_msgs.msg import SimStatus
 from merlin_msgs.srv import (
+    CaptureImage,
+    CaptureImageRequest,
+    CaptureImageResponse,
     SetRealTimeFactor,
     SetRealTimeFactorRequest,
     SetRealTimeFactorResponse,
@@ -20,6 +24,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
+from merlin_sim.camera import CameraError
 from merlin_sim.localization import TruthLocalization
 from merlin_sim.occupancy_grid import map_of
 from merlin_sim.pacer import Pacer
@@ -74,7 +79,9 @@ class SimulatorNode:
                 {"x": start.x, "y": start.y, "yaw": start.yaw},
             )
             localization = self._localization(robot.spec.name)
-            self._robots[robot.spec.name] = RobotInterface(self.simulation, robot, localization)
+            self._robots[robot.spec.name] = RobotInterface(
+                self.simulation, robot, localization, self._parameters.camera_rate
+            )
         self._grid = map_of(world)
         self._map.publish(grid_message(self._grid, "map", _time(1)))
         self._stopped = threading.Event()
@@ -85,6 +92,9 @@ class SimulatorNode:
             rospy.Service("~reset", Trigger, lambda _: self._reset()),
             rospy.Service("~set_seed", SetSeed, self._set_seed),
         ]
+        for name in self._robots:
+            topic = f"/{name}/camera/capture".replace("//", "/")
+            self._services.append(rospy.Service(topic, CaptureImage, partial(self._capture, name)))
         rospy.on_shutdown(self._stop)
         names = ", ".join(robot or "(no namespace)" for robot in self.simulation.robots)
         rospy.loginfo(f"world {world.name}, seed {self._parameters.seed}, robots: {names}")
@@ -124,6 +134,18 @@ class SimulatorNode:
     def _set_seed(self, request: SetSeedRequest) -> SetSeedResponse:
         self._begin_anew(request.seed)
         return SetSeedResponse(True, f"the world began anew with seed {request.seed}")
+
+    def _capture(self, robot: str, _: CaptureImageRequest) -> CaptureImageResponse:
+        with self._world_lock:
+            try:
+                image, info, transforms = self._robots[robot].picture(
+                    _time(self._begun + self.simulation.tick)
+                )
+            except CameraError as error:
+                return CaptureImageResponse(success=False, message=str(error))
+            if transforms:
+                self._tf.publish(TFMessage(transforms=transforms))
+        return CaptureImageResponse(success=True, image=image, info=info)
 
     def _publish(self, tick: int) -> None:
         if tick % CLOCK_PERIOD == 0:

@@ -8,6 +8,8 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Dict, List, Optional, Tuple, Union
 
+from merlin_sim.object_classes import CLOTHES, PERSON_HEIGHT, PERSON_RADIUS
+
 Point = Tuple[float, float]
 
 
@@ -119,12 +121,12 @@ class Person:
     delay: float = 0.0
     pause: float = 2.0
     polite: bool = True
-    radius: float = 0.22
-    height: float = 1.7
+    radius: float = PERSON_RADIUS
+    height: float = PERSON_HEIGHT
 
     def solid(self, pose: Pose) -> Solid:
         """The person at a pose."""
-        return Solid(self.name, pose, self.height, radius=self.radius, color="#b04a7a")
+        return Solid(self.name, pose, self.height, radius=self.radius, color=CLOTHES)
 
 
 @dataclass(frozen=True)

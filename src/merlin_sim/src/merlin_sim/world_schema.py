@@ -77,7 +77,7 @@ SCHEMA: Dict[str, Any] = _object(
                     "tag": {"type": "integer", "minimum": 0, "maximum": 49},
                 },
                 "name class at",
-                oneOf=[{"required": ["box"]}, {"required": ["cylinder"]}],
+                **{"not": {"required": ["box", "cylinder"]}},
             )
         ),
         "events": _list(
