@@ -4,7 +4,7 @@ import math
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any, Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -18,11 +18,12 @@ from merlin_sim.appearance import WALL, Appearance
 from merlin_sim.camera import CAMERA_LINK, CameraModel, CameraPose
 from merlin_sim.drive import DriveGeometry
 from merlin_sim.object_classes import PERSON
-from merlin_sim.world import Pose, Solid, World
+from merlin_sim.world import Pose, Solid, World, WorldObject
 
 WHEEL_TORQUE = 12.0  # Nm
 LIGHT = (-1.0, -0.6, 2.0)  # where it comes from
 BURIED = -50.0  # m; where things are that are not there at the moment
+TOUCHES = (2, -3)  # the engine's own group and mask of what never moves by itself
 
 
 class RobotBody:
@@ -130,6 +131,8 @@ class Physics:
         ground = self._engine.createMultiBody(0, floor, self._appearance.floor(world.bounds()))
         self._engine.changeDynamics(ground, -1, lateralFriction=1.0, restitution=0.0)
         self._solids: Dict[str, int] = {}
+        self._frozen: Set[str] = set()  # things with a mass that are not there
+        self._untouchable: Set[str] = set()
         for solid in world.wall_solids():
             self.add(solid, kind=WALL)
         for solid in [*world.furniture, *world.unmapped]:
@@ -161,9 +164,34 @@ class Physics:
         self._solids[solid.name] = body
         self._put(body, solid.pose, bottom + solid.height / 2)
 
-    def show(self, solid: Solid, there: bool) -> None:
+    def show(self, solid: Solid, there: bool, bottom: float = 0.0) -> None:
         """Moves a thing to where it is said to stand, or out of the world."""
-        self._put(self._solids[solid.name], solid.pose, solid.height / 2 if there else BURIED)
+        body = self._solids[solid.name]
+        if solid.mass and there == (solid.name in self._frozen):
+            # Without a mass it does not fall for ever.
+            self._engine.changeDynamics(body, -1, mass=solid.mass if there else 0.0)
+            self._frozen ^= {solid.name}
+        self._put(body, solid.pose, bottom + solid.height / 2 if there else BURIED)
+        if solid.mass:
+            self._engine.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
+
+    def put(self, thing: WorldObject, there: bool, touchable: bool) -> None:
+        """Moves an object to where it stands, or out of the world; a new one comes into it.
+
+        :param touchable: nothing passes through it. What is carried must not hold back who carries it.
+        """
+        name = thing.name
+        if name not in self._solids:
+            self.add(thing.solid, thing.bottom, thing.kind, thing.tag)
+        body = self._solids[name]
+        self._put(body, thing.solid.pose, thing.bottom + thing.solid.height / 2 if there else BURIED)
+        if touchable == (name in self._untouchable):
+            self._engine.setCollisionFilterGroupMask(body, -1, *(TOUCHES if touchable else (0, 0)))
+            self._untouchable ^= {name}
+
+    def let_pass(self, one: str, other: str, free: bool) -> None:
+        """Whether two things may be in the same place, as somebody and the chair they sit on."""
+        self._engine.setCollisionFilterPair(self._solids[one], self._solids[other], -1, -1, int(not free))
 
     def place_of(self, name: str) -> Pose:
         """Where a thing is, in the map frame."""

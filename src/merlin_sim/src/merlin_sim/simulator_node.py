@@ -35,6 +35,7 @@ from merlin_sim.ros_messages import grid_message
 from merlin_sim.sim_parameters import read_parameters, read_robots
 from merlin_sim.simulation import PHYSICS_RATE, Simulation
 from merlin_sim.world_file import WorldError, load_world
+from merlin_sim.world_services import WorldServices
 from merlin_sm.health import OK, WARN, Health, HealthReporter
 
 CLOCK_PERIOD = 2  # physics steps: 50 Hz
@@ -95,6 +96,8 @@ class SimulatorNode:
         for name in self._robots:
             topic = f"/{name}/camera/capture".replace("//", "/")
             self._services.append(rospy.Service(topic, CaptureImage, partial(self._capture, name)))
+        self._world_services = WorldServices(self._world_lock, self._now)
+        self._world_services.attach(self.simulation)
         rospy.on_shutdown(self._stop)
         names = ", ".join(robot or "(no namespace)" for robot in self.simulation.robots)
         rospy.loginfo(f"world {world.name}, seed {self._parameters.seed}, robots: {names}")
@@ -122,6 +125,7 @@ class SimulatorNode:
             self.simulation = Simulation(self._world, specs, self._robot_urdf, seed)
             for name, robot in self.simulation.robots.items():
                 self._robots[name].attach(self.simulation, robot, self._localization(name))
+            self._world_services.attach(self.simulation)
             old.close()
             # Who localises or plans on a map forgets what it believed of the old world.
             self._map.publish(grid_message(self._grid, "map", _time(self._begun)))
@@ -156,6 +160,10 @@ class SimulatorNode:
         ]
         if transforms:
             self._tf.publish(TFMessage(transforms=transforms))
+        self._world_services.publish(tick, stamp)
+
+    def _now(self) -> rospy.Time:
+        return _time(self._begun + self.simulation.tick)
 
     def _publish_clock(self, tick: int) -> None:
         self._clock.publish(Clock(clock=_time(tick)))
@@ -188,7 +196,7 @@ class SimulatorNode:
             achieved_factor=0.0 if paused else self._achieved,
             seed=self._seed,
         )
-        status.header.stamp = _time(self._begun + self.simulation.tick)
+        status.header.stamp = self._now()
         if not self._stopped.is_set():
             self._status.publish(status)
 

@@ -49,7 +49,9 @@ def _object(item: Dict[str, Any], supports: Dict[str, Solid]) -> WorldObject:
     known = OBJECT_CLASSES.get(item["class"])
     color = known.color if known else item.get("color", "#9a9a9a")
     solid = Solid(item["name"], pose, height, size=size, radius=radius, color=color)
-    return WorldObject(item["class"], solid, bottom, item.get("support"), item.get("tag"))
+    return WorldObject(
+        item["class"], solid, bottom, item.get("support"), item.get("tag"), bool(item.get("absent"))
+    )
 
 
 def _shape(item: Dict[str, Any]) -> Tuple[Optional[Tuple[float, float]], Optional[float], float]:
