@@ -142,3 +142,8 @@ def test_overlap():
     assert overlap((0, 0, 2, 2), (1, 0, 3, 2)) == pytest.approx(1 / 3)
     assert overlap((0, 0, 1, 1), (2, 0, 3, 1)) == 0.0
     assert overlap(None, (0, 0, 1, 1)) == 0.0
+
+
+@pytest.mark.parametrize("bearing", [29, 31, 33, 36])
+def test_somebody_whom_the_edge_of_the_picture_cuts_is_not_seen_elsewhere(bearing):
+    assert look([Placed("person", 2.0, math.radians(bearing))]).false == []
