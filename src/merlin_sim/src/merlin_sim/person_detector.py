@@ -13,6 +13,7 @@ from merlin_sim.object_classes import (
     PERSON,
     PERSON_HEIGHT,
     PERSON_RADIUS,
+    SEAT,
     SHOULDERS,
     SKIN,
 )
@@ -63,6 +64,8 @@ class PersonDetector:
             return None
         filled = min(1.0, float(rows.mean()) / 0.9)
         head = _head(place, skin, view)
+        if head is not None:  # somebody who sits is as good a person
+            head = max(head, _head(place, skin, view, PERSON_HEIGHT - SEAT) or 0.0)
         distance = float(np.linalg.norm(place[:2] - view.position[:2]))
         pixel = distance / view.matrix[0, 0]
         along = pixel * distance / view.position[2] if origin == "support" else distance / (box[2] - box[0])
@@ -159,9 +162,11 @@ def _body(place: np.ndarray) -> np.ndarray:
     return np.concatenate([ring + place, ring + place + (0.0, 0.0, SHOULDERS)])
 
 
-def _head(place: np.ndarray, skin: np.ndarray, view: CameraView) -> Optional[float]:
+def _head(
+    place: np.ndarray, skin: np.ndarray, view: CameraView, top_of_head: float = PERSON_HEIGHT
+) -> Optional[float]:
     """The share of skin where the head has to be; None when most of that lies outside the picture."""
-    middle = np.array([place[0], place[1], PERSON_HEIGHT - HEAD_RADIUS])
+    middle = np.array([place[0], place[1], top_of_head - HEAD_RADIUS])
     pixels = view.project(middle[None])
     if pixels is None:
         return None
