@@ -11,6 +11,7 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from sound_play.msg import SoundRequestActionGoal
 
 from merlin_sm.pddl_text import action_text, to_pddl
+from merlin_sm.states.recognition import recognized
 
 PLANNER = "rosplan_plan_dispatcher"
 
@@ -112,12 +113,9 @@ class RobotWatch:
             self._log("hears something it does not understand")
 
     def _saw(self, result: RecognizeActionResult) -> None:
-        names = result.result.names
         seen = [
-            f"{names[detection.results[0].id]} ({detection.bbox.center.position.x:.1f}, "
-            f"{detection.bbox.center.position.y:.1f})"
-            for detection in result.result.detections.detections
-            if detection.results
+            f"{item.name} ({item.position[0]:.1f}, {item.position[1]:.1f})"
+            for item in recognized(result.result)
         ]
         self._log(f"sees {', '.join(seen) or 'nothing'}")
 

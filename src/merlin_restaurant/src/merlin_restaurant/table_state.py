@@ -1,18 +1,17 @@
 """Which state a table is in, from what the camera saw there."""
 
 import math
-from typing import Any, List, Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 from merlin_restaurant.menu import DISHES
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.navigation import point_of_interest
+from merlin_sm.states.recognition import Recognized
 
 STATES = ("needs_serving", "already_served", "needs_cleaning", "ready")
 AHEAD = 0.9  # m from a table's point of interest, straight ahead, to the middle of the table
 REACH = 0.55  # m from the middle within which a thing stands on the table
 SEAT = 1.15  # m from the middle within which somebody sits at the table
-
-Seen = Sequence[Tuple[str, Any]]  # class name and vision_msgs/Detection3D, as RecognizeState leaves them
 
 
 def spot(name: str, ahead: float = AHEAD) -> Tuple[float, float]:
@@ -22,21 +21,17 @@ def spot(name: str, ahead: float = AHEAD) -> Tuple[float, float]:
     return pose.position.x + ahead * math.cos(yaw), pose.position.y + ahead * math.sin(yaw)
 
 
-def seen_near(detections: Seen, place: Tuple[float, float], reach: float) -> List[str]:
+def seen_near(detections: Sequence[Recognized], place: Tuple[float, float], reach: float) -> List[str]:
     """Class names of what was seen within a reach (m) of a place of the map."""
-    return [
-        name
-        for name, detection in detections
-        if math.dist(place, (detection.bbox.center.position.x, detection.bbox.center.position.y)) <= reach
-    ]
+    return [item.name for item in detections if math.dist(place, item.position[:2]) <= reach]
 
 
-def people_at(table: str, detections: Seen) -> int:
+def people_at(table: str, detections: Sequence[Recognized]) -> int:
     """How many people sit at a table."""
     return seen_near(detections, spot(table), SEAT).count("person")
 
 
-def dishes_on(table: str, detections: Seen) -> List[str]:
+def dishes_on(table: str, detections: Sequence[Recognized]) -> List[str]:
     """What stands on a table."""
     return [name for name in seen_near(detections, spot(table), REACH) if name in DISHES]
 
