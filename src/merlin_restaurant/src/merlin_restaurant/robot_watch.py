@@ -57,7 +57,7 @@ class RobotWatch:
             ("rosplan_knowledge_base/changes", KnowledgeChanges, self._learned),
             ("sound_play/goal", SoundRequestActionGoal, self._spoke),
             ("listen/result", ListenActionResult, self._heard),
-            ("calls/listen/result", ListenActionResult, self._heard),
+            ("calls/listen/result", ListenActionResult, self._heard_call),
             ("recognize/result", RecognizeActionResult, self._saw),
         ):
             rospy.Subscriber(topic, kind, receive, queue_size=100, tcp_nodelay=True)
@@ -111,6 +111,11 @@ class RobotWatch:
             self._log(f'understands "{result.result.text}"')
         elif result.result.heard:
             self._log("hears something it does not understand")
+
+    def _heard_call(self, result: ListenActionResult) -> None:
+        # This ear hears every answer that is meant for the other one, too.
+        if result.result.text:
+            self._heard(result)
 
     def _saw(self, result: RecognizeActionResult) -> None:
         seen = [

@@ -16,7 +16,7 @@ class CheckTable(MerlinActionSM):
         self.add_auto("LOOK", self.state("recognize"), ["succeeded"])
         judge = self.state("function", self._judge, ["t", "detections"], ["state"])
         self.add_auto("JUDGE", judge, ["succeeded"])
-        self.add_auto("TELL", self.state("speak", "{t} is {state}.", keys=("t", "state")), ["succeeded"])
+        self.add_auto("TELL", self.state("speak", "{t}: {state}.", keys=("t", "state")), ["succeeded"])
         self.add("REMEMBER", self.state("function", self._remember, ["t", "state"]))
 
     def _judge(self, userdata: Any) -> None:

@@ -99,7 +99,10 @@ def main() -> int:
         world = load_world(find_world(str(rospy.get_param("~world"))))
         seed = int(rospy.get_param("~seed", 1))
         plans = make_schedule(
-            int(rospy.get_param("~guests", 6)), seed, int(rospy.get_param("~disturbances", 5))
+            int(rospy.get_param("~guests", 6)),
+            seed,
+            int(rospy.get_param("~disturbances", 5)),
+            float(rospy.get_param("~haste", 1.0)),
         )
     except (ScheduleError, WorldError, KeyError, ValueError) as error:
         print(f"players: {error}", file=sys.stderr)

@@ -48,12 +48,13 @@ class GuestPlan:
     disturbance: str
 
 
-def make_schedule(guests: int, seed: int, disturbances: int) -> List[GuestPlan]:
+def make_schedule(guests: int, seed: int, disturbances: int, haste: float = 1.0) -> List[GuestPlan]:
     """The guests of one evening.
 
     :param guests: how many, 1 to 8.
     :param seed: same seed, same evening.
     :param disturbances: how many guests are disturbed, each by another of DISTURBANCES.
+    :param haste: how many times faster they come, think and eat.
     :raises ScheduleError: numbers out of range.
     """
     if not 1 <= guests <= len(NAMES):
@@ -63,6 +64,8 @@ def make_schedule(guests: int, seed: int, disturbances: int) -> List[GuestPlan]:
             f"{disturbances} disturbances cannot be; each needs a guest and a kind, so with {guests} guests "
             f"there may be 0 to {min(guests, len(DISTURBANCES))}"
         )
+    if not 0.1 <= haste <= 100.0:
+        raise ScheduleError(f"a haste of {haste:g} cannot be; 0.1 to 100")
     random = Random(f"evening {guests} {seed}")
     seated = max(1, guests // 3)
     tables = random.sample(TABLES, seated)
@@ -82,16 +85,16 @@ def make_schedule(guests: int, seed: int, disturbances: int) -> List[GuestPlan]:
     for number in range(guests):
         at_table = number < seated
         if not at_table:
-            comes += random.uniform(40.0, 90.0)
+            comes += random.uniform(40.0, 90.0) / haste
         plans.append(
             GuestPlan(
                 name=NAMES[number],
                 table=tables[number] if at_table else "",
                 comes=0.0 if at_table else round(comes, 1),
                 order=tuple(sorted(random.sample(MENU, random.choice((1, 2))), key=MENU.index)),
-                thinking=round(random.uniform(8.0, 40.0), 1),
-                eating=round(random.uniform(60.0, 120.0), 1),
-                cleared=0.0 if number in dirty else round(random.uniform(30.0, 60.0), 1),
+                thinking=round(random.uniform(8.0, 40.0) / haste, 1),
+                eating=round(random.uniform(60.0, 120.0) / haste, 1),
+                cleared=0.0 if number in dirty else round(random.uniform(30.0, 60.0) / haste, 1),
                 pace=round(random.uniform(0.4, 0.6), 2),
                 disturbance=disturbed.get(number, ""),
             )
