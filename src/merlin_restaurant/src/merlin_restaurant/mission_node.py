@@ -7,7 +7,7 @@ it was interrupted.
 import sys
 import threading
 from pathlib import Path
-from typing import List
+from typing import List, Optional
 
 import rospy
 from merlin_msgs.msg import GuestEvent
@@ -41,7 +41,7 @@ class EveningNode:
     def __init__(self, results: Path, startup: float) -> None:
         self._results = results
         self._startup = startup
-        self._start = 0.0
+        self._start: Optional[float] = None
         self._print = threading.Lock()  # one line at a time
         self._books_lock = threading.Lock()  # guards the books
         self._books = Books()
@@ -75,7 +75,7 @@ class EveningNode:
             problems += self._books.problems()
             print("\n" + "\n".join(guest_table(self._books)) + "\n")
             write_guests(self._results / "guests.csv", self._books)
-            plot_timeline(self._results / "timeline.png", self._watch.deeds, self._books, self._start)
+            plot_timeline(self._results / "timeline.png", self._watch.deeds, self._books, self._begun)
         for problem in problems:
             print(f"NOT BALANCED: {problem}")
         if not problems:
@@ -96,26 +96,31 @@ class EveningNode:
         if missing:
             raise NotReady(f"no action server {', '.join(missing)} after {timeout:.0f} s; is it launched?")
 
+    @property
+    def _begun(self) -> float:
+        """When the mission began, s of ROS time; before that: now."""
+        return rospy.get_time() if self._start is None else self._start
+
     def _closed(self) -> bool:
         with self._books_lock:
             return self._books.closed is not None
 
     def _guest(self, event: GuestEvent) -> None:
-        time = event.header.stamp.to_sec() - self._start
+        time = event.header.stamp.to_sec() - self._begun
         with self._books_lock:
             self._books.guest_event(time, event.event, event.guest, event.table, event.items, event.reason)
         self._line(event.guest or "house", _told(event))
 
     def _delivered(self, table: str, items: List[str]) -> None:
         with self._books_lock:
-            self._books.delivered(rospy.get_time() - self._start, table, items)
+            self._books.delivered(rospy.get_time() - self._begun, table, items)
 
     def _failed(self, action: str, reason: str) -> None:
         with self._books_lock:
             self._books.robot_failed(action.strip("()").split()[-1], f"{action}: {reason}")
 
     def _line(self, who: str, text: str) -> None:
-        time = rospy.get_time() - self._start if self._start else 0.0
+        time = rospy.get_time() - self._begun
         with self._print:
             print(f"{time:7.1f} s  {who:<7} {text}", flush=True)
 

@@ -30,16 +30,15 @@ class OrderToBarman(MerlinActionSM):
             ready = self.state("listen", READY, timeout=PREPARING)
             check.add("WAIT", ready, {"succeeded": "LOOK", "misunderstood": "LOOK"})
             check.add("LOOK", self.state("recognize", MENU), {"succeeded": "COMPARE"})
-            compare = self.state(
-                "function", self._compare, ["order", "detections"], ["wrong"], outcomes=["wrong"]
-            )
-            check.add("COMPARE", compare, {"wrong": "COMPLAIN"})
+            ends = ["wrong", "nothing"]
+            compare = self.state("function", self._compare, ["order", "detections"], ["wrong"], ends)
+            check.add("COMPARE", compare, {"wrong": "COMPLAIN", "nothing": "WAIT"})
             complain = self.state("ask", "I am sorry, {wrong}.", ALL_RIGHT, ["wrong"])
             check.add("COMPLAIN", complain, {"succeeded": "WAIT", "misunderstood": "LOOK"})
         return check
 
     def _recall(self, userdata: Any) -> None:
-        self._complaints = 0
+        self._looks = 0
         userdata.order = listed(order_of(self, userdata.t))
 
     def _compare(self, userdata: Any) -> Optional[str]:
@@ -47,7 +46,7 @@ class OrderToBarman(MerlinActionSM):
         wrong = userdata.wrong = difference(userdata.order.split(" and "), seen)
         if not wrong:
             return None
-        self._complaints += 1
-        if self._complaints > 3:
+        self._looks += 1
+        if self._looks > 4:
             raise ValueError(f"the barman does not get it right: {wrong}")
-        return "wrong"
+        return "wrong" if seen else "nothing"

@@ -69,7 +69,7 @@ class Guest:
 
     def _go_to_waiting_place(self) -> None:
         stage, places = self._stage, self._places
-        way = places.way(stage.position(self._name), places.waiting)
+        way = places.way(stage.position(self._name), self._house.join_queue(self._name))
         walk = stage.walk(self._name, way, self.plan.pace, yaw=math.pi)
         stage.arrived(self._name, walk)
         self._answers({"would you like a table": "yes please"})
@@ -86,6 +86,7 @@ class Guest:
             found = re.search(r"table \d+", said)
             if found is None:
                 continue
+            self._house.leave_queue(self._name)
             if self.plan.disturbance == WALKS_OFF:
                 return self._walk_off()
             if self._follow():
@@ -203,6 +204,7 @@ class Guest:
     def _leave(self, reason: str) -> None:
         stage, places = self._stage, self._places
         self.seated = False
+        self._house.leave_queue(self._name)
         self._tell(GuestEvent.LEFT, reason=reason)
         self._answers({})
         way = places.way(stage.position(self._name), places.door)

@@ -28,8 +28,22 @@ class House:
         self._places = places
         self._counter = counter
         self._numbers = itertools.count(1)
-        self._lock = threading.RLock()  # guards the dishes and their order in the world
+        self._lock = threading.RLock()  # guards the fields below and the dishes in the world
+        self._queue: List[str] = []
         self._dishes: Dict[str, Dict[str, str]] = {}  # where → name in the world → kind
+
+    def join_queue(self, name: str) -> Point:
+        """The place at the entrance where somebody waits."""
+        with self._lock:
+            if name not in self._queue:
+                free = self._queue.index("") if "" in self._queue else len(self._queue)
+                self._queue[free : free + 1] = [name]
+            return self._places.queue[self._queue.index(name) % len(self._places.queue)]
+
+    def leave_queue(self, name: str) -> None:
+        """Makes that place free for others."""
+        with self._lock:
+            self._queue = ["" if other == name else other for other in self._queue]
 
     def on(self, where: str) -> List[str]:
         """Kinds of what stands somewhere: a table, BAR or TRAY."""

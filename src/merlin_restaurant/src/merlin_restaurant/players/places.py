@@ -13,6 +13,12 @@ BODY, ROOM = 0.25, 0.05  # m, radius of who walks and what is kept free besides
 SEAT = 0.85  # m from the middle of a table, on the side away from its point of interest
 DOOR_STEP = 0.45  # m from the door's middle to where people come in
 WAITING = 1.5  # m ahead of the entrance's point of interest
+QUEUE = (
+    (WAITING, 0.0),
+    (2.1, -0.3),
+    (2.1, 0.4),
+    (2.7, 0.0),
+)  # m ahead and to the left of it: who waits where
 TABLE_AHEAD = 0.9  # m ahead of a table's point of interest
 
 
@@ -28,7 +34,7 @@ class Places:
         door = next(door for door in world.doors if door.name == "entrance_door")
         middle = ((door.start[0] + door.end[0]) / 2, (door.start[1] + door.end[1]) / 2)
         inside = self._ahead("entrance", WAITING)
-        self.waiting = inside
+        self.queue = [self._ahead("entrance", ahead, aside) for ahead, aside in QUEUE]
         along = (door.end[0] - door.start[0], door.end[1] - door.start[1])
         length = math.hypot(*along)
         normal = (-along[1] / length, along[0] / length)
@@ -73,6 +79,7 @@ class Places:
         spot = self._ahead("bar", 0.68)
         return spot[0] - counter[0], spot[1] - counter[1] + (0.16, -0.16, 0.0)[number % 3]
 
-    def _ahead(self, poi: str, distance: float) -> Point:
+    def _ahead(self, poi: str, distance: float, aside: float = 0.0) -> Point:
         pose = self._pois[poi]
-        return pose.x + distance * math.cos(pose.yaw), pose.y + distance * math.sin(pose.yaw)
+        cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
+        return pose.x + distance * cos - aside * sin, pose.y + distance * sin + aside * cos

@@ -85,7 +85,7 @@ def make_schedule(guests: int, seed: int, disturbances: int, haste: float = 1.0)
     for number in range(guests):
         at_table = number < seated
         if not at_table:
-            comes += random.uniform(40.0, 90.0) / haste
+            comes += random.uniform(100.0, 160.0) / haste
         plans.append(
             GuestPlan(
                 name=NAMES[number],
