@@ -51,7 +51,7 @@ class Stage:
         self._place = ServiceProxy("/merlin_sim/place", PlaceThing, timeout=CALL_LIMIT)
         self._walk = ServiceProxy("/merlin_sim/walk", WalkPerson, timeout=CALL_LIMIT)
         self._answers = ServiceProxy("person_voice/set_answers", SetAnswers, timeout=CALL_LIMIT)
-        self._events = rospy.Publisher("restaurant/guests", GuestEvent, queue_size=100, latch=False)
+        self._events = rospy.Publisher("restaurant/guests", GuestEvent, queue_size=100, latch=True)
         self._microphone = rospy.Publisher("audio/microphone", AudioData, queue_size=50)
         rospy.Subscriber("/merlin_sim/people", SimPeople, self._see_people, tcp_nodelay=True)
         rospy.Subscriber("person_voice/heard", PersonHeard, self._hear, tcp_nodelay=True)
