@@ -5,7 +5,7 @@ from typing import Any
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_restaurant.table_state import seen_near, spot
 
-WAITING = 1.5  # m from the entrance's point of interest, straight ahead, to where clients wait
+WAITING = 1.3  # m from the entrance's point of interest, straight ahead, to where clients wait
 AROUND = 1.0  # m around that place
 
 

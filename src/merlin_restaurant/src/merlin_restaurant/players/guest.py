@@ -9,7 +9,7 @@ from merlin_msgs.msg import GuestEvent
 
 from merlin_restaurant.menu import call_from, listed
 from merlin_restaurant.players.house import TRAY, House
-from merlin_restaurant.players.places import Places
+from merlin_restaurant.players.places import Places, Point
 from merlin_restaurant.players.schedule import CHAIR, LEAVES, MUMBLES, WALKS_OFF, GuestPlan
 from merlin_restaurant.players.stage import Stage, StageError
 
@@ -63,9 +63,18 @@ class Guest:
 
     def _come_in(self) -> None:
         stage, places = self._stage, self._places
-        stage.put_person(self._name, places.door)
+        while not self._appear(places.door):
+            stage.wait(LOOK)
         self._tell(GuestEvent.CAME)
         self._go_to_waiting_place()
+
+    def _appear(self, at: Point) -> bool:
+        """Stands somewhere; False: something is in the way."""
+        try:
+            self._stage.put_person(self._name, at)
+        except StageError:
+            return False
+        return True
 
     def _go_to_waiting_place(self) -> None:
         stage, places = self._stage, self._places

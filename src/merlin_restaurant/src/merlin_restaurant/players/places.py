@@ -15,9 +15,9 @@ DOOR_STEP = 0.45  # m from the door's middle to where people come in
 WAITING = 1.5  # m ahead of the entrance's point of interest
 QUEUE = (
     (WAITING, 0.0),
-    (2.1, -0.3),
-    (2.1, 0.4),
-    (2.7, 0.0),
+    (1.75, -0.5),
+    (1.75, 0.5),
+    (WAITING, 0.8),
 )  # m ahead and to the left of it: who waits where
 TABLE_AHEAD = 0.9  # m ahead of a table's point of interest
 
