@@ -14,9 +14,9 @@ from typing import Any, Dict, Iterator, List
 
 from merlin_home.motion_limits import MotionLimits
 from merlin_home.oracle import Oracle
+from merlin_home.outlines import outlines_of_world
 from merlin_home.shortest_path import ShortestPaths
 from merlin_sim.navigator import NavigationSettings
-from merlin_sim.occupancy_grid import OCCUPIED, map_of
 from merlin_sim.trial import Trial, TrialResult
 from merlin_sim.world import Pose, World
 from merlin_sim.world_drawing import find_world
@@ -75,8 +75,7 @@ def tour(world: World, seed: int) -> Iterator[Leg]:
     """
     limits = MotionLimits()
     settings = NavigationSettings(yaw_goal_tolerance=math.pi)
-    grid = map_of(world)
-    paths = ShortestPaths(grid.cells == OCCUPIED, grid.resolution, grid.origin, limits.radius)
+    paths = ShortestPaths(outlines_of_world(world), limits.radius)
     oracle = Oracle(paths, limits, 0.0, settings.xy_goal_tolerance)
     stops = _round_trip(list(world.points_of_interest))
     trial = Trial(world, world.points_of_interest[stops[0]], seed, settings)

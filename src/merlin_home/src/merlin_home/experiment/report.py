@@ -81,10 +81,11 @@ over its tasks, each from its sending until the Executor is idle; positions are 
 
 Naive is ROSPlan's real behaviour: the action runs to its natural end, then the cancel is read.
 
-The oracle is what the best possible robot takes for each task from the pose in which it was sent: turning to
-the shortest path while setting off, driving along it at the limits of speed and acceleration, and the true
-length of the question; at most the cancel time for a marked task. Nothing else takes time, and no robot can
-be faster."""
+The oracle is what the best possible robot takes for each task from the pose and motion in which it was sent:
+turning to the shortest path while setting off, driving along it at the limits of speed and acceleration, and
+the true length of the question; at most the cancel time for a marked task. The path is the shortest that a
+disc of the robot's true radius can take without touching the true geometry of walls and furniture (exact
+shapes, no raster, no safety distance). Nothing else takes time, and no robot can be faster."""
 
 
 def _table_1(analysis: Analysis) -> str:
