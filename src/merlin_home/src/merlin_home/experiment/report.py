@@ -78,8 +78,9 @@ code). Naive and MERLIN run the same lists (same seed) from the same start. The 
 {first["real_time_factor"]:g}, policy {first["rtf_policy"]} (adaptive: factor 1 from a goal until a second
 after its first action was dispatched, from half a metre before the point of interest until a second after the
 next dispatch, from {SPEECH_AHEAD:g} s before the end of the question, and from a second before a cancel until
-the Executor is idle; lowered where the machine does not keep up). All times are simulated seconds. Time and distance of a mission are sums
-over its tasks, each from its sending until the Executor is idle; positions are ground truth.
+the Executor is idle; lowered where the machine does not keep up). All times are simulated seconds. Time and
+distance of a mission are sums over its tasks, each from its sending until the Executor is idle; positions are
+ground truth.
 
 Naive is ROSPlan's real behaviour: the action runs to its natural end, then the cancel is read.
 
