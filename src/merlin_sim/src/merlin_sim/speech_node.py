@@ -21,6 +21,7 @@ from merlin_sim.sound_card import SoundCard
 from merlin_sim.speech_synthesizer import RATE, Sound, SoundError, SpeechSynthesizer, beep, read_wave
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.health import OK, WARN, Health, HealthReporter
+from merlin_sm.publishing import publish
 from merlin_sm.serial_action_server import SerialActionServer
 
 CHUNK = 0.2  # s of sound per message and per feedback
@@ -70,8 +71,7 @@ class Speaker:
                     played += len(part) / RATE
             finally:
                 self._card.stop()
-                if not rospy.is_shutdown():
-                    self._speaking.publish(Bool(False))
+                publish(self._speaking, Bool(False))
             return played
 
 

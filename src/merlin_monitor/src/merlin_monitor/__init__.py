@@ -1,0 +1,1 @@
+"""One page that shows what the robot knows, plans and does."""

@@ -1,0 +1,65 @@
+"""Node: the monitor."""
+
+import sys
+from pathlib import Path
+from typing import Optional
+
+import rospkg
+import rospy
+
+from merlin_monitor.control import Control
+from merlin_monitor.history_store import HistoryError
+from merlin_monitor.inbox import Inbox
+from merlin_monitor.monitor_state import MonitorState
+from merlin_monitor.robot_control import RobotControl
+from merlin_monitor.ros_listeners import RosListeners
+from merlin_monitor.web_access import WebAccess
+from merlin_monitor.web_server import ServerError, WebServer
+from merlin_sm.health import OK, Health, HealthReporter
+
+
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    rospy.init_node("monitor")
+    host = str(rospy.get_param("~host", "127.0.0.1"))
+    try:
+        port = _whole("~port", 8080, 0, 65535)
+        limit = _whole("~history_limit", 100_000, 100, 100_000_000)
+        history = str(rospy.get_param("~history", ""))
+        state = MonitorState(Inbox(rospy.logwarn), Path(history).expanduser() if history else None, limit)
+        listeners = RosListeners(state)
+        token = str(rospy.get_param("~token", ""))
+        control: Optional[Control] = None
+        if token:
+            control = Control(RobotControl(state, listeners.executor, listeners.knowledge_base))
+        names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
+        folder = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
+        server = WebServer(state, folder, WebAccess(host, names, token), control, host, port)
+        state.tree.set("meta", "control", bool(token))
+        state.start()
+        listeners.start()
+        server.start()
+    except (HistoryError, ServerError, ValueError) as error:
+        rospy.logfatal(f"monitor: {error}")
+        return 1
+    rospy.on_shutdown(server.stop)
+    rospy.on_shutdown(state.stop)
+    rospy.set_param("~address", server.address)
+    HealthReporter({"page": lambda: Health(OK, f"serves {server.address}")}).start()
+    if port and server.port != port:
+        print(f"monitor: port {port} is taken, using {server.port}", file=sys.stderr)
+    # On stderr, which `rosrun merlin run` and roslaunch pass on to the screen.
+    print(f"monitor: {server.address}", file=sys.stderr, flush=True)
+    rospy.spin()
+    return 0
+
+
+def _whole(name: str, default: int, lowest: int, highest: int) -> int:
+    value = rospy.get_param(name, default)
+    try:
+        number = int(value)
+    except (TypeError, ValueError):
+        number = lowest - 1
+    if not lowest <= number <= highest:
+        raise ValueError(f"parameter {rospy.resolve_name(name)} is {value!r}; give {lowest} to {highest}")
+    return number

@@ -1,0 +1,72 @@
+// Making and keeping elements. Texts are only ever set as text, so no name can become markup.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+export const byId = (id) => document.getElementById(id);
+
+function fill(element, attributes, children) {
+  for (const [name, value] of Object.entries(attributes || {})) {
+    if (value === undefined || value === null || value === false) continue;
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else element.setAttribute(name, value === true ? "" : String(value));
+  }
+  for (const child of children.flat()) {
+    if (child === null || child === undefined) continue;
+    element.append(child instanceof Node ? child : document.createTextNode(String(child)));
+  }
+  return element;
+}
+
+export const el = (tag, attributes, ...children) => fill(document.createElement(tag), attributes, children);
+export const svg = (tag, attributes, ...children) => fill(document.createElementNS(SVG, tag), attributes, children);
+
+export function setText(element, text) {
+  const shown = text === undefined || text === null ? "" : String(text);
+  if (element.textContent !== shown) element.textContent = shown;
+}
+
+export function setHidden(element, hidden) {
+  if (element.hidden !== hidden) element.hidden = hidden;
+}
+
+// Makes the children of an element those of the items, keeping the elements of items that stay.
+export function keyed(parent, items, keyOf, create, update) {
+  const known = parent.keyedChildren || new Map();
+  const kept = new Map();
+  let place = parent.firstChild;
+  items.forEach((item, index) => {
+    const key = keyOf(item, index);
+    const child = known.get(key) || create(item, index);
+    kept.set(key, child);
+    update(child, item, index);
+    if (child === place) place = place.nextSibling;
+    else parent.insertBefore(child, place);
+  });
+  for (const [key, child] of known) if (kept.get(key) !== child) child.remove();
+  parent.keyedChildren = kept;
+}
+
+export const part = (element, name) => element.querySelector(`:scope .${name}`);
+
+let simulated = false;
+export function useSimulatedTime(yes) {
+  simulated = yes;
+}
+
+// ROS time in s, as a clock shows it.
+export function clockText(at) {
+  if (typeof at !== "number" || !at) return "";
+  if (simulated || at < 1e8) return `${at.toFixed(1)} s`;
+  return new Date(at * 1000).toLocaleTimeString();
+}
+
+export function secondsText(seconds) {
+  if (typeof seconds !== "number") return "";
+  if (seconds < 10) return `${seconds.toFixed(1)} s`;
+  if (seconds < 120) return `${Math.round(seconds)} s`;
+  return `${Math.floor(seconds / 60)} min ${Math.round(seconds % 60)} s`;
+}
+
+export const GLYPHS = {
+  waiting: "○", dispatched: "◔", running: "▶", succeeded: "✓", failed: "✕", cancelled: "⊘",
+};

@@ -1,0 +1,117 @@
+// Draws what Graphviz has laid out, once per layout; afterwards only marks change.
+import { el, setText, svg } from "./dom.js";
+
+const LONGEST = 34; // characters, as the layout reckons
+
+export class GraphView {
+  constructor(container, { onPick } = {}) {
+    this.container = container;
+    this.onPick = onPick;
+    this.layout = undefined;
+    this.nodes = new Map();
+    this.clusters = new Map();
+    this.edges = [];
+  }
+
+  // Draws a layout if it is another one than before.
+  show(layout, label) {
+    if (layout === this.layout) return;
+    this.layout = layout;
+    this.nodes.clear();
+    this.clusters.clear();
+    this.edges = [];
+    this.container.replaceChildren();
+    if (!layout) return;
+    if (layout.error) {
+      this.container.append(el("p", { class: "empty" }, layout.error));
+      return;
+    }
+    const { width, height } = layout;
+    const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "group", "aria-label": label });
+    for (const cluster of layout.clusters) {
+      const frame = svg("rect", { class: "cluster", x: cluster.x, y: cluster.y, width: cluster.w, height: cluster.h, rx: 10 });
+      const text = svg("text", { class: "cluster-text", x: cluster.x + 12, y: cluster.y + 14 }, cut(cluster.text));
+      this.clusters.set(cluster.id, frame);
+      root.append(frame, text);
+    }
+    for (const edge of layout.edges) root.append(this.drawEdge(edge));
+    for (const node of layout.nodes) root.append(this.drawNode(node));
+    this.container.append(root);
+  }
+
+  drawEdge(edge) {
+    const [start, ...rest] = edge.points;
+    let path = `M${start}`;
+    for (let at = 0; at + 2 < rest.length; at += 3) path += `C${rest[at]} ${rest[at + 1]} ${rest[at + 2]}`;
+    const last = edge.points[edge.points.length - 1];
+    const group = svg("g", { class: "edge" }, svg("path", { d: path }), tip(last, edge.tip));
+    if (edge.text && edge.label) group.append(svg("text", { x: edge.label[0], y: edge.label[1] }, cut(edge.text)));
+    this.edges.push({ edge, group });
+    return group;
+  }
+
+  drawNode(node) {
+    const pickable = this.onPick && node.kind !== "outcome";
+    const group = svg("g", {
+      class: `node ${node.kind}${pickable ? " clickable" : ""}`,
+      transform: `translate(${node.x - node.w / 2} ${node.y - node.h / 2})`,
+      tabindex: pickable ? 0 : undefined,
+      role: pickable ? "button" : undefined,
+    });
+    const mark = svg("text", { class: "glyph", x: 13, y: node.h / 2 });
+    const indent = node.kind === "outcome" ? 0 : 8;
+    group.append(
+      svg("title", {}, node.text),
+      svg("rect", { class: "box", width: node.w, height: node.h, rx: node.kind === "outcome" ? node.h / 2 : 8 }),
+      svg("text", { x: node.w / 2 + indent, y: node.h / 2 + 0.5, "text-anchor": "middle" }, cut(node.text)),
+    );
+    if (node.kind !== "outcome") group.append(mark);
+    if (pickable) {
+      group.addEventListener("click", () => this.onPick(node.id));
+      group.addEventListener("keydown", (event) => {
+        if (event.key !== "Enter" && event.key !== " ") return;
+        event.preventDefault();
+        this.onPick(node.id);
+      });
+    }
+    this.nodes.set(node.id, { node, group, mark });
+    return group;
+  }
+
+  // marks: id → {glyph, active, label, state}
+  mark(marks) {
+    for (const [id, { node, group, mark }] of this.nodes) {
+      const { glyph = "", active = false, reached = false, label = "", state = "" } = marks(id, node) || {};
+      group.classList.toggle("active", active);
+      group.classList.toggle("reached", reached);
+      if (group.dataset.state !== state) group.dataset.state = state;
+      setText(mark, glyph);
+      const name = label ? `${node.text}, ${label}` : node.text;
+      if (group.getAttribute("aria-label") !== name) group.setAttribute("aria-label", name);
+    }
+  }
+
+  markClusters(active) {
+    for (const [id, frame] of this.clusters) frame.classList.toggle("active", active(id));
+  }
+
+  // taken: edge → false, "taken", or "maybe" (one of several)
+  markEdges(taken) {
+    for (const { edge, group } of this.edges) {
+      const mark = taken(edge);
+      group.classList.toggle("taken", Boolean(mark));
+      group.classList.toggle("maybe", mark === "maybe");
+    }
+  }
+}
+
+function tip(from, to) {
+  const length = Math.hypot(to[0] - from[0], to[1] - from[1]) || 1;
+  const [dx, dy] = [(to[0] - from[0]) / length, (to[1] - from[1]) / length];
+  const points = [to, [to[0] - 8 * dx + 3.2 * dy, to[1] - 8 * dy - 3.2 * dx], [to[0] - 8 * dx - 3.2 * dy, to[1] - 8 * dy + 3.2 * dx]];
+  return svg("polygon", { class: "tip", points: points.map((point) => point.map((value) => value.toFixed(1)).join(",")).join(" ") });
+}
+
+function cut(text) {
+  return text.length > LONGEST ? `${text.slice(0, LONGEST - 1)}…` : text;
+}

@@ -1,0 +1,138 @@
+// What happened: bars of goals and actions over time, and events, newest first, back to the first one kept.
+import { byId, clockText, el, keyed, part, setText, svg } from "./dom.js";
+
+const KINDS = ["mission", "goal", "plan", "action", "machine", "knowledge", "health", "control", "monitor"];
+const QUIET = new Set(["machine", "knowledge"]); // not shown until asked for
+const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", machine: "⬡", knowledge: "＋", health: "♥", control: "✎", monitor: "·" };
+const BAD = /\b(failed|error|unsolvable|refused|timeout|crashed|invalid|internal|silent)\b/;
+const PAGE = 200;
+const SPAN = 180; // s of the timeline
+const LANES = ["goal", "action"];
+
+export function showHistory(store) {
+  const shown = new Set(KINDS.filter((kind) => !QUIET.has(kind)));
+  let older = []; // events before those of the state, oldest first
+  let exhausted = false;
+  let loading = false;
+  let run = null;
+
+  for (const kind of KINDS) {
+    byId("history-kinds").append(el("button", {
+      type: "button", "aria-pressed": String(shown.has(kind)),
+      onclick: (event) => {
+        if (!shown.delete(kind)) shown.add(kind);
+        event.target.setAttribute("aria-pressed", String(shown.has(kind)));
+        draw();
+      },
+    }, `${GLYPHS[kind]} ${kind}`));
+  }
+  const list = byId("history-list");
+  list.addEventListener("scroll", () => {
+    if (list.scrollTop + list.clientHeight > list.scrollHeight - 300) loadOlder();
+  }, { passive: true });
+
+  const newest = () => Object.values((store.state.history || {}).events || {}).sort((a, b) => a.id - b.id);
+
+  store.watch("history", (change) => {
+    if (change !== null) {
+      // An event that leaves the state stays on the page.
+      return;
+    }
+    older = [];
+    exhausted = false;
+  });
+
+  const kept = new Map();
+  function events() {
+    const all = newest();
+    for (const event of all) kept.set(event.id, event);
+    for (const event of older) kept.set(event.id, event);
+    if (kept.size > 5000) for (const id of [...kept.keys()].sort((a, b) => a - b).slice(0, kept.size - 5000)) kept.delete(id);
+    return [...kept.values()].sort((a, b) => b.id - a.id);
+  }
+
+  async function loadOlder() {
+    if (loading || exhausted) return;
+    loading = true;
+    try {
+      const all = events();
+      const first = all.length ? `&before=${all[all.length - 1].id}` : "";
+      const answer = await fetch(`/history?limit=${PAGE}${first}`);
+      const page = answer.ok ? await answer.json() : [];
+      exhausted = page.length < PAGE;
+      older = page;
+      if (page.length) draw();
+    } catch {
+      exhausted = false; // no connection: the next scroll asks again
+    } finally {
+      loading = false;
+    }
+  }
+
+  function draw() {
+    const all = events();
+    drawTimeline(all);
+    run = null;
+    const rows = [];
+    for (const event of all) {
+      if (!shown.has(event.kind)) continue;
+      if (run !== null && event.run !== run) rows.push({ heading: event.run, event });
+      run = event.run;
+      rows.push({ event });
+    }
+    keyed(list, rows.slice(0, 2000), (row) => (row.heading !== undefined ? `run ${row.heading}` : row.event.id), create, () => {});
+    if (rows.length < 30) loadOlder();
+  }
+
+  function create({ event, heading }) {
+    if (heading !== undefined) return el("div", { class: "run" }, `before ${new Date(event.wall * 1000).toLocaleString()}: an earlier run`);
+    const time = el("time", { class: "at", datetime: new Date(event.wall * 1000).toISOString() }, clockText(event.at));
+    time.title = new Date(event.wall * 1000).toLocaleString();
+    return el("div", { class: "event", role: "listitem", "data-kind": event.kind, "data-bad": BAD.test(event.text) && event.kind !== "knowledge" },
+      time, el("span", { class: "glyph", role: "img", "aria-label": event.kind }, GLYPHS[event.kind] || "·"), el("span", { class: "said" }, event.text));
+  }
+
+  const lanes = svg("svg", {});
+  byId("timeline").append(lanes);
+  function drawTimeline(all) {
+    const current = (store.state.meta || {}).run;
+    const bars = all.filter((event) => event.run === current && event.detail && event.detail.ended !== undefined);
+    const running = Object.values((store.state.plan || {}).steps || {}).filter((step) => step.state === "running" && step.began);
+    const end = Math.max((store.state.meta || {}).time || 0, ...bars.map((event) => event.detail.ended));
+    const width = byId("timeline").clientWidth || 500;
+    const left = 46;
+    const begin = end - SPAN;
+    const x = (at) => left + ((width - left - 4) * (Math.max(at, begin) - begin)) / SPAN;
+    const items = [];
+    LANES.forEach((lane, index) => {
+      const y = 8 + index * 30;
+      items.push(svg("text", { class: "lane", x: 0, y: y + 16 }, `${lane}s`), svg("line", { class: "track", x1: left, x2: width, y1: y + 26, y2: y + 26 }));
+      for (const { detail } of bars.filter((event) => event.detail.lane === lane && event.detail.ended > begin)) items.push(...bar(detail, lane, x, y));
+    });
+    for (const step of running) items.push(...bar({ began: step.began, ended: end, outcome: "running", label: step.text }, "action", x, 38));
+    for (let at = Math.ceil(begin / 30) * 30; at <= end; at += 30) {
+      if (at >= 0 && x(at) < width - 30) items.push(svg("text", { class: "tick", x: x(at), y: 84 }, clockText(at).replace(".0 s", " s")));
+    }
+    lanes.replaceChildren(...items);
+    byId("timeline").setAttribute("aria-label", `Goals and actions of the last ${SPAN} s: ${bars.length} ended`);
+  }
+
+  let pending = 0;
+  const redrawTimeline = () => {
+    if (pending) return;
+    pending = setTimeout(() => { pending = 0; drawTimeline(events()); }, 1000);
+  };
+  store.view("history", draw);
+  store.view("meta", redrawTimeline);
+}
+
+function bar(detail, lane, x, y) {
+  const from = x(detail.began);
+  const width = Math.max(2, x(detail.ended) - from);
+  const kind = detail.outcome === "cancelled" ? "cancelled" : ["succeeded", "already true", "running"].includes(detail.outcome) ? "" : "bad";
+  const shape = svg("rect", { class: `bar ${lane} ${kind}`, x: from, y: y + 3, width, height: 18, rx: 5 }, svg("title", {}, `${detail.label} ${detail.outcome}`));
+  const text = String(detail.label || "").replace(/[()]/g, "");
+  const room = Math.floor((width - 10) / 5.6);
+  if (room < 4) return [shape];
+  return [shape, svg("text", { class: "label", x: from + 6, y: y + 16 }, text.length > room ? `${text.slice(0, room - 1)}…` : text)];
+}

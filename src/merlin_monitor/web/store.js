@@ -1,0 +1,119 @@
+// The state as the monitor has it: the whole on connecting, then changes. Nothing here touches the page.
+
+const FIRST_RETRY = 250; // ms
+const LAST_RETRY = 3000;
+
+const own = (object, key) => Object.prototype.hasOwnProperty.call(object, key);
+
+function put(object, key, value) {
+  // A fact may be called __proto__; as a plain assignment that would not be a key.
+  if (key === "__proto__") {
+    Object.defineProperty(object, key, { value, writable: true, enumerable: true, configurable: true });
+  } else {
+    object[key] = value;
+  }
+}
+
+export function applyChange(state, change) {
+  const [path] = change;
+  let parent = state;
+  for (const part of path.slice(0, -1)) {
+    const child = own(parent, part) ? parent[part] : undefined;
+    if (child === null || typeof child !== "object" || Array.isArray(child)) {
+      if (change.length === 1) return;
+      put(parent, part, {});
+    }
+    parent = parent[part];
+  }
+  const last = path[path.length - 1];
+  if (change.length === 1) delete parent[last];
+  else put(parent, last, change[1]);
+}
+
+export class Store {
+  constructor() {
+    this.state = {};
+    this.version = 0;
+    this.connected = false;
+    this.views = new Map(); // section → functions
+    this.watchers = [];
+    this.dirty = new Set();
+    this.retry = FIRST_RETRY;
+    this.frame = 0;
+  }
+
+  // Calls view(section, state) once per frame in which the section changed.
+  view(section, call) {
+    if (!this.views.has(section)) this.views.set(section, []);
+    this.views.get(section).push(call);
+  }
+
+  // Calls watch(change) for every single change of a section, at once; watch(null) when all is new.
+  watch(section, call) {
+    this.watchers.push([section, call]);
+  }
+
+  onConnection(call) {
+    this.connectionChanged = call;
+  }
+
+  connect() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/live`);
+    socket.onmessage = (event) => this.receive(JSON.parse(event.data));
+    socket.onclose = () => {
+      this.told(false);
+      setTimeout(() => this.connect(), this.retry);
+      this.retry = Math.min(LAST_RETRY, this.retry * 1.7);
+    };
+  }
+
+  receive(message) {
+    if (!this.connected) this.told(true);
+    this.retry = FIRST_RETRY;
+    this.version = message.version;
+    if (message.state) {
+      this.state = message.state;
+      for (const section of this.views.keys()) this.dirty.add(section);
+      for (const [, watch] of this.watchers) watch(null);
+    } else {
+      for (const change of message.changes) {
+        applyChange(this.state, change);
+        const section = change[0][0];
+        this.dirty.add(section);
+        for (const [wanted, watch] of this.watchers) if (wanted === section) watch(change);
+      }
+    }
+    this.schedule();
+  }
+
+  refresh(section) {
+    this.dirty.add(section);
+    this.schedule();
+  }
+
+  schedule() {
+    if (!this.frame) this.frame = requestAnimationFrame(() => this.render());
+  }
+
+  render() {
+    this.frame = 0;
+    const dirty = [...this.dirty];
+    this.dirty.clear();
+    for (const section of dirty) {
+      for (const call of this.views.get(section) || []) {
+        try {
+          call(this.state[section] || {}, this.state);
+        } catch (error) {
+          console.error(`${section} cannot be drawn`, error); // the other sections still can
+        }
+      }
+    }
+    document.documentElement.dataset.version = String(this.version);
+  }
+
+  told(connected) {
+    this.connected = connected;
+    if (this.connectionChanged) this.connectionChanged(connected);
+  }
+}
