@@ -149,6 +149,11 @@ def test_overlap():
     assert overlap(None, (0, 0, 1, 1)) == 0.0
 
 
+@pytest.mark.parametrize("bearing", [29, 31, 33, 36])
+def test_somebody_whom_the_edge_of_the_picture_cuts_is_not_seen_elsewhere(bearing):
+    assert look([Placed("person", 2.0, math.radians(bearing))]).false == []
+
+
 def test_a_guest_who_sits_behind_a_table_is_a_person_at_that_place():
     package = Path(rospkg.RosPack().get_path("merlin_sim"))
     world = load_world(package / "worlds" / "restaurant.yaml")
