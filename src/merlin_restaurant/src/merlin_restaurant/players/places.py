@@ -17,7 +17,7 @@ QUEUE = (
     (WAITING, 0.0),
     (1.75, -0.5),
     (1.75, 0.5),
-    (WAITING, 0.8),
+    (1.15, 0.62),
 )  # m ahead and to the left of it: who waits where
 TABLE_AHEAD = 0.9  # m ahead of a table's point of interest
 
