@@ -8,12 +8,13 @@ from merlin_msgs.msg import GuestEvent
 
 from merlin_restaurant.menu import items_in
 from merlin_restaurant.players.house import BAR, TRAY, House
-from merlin_restaurant.players.schedule import WRONG, wrong_order
+from merlin_restaurant.players.schedule import DISTURBANCES, MISSING, without_one, wrong_order
 from merlin_restaurant.players.stage import Stage
 
 NAME = "barman"
 PREPARES = 8.0  # s
 MENDS = 4.0  # s
+WRONG = "the order is wrong at the bar"
 READY = "your order is ready"
 ANSWERS = {
     "i am sorry": "all right",
@@ -73,15 +74,17 @@ class Barman:
         self._house.take(BAR)
         self._stage.wait(PREPARES)
         guest = self._guest_of(table)
-        forced = guest is not None and guest.plan.disturbance == WRONG
-        if forced or self._random.random() < self._wrong_share:
-            wrong = wrong_order(tuple(items), self._random)
+        missing = guest is not None and MISSING in guest.plan.disturbances
+        if missing or self._random.random() < self._wrong_share:
+            spoil = without_one if missing else wrong_order
+            wrong = spoil(tuple(items), self._random)
             self._stage.tell(
                 GuestEvent.DISTURBED,
                 guest.plan.name if guest else "",
                 table,
                 wrong,
-                f"{WRONG}: {' and '.join(wrong)} instead of {' and '.join(items)}",
+                f"{DISTURBANCES[MISSING] if missing else WRONG}: "
+                f"{' and '.join(wrong)} instead of {' and '.join(items)}",
             )
             self._house.put(BAR, wrong)
         else:

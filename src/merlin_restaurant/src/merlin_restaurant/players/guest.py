@@ -10,7 +10,7 @@ from merlin_msgs.msg import GuestEvent
 from merlin_restaurant.menu import call_from, listed
 from merlin_restaurant.players.house import TRAY, House
 from merlin_restaurant.players.places import Places, Point
-from merlin_restaurant.players.schedule import CHAIR, LEAVES, MUMBLES, WALKS_OFF, GuestPlan
+from merlin_restaurant.players.schedule import CHAIR, DISTURBANCES, LEAVES, UNCLEAR, WALKS_OFF, GuestPlan
 from merlin_restaurant.players.stage import Stage, StageError
 
 CALL_EVERY = 25.0  # s between two calls for the robot
@@ -96,7 +96,7 @@ class Guest:
             if found is None:
                 continue
             self._house.leave_queue(self._name)
-            if self.plan.disturbance == WALKS_OFF:
+            if WALKS_OFF in self.plan.disturbances:
                 return self._walk_off()
             if self._follow():
                 self.table = found.group().replace(" ", "_")
@@ -124,7 +124,7 @@ class Guest:
         return True
 
     def _walk_off(self) -> bool:
-        self._tell(GuestEvent.DISTURBED, reason=WALKS_OFF)
+        self._disturb(WALKS_OFF)
         stage, begun = self._stage, self._stage.now()
         while stage.now() - begun < 5.0:
             here, robot = stage.position(self._name), stage.robot()
@@ -158,9 +158,9 @@ class Guest:
             f"would like {order}\\. is that right": "yes please",
             "is that right": "no",
         }
-        mumbled = list(MUMBLED) if self.plan.disturbance == MUMBLES else []
+        mumbled = list(MUMBLED) if UNCLEAR in self.plan.disturbances else []
         if mumbled:
-            self._tell(GuestEvent.DISTURBED, reason=MUMBLES)
+            self._disturb(UNCLEAR)
         self._answers({**understood, "what would you like": mumbled.pop(0)} if mumbled else understood)
         stage.forget(self._name)
         begun, quiet = stage.now(), self.plan.thinking
@@ -183,13 +183,13 @@ class Guest:
 
     def _be_served(self) -> bool:
         stage = self._stage
-        if self.plan.disturbance == LEAVES:
-            self._tell(GuestEvent.DISTURBED, reason=LEAVES)
+        if LEAVES in self.plan.disturbances:
+            self._disturb(LEAVES)
             stage.wait(GOES_AFTER)
             self._leave("left before the order came")
             return False
-        if self.plan.disturbance == CHAIR:
-            self._tell(GuestEvent.DISTURBED, reason=CHAIR)
+        if CHAIR in self.plan.disturbances:
+            self._disturb(CHAIR)
             self._block_the_way()
         if not stage.hear(self._name, "here is your", PATIENCE):
             self._leave("waited too long for the order")
@@ -222,6 +222,9 @@ class Guest:
 
     def _answers(self, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
         self._stage.answer(self._name, answers, then)
+
+    def _disturb(self, kind: str) -> None:
+        self._tell(GuestEvent.DISTURBED, reason=DISTURBANCES[kind])
 
     def _tell(
         self, event: int, items: Sequence[str] = (), reason: str = "", table: Optional[str] = None

@@ -2,7 +2,7 @@
 
 import sys
 import threading
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Union
 
 import rospy
 from merlin_msgs.msg import GuestEvent
@@ -12,7 +12,7 @@ from merlin_restaurant.players.barman import Barman
 from merlin_restaurant.players.guest import Guest
 from merlin_restaurant.players.house import BAR, House
 from merlin_restaurant.players.places import Places
-from merlin_restaurant.players.schedule import GuestPlan, ScheduleError, make_schedule
+from merlin_restaurant.players.schedule import DISTURBANCES, GuestPlan, ScheduleError, make_schedule
 from merlin_restaurant.players.stage import Closed, Stage, StageError
 from merlin_sim.world import World
 from merlin_sim.world_drawing import find_world
@@ -92,6 +92,11 @@ class Players:
         return there.get(table)
 
 
+def _disturbances(given: object) -> Union[int, List[str]]:
+    """How many, or which: ``leaves,chair``."""
+    return given if isinstance(given, int) else str(given).replace(",", " ").split()
+
+
 def main() -> int:
     """Entry point of the node; returns the exit code."""
     rospy.init_node("players")
@@ -101,7 +106,7 @@ def main() -> int:
         plans = make_schedule(
             int(rospy.get_param("~guests", 6)),
             seed,
-            int(rospy.get_param("~disturbances", 5)),
+            _disturbances(rospy.get_param("~disturbances", len(DISTURBANCES))),
             float(rospy.get_param("~haste", 1.0)),
         )
     except (ScheduleError, WorldError, KeyError, ValueError) as error:
