@@ -23,6 +23,7 @@
     (prepared ?t - table)           ; it stands on the bar, as ordered
     (carrying ?t - table)           ; it stands on the robot's tray
     (tray_free)
+    (quiet)                         ; the robot talks to nobody, so it can talk to somebody
     (entrance_checked)
     (waiting ?c - client)           ; at the entrance
     (greeted ?c - client)
@@ -44,34 +45,50 @@
   (:durative-action check_table       ; writes the state that it sees
     :parameters (?t - table)
     :duration (= ?duration 6)
-    :condition (over all (robot_at ?t))
-    :effect (at end (checked ?t)))
+    :condition (and
+      (at start (quiet))
+      (over all (robot_at ?t)))
+    :effect (and
+      (at start (not (quiet)))
+      (at end (quiet))
+      (at end (checked ?t))))
 
   (:durative-action take_order        ; writes what is wanted
     :parameters (?t - table)
     :duration (= ?duration 15)
     :condition (and
+      (at start (quiet))
       (at start (needs_serving ?t))
       (over all (robot_at ?t)))
-    :effect (at end (ordered ?t)))
+    :effect (and
+      (at start (not (quiet)))
+      (at end (quiet))
+      (at end (ordered ?t))))
 
   (:durative-action order_to_barman
     :parameters (?t - table)
     :duration (= ?duration 25)
     :condition (and
+      (at start (quiet))
       (at start (ordered ?t))
       (at start (tray_free))
       (over all (robot_at bar)))
-    :effect (at end (prepared ?t)))
+    :effect (and
+      (at start (not (quiet)))
+      (at end (quiet))
+      (at end (prepared ?t))))
 
   (:durative-action load_order
     :parameters (?t - table)
     :duration (= ?duration 8)
     :condition (and
+      (at start (quiet))
       (at start (prepared ?t))
       (at start (tray_free))
       (over all (robot_at bar)))
     :effect (and
+      (at start (not (quiet)))
+      (at end (quiet))
       (at start (not (tray_free)))
       (at end (not (prepared ?t)))
       (at end (carrying ?t))))
@@ -80,10 +97,13 @@
     :parameters (?t - table)
     :duration (= ?duration 12)
     :condition (and
+      (at start (quiet))
       (at start (carrying ?t))
       (at start (needs_serving ?t))
       (over all (robot_at ?t)))
     :effect (and
+      (at start (not (quiet)))
+      (at end (quiet))
       (at end (not (carrying ?t)))
       (at end (tray_free))
       (at end (not (ordered ?t)))
@@ -94,9 +114,12 @@
     :parameters (?t - table)
     :duration (= ?duration 8)
     :condition (and
+      (at start (quiet))
       (at start (carrying ?t))
       (over all (robot_at bar)))
     :effect (and
+      (at start (not (quiet)))
+      (at end (quiet))
       (at end (not (carrying ?t)))
       (at end (tray_free))))
 

@@ -7,6 +7,7 @@
   (:init
     (robot_at anywhere)
     (tray_free)
+    (quiet)
     (= (speed) 0.5)
     (= (pace) 0.3)
     (= (distance anywhere entrance) 4.7)

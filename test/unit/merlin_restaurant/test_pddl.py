@@ -65,6 +65,28 @@ def test_a_tray_that_is_not_free_is_brought_back_first(tmp_path: Path, capsys: p
     assert steps[:2] == ["(return_order table_1)", "(order_to_barman table_4)"]
 
 
+def test_what_nobody_wants_any_more_goes_back_to_the_bar(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    steps = plan(
+        tmp_path, capsys, "(tray_free)", "(carrying table_1)", "(robot_at table_1)", "(ready table_1)"
+    )
+    assert steps == ["(navigate table_1 bar)", "(return_order table_1)"]
+
+
+def test_who_takes_an_order_says_nothing_else_meanwhile(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    pytest.importorskip("kairos")
+    problem = tmp_path / "problem.pddl"
+    text = PROBLEM.read_text().replace("(robot_at anywhere)", "(robot_at table_4) (needs_serving table_4)")
+    problem.write_text(text)
+    assert validate([str(DOMAIN), str(problem), "(and (checked table_4) (ordered table_4))"]) == 0
+    steps = [line for line in capsys.readouterr().out.splitlines() if line[:1].isdigit()]
+    first, second = (float(line.split(":")[0]) for line in steps)
+    assert second - first >= 6.0, steps
+
+
 def test_a_client_gets_the_nearest_free_table(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     facts = ["(waiting ann)", "(ready table_3)", "(ready table_1)", "(ready table_6)"]
     steps = plan(tmp_path, capsys, "(seated ann)", *facts, objects="ann - client")

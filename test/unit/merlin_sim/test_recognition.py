@@ -1,16 +1,21 @@
 """Recognition without ROS: what stands where in rendered pictures, and in pictures of nothing."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+import rospkg
 
 from merlin_sim.camera import CameraModel, CameraPose
 from merlin_sim.camera_view import CameraView, overlap
-from merlin_sim.object_classes import OBJECT_CLASSES
+from merlin_sim.object_classes import OBJECT_CLASSES, PERSON
 from merlin_sim.recognition_trial import Placed, look
 from merlin_sim.recognizer import Recognizer, UnknownClass, annotated
 from merlin_sim.sighting import Sighting, merge
+from merlin_sim.simulation import RobotSpec, Simulation
+from merlin_sim.world_control import Placing
+from merlin_sim.world_file import load_world
 
 MODEL = CameraModel()
 HERE = CameraView(MODEL.matrix(), CameraPose(np.array([0, 0, 1.4]), np.eye(3)).optical(), 640, 480)

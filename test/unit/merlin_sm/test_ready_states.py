@@ -51,6 +51,16 @@ def test_a_function_that_refuses_aborts_with_its_text() -> None:
     assert run.reason == "the tray is full"
 
 
+def test_a_machine_that_goes_on_after_a_failure_says_what_failed(caplog: pytest.LogCaptureFixture) -> None:
+    machine = MerlinSM([SUCCEEDED, "aborted", PREEMPTED])
+    with machine:
+        machine.add("LOAD", FunctionState(refuse), {"aborted": "GO_ON"})
+        machine.add("GO_ON", FunctionState(lambda userdata: None))
+    with caplog.at_level("INFO", "rosout"):
+        assert machine.execute() == SUCCEEDED
+    assert [record.message for record in caplog.records] == ["LOAD was aborted: the tray is full"]
+
+
 class Wait(MerlinState):
     """Waits until it is told to end, or preempted."""
 

@@ -2,8 +2,6 @@
 
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
-import rospy
-
 from merlin_executor.goal_dispatcher import MissionSM
 from merlin_executor.goal_state import NOTHING
 from merlin_restaurant.menu import CALL, table_called
@@ -23,10 +21,12 @@ class Evening(MissionSM):
     """Rounds of the three stages until the restaurant has closed, while the robot listens for calls.
 
     :param closed: tells whether the restaurant has closed.
+    :param tell: takes a line about what the mission decides and why.
     """
 
-    def __init__(self, closed: Callable[[], bool]) -> None:
+    def __init__(self, closed: Callable[[], bool], tell: Callable[[str], None]) -> None:
         self._closed = closed
+        self._tell = tell
         self._table = ""
         self._last_round = False
         self._tried: List[str] = []
@@ -43,7 +43,8 @@ class Evening(MissionSM):
         with rounds:
             rounds.add("BEGIN", FunctionState(self._begin_round), {SUCCEEDED: "CHECK_TABLES"})
             self.goals("CHECK_TABLES", self._tables, then("SERVE"))
-            self.goals("SERVE", self._to_serve, {**then("SERVE"), NOTHING: "LOOK"}, priority=URGENT)
+            self.goals("SERVE", self._to_serve, {**then("SERVE"), NOTHING: "TIDY"}, priority=URGENT)
+            self.goals("TIDY", self._to_bring_back, then("LOOK"), priority=URGENT)
             self.goals("LOOK", "(entrance_checked)", {SUCCEEDED: "GUIDE", ABORTED: "GUIDE"})
             self.goals("GUIDE", self._to_guide, then("END"), priority=URGENT)
             rounds.add("END", FunctionState(self._end_round, outcomes=["open"]), {"open": "BEGIN"})
@@ -57,7 +58,8 @@ class Evening(MissionSM):
             calls.add("LISTEN", listen, {SUCCEEDED: "NOTE", "misunderstood": "LISTEN", ABORTED: "LISTEN"})
             note = FunctionState(self._note_call, ["heard"], outcomes=["entrance"])
             calls.add("NOTE", note, {SUCCEEDED: "SERVE", "entrance": "LOOK", ABORTED: "LISTEN"})
-            self.goals("SERVE", self._called, then("LISTEN"), priority=URGENT)
+            self.goals("SERVE", self._called, then("TIDY"), priority=URGENT)
+            self.goals("TIDY", self._to_bring_back, then("LISTEN"), priority=URGENT)
             look = {SUCCEEDED: "GUIDE", ABORTED: "LISTEN"}
             self.goals("LOOK", "(entrance_checked)", look, priority=URGENT)
             self.goals("GUIDE", self._to_guide, then("LISTEN"), priority=URGENT)
@@ -67,10 +69,15 @@ class Evening(MissionSM):
         """Looks at nothing as checked, and notes whether this is the last round."""
         self._last_round = self._closed()
         self._tried = []
+        self._tell(
+            "closed: looks once more at what is not ready" if self._last_round else "checks all tables"
+        )
         self.remove_facts([*self.facts("checked"), "(entrance_checked)"])
 
     def _tables(self, userdata: Any) -> List[str]:
-        return [f"(checked {table})" for table in self.objects("table")]
+        """All tables; in the last round, when nobody comes any more, those that are not known to be ready."""
+        known = named_in(self.facts("ready")) if self._last_round else []
+        return [f"(checked {table})" for table in self.objects("table") if table not in known]
 
     def _to_serve(self, userdata: Any) -> List[str]:
         """The next table that needs serving, each once in a round."""
@@ -78,11 +85,15 @@ class Evening(MissionSM):
         self._tried += waiting[:1]
         return [f"(already_served {table})" for table in waiting[:1]]
 
+    def _to_bring_back(self, userdata: Any) -> List[str]:
+        """What is still on the tray: its guests have left."""
+        return ["(tray_free)"] if self.facts("carrying") else []
+
     def _to_guide(self, userdata: Any) -> List[str]:
         """A client who waits, if there is a free table."""
         clients = named_in(self.facts("waiting"))
         if clients and not self.facts("ready"):
-            rospy.loginfo(f"no free table is known for {clients[0]}")
+            self._tell(f"{clients[0]} has to wait: no table is known to be free")
             return []
         return [f"(seated {client})" for client in clients[:1]]
 
@@ -90,8 +101,10 @@ class Evening(MissionSM):
         """What a call means: a table needs serving, or somebody is at the entrance."""
         table = self._table = table_called(userdata.heard)
         if not table:
+            self._tell("somebody at the entrance calls")
             self.remove_facts("(entrance_checked)")
             return "entrance"
+        self._tell(f"{table} calls")
         if not self.holds(f"(ordered {table})"):
             remember_state(self, table, "needs_serving")
         return None

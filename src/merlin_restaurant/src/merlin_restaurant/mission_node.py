@@ -46,7 +46,7 @@ class EveningNode:
         self._books_lock = threading.Lock()  # guards the books
         self._books = Books()
         self._watch = RobotWatch(lambda text: self._line("robot", text), self._delivered, self._failed)
-        self._evening = Evening(self._closed)
+        self._evening = Evening(self._closed, lambda text: self._line("mission", text))
         rospy.Subscriber("restaurant/guests", GuestEvent, self._guest, queue_size=100)
 
     def run(self) -> int:

@@ -5,7 +5,7 @@ from typing import Callable, Dict, List, NamedTuple, Set, Tuple
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import KnowledgeChanges, ListenActionResult, RecognizeActionResult
+from merlin_msgs.msg import ExecutorStatus, KnowledgeChanges, ListenActionResult, RecognizeActionResult
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from sound_play.msg import SoundRequestActionGoal
@@ -51,7 +51,11 @@ class RobotWatch:
         self._running: Dict[Tuple[int, int], Tuple[str, float]] = {}
         self._facts: Set[str] = set()
         self.deeds: List[Deed] = []
+        self._request = ""  # these three are the subscriber's of merlin/status alone
+        self._goal = ""
+        self._known_requests: Set[str] = set()
         for topic, kind, receive in (
+            ("merlin/status", ExecutorStatus, self._pursued),
             (f"{PLANNER}/action_dispatch", ActionDispatch, self._dispatched),
             (f"{PLANNER}/action_feedback", ActionFeedback, self._answered),
             ("rosplan_knowledge_base/changes", KnowledgeChanges, self._learned),
@@ -61,6 +65,19 @@ class RobotWatch:
             ("recognize/result", RecognizeActionResult, self._saw),
         ):
             rospy.Subscriber(topic, kind, receive, queue_size=100, tcp_nodelay=True)
+
+    def _pursued(self, status: ExecutorStatus) -> None:
+        """Tells which goal the robot pursues now, and how the last one ended."""
+        if status.request == self._request:
+            return
+        if self._request:
+            self._log(f"goal {self._goal}: {status.reason.partition(': ')[2] or 'left'}")
+        self._request = status.request
+        if status.request:
+            self._goal = _goal(status.goals, status.priority)
+            again = "goes on with" if status.request in self._known_requests else "goal"
+            self._known_requests.add(status.request)
+            self._log(f"{again} {self._goal}")
 
     def _dispatched(self, action: ActionDispatch) -> None:
         if action.name.lower() == "cancel_action":
@@ -136,6 +153,11 @@ TOLD = (
     "seated",
 )
 """Predicates whose new facts are worth a line."""
+
+
+def _goal(goals: List[str], priority: int) -> str:
+    more = f" and {len(goals) - 1} more" if len(goals) > 1 else ""
+    return f"{goals[0] if goals else ''}{more}{', urgent' if priority else ''}"
 
 
 def _facts(items: List[KnowledgeItem]) -> List[str]:

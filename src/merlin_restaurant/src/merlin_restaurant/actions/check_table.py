@@ -7,21 +7,18 @@ from merlin_restaurant.table_state import decide, dishes_on, people_at, remember
 
 
 class CheckTable(MerlinActionSM):
-    """Takes a picture, says the table's state aloud, and remembers it."""
+    """Takes a picture, remembers the table's state, and says it aloud."""
 
     parameters = ["t"]
 
     def build(self) -> None:
-        """LOOK → JUDGE → TELL → REMEMBER."""
+        """LOOK → JUDGE → TELL."""
         self.add_auto("LOOK", self.state("recognize"), ["succeeded"])
         judge = self.state("function", self._judge, ["t", "detections"], ["state"])
         self.add_auto("JUDGE", judge, ["succeeded"])
-        self.add_auto("TELL", self.state("speak", "{t}: {state}.", keys=("t", "state")), ["succeeded"])
-        self.add("REMEMBER", self.state("function", self._remember, ["t", "state"]))
+        self.add("TELL", self.state("speak", "{t}: {state}.", keys=("t", "state")))
 
     def _judge(self, userdata: Any) -> None:
         table, seen = userdata.t, userdata.detections
-        userdata.state = decide(people_at(table, seen), dishes_on(table, seen))
-
-    def _remember(self, userdata: Any) -> None:
-        remember_state(self, userdata.t, userdata.state)
+        state = userdata.state = decide(people_at(table, seen), dishes_on(table, seen))
+        remember_state(self, table, state)  # before it speaks: who is interrupted has seen it, too

@@ -14,11 +14,13 @@ from merlin_restaurant.players.schedule import CHAIR, DISTURBANCES, LEAVES, UNCL
 from merlin_restaurant.players.stage import Stage, StageError
 
 CALL_EVERY = 25.0  # s between two calls for the robot
-PATIENCE = 420.0  # s that a guest waits for a table, for the waiter or for the order
+PATIENCE = 900.0  # s that a guest waits for a table, for the waiter or for the order
 KEPT = 0.9  # m that who follows keeps from the robot
 LOOK = 0.6  # s between two looks at where the robot is now
 STRANDED = 40.0  # s without the robot moving on after which who follows goes back to the entrance
 MUMBLED = ("the weather was lovely by the lake", "my uncle has seven little dogs")
+ASKED = "what would you like"
+TALKING = 90.0  # s after a question in which a guest does not call for who has asked it
 CHAIR_NAME = "chair_5"
 GOES_AFTER = 12.0  # s after ordering in which an impatient guest leaves
 
@@ -154,30 +156,31 @@ class Guest:
         stage, order = self._stage, listed(self.plan.order)
         wish = " and ".join(f"a {item}" for item in self.plan.order)
         understood = {
-            "what would you like": f"{wish} please",
+            ASKED: f"{wish} please",
             f"would like {order}\\. is that right": "yes please",
             "is that right": "no",
         }
-        mumbled = list(MUMBLED) if UNCLEAR in self.plan.disturbances else []
-        if mumbled:
+        answers = [understood]
+        if UNCLEAR in self.plan.disturbances:
             self._disturb(UNCLEAR)
-        self._answers({**understood, "what would you like": mumbled.pop(0)} if mumbled else understood)
+            answers = [*({**understood, ASKED: mumbled} for mumbled in MUMBLED), understood]
+        self._answers(answers.pop(0))
         stage.forget(self._name)
+        repeated = f"would like {order}. is that right"
         begun, quiet = stage.now(), self.plan.thinking
         while stage.now() - begun < PATIENCE:
-            if stage.hear(self._name, "what would you like", quiet):
-                # Who is being asked does not call.
-                while mumbled:
-                    self._answers({**understood, "what would you like": mumbled.pop(0)})
-                    stage.hear(self._name, "what would you like", 30.0)
-                self._answers(understood)
-                if stage.hear(self._name, f"would like {order}. is that right", 90.0):
-                    self._tell(GuestEvent.ORDERED, items=self.plan.order)
-                    return True
+            said = stage.hear(self._name, (ASKED, repeated), quiet)
+            if repeated in said:
+                self._tell(GuestEvent.ORDERED, items=self.plan.order)
+                return True
+            if said:
+                quiet = TALKING
+                if answers:
+                    self._answers(answers.pop(0))
             else:
                 stage.call(call_from(self.table))
                 self._tell(GuestEvent.CALLED)
-            quiet = CALL_EVERY
+                quiet = CALL_EVERY
         self._leave("waited too long for the waiter")
         return False
 

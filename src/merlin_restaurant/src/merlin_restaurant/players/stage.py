@@ -3,7 +3,7 @@
 import math
 import threading
 from collections import deque
-from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple
+from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 import rospy
@@ -187,15 +187,16 @@ class Stage:
         with self._changed:
             self._heard[name] = deque()
 
-    def hear(self, name: str, text: str, seconds: float) -> str:
-        """Waits until the robot says something to somebody that contains a text; returns it, or nothing."""
+    def hear(self, name: str, text: Union[str, Tuple[str, ...]], seconds: float) -> str:
+        """Waits until the robot says something to somebody that contains a text (one of some); returns it."""
+        wanted = (text,) if isinstance(text, str) else text
         found: List[str] = []
 
         def said() -> bool:
             heard = self._heard.setdefault(name, deque())
             while heard:
                 question = heard.popleft().question.lower()
-                if text in question:
+                if any(part in question for part in wanted):
                     found.append(question)
                     return True
             return False

@@ -45,6 +45,7 @@ class AskSM(MerlinSM):
 
     def _first(self, userdata: Any, initial_states: Sequence[str]) -> None:
         self._asked = 1
+        userdata.heard = ""  # until something is understood
 
     def _again(self, userdata: Any) -> Optional[str]:
         if self._asked >= self._attempts:
