@@ -89,8 +89,8 @@ class Guest:
         stage, came = self._stage, self._stage.now()
         while stage.now() - came < PATIENCE:
             stage.forget(self._name)
-            stage.call("good evening we would like a table")
-            self._tell(GuestEvent.CALLED)
+            if stage.call("good evening we would like a table", self._name):
+                self._tell(GuestEvent.CALLED)
             said = stage.hear(self._name, "follow me to", CALL_EVERY)
             if not said:
                 continue
@@ -178,8 +178,8 @@ class Guest:
                 if answers:
                     self._answers(answers.pop(0))
             else:
-                stage.call(call_from(self.table))
-                self._tell(GuestEvent.CALLED)
+                if stage.call(call_from(self.table), self._name):
+                    self._tell(GuestEvent.CALLED)
                 quiet = CALL_EVERY
         self._leave("waited too long for the waiter")
         return False

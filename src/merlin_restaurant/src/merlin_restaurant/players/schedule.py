@@ -78,7 +78,7 @@ def make_schedule(
     for number in range(guests):
         at_table = number < seated
         if not at_table:
-            comes += random.uniform(100.0, 160.0) / haste
+            comes += random.uniform(150.0, 220.0) / haste
         disturbances_of = disturbed.get(number, ())
         items = 2 if MISSING in disturbances_of else random.choice((1, 2))
         plans.append(

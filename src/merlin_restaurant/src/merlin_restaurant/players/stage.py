@@ -21,6 +21,7 @@ from merlin_sm.service_proxy import ServiceProxy
 
 CHUNK = 0.2  # s of sound per message
 QUIET = 4.0  # s that nobody has spoken before a guest calls across the room
+CALL_WAITS = 60.0  # s until a guest gives up calling, because it is never quiet
 TRAIL = 0.15  # m between the remembered places of the robot
 HEARD = 200.0  # RMS, of 32767, of a voice
 CALL_LIMIT = 10.0  # s of wall time for a service of the simulator
@@ -203,10 +204,19 @@ class Stage:
 
         return found[0] if self.wait_until(said, seconds) else ""
 
-    def call(self, text: str) -> bool:
-        """Says something aloud as soon as it is quiet; False when it never was."""
+    def call(self, text: str, name: str = "") -> bool:
+        """Says something aloud as soon as it is quiet.
+
+        :param name: of who calls, and does not when the robot has said something to them before it was quiet.
+        :return: False: it never was quiet, or the robot came first.
+        """
+
+        def spoken_to() -> bool:
+            return bool(self._heard.get(name))
+
         with self._voices:
-            if not self.wait_until(lambda: self.now() - self._last_sound > QUIET, 60.0):
+            quiet = self.wait_until(lambda: spoken_to() or self.now() - self._last_sound > QUIET, CALL_WAITS)
+            if not quiet or spoken_to():
                 return False
             samples = self._synthesizer.say(text).samples
             sound = np.concatenate([samples, np.zeros(round(0.8 * RATE), dtype=np.int16)])
