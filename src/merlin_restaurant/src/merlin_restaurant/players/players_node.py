@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import traceback
 from typing import Dict, List, Optional, Union
 
 import rospy
@@ -70,9 +71,10 @@ class Players:
                 player.play()
             except Closed:
                 pass
-            except StageError as error:  # a world in which the play cannot go on
-                self._failure = str(error)
-                rospy.logfatal(f"players: {error}")
+            except Exception as error:  # a play that goes on without one of its players would never end well
+                self._failure = f"{name}: {error}"
+                why = error if isinstance(error, StageError) else traceback.format_exc()
+                rospy.logfatal(f"players: {name} cannot go on: {why}")
                 self._stage.close()
 
         thread = threading.Thread(target=play, name=name, daemon=True)

@@ -22,6 +22,7 @@ from merlin_sm.service_proxy import ServiceProxy
 CHUNK = 0.2  # s of sound per message
 QUIET = 4.0  # s that nobody has spoken before a guest calls across the room
 CALL_WAITS = 60.0  # s until a guest gives up calling, because it is never quiet
+APPEARS = 10.0  # s until who was placed is seen
 TRAIL = 0.15  # m between the remembered places of the robot
 HEARD = 200.0  # RMS, of 32767, of a voice
 CALL_LIMIT = 10.0  # s of wall time for a service of the simulator
@@ -109,8 +110,14 @@ class Stage:
     # --- people and things ---------------------------------------------------------------------------------
 
     def put_person(self, name: str, at: Point, yaw: float = 0.0, sit: bool = False) -> None:
-        """Makes somebody appear."""
+        """Makes somebody appear.
+
+        :raises StageError: something is in the way.
+        """
         self._demand(self._place(name=name, kind=self._kind(name), x=at[0], y=at[1], yaw=yaw, sit=sit), name)
+        # The simulator answers before it tells who is where; from here on everybody may rely on that.
+        if not self.wait_until(lambda: name in self._people, APPEARS):
+            raise StageError(f"{name} was placed, but did not appear on /merlin_sim/people in {APPEARS:g} s")
 
     def put_thing(self, name: str, kind: str, on: str, at: Point, yaw: float = 0.0) -> None:
         """Puts an object on furniture or on the robot's tray; m from its middle."""
