@@ -23,7 +23,7 @@
     (prepared ?t - table)           ; it stands on the bar, as ordered
     (carrying ?t - table)           ; it stands on the robot's tray
     (tray_free)
-    (quiet)                         ; the robot talks to nobody, so it can talk to somebody
+    (quiet)                         ; the robot is in no conversation
     (entrance_checked)
     (waiting ?c - client)           ; at the entrance
     (greeted ?c - client)
@@ -46,12 +46,9 @@
     :parameters (?t - table)
     :duration (= ?duration 6)
     :condition (and
-      (at start (quiet))
+      (over all (quiet))
       (over all (robot_at ?t)))
-    :effect (and
-      (at start (not (quiet)))
-      (at end (quiet))
-      (at end (checked ?t))))
+    :effect (at end (checked ?t)))
 
   (:durative-action take_order        ; writes what is wanted
     :parameters (?t - table)

@@ -56,8 +56,9 @@ class Evening(MissionSM):
         with calls:
             listen = ListenState(CALL, LISTEN, "calls/listen")
             calls.add("LISTEN", listen, {SUCCEEDED: "NOTE", "misunderstood": "LISTEN", ABORTED: "LISTEN"})
-            note = FunctionState(self._note_call, ["heard"], outcomes=["entrance"])
-            calls.add("NOTE", note, {SUCCEEDED: "SERVE", "entrance": "LOOK", ABORTED: "LISTEN"})
+            note = FunctionState(self._note_call, ["heard"], outcomes=["entrance", "no_call"])
+            meant = {SUCCEEDED: "SERVE", "entrance": "LOOK", "no_call": "LISTEN", ABORTED: "LISTEN"}
+            calls.add("NOTE", note, meant)
             self.goals("SERVE", self._called, then("TIDY"), priority=URGENT)
             self.goals("TIDY", self._to_bring_back, then("LISTEN"), priority=URGENT)
             look = {SUCCEEDED: "GUIDE", ABORTED: "LISTEN"}
@@ -99,6 +100,9 @@ class Evening(MissionSM):
 
     def _note_call(self, userdata: Any) -> Optional[str]:
         """What a call means: a table needs serving, or somebody is at the entrance."""
+        if not self.holds("(quiet)"):
+            self._tell("takes that for a part of the conversation that it is in")
+            return "no_call"
         table = self._table = table_called(userdata.heard)
         if not table:
             self._tell("somebody at the entrance calls")

@@ -20,7 +20,8 @@ from merlin_sim.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_sm.service_proxy import ServiceProxy
 
 CHUNK = 0.2  # s of sound per message
-QUIET = 4.0  # s that nobody has spoken before a guest calls across the room
+QUIET = 6.0  # s that nobody has spoken before a guest calls across the room
+ANSWER_DUE = 20.0  # s in which who was asked begins to answer
 CALL_WAITS = 60.0  # s until a guest gives up calling, because it is never quiet
 APPEARS = 10.0  # s until who was placed is seen
 TRAIL = 0.15  # m between the remembered places of the robot
@@ -48,6 +49,7 @@ class Stage:
         self._robot: Optional[Tuple[float, float, float]] = None
         self._trail: List[Point] = []
         self._last_sound = 0.0
+        self._answer_due = 0.0  # until then nobody calls, because somebody is about to answer the robot
         self._voices = threading.Lock()  # one person calls at a time
         self._synthesizer = SpeechSynthesizer()
         self._place = ServiceProxy("/merlin_sim/place", PlaceThing, timeout=CALL_LIMIT)
@@ -234,6 +236,10 @@ class Stage:
                 self.wait(len(part) / RATE)
         return True
 
+    def _quiet(self) -> bool:
+        now = self.now()
+        return now - self._last_sound > QUIET and now > self._answer_due
+
     # --- books ---------------------------------------------------------------------------------------------
 
     def tell(
@@ -269,13 +275,15 @@ class Stage:
     def _hear(self, message: PersonHeard) -> None:
         with self._changed:
             self._heard.setdefault(message.person, deque()).append(message)
+            if message.answer:
+                self._answer_due = self.now() + ANSWER_DUE
             self._changed.notify_all()
 
     def _listen(self, message: AudioData) -> None:
         samples = np.frombuffer(message.data, dtype="<i2").astype(float)
         if len(samples) and math.sqrt(float(np.mean(samples**2))) > HEARD:
             with self._changed:
-                self._last_sound = rospy.get_time()
+                self._last_sound, self._answer_due = rospy.get_time(), 0.0
 
     def _notice(self, message: Bool) -> None:
         with self._changed:
