@@ -221,18 +221,27 @@ class Stage:
         def spoken_to() -> bool:
             return bool(self._heard.get(name))
 
-        with self._voices:
-            quiet = self.wait_until(lambda: spoken_to() or self._silence.quiet(self.now()), CALL_WAITS)
-            if not quiet or spoken_to():
+        end = self.now() + CALL_WAITS
+        while self.wait_until(lambda: spoken_to() or self._silence.quiet(self.now()), end - self.now()):
+            if spoken_to():
                 return False
-            samples = self._synthesizer.say(text).samples
-            sound = np.concatenate([samples, np.zeros(round(0.8 * RATE), dtype=np.int16)])
-            size = round(CHUNK * RATE)
-            for first in range(0, len(sound), size):
-                part = sound[first : first + size]
-                self._microphone.publish(AudioData(data=part.astype("<i2").tobytes()))
-                self.wait(len(part) / RATE)
-        return True
+            with self._voices:
+                with self._changed:
+                    if not self._silence.quiet(self.now()):
+                        continue  # somebody else was faster
+                    self._silence.sound(self.now())
+                self._say(text)
+                return True
+        return False
+
+    def _say(self, text: str) -> None:
+        samples = self._synthesizer.say(text).samples
+        sound = np.concatenate([samples, np.zeros(round(0.8 * RATE), dtype=np.int16)])
+        size = round(CHUNK * RATE)
+        for first in range(0, len(sound), size):
+            part = sound[first : first + size]
+            self._microphone.publish(AudioData(data=part.astype("<i2").tobytes()))
+            self.wait(len(part) / RATE)
 
     # --- books ---------------------------------------------------------------------------------------------
 
