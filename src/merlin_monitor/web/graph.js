@@ -2,6 +2,8 @@
 import { el, setText, svg } from "./dom.js";
 
 const LONGEST = 34; // characters, as the layout reckons
+const NARROWEST = 480; // px
+const SMALLEST = 0.5; // of the size it was laid out in
 
 export class GraphView {
   constructor(container, { onPick } = {}) {
@@ -27,7 +29,7 @@ export class GraphView {
       return;
     }
     const { width, height } = layout;
-    const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "group", "aria-label": label });
+    const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": label });
     for (const cluster of layout.clusters) {
       const frame = svg("rect", { class: "cluster", x: cluster.x, y: cluster.y, width: cluster.w, height: cluster.h, rx: 10 });
       const text = svg("text", { class: "cluster-text", x: cluster.x + 12, y: cluster.y + 14 }, cut(cluster.text));
@@ -36,6 +38,10 @@ export class GraphView {
     }
     for (const edge of layout.edges) root.append(this.drawEdge(edge));
     for (const node of layout.nodes) root.append(this.drawNode(node));
+    // As large as it was laid out where there is room, smaller down to what can still be read.
+    this.container.style.width = `${width + 4}px`;
+    root.style.maxWidth = `${width}px`;
+    root.style.minWidth = `${Math.min(width, Math.max(NARROWEST, width * SMALLEST))}px`;
     this.container.append(root);
   }
 

@@ -3,7 +3,7 @@ import { byId, clockText, el, keyed, part, setText, svg } from "./dom.js";
 
 const KINDS = ["mission", "goal", "plan", "action", "machine", "knowledge", "health", "control", "monitor"];
 const QUIET = new Set(["machine", "knowledge"]); // not shown until asked for
-const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", machine: "⬡", knowledge: "＋", health: "♥", control: "✎", monitor: "·" };
+const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", machine: "⬡", knowledge: "+", health: "♥", control: "✎", monitor: "·" };
 const BAD = /\b(failed|error|unsolvable|refused|timeout|crashed|invalid|internal|silent)\b/;
 const PAGE = 200;
 const SPAN = 180; // s of the timeline

@@ -29,8 +29,7 @@ def layout(graph: Graph, command: str = "dot") -> Dict[str, Any]:
         process = subprocess.run(
             [command, "-Tjson0", "-y"],
             input=source,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            capture_output=True,
             timeout=TIMEOUT,
             text=True,
             check=False,
@@ -55,7 +54,7 @@ def _dot(graph: Graph) -> Tuple[str, Dict[str, int], Dict[str, int]]:
         below.setdefault(cluster.parent if cluster.parent in clusters else "", []).append(cluster.id)
     lines = [
         "digraph {",
-        f"graph [compound=true, rankdir={graph.direction}, nodesep=0.28, ranksep=0.42, pad=0.05, splines=true]",
+        f"graph [compound=true, rankdir={graph.direction}, nodesep=0.28, ranksep=0.42, pad=0.05]",
         'node [shape=box, fixedsize=true, label=""]',
         "edge [arrowsize=0.6]",
         *inside.get("", []),
@@ -83,9 +82,9 @@ def _dot(graph: Graph) -> Tuple[str, Dict[str, int], Dict[str, int]]:
             fields.append(f"lhead=cluster_{clusters[edge.head_cluster]}")
         if edge.text:
             width = len(edge.text[:LONGEST_LABEL]) * SMALL + 8
-            fields.append(
-                f'label=<<table border="0" fixedsize="true" width="{width:.0f}" height="16"><tr><td></td></tr></table>>'
-            )
+            # A table without text: room for what the page writes there.
+            table = f'<table border="0" fixedsize="true" width="{width:.0f}" height="16">'
+            fields.append(f"label=<{table}<tr><td></td></tr></table>>")
         lines.append(f"n{nodes[edge.tail]} -> n{nodes[edge.head]} [{', '.join(fields)}]")
     lines.append("}")
     return "\n".join(lines), nodes, clusters

@@ -1,7 +1,7 @@
 """Brings changes of the state to every open page: at once when it is quiet, in frames when much happens.
 
-One frame is encoded once for all pages. A page that reads slowly has at most one text on its way and one set of
-changes behind it, which grows into the whole state and no further.
+One frame is encoded once for all pages. A page that reads slowly has at most one text on its way and one set
+of changes behind it, which grows into the whole state and no further.
 """
 
 import asyncio

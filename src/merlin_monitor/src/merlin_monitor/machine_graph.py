@@ -53,9 +53,11 @@ def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> Graph:
         parent = path.rsplit("/", 1)[0] if path != root else ""
         clusters.append(Cluster(path, path.rsplit("/", 1)[1], parent))
         inside = path.rstrip("/")
-        for child in container["children"]:
-            if f"{inside}/{child}" not in containers:
-                nodes.append(Node(f"{inside}/{child}", child, "state", path))
+        nodes += [
+            Node(f"{inside}/{child}", child, "state", path)
+            for child in container["children"]
+            if f"{inside}/{child}" not in containers
+        ]
         outcomes = set(container["outcomes"])
         nodes += [Node(f"{path}:{outcome}", outcome, "outcome", path) for outcome in sorted(outcomes)]
         grouped: Dict[Tuple[str, str], List[str]] = {}
