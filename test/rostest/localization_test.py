@@ -7,6 +7,7 @@ import unittest
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from nav_msgs.msg import Odometry
@@ -21,6 +22,7 @@ class Localization(unittest.TestCase):
     def setUp(self):
         self.changed = threading.Condition()
         self.truth = self.belief = None
+        self.health = {}
         self.subscribers = [
             rospy.Subscriber("ground_truth", Odometry, self.receive, "truth", tcp_nodelay=True),
             rospy.Subscriber("amcl_pose", PoseWithCovarianceStamped, self.receive, "belief"),
@@ -31,6 +33,11 @@ class Localization(unittest.TestCase):
     def receive(self, message, name):
         with self.changed:
             setattr(self, name, message)
+            self.changed.notify_all()
+
+    def diagnose(self, message):
+        with self.changed:
+            self.health.update({status.name: status.message for status in message.status})
             self.changed.notify_all()
 
     def wait(self, predicate):
@@ -49,6 +56,10 @@ class Localization(unittest.TestCase):
         goal.target_pose.pose.position.x, goal.target_pose.pose.position.y = x, y
         goal.target_pose.pose.orientation.w = 1.0
         return self.client.send(goal)
+
+    def test_it_tells_that_it_knows_where_the_robot_is(self):
+        self.subscribers.append(rospy.Subscriber("/diagnostics", DiagnosticArray, self.diagnose))
+        self.wait(lambda: self.health.get("localization: localization") == "knows where the robot is")
 
     def test_it_drives_by_its_belief_and_finds_back(self):
         goal = self.drive(4.8, 3.5)

@@ -123,8 +123,8 @@ def named(name):
     return lambda message: message.name == name
 
 
-class Dispatching:
-    """Promises of both dispatchers."""
+class Fixture:
+    """A parser and a dispatcher, and interfaces that answer as a test wants it."""
 
     kind = ""
 
@@ -204,6 +204,44 @@ class Dispatching:
         self.interfaces.wait(named("cancel_action"))
         return [m for m in self.interfaces.dispatched if m.name == "cancel_action"]
 
+    def refused(self, part, line="0.0: (paint ann leg) [5.0]"):
+        self.give(line)
+        self.assertFalse(self.dispatch().success)
+        self.assertIn(part, self.last_status().reason)
+        self.assertEqual(self.interfaces.names(), [])
+
+
+class Expressions(Fixture):
+    """Promises about conditions that no message carries."""
+
+    def test_a_disjunction_is_checked(self):
+        self.refused("(or (painted leg) (stored leg)) does not hold", "0.0: (inspect ann leg) [5.0]")
+        self.knowledge.update([Update(ADD, fact("stored", "leg"))])
+        self.give("0.0: (inspect ann leg) [5.0]")
+        self.assertTrue(self.dispatch().success)
+
+    def inspection_broken_by(self, update):
+        self.knowledge.update([Update(ADD, fact("painted", "leg"))])
+        self.interfaces.answers.update({"inspect": [(1,)], "on_cancel": (10, "cancelled")})
+        self.give("0.0: (inspect ann leg) [5.0]")
+        result = self.start()
+        self.interfaces.wait(named("inspect"))
+        self.knowledge.update([update])
+        self.assertFalse(result().success)
+        return self.last_status().reason
+
+    def test_a_quantified_over_all_condition_is_watched(self):
+        reason = self.inspection_broken_by(Update(ADD, function_value("battery", ["bob"], 1.0)))
+        self.assertIn("(forall (?o - robot) (>= (battery ?o) 5)) does not hold", reason)
+
+    def test_an_over_all_condition_on_a_derived_predicate_is_watched(self):
+        reason = self.inspection_broken_by(Update(ADD, fact("broken", "ann")))
+        self.assertIn("(lit ann) does not hold", reason)
+
+
+class Dispatching(Expressions):
+    """Promises of both dispatchers."""
+
     # --- the course of a plan ---
 
     def test_a_plan_runs_to_its_end_and_one_tombstone_follows(self):
@@ -267,12 +305,6 @@ class Dispatching:
 
     # --- conditions ---
 
-    def refused(self, part, line="0.0: (paint ann leg) [5.0]"):
-        self.give(line)
-        self.assertFalse(self.dispatch().success)
-        self.assertIn(part, self.last_status().reason)
-        self.assertEqual(self.interfaces.names(), [])
-
     def test_a_negative_condition_is_checked(self):
         self.knowledge.update([Update(ADD, fact("broken", "ann"))])
         self.refused("(broken ann) holds")
@@ -298,30 +330,6 @@ class Dispatching:
         self.assertIn("(powered) does not hold", self.last_status().reason)
         self.interfaces.dispatched.clear()
         self.refused("(powered) does not hold")
-
-    def test_a_disjunction_is_checked(self):
-        self.refused("(or (painted leg) (stored leg)) does not hold", "0.0: (inspect ann leg) [5.0]")
-        self.knowledge.update([Update(ADD, fact("stored", "leg"))])
-        self.give("0.0: (inspect ann leg) [5.0]")
-        self.assertTrue(self.dispatch().success)
-
-    def inspection_broken_by(self, update):
-        self.knowledge.update([Update(ADD, fact("painted", "leg"))])
-        self.interfaces.answers.update({"inspect": [(1,)], "on_cancel": (10, "cancelled")})
-        self.give("0.0: (inspect ann leg) [5.0]")
-        result = self.start()
-        self.interfaces.wait(named("inspect"))
-        self.knowledge.update([update])
-        self.assertFalse(result().success)
-        return self.last_status().reason
-
-    def test_a_quantified_over_all_condition_is_watched(self):
-        reason = self.inspection_broken_by(Update(ADD, function_value("battery", ["bob"], 1.0)))
-        self.assertIn("(forall (?o - robot) (>= (battery ?o) 5)) does not hold", reason)
-
-    def test_an_over_all_condition_on_a_derived_predicate_is_watched(self):
-        reason = self.inspection_broken_by(Update(ADD, fact("broken", "ann")))
-        self.assertIn("(lit ann) does not hold", reason)
 
     # --- cancel ---
 
@@ -535,6 +543,10 @@ class EsterelDispatching(Dispatching, unittest.TestCase):
         publisher.publish(plan)
         self.assertFalse(self.dispatch().success)
         self.assertIn("joins nodes", self.last_status().reason)
+
+
+class DispatchingOfItsOwnProcess(Expressions, unittest.TestCase):
+    kind = "outer"
 
 
 class Shutdown(unittest.TestCase):

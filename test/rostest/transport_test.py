@@ -159,6 +159,21 @@ class Services(unittest.TestCase):
         with self.assertRaises(ServiceError):
             ServiceProxy("hangs", Trigger, timeout=0.2)()
 
+    def test_the_first_call_waits_for_a_server_that_is_being_started(self):
+        offered = []
+        ask = ServiceProxy("comes_late", Trigger, patience=LONG)
+        look = ask.available
+
+        def start_after_the_first_look():
+            found = look()
+            if not offered:
+                offered.append(rospy.Service("comes_late", Trigger, lambda _: TriggerResponse(True, "here")))
+            return found
+
+        ask.available = start_after_the_first_look
+        self.addCleanup(lambda: offered[0].shutdown())
+        self.assertEqual(ask().message, "here")
+
     def test_a_missing_service_is_named(self):
         with self.assertRaises(ServiceError) as caught:
             ServiceProxy("nowhere", Trigger)()

@@ -1,9 +1,14 @@
 """Messages between components of one process."""
 
+import threading
 from unittest import mock
 
 import pytest
+import rosgraph
+from std_msgs.msg import String
+from std_srvs.srv import TriggerRequest
 
+from merlin_rosplan import handover
 from merlin_rosplan.handover import Handover
 
 
@@ -57,3 +62,50 @@ def test_other_topics_and_ended_receivers_get_nothing(received):
     sender.hand_over(Message("e", "/me"))
     sender.shutdown()
     assert texts == []
+
+
+@pytest.fixture
+def in_another_process(monkeypatch):
+    """A receiver whose sender can only be asked; returns it, its texts and the sender."""
+    sender = handover.Sender("/topic")
+    monkeypatch.setattr(rosgraph, "Master", lambda _: mock.Mock())
+    monkeypatch.setattr(
+        handover, "ServiceProxy", lambda *_, **__: lambda: sender.tell_digest(TriggerRequest())
+    )
+    monkeypatch.setattr("rospy.get_name", lambda: "/me")
+    texts = []
+    subscription = Handover.receiver("/topic", lambda message: texts.append(message.data))
+    yield subscription, texts, sender
+    subscription.shutdown()
+
+
+def sent(text):
+    message = String(text)
+    message._connection_header = {"callerid": "/other"}
+    return message
+
+
+def test_what_another_process_has_sent_is_waited_for(in_another_process):
+    subscription, texts, sender = in_another_process
+    subscription.from_topic(sent("old"))
+    sender._last = String("new")
+    late = threading.Timer(0.05, subscription.from_topic, [sent("new")])
+    late.start()
+    subscription.catch_up()
+    assert texts == ["old", "new"]
+    late.join()
+
+
+def test_what_is_there_or_is_lost_is_not_waited_for(in_another_process, monkeypatch):
+    subscription, texts, sender = in_another_process
+    subscription.catch_up()
+    sender._last = String("a")
+    subscription.from_topic(sent("a"))
+    subscription.from_topic(sent("by hand"))
+    subscription.catch_up()
+    monkeypatch.setattr(handover, "IN_FLIGHT", 0.01)
+    sender._last = String("lost")
+    subscription.catch_up()
+    monkeypatch.setattr(handover, "IN_FLIGHT", None)  # a second wait would not end
+    subscription.catch_up()
+    assert texts == ["a", "by hand"]

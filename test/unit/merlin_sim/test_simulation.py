@@ -170,7 +170,7 @@ def test_the_world_changes_when_its_time_has_come(apartment, simulate):
     assert simulation.scan(robot)[ahead] == pytest.approx(0.95, abs=0.05)
     assert simulation.scan(robot)[ahead - 90] == pytest.approx(1.65, abs=0.05)
     run(simulation, 0.5)
-    ann = simulation.outlines._solids["ann"].pose
+    ann = simulation.scene.outlines._solids["ann"].pose
     assert ann.x == pytest.approx(1.0 + 0.5 * 1.6, abs=0.05)
 
 
@@ -185,4 +185,4 @@ def test_a_door_waits_for_a_robot_and_a_polite_person_stops(apartment, simulate)
     run(simulation, 4.0)
     assert not robot.body.touches()
     assert robot.body.pose().distance(Pose(2.95, 4.3)) < 0.01
-    assert "dorm_door" not in simulation.outlines._solids
+    assert "dorm_door" not in simulation.scene.outlines._solids

@@ -34,6 +34,11 @@ def test_an_object_may_stand_at_a_height_of_its_own():
     assert (cup.solid.pose.x, cup.solid.pose.y, cup.solid.pose.yaw, cup.bottom) == (1, 2, 0.3, 0.5)
 
 
+def test_a_known_class_brings_its_size_and_colour():
+    thing = parse_world(room({"name": "c", "class": "coffee", "support": "table", "at": [0, 0]})).objects[0]
+    assert (thing.solid.radius, thing.solid.height, thing.solid.color) == (0.04, 0.10, "#d01818")
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -44,12 +49,14 @@ def test_an_object_may_stand_at_a_height_of_its_own():
         ({"tag": 50}, "objects[0].tag"),
         ({"class": "Red cup"}, "objects[0].class"),
         ({"box": [1, 1, 1]}, "objects[0]"),
+        ({"cylinder": None, "class": "hat"}, "red_cup needs box or cylinder; its class hat has no size"),
         ({"name": "table"}, "the name table is used twice"),
     ],
 )
 def test_impossible_objects_are_refused_with_the_place(changes, words):
     with pytest.raises(WorldError) as error:
-        parse_world(room({**CUP, **changes}))
+        changed = {**CUP, **changes}
+        parse_world(room({key: value for key, value in changed.items() if value is not None}))
     assert words in str(error.value)
 
 

@@ -29,6 +29,7 @@ from merlin_sm.knowledge_client import (
     knowledge_client,
 )
 from merlin_sm.pddl_text import parse_literals
+from merlin_sm.publishing import publish
 from merlin_sm.service_proxy import ServiceError
 
 CANCEL_ACTION = "cancel_action"
@@ -215,11 +216,7 @@ class ActionInterface:
         feedback = ActionFeedback(
             action_id=dispatch.action_id, plan_id=dispatch.plan_id, status=status, information=information
         )
-        try:
-            self._feedback.publish(feedback)
-        except rospy.ROSException:
-            if not rospy.is_shutdown():
-                raise
+        publish(self._feedback, feedback)
 
     def _announce(self) -> None:
         # Who announces itself is ready: whatever was latched before has come and gone.

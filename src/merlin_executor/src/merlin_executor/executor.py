@@ -26,6 +26,7 @@ from merlin_sm.introspection import show
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_sm.pddl_text import PDDLSyntaxError
 from merlin_sm.planning_client import PlanningClient
+from merlin_sm.publishing import publish
 from merlin_sm.service_proxy import ServiceError
 
 #: Outcomes that call for somebody to look at a node.
@@ -224,21 +225,13 @@ class Executor:
                         reason=status.reason,
                     )
                 )
-            self._publish(self._status_publisher, status)
+            publish(self._status_publisher, status)
 
     def _publish_queue(self) -> None:
         with self._changed:
             message = GoalQueue(requests=[request.queued_goal() for request in self._queue])
             message.header.stamp = rospy.Time.now()
-            self._publish(self._queue_publisher, message)
-
-    @staticmethod
-    def _publish(publisher: rospy.Publisher, message: object) -> None:
-        try:
-            publisher.publish(message)
-        except rospy.ROSException:
-            if not rospy.is_shutdown():
-                raise
+            publish(self._queue_publisher, message)
 
     def _remove_left_goals(self) -> None:
         try:

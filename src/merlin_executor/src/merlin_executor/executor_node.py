@@ -24,6 +24,8 @@ def main() -> None:
     )
     try:
         if not knowledge.wait(wait):
+            if rospy.is_shutdown():
+                return
             raise StageError(f"no knowledge base {knowledge.name} after {wait:g} s; is it launched?")
         planning.wait(wait)
     except StageError as error:

@@ -17,6 +17,7 @@ from nav_msgs.msg import OccupancyGrid
 from merlin_executor.goal_check import GoalError
 from merlin_executor.mission_pause import PAUSED, MissionPause
 from merlin_sm.knowledge_client import KnowledgeError
+from merlin_sm.publishing import publish
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 from .executor_robot import ExecutorRobot
@@ -186,8 +187,7 @@ class MissionNode:
             description=description,
         )
         message.header.stamp = rospy.Time.now()
-        if not rospy.is_shutdown():
-            self._status.publish(message)
+        publish(self._status, message)
 
 
 def main() -> int:

@@ -23,6 +23,7 @@ from merlin_rosplan.operator_model import BindingError, Conditions, Operator
 from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.ros_alarm import RosAlarm
 from merlin_sm.deadline import Deadline, running_time
+from merlin_sm.publishing import publish
 
 CANCEL_ACTION = "cancel_action"
 OWN_MARK = "dispatcher"  # key in `information` of feedback that a dispatcher published itself
@@ -100,16 +101,15 @@ class DispatchTopics(Outside):
     def send(self, action: PlannedAction) -> None:
         """Publishes the action."""
         self._dispatched[action.id] = rospy.Time.now()
-        self._actions.publish(self._message(action, action.name))
+        publish(self._actions, self._message(action, action.name))
 
     def send_cancel(self, action: PlannedAction) -> None:
         """Publishes ``cancel_action`` for the action."""
-        self._actions.publish(self._message(action, CANCEL_ACTION))
+        publish(self._actions, self._message(action, CANCEL_ACTION))
 
     def close(self, action: PlannedAction) -> None:
         """Publishes the tombstone: latched in place of the last action."""
-        if not rospy.is_shutdown():
-            self._actions.publish(self._message(action, CANCEL_ACTION))
+        publish(self._actions, self._message(action, CANCEL_ACTION))
 
     def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
         """Publishes feedback of our own, marked as such."""
@@ -121,7 +121,7 @@ class DispatchTopics(Outside):
             status=int(status),
             information=[KeyValue(key=OWN_MARK, value=self._component.scope)],
         )
-        self._feedback.publish(message)
+        publish(self._feedback, message)
         self._on_feedback(message)
 
     def operator(self, action: PlannedAction) -> Operator:
@@ -173,8 +173,6 @@ class DispatchTopics(Outside):
 
     def tell_status(self, report: DispatchReport) -> None:
         """Publishes how a dispatch stands; one that has ended is idle."""
-        if rospy.is_shutdown():
-            return
         status = DispatchStatus(
             state=_WIRE_STATES.get(report.state, DispatchStatus.IDLE),
             plan_id=self.plan_id,
@@ -194,4 +192,4 @@ class DispatchTopics(Outside):
             reason=report.reason,
         )
         status.header.stamp = rospy.Time.now()
-        self._status.publish(status)
+        publish(self._status, status)

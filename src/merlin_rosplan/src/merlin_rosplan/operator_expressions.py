@@ -1,7 +1,7 @@
 """The conditions of an operator that a DomainOperator message cannot carry, from the domain itself.
 
-Disjunctions, quantifiers, numeric equality and derived predicates: whoever has the domain at hand (parser and
-dispatcher in the knowledge base's process) checks them too.
+Disjunctions, quantifiers, numeric equality and derived predicates: whoever has the domain checks them too;
+parser and dispatcher take it from the knowledge base in their process, or from its file.
 """
 
 import dataclasses

@@ -87,8 +87,8 @@ class PlanDispatcher(Component):
         )
         self.subscriber(f"{self.knowledge_base}/status/update", StatusUpdate, self._receive_update)
         self._plan_topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
-        subscription = self.own(Handover.receiver(self._plan_topic, self._receive_plan))
-        self.subscriber(self._plan_topic, self.plan_class, subscription.from_topic, queue_size=1)
+        self._plans = self.own(Handover.receiver(self._plan_topic, self._receive_plan))
+        self.subscriber(self._plan_topic, self.plan_class, self._plans.from_topic, queue_size=1)
 
         self._server = self.own(
             ActionServer(
@@ -224,6 +224,7 @@ class PlanDispatcher(Component):
         return dispatch.run()
 
     def _take_plan(self) -> Any:
+        self._plans.catch_up()
         with self._state:
             self._state.wait_for(lambda: self._fresh or self.closed, timeout=IN_FLIGHT)
             if self._plan is None:

@@ -10,6 +10,7 @@ from std_msgs.msg import String
 from merlin_rosplan.dispatch_schedule import GraphSchedule, PlanError
 from merlin_rosplan.plan_graph import Node, NodeType, PlanGraph
 from merlin_rosplan.plan_graph_messages import graph_from_message, graph_to_dot
+from merlin_sm.publishing import publish
 
 SMALL = 500  # edges: such a graph is drawn at every change, a larger one only when somebody subscribes
 
@@ -93,11 +94,7 @@ class PlanGraphDrawer(rospy.SubscribeListener):
             if len(graph.edges) > SMALL and self._publisher.get_num_connections() == 0:
                 continue
             text = self._draw(graph, actions, schedule)
-            try:
-                self._publisher.publish(String(text))
-            except rospy.ROSException:
-                if not rospy.is_shutdown():
-                    raise
+            publish(self._publisher, String(text))
 
     def _take_apart(self, plan: EsterelPlan) -> None:
         try:

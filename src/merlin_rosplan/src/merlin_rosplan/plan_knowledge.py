@@ -9,6 +9,7 @@ from rosplan_knowledge_msgs.msg import DomainInequality, KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
 from merlin_rosplan.component import Component
+from merlin_rosplan.domain_file import DomainFile
 from merlin_rosplan.operator_expressions import with_expressions
 from merlin_rosplan.operator_model import Atom, Conditions, Operator
 from merlin_rosplan.plan_graph import TimedLiteral
@@ -38,6 +39,7 @@ class PlanKnowledge:
         self._lock = threading.Lock()  # guards the two fields below
         self._operators_of: Optional[Component] = None
         self._operators: Dict[str, Operator] = {}
+        self._domain_file = DomainFile(knowledge_base)
         self._timed = ServiceProxy(f"{knowledge_base}/state/timed_knowledge", GetAttributeService, CALL_LIMIT)
 
     def operator(self, name: str) -> Operator:
@@ -65,8 +67,10 @@ class PlanKnowledge:
             if "does not answer" in str(error):
                 raise PlanKnowledgeError(str(error)) from error
             raise PlanKnowledgeError(f"the domain has no operator '{name}' ({error})") from error
-        domain = getattr(local, "domain", None)
-        return with_expressions(operator, domain) if domain is not None else operator
+        domain = getattr(local, "domain", None) or self._domain_file.domain()
+        if domain is None or operator.name.lower() not in domain.operators:
+            return operator
+        return with_expressions(operator, domain)
 
     def false_of(self, conditions: Conditions, binding: Dict[str, str]) -> Conditions:
         """Those conditions that do not hold now, asked in one call.

@@ -9,10 +9,10 @@ from diagnostic_msgs.msg import KeyValue
 from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan, EsterelPlan
 from rosplan_dispatch_msgs.srv import ParsingService, ParsingServiceRequest, ParsingServiceResponse
 from std_msgs.msg import String
-from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_rosplan.component import Component, ComponentError, run_component
-from merlin_rosplan.handover import Handover
+from merlin_rosplan.handover import Handover, digest_service
 from merlin_rosplan.operator_model import BindingError, Operator
 from merlin_rosplan.plan_graph import build_graph
 from merlin_rosplan.plan_graph_messages import graph_to_message
@@ -38,9 +38,10 @@ class PlanParser(Component):
         topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
         self._plan = self.publisher(topic, self.plan_class, queue_size=1, latch=True)
         self._hand_over = self.own(Handover.sender(topic))
+        self.service(digest_service(topic), Trigger, self._hand_over.tell_digest)
         self._planner_topic = self.resolve(str(self.param("planner_topic", "planner_output")))
-        subscription = self.own(Handover.receiver(self._planner_topic, self._receive))
-        self.subscriber(self._planner_topic, String, subscription.from_topic, queue_size=1)
+        self._outputs = self.own(Handover.receiver(self._planner_topic, self._receive))
+        self.subscriber(self._planner_topic, String, self._outputs.from_topic, queue_size=1)
         self.service("parse_plan", Empty, self._serve)
         self.service("parse_plan_from_file", ParsingService, self._serve_file)
 
@@ -64,6 +65,7 @@ class PlanParser(Component):
             self._state.notify_all()
 
     def _serve(self, _: EmptyRequest) -> EmptyResponse:
+        self._outputs.catch_up()
         with self._state:
             self._state.wait_for(lambda: self._new or self.closed, timeout=IN_FLIGHT)
             text, new, self._new = self._text, self._new, False

@@ -14,11 +14,11 @@ from merlin_msgs.msg import PlannerStatus
 from rosplan_dispatch_msgs.msg import PlanAction, PlanFeedback, PlanResult
 from rosplan_dispatch_msgs.srv import PlanningService, PlanningServiceRequest, PlanningServiceResponse
 from std_msgs.msg import String
-from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_rosplan import pddl_check
 from merlin_rosplan.component import Component, run_component
-from merlin_rosplan.handover import Handover
+from merlin_rosplan.handover import Handover, digest_service
 from merlin_rosplan.planner import PlannerSettings, Planning
 from merlin_rosplan.planning_outcome import PlannerState, PlanningOutcome
 from merlin_sm.action_server import ServerGoal
@@ -52,11 +52,12 @@ class PlannerInterface(Component):
         topic = self.resolve(str(self.param("planner_topic", "planner_output")))
         self._output = self.publisher(topic, String, queue_size=1, latch=True)
         self._hand_over = self.own(Handover.sender(topic))
+        self.service(digest_service(topic), Trigger, self._hand_over.tell_digest)
         self._status = self.publisher("planner_status", PlannerStatus, queue_size=10, latch=True)
         self._tell(PlannerStatus(state=PlannerStatus.IDLE, reason="nothing planned yet"))
         self._problem_topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
-        subscription = self.own(Handover.receiver(self._problem_topic, self._receive_problem))
-        self.subscriber(self._problem_topic, String, subscription.from_topic, queue_size=1)
+        self._problems = self.own(Handover.receiver(self._problem_topic, self._receive_problem))
+        self.subscriber(self._problem_topic, String, self._problems.from_topic, queue_size=1)
         self._action = self.own(
             SerialActionServer(self.resolve("start_planning"), PlanAction, self._execute, self._cancel)
         )
@@ -212,6 +213,7 @@ class PlannerInterface(Component):
 
     def _write_problem(self, problem_path: str) -> str:
         """Writes the problem received on the topic to a file, as ROSPlan does; returns its path."""
+        self._problems.catch_up()
         with self._state:
             if self._problem is None:
                 # A caller that asks right after the problem was published must not lose the race.

@@ -8,11 +8,11 @@ from typing import Optional, Tuple
 import rospy
 from rosplan_dispatch_msgs.srv import ProblemService, ProblemServiceRequest, ProblemServiceResponse
 from std_msgs.msg import String
-from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_rosplan.component import Component, ComponentError, run_component
 from merlin_rosplan.domain import Domain
-from merlin_rosplan.handover import Handover
+from merlin_rosplan.handover import Handover, digest_service
 from merlin_rosplan.knowledge_base import knowledge_base_in_process
 from merlin_rosplan.knowledge_snapshot import KnowledgeBaseError, KnowledgeSnapshots
 from merlin_rosplan.problem import Problem
@@ -41,6 +41,7 @@ class ProblemInterface(Component):
         topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
         self._hand_over = self.own(Handover.sender(topic))
         self._publisher = self.publisher(topic, String, queue_size=1, latch=True)
+        self.service(digest_service(topic), Trigger, self._hand_over.tell_digest)
         self.service("problem_generation_server", Empty, self._generate)
         self.service("problem_generation_server_params", ProblemService, self._generate_with)
 

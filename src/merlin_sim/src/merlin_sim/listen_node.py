@@ -13,6 +13,7 @@ from merlin_sim.parameters import ParameterError, number
 from merlin_sim.ros_clock import RosClock
 from merlin_sim.speech_recognizer import THRESHOLD, GrammarError, SpeechRecognizer, UtteranceDetector
 from merlin_sm.action_server import ServerGoal
+from merlin_sm.health import OK, WARN, Health, HealthReporter
 from merlin_sm.serial_action_server import SerialActionServer
 
 BROKEN_OFF = 1.0  # s of ROS time without sound after which who spoke has stopped
@@ -32,12 +33,20 @@ class ListenNode:
         self._news = threading.Event()  # sound came, or somebody wants it to stop
         self._sound: Deque[np.ndarray] = deque(maxlen=1000)
         self._listening = False
+        self._heard = self._understood = 0  # utterances
         self._server = SerialActionServer("listen", ListenAction, self._execute, self._cancel)
         self._subscriber = rospy.Subscriber(
             "audio/microphone", AudioData, self._receive, tcp_nodelay=True, queue_size=50
         )
         rospy.on_shutdown(self._server.shutdown)
         self._server.start()
+
+    def health(self) -> Health:
+        """Whether there is a microphone to hear with."""
+        values = {"utterances": self._heard, "understood": self._understood}
+        if not self._subscriber.get_num_connections():
+            return Health(WARN, f"nobody publishes {self._subscriber.name}: there is nothing to hear", values)
+        return Health(OK, "listening" if self._listening else "ready", values)
 
     def _receive(self, message: AudioData) -> None:
         if self._listening:
@@ -88,6 +97,8 @@ class ListenNode:
                     goal.succeed(ListenResult(), f"nobody spoke within {timeout:.1f} s")
                     return
         said = self._recognizer.understand(utterance)
+        self._heard += 1
+        self._understood += bool(said.text)
         text = f"understood: {said.text}" if said.text else "somebody spoke, but was not understood"
         goal.succeed(ListenResult(text=said.text, confidence=said.confidence, heard=True), text)
 
@@ -96,7 +107,7 @@ def main() -> int:
     """The executable ``listen``; returns its exit code."""
     rospy.init_node("listen")
     try:
-        ListenNode()
+        HealthReporter({"listen": ListenNode().health}).start()
     except ParameterError as error:
         rospy.logfatal(f"listen: {error}")
         return 1

@@ -19,7 +19,10 @@ from merlin_sim.prompt_publisher import PromptPublisher
 from merlin_sim.robot_state import HISTORY, odometry_at, rays_of
 from merlin_sim.ros_messages import grid_of, pose_message, pose_of, pose_of_transform, transform
 from merlin_sim.world import Pose
+from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
 
+SILENCE = 3.0  # s of ROS time without a scan after which something is wrong
+UNSURE = 0.5  # m of standard deviation of the position from which it does not know where it is
 START_SPREAD = (0.15, 0.10)  # m, rad: how well somebody who switches a robot on knows where it stands
 
 
@@ -40,19 +43,39 @@ class LocalizationNode:
         self._localizer: Optional[Localizer] = None
         self._odometry: Deque[Odometry] = deque(maxlen=HISTORY)
         self._mount: Optional[Pose] = None
+        self._updated: Optional[rospy.Time] = None  # when the last scan was used
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer)
         self._tf = PromptPublisher("/tf", TFMessage)
         self._pose = PromptPublisher("amcl_pose", PoseWithCovarianceStamped, latch=True)
         self._cloud = rospy.Publisher("particlecloud", PoseArray, queue_size=2)
         self._service = rospy.Service("global_localization", Empty, self._scatter)
-        map_topic = str(rospy.get_param("~map_topic", "/map"))
+        self._map_topic = str(rospy.get_param("~map_topic", "/map"))
         self._subscribers = [
-            rospy.Subscriber(map_topic, OccupancyGrid, self._receive_map),
+            rospy.Subscriber(self._map_topic, OccupancyGrid, self._receive_map),
             rospy.Subscriber("initialpose", PoseWithCovarianceStamped, self._receive_pose),
             rospy.Subscriber("odom", Odometry, self._receive_odometry, tcp_nodelay=True, queue_size=20),
             rospy.Subscriber("scan", LaserScan, self._receive_scan, tcp_nodelay=True, queue_size=1),
         ]
+
+    def health(self) -> Health:
+        """Whether it knows where the robot is."""
+        with self._lock:
+            if self._localizer is None:
+                return Health(ERROR, f"there is no map on {rospy.resolve_name(self._map_topic)}")
+            if not self._odometry:
+                return Health(ERROR, f"there is no odometry on {rospy.resolve_name('odom')}")
+            if self._updated is None or (rospy.Time.now() - self._updated).to_sec() > SILENCE:
+                return Health(ERROR, f"no scan that can be used on {rospy.resolve_name('scan')}")
+            covariance = self._localizer.filter.estimate()[1]
+        spread = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
+        values = {
+            "standard deviation of the position, m": f"{spread:.3f}",
+            "of the heading, rad": f"{float(np.sqrt(covariance[2, 2])):.3f}",
+        }
+        if spread > UNSURE:
+            return Health(WARN, f"unsure where the robot is, by {spread:.1f} m", values)
+        return Health(OK, "knows where the robot is", values)
 
     def _receive_map(self, message: OccupancyGrid) -> None:
         try:
@@ -115,6 +138,7 @@ class LocalizationNode:
                     return
             odometry = odometry_at(list(self._odometry), message.header.stamp.to_sec())
             updated = self._localizer.update(odometry, self._mount, *rays_of(message))
+            self._updated = message.header.stamp
             self._publish(message.header.stamp, last.header.frame_id, odometry, updated)
 
     def _publish(self, stamp: rospy.Time, odom_frame: str, odometry: Pose, updated: bool) -> None:
@@ -141,7 +165,7 @@ def main() -> int:
     """The executable ``localization``; returns its exit code."""
     rospy.init_node("localization")
     try:
-        LocalizationNode()
+        HealthReporter({"localization": LocalizationNode().health}).start()
     except ParameterError as error:
         rospy.logfatal(f"localization: {error}")
         return 1

@@ -1,19 +1,26 @@
-"""The node ``person_voice``: somebody who hears the robot speak and answers with a voice, not with text."""
+"""The node ``person_voice``: people who hear the robot speak and answer with a voice, not with text."""
 
 import math
 import threading
-from typing import List, Optional
+from typing import Dict, Optional, Tuple
 
 import numpy as np
 import rospy
 from audio_common_msgs.msg import AudioData
+from merlin_msgs.msg import PersonHeard, SimPeople, SimPerson
+from merlin_msgs.srv import SetAnswers, SetAnswersRequest, SetAnswersResponse
 from nav_msgs.msg import Odometry
+from sound_play.msg import SoundRequest, SoundRequestActionGoal
 from std_msgs.msg import Bool
 
+from merlin_sim.answers import Answers
+from merlin_sim.listener import Listener, nearest, read_listeners
 from merlin_sim.noise import draw
 from merlin_sim.parameters import ParameterError, number
 from merlin_sim.ros_clock import RosClock
 from merlin_sim.speech_synthesizer import RATE, SoundError, SpeechSynthesizer
+from merlin_sim.world import Point
+from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
 
 CHUNK = 0.2  # s of sound per message
 TRAIL = 0.8  # s of quiet after an answer
@@ -21,33 +28,43 @@ HEARD = 200.0  # RMS, of 32767, from which the robot's voice is heard
 
 
 class PersonVoice:
-    """Answers each time the robot has finished speaking near enough.
+    """Lets the nearest person answer each time the robot has finished speaking near enough.
 
     :raises ParameterError: a parameter cannot be used.
     """
 
     def __init__(self) -> None:
-        self._answers = _answers()
-        self._position = _position()
-        self._hearing = number("~hearing", 4.0, 0.1)
+        self._listeners: Dict[str, Listener] = {listener.name: listener for listener in read_listeners()}
         self._delay = number("~delay", 0.8, 0.0)
         self._noise = number("~noise", 30.0, 0.0)
         self._seed = round(number("~seed", 1, 0))
-        self._synthesizer = SpeechSynthesizer(str(rospy.get_param("~voice", "en-us")))
+        self._synthesizer = SpeechSynthesizer()
         self._clock = RosClock()
-        self._changed = threading.Condition()  # guards the fields below
-        self._heard = False
-        self._asked = False
-        self._robot: Optional[Odometry] = None
+        self._changed = threading.Condition()  # guards the fields below and the listeners' answers
+        self._hearer: Optional[Listener] = None  # who heard the last sound of the robot
+        self._question = ""
+        self._asked: Optional[Tuple[Listener, str]] = None
+        self._robot: Optional[Point] = None
+        self._people: Optional[Dict[str, Point]] = None  # who is there, by name
+        self._known: Tuple[str, ...] = ()  # to the world, there or not
+        self._trouble = ""
+        self._given = 0  # answers
         self._microphone = rospy.Publisher("audio/microphone", AudioData, queue_size=50)
+        self._told = rospy.Publisher("~heard", PersonHeard, queue_size=10)
+        self._service = rospy.Service("~set_answers", SetAnswers, self._set_answers)
         self._subscribers = [
             rospy.Subscriber("audio/speaker", AudioData, self._hear, tcp_nodelay=True, queue_size=50),
             rospy.Subscriber("sound_play/is_speaking", Bool, self._notice, tcp_nodelay=True),
+            rospy.Subscriber(
+                "sound_play/goal", SoundRequestActionGoal, lambda m: self._read(m.goal.sound_request)
+            ),
+            rospy.Subscriber("robotsound", SoundRequest, self._read),
         ]
-        if self._position is not None:
-            self._subscribers.append(
-                rospy.Subscriber("ground_truth", Odometry, self._see, tcp_nodelay=True, queue_size=1)
-            )
+        if any(not listener.anywhere for listener in self._listeners.values()):
+            self._subscribers += [
+                rospy.Subscriber("ground_truth", Odometry, self._see, tcp_nodelay=True, queue_size=1),
+                rospy.Subscriber("/merlin_sim/people", SimPeople, self._see_people, tcp_nodelay=True),
+            ]
 
     def run(self) -> None:
         """Answers until ROS shuts down."""
@@ -55,27 +72,57 @@ class PersonVoice:
         while not rospy.is_shutdown():
             with self._changed:
                 # The slice is for shutdown, which notifies nobody.
-                if not self._changed.wait_for(lambda: self._asked, timeout=1.0):
+                if not self._changed.wait_for(lambda: self._asked is not None, timeout=1.0):
                     continue
-                self._asked = False
+                assert self._asked is not None
+                (listener, question), self._asked = self._asked, None
             if self._clock.wait(self._delay, never):
-                self._answer(never)
+                self._answer(listener, question, never)
 
-    def _answer(self, never: threading.Event) -> None:
+    def health(self) -> Health:
+        """Whether those who should answer are there and can speak."""
+        with self._changed:
+            values = {"people": ", ".join(self._listeners), "answers given": self._given}
+            missing = [
+                name
+                for name, listener in self._listeners.items()
+                if not listener.anywhere and listener.place is None and name not in self._known
+            ]
+            if self._trouble:
+                return Health(ERROR, self._trouble, values)
+            if missing and self._people is None:
+                return Health(WARN, "no simulator has told where people are", values)
+        if missing:
+            return Health(WARN, f"not in this world: {', '.join(missing)}", values)
+        return Health(OK, "ready to answer", values)
+
+    def _answer(self, listener: Listener, question: str, never: threading.Event) -> None:
         # By the second, not by count: an answer does not depend on what was asked before.
         moment = int(rospy.get_time())
-        random = draw(self._seed, rospy.get_name(), moment)
-        text = self._answers[int(random.integers(len(self._answers)))]
+        random = draw(self._seed, "/".join(filter(None, [rospy.get_name(), listener.name])), moment)
+        with self._changed:
+            text = listener.answers.to(question, random)
+        heard = PersonHeard(person=listener.name, question=question, answer=text)
+        heard.header.stamp = rospy.Time.now()
+        self._told.publish(heard)
+        who = listener.name or "the person"
+        if not text:
+            rospy.loginfo(f"{who} says nothing")
+            return
         try:
-            samples = self._synthesizer.say(text).samples
+            samples = self._synthesizer.say(text, listener.voice).samples
         except SoundError as error:
             rospy.logerr(f"person_voice: {error}")
+            with self._changed:
+                self._trouble = f"{who} cannot speak: {error}"
             return
-        rospy.loginfo(f'the person says: "{text}"')
+        rospy.loginfo(f'{who} says: "{text}"')
         samples = np.concatenate([samples, np.zeros(round(TRAIL * RATE), dtype=np.int16)])
         noisy = samples + self._noise * random.standard_normal(len(samples))
         sound = np.clip(noisy, -32768, 32767).astype("<i2")
         size = round(CHUNK * RATE)
+        with self._changed:
+            self._given, self._trouble = self._given + 1, ""
         for first in range(0, len(sound), size):
             part = sound[first : first + size]
             self._microphone.publish(AudioData(data=part.tobytes()))
@@ -84,51 +131,60 @@ class PersonVoice:
 
     def _hear(self, message: AudioData) -> None:
         samples = np.frombuffer(message.data, dtype="<i2").astype(float)
+        if not len(samples) or math.sqrt(float(np.mean(samples**2))) <= HEARD:
+            return
         with self._changed:
-            if len(samples) and math.sqrt(float(np.mean(samples**2))) > HEARD and self._near():
-                self._heard = True
+            hearer = nearest(self._listeners.values(), self._robot, self._people or {})
+            self._hearer = hearer or self._hearer
+
+    def _read(self, request: SoundRequest) -> None:
+        if request.sound == SoundRequest.SAY and request.command != SoundRequest.PLAY_STOP:
+            with self._changed:
+                self._question = request.arg
 
     def _notice(self, message: Bool) -> None:
         with self._changed:
-            if not message.data and self._heard:
-                self._heard, self._asked = False, True
+            if not message.data and self._hearer is not None:
+                self._asked, self._hearer = (self._hearer, self._question), None
                 self._changed.notify_all()
 
     def _see(self, message: Odometry) -> None:
         with self._changed:
-            self._robot = message
+            self._robot = (message.pose.pose.position.x, message.pose.pose.position.y)
 
-    def _near(self) -> bool:
-        if self._position is None:
-            return True
-        if self._robot is None:
-            return False
-        where = self._robot.pose.pose.position
-        return math.dist((where.x, where.y), self._position) <= self._hearing
+    def _see_people(self, message: SimPeople) -> None:
+        with self._changed:
+            self._known = tuple(person.name for person in message.people)
+            self._people = {
+                person.name: (person.x, person.y)
+                for person in message.people
+                if person.state != SimPerson.ABSENT
+            }
 
-
-def _answers() -> List[str]:
-    answers = rospy.get_param("~answers", ["no thank you"])
-    if not isinstance(answers, list) or not answers or not all(isinstance(a, str) for a in answers):
-        raise ParameterError(f"parameter ~answers is {answers!r}, not a list of sentences")
-    return answers
-
-
-def _position() -> Optional[List[float]]:
-    position = rospy.get_param("~position", None)
-    if position is None:
-        return None
-    if not isinstance(position, list) or len(position) != 2:
-        raise ParameterError(f"parameter ~position is {position!r}, not [x, y]")
-    return [float(value) for value in position]
+    def _set_answers(self, request: SetAnswersRequest) -> SetAnswersResponse:
+        name = request.person
+        if not name and len(self._listeners) == 1:
+            name = next(iter(self._listeners))
+        if name not in self._listeners:
+            names = ", ".join(self._listeners)
+            return SetAnswersResponse(False, f"nobody here is called {name!r}; known are {names}")
+        try:
+            answers = Answers(request.otherwise, request.next, request.patterns, request.answers)
+        except ValueError as error:
+            return SetAnswersResponse(False, str(error))
+        with self._changed:
+            self._listeners[name].answers = answers
+        return SetAnswersResponse(True, f"{name or 'the person'} knows what to answer")
 
 
 def main() -> int:
     """The executable ``person_voice``; returns its exit code."""
     rospy.init_node("person_voice")
     try:
-        PersonVoice().run()
+        node = PersonVoice()
     except ParameterError as error:
         rospy.logfatal(f"person_voice: {error}")
         return 1
+    HealthReporter({"people": node.health}).start()
+    node.run()
     return 0

@@ -4,7 +4,9 @@ import math
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any, Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, Optional, Sequence, Set, Tuple
+
+import numpy as np
 
 from merlin_sim.silence import silence
 
@@ -12,11 +14,16 @@ with silence():  # the engine greets on standard output when it is imported
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 
+from merlin_sim.appearance import WALL, Appearance
+from merlin_sim.camera import CAMERA_LINK, CameraModel, CameraPose
 from merlin_sim.drive import DriveGeometry
-from merlin_sim.world import Pose, Solid, World
+from merlin_sim.object_classes import PERSON
+from merlin_sim.world import Pose, Solid, World, WorldObject
 
 WHEEL_TORQUE = 12.0  # Nm
+LIGHT = (-1.0, -0.6, 2.0)  # where it comes from
 BURIED = -50.0  # m; where things are that are not there at the moment
+TOUCHES = (2, -3)  # the engine's own group and mask of what never moves by itself
 
 
 class RobotBody:
@@ -32,9 +39,12 @@ class RobotBody:
             with silence():
                 self.body = engine.loadURDF(file.name, useFixedBase=False)
         joints = {}
+        self._camera: Optional[int] = None
         for index in range(engine.getNumJoints(self.body)):
             info = engine.getJointInfo(self.body, index)
             joints[info[1].decode()] = index
+            if info[12].decode() == CAMERA_LINK:
+                self._camera = index
         self._wheels = [joints["left_wheel_joint"], joints["right_wheel_joint"]]
         for index in range(-1, engine.getNumJoints(self.body)):
             # Casters and the hull slide; only the wheels grip.
@@ -88,6 +98,14 @@ class RobotBody:
         yaw = self.pose().yaw
         return linear[0] * math.cos(yaw) + linear[1] * math.sin(yaw), angular[2]
 
+    def camera_pose(self) -> Optional[CameraPose]:
+        """Where its camera is and how it is turned, in the map frame; None: its description has none."""
+        if self._camera is None:
+            return None
+        state = self._engine.getLinkState(self.body, self._camera, computeForwardKinematics=True)
+        turn = np.reshape(self._engine.getMatrixFromQuaternion(state[5]), (3, 3))
+        return CameraPose(np.array(state[4]), turn)
+
     def touches(self) -> bool:
         """Whether it touches anything but the floor (body 0)."""
         return any(
@@ -108,24 +126,31 @@ class Physics:
         self._engine.setGravity(0, 0, -9.81)
         self._engine.setTimeStep(step)
         self._engine.setPhysicsEngineParameter(numSolverIterations=50)
+        self._appearance = Appearance(self._engine)
         floor = self._engine.createCollisionShape(pybullet.GEOM_PLANE)
-        self._engine.changeDynamics(
-            self._engine.createMultiBody(0, floor), -1, lateralFriction=1.0, restitution=0.0
-        )
+        ground = self._engine.createMultiBody(0, floor, self._appearance.floor(world.bounds()))
+        self._engine.changeDynamics(ground, -1, lateralFriction=1.0, restitution=0.0)
         self._solids: Dict[str, int] = {}
-        for solid in [*world.wall_solids(), *world.furniture, *world.unmapped]:
+        self._frozen: Set[str] = set()  # things with a mass that are not there
+        self._untouchable: Set[str] = set()
+        for solid in world.wall_solids():
+            self.add(solid, kind=WALL)
+        for solid in [*world.furniture, *world.unmapped]:
             self.add(solid)
         for thing in world.objects:
-            self.add(thing.solid, thing.bottom)
+            self.add(thing.solid, thing.bottom, thing.kind, thing.tag)
         for person in world.people:
-            self.add(person.solid(Pose(*person.path[0])))
+            self.add(person.solid(Pose(*person.path[0])), kind=PERSON)
         for door in world.doors:
             leaf = door.leaf(world.wall_thickness, world.wall_height)
             self.add(leaf)
             self.show(leaf, not door.open)
 
-    def add(self, solid: Solid, bottom: float = 0.0) -> None:
-        """Puts a thing into the world, `bottom` m above the floor; without mass robots cannot push it."""
+    def add(self, solid: Solid, bottom: float = 0.0, kind: str = "", tag: Optional[int] = None) -> None:
+        """Puts a thing into the world, `bottom` m above the floor; without mass robots cannot push it.
+
+        :param kind, tag: what it looks like, see :meth:`merlin_sim.appearance.Appearance.of`.
+        """
         if solid.radius is not None:
             shape = self._engine.createCollisionShape(
                 pybullet.GEOM_CYLINDER, radius=solid.radius, height=solid.height
@@ -134,14 +159,39 @@ class Physics:
             assert solid.size is not None
             half = [solid.size[0] / 2, solid.size[1] / 2, solid.height / 2]
             shape = self._engine.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
-        body = self._engine.createMultiBody(solid.mass, shape)
+        body = self._engine.createMultiBody(solid.mass, shape, self._appearance.of(solid, kind, tag))
         self._engine.changeDynamics(body, -1, lateralFriction=0.5, restitution=0.0)
         self._solids[solid.name] = body
         self._put(body, solid.pose, bottom + solid.height / 2)
 
-    def show(self, solid: Solid, there: bool) -> None:
+    def show(self, solid: Solid, there: bool, bottom: float = 0.0) -> None:
         """Moves a thing to where it is said to stand, or out of the world."""
-        self._put(self._solids[solid.name], solid.pose, solid.height / 2 if there else BURIED)
+        body = self._solids[solid.name]
+        if solid.mass and there == (solid.name in self._frozen):
+            # Without a mass it does not fall for ever.
+            self._engine.changeDynamics(body, -1, mass=solid.mass if there else 0.0)
+            self._frozen ^= {solid.name}
+        self._put(body, solid.pose, bottom + solid.height / 2 if there else BURIED)
+        if solid.mass:
+            self._engine.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
+
+    def put(self, thing: WorldObject, there: bool, touchable: bool) -> None:
+        """Moves an object to where it stands, or out of the world; a new one comes into it.
+
+        :param touchable: nothing passes through it. What is carried must not hold back who carries it.
+        """
+        name = thing.name
+        if name not in self._solids:
+            self.add(thing.solid, thing.bottom, thing.kind, thing.tag)
+        body = self._solids[name]
+        self._put(body, thing.solid.pose, thing.bottom + thing.solid.height / 2 if there else BURIED)
+        if touchable == (name in self._untouchable):
+            self._engine.setCollisionFilterGroupMask(body, -1, *(TOUCHES if touchable else (0, 0)))
+            self._untouchable ^= {name}
+
+    def let_pass(self, one: str, other: str, free: bool) -> None:
+        """Whether two things may be in the same place, as somebody and the chair they sit on."""
+        self._engine.setCollisionFilterPair(self._solids[one], self._solids[other], -1, -1, int(not free))
 
     def place_of(self, name: str) -> Pose:
         """Where a thing is, in the map frame."""
@@ -151,6 +201,23 @@ class Physics:
         """Adds a robot."""
         return RobotBody(self._engine, _massive_part(urdf), start, geometry)
 
+    def picture(self, model: CameraModel, pose: CameraPose) -> np.ndarray:
+        """What a camera sees now: height x width x 3, RGB, 0..255."""
+        _, _, pixels, _, _ = self._engine.getCameraImage(
+            model.width,
+            model.height,
+            viewMatrix=pose.view_matrix(),
+            projectionMatrix=model.projection_matrix(),
+            shadow=0,
+            lightDirection=LIGHT,
+            lightAmbientCoeff=0.7,
+            lightDiffuseCoeff=0.4,
+            lightSpecularCoeff=0.0,
+            renderer=pybullet.ER_TINY_RENDERER,
+            flags=pybullet.ER_NO_SEGMENTATION_MASK,
+        )
+        return np.reshape(np.asarray(pixels, dtype=np.uint8), (model.height, model.width, 4))[:, :, :3]
+
     def step(self) -> None:
         """Lets one step of time pass."""
         self._engine.stepSimulation()
@@ -158,6 +225,7 @@ class Physics:
     def close(self) -> None:
         """Gives the engine back."""
         self._engine.disconnect()
+        self._appearance.close()
 
     def _put(self, body: int, pose: Pose, height: float) -> None:
         turn = self._engine.getQuaternionFromEuler([0, 0, pose.yaw])

@@ -1,16 +1,17 @@
 """The ROS side of one simulated robot: commands in; odometry, transforms and sensors out."""
 
 import math
-from typing import List, Optional
+from typing import List, Optional, Tuple
 
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Twist
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import JointState, LaserScan
+from sensor_msgs.msg import CameraInfo, Image, JointState, LaserScan
 
+from merlin_sim.camera import CameraError
 from merlin_sim.localization import TruthLocalization, map_to_odom
 from merlin_sim.prompt_publisher import PromptPublisher
-from merlin_sim.ros_messages import pose_message, transform
+from merlin_sim.ros_messages import camera_info, image_message, pose_message, transform
 from merlin_sim.simulation import PHYSICS_RATE, SimulatedRobot, Simulation
 from merlin_sim.world import Pose
 
@@ -24,6 +25,7 @@ class RobotInterface:
     """Topics and frames of one robot, below its namespace.
 
     :param localization: makes map→odom; None when something else does.
+    :param camera_rate: pictures per s of simulated time, while somebody subscribes.
     """
 
     def __init__(
@@ -31,16 +33,20 @@ class RobotInterface:
         simulation: Simulation,
         robot: SimulatedRobot,
         localization: Optional[TruthLocalization],
+        camera_rate: float,
     ) -> None:
         self.attach(simulation, robot, localization)
         name = robot.spec.name
         topics = f"/{name}" if name else ""
+        self._camera_period = max(1, round(PHYSICS_RATE / camera_rate))
         self._prefix = f"{name}/" if name else ""
         self._odom = PromptPublisher(f"{topics}/odom", Odometry)
         self._truth = PromptPublisher(f"{topics}/ground_truth", Odometry)
         self._scan = PromptPublisher(f"{topics}/scan", LaserScan)
         self._joints = PromptPublisher(f"{topics}/joint_states", JointState)
         self._amcl = PromptPublisher(f"{topics}/amcl_pose", PoseWithCovarianceStamped, latch=True)
+        self._image = rospy.Publisher(f"{topics}/camera/image_raw", Image, queue_size=1)
+        self._info = rospy.Publisher(f"{topics}/camera/camera_info", CameraInfo, queue_size=1)
         self._commands = rospy.Subscriber(f"{topics}/cmd_vel", Twist, self._command, tcp_nodelay=True)
 
     def attach(
@@ -50,6 +56,7 @@ class RobotInterface:
         self._simulation = simulation
         self._robot = robot
         self._localization = localization
+        self._placed_at = -1  # tick of the latest transforms
 
     def _command(self, twist: Twist) -> None:
         self._robot.base.command(twist.linear.x, twist.angular.z, self._simulation.time)
@@ -58,7 +65,8 @@ class RobotInterface:
         """Publishes what is due at a physics step; returns the transforms to broadcast."""
         transforms: List[TransformStamped] = []
         if tick % ODOMETRY_PERIOD == 0:
-            transforms = self._publish_odometry(tick, stamp)
+            self._publish_odometry(tick, stamp)
+            transforms = self._transforms(stamp)
         if tick % SCAN_PERIOD == 0 and self._scan.wanted:
             self._publish_scan(stamp)
         if tick % JOINTS_PERIOD == 0 and self._joints.wanted:
@@ -68,26 +76,60 @@ class RobotInterface:
             )
             joints.header.stamp = stamp
             self._joints.publish(joints)
+        if tick % self._camera_period == 0:
+            self._publish_picture(stamp)
         return transforms
 
-    def _publish_odometry(self, tick: int, stamp: rospy.Time) -> List[TransformStamped]:
+    def picture(self, stamp: rospy.Time) -> Tuple[Image, CameraInfo, List[TransformStamped]]:
+        """What the camera sees now, and the transforms that place it, as far as nobody has broadcast them.
+
+        :raises CameraError: the robot has no camera.
+        """
+        pixels = self._simulation.picture(self._robot)
+        frame = self._prefix + "camera_optical_frame"
+        # Between two beats of odometry, and while time stands still, nothing else says where the robot is.
+        transforms = [] if self._placed_at == self._simulation.tick else self._transforms(stamp)
+        info = camera_info(self._robot.spec.camera, frame, stamp)
+        return image_message(pixels, frame, stamp), info, transforms
+
+    def _publish_picture(self, stamp: rospy.Time) -> None:
+        if not self._image.get_num_connections():
+            return
+        try:
+            image, info, _ = self.picture(stamp)
+        except CameraError as error:
+            rospy.logwarn_once(f"merlin_sim: {error}")
+            return
+        self._image.publish(image)
+        self._info.publish(info)
+
+    def _publish_odometry(self, tick: int, stamp: rospy.Time) -> None:
         odometry = self._robot.odometry
-        odom_frame, base_frame = self._prefix + "odom", self._prefix + "base_footprint"
+        base_frame = self._prefix + "base_footprint"
         if self._odom.wanted:
-            self._odom.publish(_odometry(odometry.pose, *odometry.velocity, odom_frame, base_frame, stamp))
-        transforms = [transform(odometry.pose, odom_frame, base_frame, stamp)]
+            message = _odometry(odometry.pose, *odometry.velocity, self._prefix + "odom", base_frame, stamp)
+            self._odom.publish(message)
         truth = self._robot.body.pose()
-        if self._localization is not None:
-            believed = self._localization.estimate(truth, self._simulation.time)
-            transforms.append(transform(map_to_odom(believed, odometry.pose), "map", odom_frame, stamp))
-            if tick % POSE_PERIOD == 0:
-                message = PoseWithCovarianceStamped()
-                message.header.frame_id, message.header.stamp = "map", stamp
-                message.pose.pose = pose_message(believed)
-                message.pose.covariance = self._localization.covariance()
-                self._amcl.publish(message)
+        if self._localization is not None and tick % POSE_PERIOD == 0:
+            pose = PoseWithCovarianceStamped()
+            pose.header.frame_id, pose.header.stamp = "map", stamp
+            pose.pose.pose = pose_message(self._localization.estimate(truth, self._simulation.time))
+            pose.pose.covariance = self._localization.covariance()
+            self._amcl.publish(pose)
         if self._truth.wanted:
             self._truth.publish(_odometry(truth, *self._robot.body.velocity(), "map", base_frame, stamp))
+
+    def _transforms(self, stamp: rospy.Time) -> List[TransformStamped]:
+        """Where the robot is now, as far as the simulator knows."""
+        tick = self._placed_at = self._simulation.tick
+        speed, turn = self._robot.odometry.velocity
+        late = tick % ODOMETRY_PERIOD / PHYSICS_RATE  # s since the encoders were read
+        odometry = self._robot.odometry.pose.compose(Pose(speed * late, 0.0, turn * late))
+        odom_frame = self._prefix + "odom"
+        transforms = [transform(odometry, odom_frame, self._prefix + "base_footprint", stamp)]
+        if self._localization is not None:
+            believed = self._localization.estimate(self._robot.body.pose(), self._simulation.time)
+            transforms.append(transform(map_to_odom(believed, odometry), "map", odom_frame, stamp))
         return transforms
 
     def _publish_scan(self, stamp: rospy.Time) -> None:

@@ -9,7 +9,9 @@ from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from nav_msgs.msg import Path as PathMessage
+from sensor_msgs.msg import CameraInfo, Image
 
+from merlin_sim.camera import CameraModel
 from merlin_sim.occupancy_grid import OccupancyGrid
 from merlin_sim.world import Point, Pose
 
@@ -85,6 +87,26 @@ def grid_of(message: GridMessage) -> OccupancyGrid:
     # map_server's convention: from 65 on a cell counts as occupied, in between as unknown.
     cells = np.where(cells >= 65, 100, np.where((cells >= 0) & (cells <= 19), 0, -1)).astype(np.int8)
     return OccupancyGrid(cells, info.resolution, (info.origin.position.x, info.origin.position.y))
+
+
+def image_message(picture: np.ndarray, frame: str, stamp: rospy.Time) -> Image:
+    """A picture, height x width x 3, RGB, as a message."""
+    height, width = picture.shape[:2]
+    message = Image(height=height, width=width, encoding="rgb8", step=3 * width)
+    message.header.frame_id, message.header.stamp = frame, stamp
+    message.data = np.ascontiguousarray(picture).tobytes()
+    return message
+
+
+def camera_info(model: CameraModel, frame: str, stamp: rospy.Time) -> CameraInfo:
+    """The geometry of a camera without distortion as a message."""
+    matrix = model.matrix()
+    message = CameraInfo(height=model.height, width=model.width, distortion_model="plumb_bob", D=[0.0] * 5)
+    message.header.frame_id, message.header.stamp = frame, stamp
+    message.K = matrix.ravel().tolist()
+    message.R = np.eye(3).ravel().tolist()
+    message.P = np.hstack([matrix, np.zeros((3, 1))]).ravel().tolist()
+    return message
 
 
 def path_message(points: List[Point], frame: str, stamp: rospy.Time, last_yaw: float) -> PathMessage:

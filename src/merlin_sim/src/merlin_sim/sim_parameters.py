@@ -1,11 +1,13 @@
 """The simulator's parameters, checked."""
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any, List
 
 import rospy
 
+from merlin_sim.camera import CameraModel
 from merlin_sim.drive import DriveLimits, OdometryNoise
 from merlin_sim.lidar import LidarModel
 from merlin_sim.localization import PoseNoise
@@ -24,6 +26,7 @@ class SimParameters:
     real_time_factor: float
     localization: str
     pose_noise: PoseNoise
+    camera_rate: float
 
 
 def read_parameters() -> SimParameters:
@@ -52,6 +55,7 @@ def read_parameters() -> SimParameters:
             xy=number("~localization_noise_xy", PoseNoise.xy, 0.0),
             yaw=number("~localization_noise_yaw", PoseNoise.yaw, 0.0),
         ),
+        camera_rate=number("~camera_rate", 2.0, 0.1),
     )
 
 
@@ -78,16 +82,29 @@ def read_robots(world: World) -> List[RobotSpec]:
         turn=number("~odometry_turn_noise", 0.005, 0.0),
     )
     lidar = LidarModel(sigma=number("~scan_noise", LidarModel.sigma, 0.0))
+    camera = _camera()
     timeout = number("~cmd_vel_timeout", RobotSpec.command_timeout, 0.05)
     starts = iter(world.starts)
     specs = []
     for item in robots:
         name, start = _placed(item, starts, world)
-        specs.append(RobotSpec(name, start, limits, noise, lidar, timeout))
+        specs.append(RobotSpec(name, start, limits, noise, lidar, camera, timeout))
     names = [spec.name for spec in specs]
     if len(set(names)) != len(names):
         raise ParameterError(f"parameter ~robots names a namespace twice: {names}")
     return specs
+
+
+def _camera() -> CameraModel:
+    width, height = (
+        number(f"~camera_{name}", default, 16) for name, default in (("width", 640), ("height", 480))
+    )
+    fov = number("~camera_fov", CameraModel.fov, 0.1)
+    if max(width, height) > 4096:
+        raise ParameterError("parameters ~camera_width, ~camera_height: at most 4096 pixels")
+    if fov > 0.9 * math.pi:
+        raise ParameterError(f"parameter ~camera_fov is {fov:g} rad, more than {0.9 * math.pi:.2f}")
+    return CameraModel(int(width), int(height), fov, number("~camera_noise", CameraModel.noise, 0.0))
 
 
 def _placed(item: Any, starts: Any, world: World) -> Any:

@@ -7,18 +7,17 @@ from typing import Dict, List
 
 import numpy as np
 
+from merlin_sim.camera import CAMERA_LINK, Camera, CameraError, CameraModel
 from merlin_sim.drive import BaseController, DriveGeometry, DriveLimits, OdometryNoise, WheelOdometry
 from merlin_sim.lidar import Lidar, LidarModel
 from merlin_sim.physics import Physics
-from merlin_sim.ray_casting import Outlines
-from merlin_sim.world import Pose, Solid, World, wrap
+from merlin_sim.scene import ROBOT, ROBOT_RADIUS, Scene
+from merlin_sim.world import Pose, World
+from merlin_sim.world_control import WorldControl
 from merlin_sim.world_events import WorldEvents
 
 PHYSICS_RATE = 100  # steps per simulated second
 ODOMETRY_EVERY = 5  # steps
-ROBOT_RADIUS = 0.25  # m, as in urdf/rb1.urdf
-PUSHED = 0.002  # m and rad that a thing has to move before the laser sees it elsewhere
-LASER_HEIGHT = 0.33  # m, likewise
 
 
 @dataclass(frozen=True)
@@ -34,11 +33,12 @@ class RobotSpec:
     limits: DriveLimits = field(default_factory=DriveLimits)
     odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
     lidar: LidarModel = field(default_factory=LidarModel)
+    camera: CameraModel = field(default_factory=CameraModel)
     command_timeout: float = 0.5  # s
 
 
 class SimulatedRobot:
-    """A robot's body, base controller, odometry and laser."""
+    """A robot's body, base controller, odometry, laser and camera."""
 
     def __init__(self, spec: RobotSpec, physics: Physics, urdf: Path, seed: int) -> None:
         geometry = DriveGeometry()
@@ -47,6 +47,7 @@ class SimulatedRobot:
         self.base = BaseController(spec.limits, geometry, spec.command_timeout)
         self.odometry = WheelOdometry(geometry, spec.odometry_noise, seed, spec.name)
         self.lidar = Lidar(spec.lidar, seed, spec.name)
+        self.camera = Camera(spec.camera, seed, spec.name)
         self.distance = 0.0  # m really driven since the beginning
         self._last = spec.start
 
@@ -81,17 +82,10 @@ class Simulation:
             spec.name: SimulatedRobot(spec, self.physics, urdf, seed) for spec in specs
         }
 
-        self.outlines = Outlines(LASER_HEIGHT)
-        for solid in [*world.wall_solids(), *world.furniture, *world.unmapped]:
-            self.outlines.show(solid)
-        for door in world.doors:
-            if not door.open:
-                self.outlines.show(door.leaf(world.wall_thickness, world.wall_height))
-
-        for person in world.people:
-            self.outlines.show(person.solid(Pose(*person.path[0])))
-        self._events = WorldEvents(world, self._show)
-        self._pushable = {solid.name: solid for solid in world.furniture + world.unmapped if solid.mass}
+        bodies = {name or ROBOT: robot.body for name, robot in self.robots.items()}
+        self.scene = Scene(world, self.physics, bodies)
+        self.control = WorldControl(world, self.scene)
+        self._events = WorldEvents(world, self.scene.show)
 
     @property
     def time(self) -> float:
@@ -104,13 +98,15 @@ class Simulation:
         for robot in self.robots.values():
             robot.drive(now)
         self.physics.step()
+        self.scene.carry()
         self.tick += 1
         if self.tick % ODOMETRY_EVERY == 0:
             for robot in self.robots.values():
                 robot.measure(self.tick)
             places = [robot.body.pose().point for robot in self.robots.values()]
-            self._follow_pushed()
-            self._events.step(self.time, ODOMETRY_EVERY / PHYSICS_RATE, places, ROBOT_RADIUS)
+            self.scene.follow()
+            self._events.step(self.time, places, ROBOT_RADIUS)
+            self.control.step(self.time, ODOMETRY_EVERY / PHYSICS_RATE)
 
     def scan(self, robot: SimulatedRobot) -> np.ndarray:
         """What the robot's laser sees now, m."""
@@ -120,21 +116,17 @@ class Simulation:
             if other is not robot
             for pose in [other.body.pose()]
         ]
-        return robot.lidar.scan(robot.body.pose(), self.outlines, others, self.tick)
+        return robot.lidar.scan(robot.body.pose(), self.scene.outlines, others, self.tick)
 
-    def _follow_pushed(self) -> None:
-        for name, seen in self._pushable.items():
-            pose = self.physics.place_of(name)
-            if pose.distance(seen.pose) > PUSHED or abs(wrap(pose.yaw - seen.pose.yaw)) > PUSHED:
-                self._pushable[name] = seen.moved(pose)
-                self.outlines.show(self._pushable[name])
+    def picture(self, robot: SimulatedRobot) -> np.ndarray:
+        """What the robot's camera sees now: height x width x 3, RGB, 0..255. Takes tens of milliseconds.
 
-    def _show(self, solid: Solid, there: bool) -> None:
-        self.physics.show(solid, there)
-        if there:
-            self.outlines.show(solid)
-        else:
-            self.outlines.hide(solid.name)
+        :raises CameraError: its description has no camera.
+        """
+        pose = robot.body.camera_pose()
+        if pose is None:
+            raise CameraError(f"the robot's description has no link {CAMERA_LINK} with a mass")
+        return robot.camera.expose(self.physics.picture(robot.spec.camera, pose), self.tick)
 
     def close(self) -> None:
         """Gives the physics engine back."""

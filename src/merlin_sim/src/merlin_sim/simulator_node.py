@@ -1,6 +1,7 @@
 """The node /merlin_sim: a world, its robots and its time."""
 
 import threading
+from functools import partial
 from pathlib import Path
 from typing import Dict, Optional
 
@@ -8,6 +9,9 @@ import rospkg
 import rospy
 from merlin_msgs.msg import SimStatus
 from merlin_msgs.srv import (
+    CaptureImage,
+    CaptureImageRequest,
+    CaptureImageResponse,
     SetRealTimeFactor,
     SetRealTimeFactorRequest,
     SetRealTimeFactorResponse,
@@ -20,6 +24,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
+from merlin_sim.camera import CameraError
 from merlin_sim.localization import TruthLocalization
 from merlin_sim.occupancy_grid import map_of
 from merlin_sim.pacer import Pacer
@@ -30,6 +35,7 @@ from merlin_sim.ros_messages import grid_message
 from merlin_sim.sim_parameters import read_parameters, read_robots
 from merlin_sim.simulation import PHYSICS_RATE, Simulation
 from merlin_sim.world_file import WorldError, load_world
+from merlin_sim.world_services import WorldServices
 from merlin_sm.health import OK, WARN, Health, HealthReporter
 
 CLOCK_PERIOD = 2  # physics steps: 50 Hz
@@ -74,7 +80,9 @@ class SimulatorNode:
                 {"x": start.x, "y": start.y, "yaw": start.yaw},
             )
             localization = self._localization(robot.spec.name)
-            self._robots[robot.spec.name] = RobotInterface(self.simulation, robot, localization)
+            self._robots[robot.spec.name] = RobotInterface(
+                self.simulation, robot, localization, self._parameters.camera_rate
+            )
         self._grid = map_of(world)
         self._map.publish(grid_message(self._grid, "map", _time(1)))
         self._stopped = threading.Event()
@@ -85,6 +93,11 @@ class SimulatorNode:
             rospy.Service("~reset", Trigger, lambda _: self._reset()),
             rospy.Service("~set_seed", SetSeed, self._set_seed),
         ]
+        for name in self._robots:
+            topic = f"/{name}/camera/capture".replace("//", "/")
+            self._services.append(rospy.Service(topic, CaptureImage, partial(self._capture, name)))
+        self._world_services = WorldServices(self._world_lock, self._now)
+        self._world_services.attach(self.simulation)
         rospy.on_shutdown(self._stop)
         names = ", ".join(robot or "(no namespace)" for robot in self.simulation.robots)
         rospy.loginfo(f"world {world.name}, seed {self._parameters.seed}, robots: {names}")
@@ -112,6 +125,7 @@ class SimulatorNode:
             self.simulation = Simulation(self._world, specs, self._robot_urdf, seed)
             for name, robot in self.simulation.robots.items():
                 self._robots[name].attach(self.simulation, robot, self._localization(name))
+            self._world_services.attach(self.simulation)
             old.close()
             # Who localises or plans on a map forgets what it believed of the old world.
             self._map.publish(grid_message(self._grid, "map", _time(self._begun)))
@@ -125,6 +139,18 @@ class SimulatorNode:
         self._begin_anew(request.seed)
         return SetSeedResponse(True, f"the world began anew with seed {request.seed}")
 
+    def _capture(self, robot: str, _: CaptureImageRequest) -> CaptureImageResponse:
+        with self._world_lock:
+            try:
+                image, info, transforms = self._robots[robot].picture(
+                    _time(self._begun + self.simulation.tick)
+                )
+            except CameraError as error:
+                return CaptureImageResponse(success=False, message=str(error))
+            if transforms:
+                self._tf.publish(TFMessage(transforms=transforms))
+        return CaptureImageResponse(success=True, image=image, info=info)
+
     def _publish(self, tick: int) -> None:
         if tick % CLOCK_PERIOD == 0:
             self._publish_clock(self._begun + tick)
@@ -134,6 +160,10 @@ class SimulatorNode:
         ]
         if transforms:
             self._tf.publish(TFMessage(transforms=transforms))
+        self._world_services.publish(tick, stamp)
+
+    def _now(self) -> rospy.Time:
+        return _time(self._begun + self.simulation.tick)
 
     def _publish_clock(self, tick: int) -> None:
         self._clock.publish(Clock(clock=_time(tick)))
@@ -166,7 +196,7 @@ class SimulatorNode:
             achieved_factor=0.0 if paused else self._achieved,
             seed=self._seed,
         )
-        status.header.stamp = _time(self._begun + self.simulation.tick)
+        status.header.stamp = self._now()
         if not self._stopped.is_set():
             self._status.publish(status)
 

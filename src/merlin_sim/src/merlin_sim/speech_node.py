@@ -20,6 +20,8 @@ from merlin_sim.ros_clock import RosClock
 from merlin_sim.sound_card import SoundCard
 from merlin_sim.speech_synthesizer import RATE, Sound, SoundError, SpeechSynthesizer, beep, read_wave
 from merlin_sm.action_server import ServerGoal
+from merlin_sm.health import OK, WARN, Health, HealthReporter
+from merlin_sm.publishing import publish
 from merlin_sm.serial_action_server import SerialActionServer
 
 CHUNK = 0.2  # s of sound per message and per feedback
@@ -69,8 +71,7 @@ class Speaker:
                     played += len(part) / RATE
             finally:
                 self._card.stop()
-                if not rospy.is_shutdown():
-                    self._speaking.publish(Bool(False))
+                publish(self._speaking, Bool(False))
             return played
 
 
@@ -86,8 +87,9 @@ class SpeechNode:
             speed=round(number("~words_per_minute", 160, 40)),
         )
         self._clock = RosClock()
-        card = SoundCard(str(rospy.get_param("~device", "")))
-        self._speaker = Speaker(self._clock, card)
+        self._card = SoundCard(str(rospy.get_param("~device", "")))
+        self._trouble = ""  # why the last sound could not be made
+        self._speaker = Speaker(self._clock, self._card)
         self._changed = threading.Condition()  # guards the requests of the topic
         self._requests: Deque[SoundRequest] = deque()
         self._playing: Optional[Tuple[SoundRequest, threading.Event]] = None
@@ -98,7 +100,15 @@ class SpeechNode:
         )
         rospy.on_shutdown(self._server.shutdown)
         self._server.start()
-        rospy.loginfo("speech: " + ("plays on the sound card" if card.present else "no sound card, silent"))
+        rospy.loginfo(
+            "speech: " + ("plays on the sound card" if self._card.present else "no sound card, silent")
+        )
+
+    def health(self) -> Health:
+        """Whether the last sound could be made."""
+        if self._trouble:
+            return Health(WARN, f"the last sound could not be made: {self._trouble}")
+        return Health(OK, "plays on the sound card" if self._card.present else "no sound card, silent")
 
     def _execute(self, goal: ServerGoal) -> None:
         request = goal.goal.sound_request
@@ -159,6 +169,15 @@ class SpeechNode:
                 rospy.logerr(f"robotsound: {error}")
 
     def _sound(self, request: SoundRequest) -> Sound:
+        try:
+            sound = self._made(request)
+        except SoundError as error:
+            self._trouble = str(error)
+            raise
+        self._trouble = ""
+        return sound
+
+    def _made(self, request: SoundRequest) -> Sound:
         if request.command not in (SoundRequest.PLAY_ONCE, SoundRequest.PLAY_START):
             raise SoundError(f"unknown command {request.command}")
         if request.sound == SoundRequest.SAY:
@@ -195,7 +214,7 @@ def main() -> int:
     """The executable ``speech``; returns its exit code."""
     rospy.init_node("soundplay_node")
     try:
-        SpeechNode()
+        HealthReporter({"speech": SpeechNode().health}).start()
     except ParameterError as error:
         rospy.logfatal(f"speech: {error}")
         return 1

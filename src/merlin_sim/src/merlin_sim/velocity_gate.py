@@ -8,6 +8,7 @@ import rospy
 from geometry_msgs.msg import Twist
 
 from merlin_sm.action_server import ServerGoal
+from merlin_sm.publishing import publish
 
 
 class VelocityGate:
@@ -42,8 +43,8 @@ class VelocityGate:
         with self._lock:
             if self._owner is goal:
                 self._owner = None
-            if self._owner is None and not rospy.is_shutdown():
-                self._publisher.publish(Twist())
+            if self._owner is None:
+                publish(self._publisher, Twist())
 
     def stop(self) -> None:
         """Stops the robot, whoever owns the gate."""

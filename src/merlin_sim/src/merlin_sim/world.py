@@ -8,6 +8,8 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Dict, List, Optional, Tuple, Union
 
+from merlin_sim.object_classes import CLOTHES, PERSON_HEIGHT, PERSON_RADIUS
+
 Point = Tuple[float, float]
 
 
@@ -76,6 +78,15 @@ class Solid:
         local = [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]
         return [self.pose.compose(Pose(x, y)).point for x, y in local]
 
+    def distance(self, point: Point) -> float:
+        """How far a point lies outside its outline, m; negative inside."""
+        local = self.pose.inverse().compose(Pose(*point))
+        if self.radius is not None:
+            return math.hypot(local.x, local.y) - self.radius
+        assert self.size is not None
+        beside = (abs(local.x) - self.size[0] / 2, abs(local.y) - self.size[1] / 2)
+        return math.hypot(max(beside[0], 0.0), max(beside[1], 0.0)) + min(max(beside), 0.0)
+
     def moved(self, pose: Pose) -> "Solid":
         """The same thing somewhere else."""
         return replace(self, pose=pose)
@@ -111,6 +122,7 @@ class Person:
     :param delay: s of simulated time before the first step.
     :param pause: s at each end of the path.
     :param polite: stops for robots that are in the way.
+    :param absent: is not there at first.
     """
 
     name: str
@@ -119,12 +131,13 @@ class Person:
     delay: float = 0.0
     pause: float = 2.0
     polite: bool = True
-    radius: float = 0.22
-    height: float = 1.7
+    radius: float = PERSON_RADIUS
+    height: float = PERSON_HEIGHT
+    absent: bool = False
 
     def solid(self, pose: Pose) -> Solid:
         """The person at a pose."""
-        return Solid(self.name, pose, self.height, radius=self.radius, color="#b04a7a")
+        return Solid(self.name, pose, self.height, radius=self.radius, color=CLOTHES)
 
 
 @dataclass(frozen=True)
@@ -135,6 +148,7 @@ class WorldObject:
     :param bottom: m above the floor at which it stands.
     :param support: the furniture that it stands on; None: it stands at `bottom` by itself.
     :param tag: number of the ArUco tag (4x4) on it, if there is one.
+    :param absent: is not there at first.
     """
 
     kind: str
@@ -142,6 +156,7 @@ class WorldObject:
     bottom: float = 0.0
     support: Optional[str] = None
     tag: Optional[int] = None
+    absent: bool = False
 
     @property
     def name(self) -> str:

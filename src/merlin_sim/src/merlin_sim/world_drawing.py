@@ -32,6 +32,8 @@ class WorldDrawing:
             leaf = door.leaf(world.wall_thickness, world.wall_height).corners()
             self._outline(leaf) if door.open else self._fill(leaf, "#c08a4a")
         for person in world.people:
+            if person.absent:
+                continue
             if len(person.path) > 1:
                 self.path(person.path, "#e0b0c8", 1)
             self._fill(person.solid(Pose(*person.path[0])).corners(), "#b04a7a")

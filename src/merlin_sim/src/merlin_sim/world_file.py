@@ -122,7 +122,7 @@ def _surveyed(item: Dict[str, Any]) -> bool:
 
 
 def _person(item: Dict[str, Any]) -> Person:
-    fields = {name: item[name] for name in ("speed", "delay", "pause", "polite") if name in item}
+    fields = {name: item[name] for name in ("speed", "delay", "pause", "polite", "absent") if name in item}
     return Person(item["name"], tuple((float(x), float(y)) for x, y in item["path"]), **fields)
 
 

@@ -1,14 +1,16 @@
 """The recognisable objects of a world file: where each stands, and whether it can stand there."""
 
-from typing import Any, Dict, Iterator, List
+from typing import Any, Dict, Iterator, List, Optional, Tuple
 
+from merlin_sim.object_classes import OBJECT_CLASSES
 from merlin_sim.world import Pose, Solid, World, WorldObject
 
 
 def read_objects(items: List[Dict[str, Any]], furniture: List[Solid]) -> List[WorldObject]:
     """Makes objects of the list `objects` of a world file that follows the schema.
 
-    With `support`, the place is given in m from the middle of that furniture, along its own axes.
+    With `support`, the place is given in m from the middle of that furniture, along its own axes. A class of
+    :mod:`merlin_sim.object_classes` has its size and its colour; other things say theirs.
     """
     supports = {solid.name: solid for solid in furniture}
     return [_object(item, supports) for item in items]
@@ -20,6 +22,11 @@ def misplaced(world: World) -> Iterator[str]:
     left, bottom, right, top = world.bounds()
     for thing in world.objects:
         pose = thing.solid.pose
+        if not thing.solid.height:
+            yield (
+                f"objects: {thing.name} needs box or cylinder; its class {thing.kind} has no size of its own "
+                f"(those that have: {', '.join(OBJECT_CLASSES)})"
+            )
         if thing.support is not None and thing.support not in supports:
             yield f"objects: {thing.name} stands on {thing.support}, which is no furniture"
         elif thing.support is not None and not _holds(supports[thing.support], pose):
@@ -38,16 +45,27 @@ def _object(item: Dict[str, Any], supports: Dict[str, Solid]) -> WorldObject:
     if support is not None:
         pose = support.pose.compose(pose)
         bottom += support.height
-    size = item.get("box")
-    solid = Solid(
-        name=item["name"],
-        pose=pose,
-        height=float((size or item["cylinder"])[-1]),
-        size=(float(size[0]), float(size[1])) if size else None,
-        radius=None if size else float(item["cylinder"][0]),
-        color=item.get("color", "#9a9a9a"),
+    size, radius, height = _shape(item)
+    known = OBJECT_CLASSES.get(item["class"])
+    color = known.color if known else item.get("color", "#9a9a9a")
+    solid = Solid(item["name"], pose, height, size=size, radius=radius, color=color)
+    return WorldObject(
+        item["class"], solid, bottom, item.get("support"), item.get("tag"), bool(item.get("absent"))
     )
-    return WorldObject(item["class"], solid, bottom, item.get("support"), item.get("tag"))
+
+
+def _shape(item: Dict[str, Any]) -> Tuple[Optional[Tuple[float, float]], Optional[float], float]:
+    """Size and radius (one of them None) and height; a height of 0 when nobody says them."""
+    if "box" in item:
+        x, y, height = map(float, item["box"])
+        return (x, y), None, height
+    if "cylinder" in item:
+        radius, height = map(float, item["cylinder"])
+        return None, radius, height
+    known = OBJECT_CLASSES.get(item["class"])
+    if known is None:
+        return None, 0.0, 0.0
+    return known.size, known.radius, known.height
 
 
 def _holds(support: Solid, pose: Pose) -> bool:

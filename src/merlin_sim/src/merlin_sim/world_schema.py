@@ -59,6 +59,7 @@ SCHEMA: Dict[str, Any] = _object(
                     "delay": {"type": "number", "minimum": 0},
                     "pause": {"type": "number", "minimum": 0},
                     "polite": {"type": "boolean"},
+                    "absent": {"type": "boolean"},
                 },
                 "name path",
             )
@@ -75,9 +76,10 @@ SCHEMA: Dict[str, Any] = _object(
                     "cylinder": {"type": "array", "items": _positive, "minItems": 2, "maxItems": 2},
                     "color": _color,
                     "tag": {"type": "integer", "minimum": 0, "maximum": 49},
+                    "absent": {"type": "boolean"},
                 },
                 "name class at",
-                oneOf=[{"required": ["box"]}, {"required": ["cylinder"]}],
+                **{"not": {"required": ["box", "cylinder"]}},
             )
         ),
         "events": _list(

@@ -13,6 +13,8 @@ from typing import Any, Callable, Dict, List, Optional
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
+from merlin_sm.publishing import publish
+
 STATUS_PERIOD = 0.2  # s of wall time, actionlib's usual 5 Hz
 KEEP_ENDED = 5.0  # s for which an ended goal stays in the status list
 KEEP_EARLY_CANCEL = 60.0  # s for which a cancel waits for the goal that it overtook
@@ -194,7 +196,7 @@ class ActionServer:
                 del self._early_cancels[goal_id]
         message = GoalStatusArray(status_list=[goal._status for goal in self._goals.values()])
         message.header.stamp = rospy.Time.now()
-        self._publish(self._status_publisher, message)
+        publish(self._status_publisher, message)
 
     def publish_result(self, status: GoalStatus, result: Any) -> None:
         """Publishes a result, then the status list; called with the lock held."""
@@ -202,22 +204,14 @@ class ActionServer:
         message.header.stamp = rospy.Time.now()
         if result is not None:
             message.result = result
-        self._publish(self._result_publisher, message)
+        publish(self._result_publisher, message)
         self.publish_status()
 
     def publish_feedback(self, status: GoalStatus, feedback: Any) -> None:
         """Publishes feedback on a goal; called with the lock held."""
         message = self._feedback_type(status=status, feedback=feedback)
         message.header.stamp = rospy.Time.now()
-        self._publish(self._feedback_publisher, message)
-
-    @staticmethod
-    def _publish(publisher: rospy.Publisher, message: Any) -> None:
-        try:
-            publisher.publish(message)
-        except rospy.ROSException:
-            if not rospy.is_shutdown():  # a topic that closes with the node has nobody left to tell
-                raise
+        publish(self._feedback_publisher, message)
 
     def _receive_goal(self, message: Any) -> None:
         with self.lock:

@@ -9,6 +9,7 @@ from typing import Callable, Dict, NamedTuple
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper, Updater
+from rospy.core import is_shutdown_requested
 
 PERIOD = 1.0  # s of wall time
 
@@ -53,7 +54,7 @@ class HealthReporter:
             try:
                 self._updater.force_update()
             except rospy.ROSException:
-                if rospy.is_shutdown():
+                if is_shutdown_requested():
                     return
                 raise
             self._stopped.wait(PERIOD)

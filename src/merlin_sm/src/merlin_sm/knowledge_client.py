@@ -27,6 +27,7 @@ ADD_GOAL = KnowledgeUpdateServiceArrayRequest.ADD_GOAL
 REMOVE = KnowledgeUpdateServiceArrayRequest.REMOVE_KNOWLEDGE
 REMOVE_GOAL = KnowledgeUpdateServiceArrayRequest.REMOVE_GOAL
 CALL_LIMIT = 10.0  # s of wall time for one call; a knowledge base answers in milliseconds
+START_LIMIT = 20.0  # s of wall time the first call gives a knowledge base that is being started
 
 
 class Update(NamedTuple):
@@ -41,7 +42,7 @@ class KnowledgeError(RuntimeError):
 
 
 class KnowledgeClient:
-    """Calls the services of one knowledge base.
+    """Calls the services of one knowledge base. The first call waits for one that is still being started.
 
     :param name: of the knowledge base, relative names allowed.
     """
@@ -122,7 +123,7 @@ class KnowledgeClient:
         return self._operator(name).op
 
     def _proxy(self, suffix: str, service_class: type) -> ServiceProxy:
-        return ServiceProxy(f"{self.name}/{suffix}", service_class, timeout=CALL_LIMIT)
+        return ServiceProxy(f"{self.name}/{suffix}", service_class, timeout=CALL_LIMIT, patience=START_LIMIT)
 
 
 _clients: Dict[str, KnowledgeClient] = {}

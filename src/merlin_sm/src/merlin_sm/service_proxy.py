@@ -27,12 +27,17 @@ class ServiceProxy:
     :param name: of the service, relative names allowed.
     :param service_class: the generated service type.
     :param timeout: longest wait for an answer, s of wall time; None: as long as it takes.
+    :param patience: longest wait of the first call for the service to be offered, s of wall time: whoever is
+        started together with the server may call at once.
     """
 
-    def __init__(self, name: str, service_class: type, timeout: Optional[float] = None) -> None:
+    def __init__(
+        self, name: str, service_class: type, timeout: Optional[float] = None, patience: float = 0.0
+    ) -> None:
         self.name = rospy.resolve_name(name)
         self._service_class = service_class
         self._timeout = timeout
+        self._patience = patience
         self._lock = threading.Lock()  # one call at a time; guards the proxy
         self._proxy: Optional[rospy.ServiceProxy] = None
         self._nodelay = False
@@ -43,6 +48,9 @@ class ServiceProxy:
         :raises ServiceError: when there is no answer.
         """
         with self._lock:
+            patience, self._patience = self._patience, 0.0
+            if patience:
+                self.wait(patience)
             limit = None
             try:
                 proxy = self._connection()

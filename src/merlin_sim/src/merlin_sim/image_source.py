@@ -1,0 +1,101 @@
+"""Where a recogniser's pictures come from: the simulator's camera on request, or a camera's topics."""
+
+import threading
+from typing import Optional, Tuple
+
+import rospy
+from merlin_msgs.srv import CaptureImage
+from sensor_msgs.msg import CameraInfo, Image
+
+from merlin_sm.deadline import Deadline
+from merlin_sm.service_proxy import ServiceError, ServiceProxy
+
+Picture = Tuple[Image, CameraInfo]
+CAPTURE_LIMIT = 20.0  # s of wall time for the simulator's answer, which renders on a busy machine
+
+
+class NoPicture(Exception):
+    """There is no picture; the text says why."""
+
+
+class CaptureSource:
+    """Asks the service ``camera/capture``."""
+
+    def __init__(self) -> None:
+        self._capture = ServiceProxy("camera/capture", CaptureImage, timeout=CAPTURE_LIMIT)
+
+    def take(self, _: threading.Event) -> Picture:
+        """A picture of now.
+
+        :raises NoPicture: the simulator gives none.
+        """
+        try:
+            answer = self._capture()
+        except ServiceError as error:
+            raise NoPicture(f"no camera image: {error}") from error
+        if not answer.success:
+            raise NoPicture(f"no camera image: {answer.message}")
+        return answer.image, answer.info
+
+
+class TopicSource:
+    """Subscribes to an image topic and its camera_info while a picture is wanted.
+
+    :param image_topic: sensor_msgs/Image.
+    :param info_topic: sensor_msgs/CameraInfo; empty: ``camera_info`` beside the image.
+    :param timeout: s of running time for both to come.
+    """
+
+    def __init__(self, image_topic: str, info_topic: str, timeout: float) -> None:
+        self._image_topic = rospy.resolve_name(image_topic)
+        beside = self._image_topic.rsplit("/", 1)[0] + "/camera_info"
+        self._info_topic = rospy.resolve_name(info_topic or beside)
+        self._timeout = timeout
+        self._news = threading.Condition()  # guards the two messages
+        self._image: Optional[Image] = None
+        self._info: Optional[CameraInfo] = None
+
+    def take(self, cancelled: threading.Event) -> Picture:
+        """The next picture.
+
+        :raises NoPicture: none came in time, or none is wanted any more.
+        """
+        with self._news:
+            self._image = self._info = None
+        subscribers = [
+            rospy.Subscriber(self._image_topic, Image, self._keep_image, queue_size=1, buff_size=2**24),
+            rospy.Subscriber(self._info_topic, CameraInfo, self._keep_info, queue_size=1),
+        ]
+        try:
+            with self._news:
+                Deadline(self._timeout).wait(
+                    self._news, lambda: cancelled.is_set() or bool(self._image and self._info)
+                )
+                image, info = self._image, self._info
+        finally:
+            for subscriber in subscribers:
+                subscriber.unregister()
+        if image is None or info is None:
+            missing = self._image_topic if image is None else self._info_topic
+            raise NoPicture(f"no camera image: nothing came on {missing} within {self._timeout:g} s")
+        if (info.width, info.height) != (image.width, image.height):
+            raise NoPicture(
+                f"{self._info_topic} is for {info.width} x {info.height} pixels, the image has "
+                f"{image.width} x {image.height}"
+            )
+        return image, info
+
+    def wake(self) -> None:
+        """Lets a wait look at its event."""
+        with self._news:
+            self._news.notify_all()
+
+    def _keep_image(self, message: Image) -> None:
+        with self._news:
+            self._image = message
+            self._news.notify_all()
+
+    def _keep_info(self, message: CameraInfo) -> None:
+        with self._news:
+            self._info = message
+            self._news.notify_all()

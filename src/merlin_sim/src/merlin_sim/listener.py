@@ -1,0 +1,105 @@
+"""Somebody who hears a robot, and where they do."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Dict, Iterable, List, Mapping, Optional
+
+import rospy
+
+from merlin_sim.answers import Answers
+from merlin_sim.parameters import ParameterError, number
+from merlin_sim.world import Point
+
+HEARING = 4.0  # m
+VOICE = "en-us"
+KEYS = ("voice", "answers", "hearing", "position")
+
+
+@dataclass
+class Listener:
+    """A person who hears and answers.
+
+    :param name: empty: nobody in particular.
+    :param hearing: distance to which the robot is heard, m.
+    :param place: where the person is; None: wherever the world says that somebody of this name is.
+    :param anywhere: hears the robot wherever it is.
+    """
+
+    name: str
+    answers: Answers
+    voice: str = VOICE
+    hearing: float = HEARING
+    place: Optional[Point] = None
+    anywhere: bool = False
+
+    def distance(self, robot: Optional[Point], people: Mapping[str, Point]) -> float:
+        """How far the robot is, m; infinite when it is too far to be heard, or nobody is there.
+
+        :param people: where everybody is who is in the world.
+        """
+        if self.anywhere:
+            return 0.0
+        place = self.place if self.place is not None else people.get(self.name)
+        if robot is None or place is None:
+            return math.inf
+        distance = math.dist(robot, place)
+        return distance if distance <= self.hearing else math.inf
+
+
+def nearest(
+    listeners: Iterable[Listener], robot: Optional[Point], people: Mapping[str, Point]
+) -> Optional[Listener]:
+    """Who answers: the nearest of those who hear the robot."""
+    hearing = [(listener.distance(robot, people), listener.name, listener) for listener in listeners]
+    distance, _, listener = min(hearing, key=lambda item: item[:2])
+    return listener if math.isfinite(distance) else None
+
+
+def read_listeners() -> List[Listener]:
+    """The people of the parameters: those of ``~people``, or the one whom the other parameters describe.
+
+    :raises ParameterError: a parameter cannot be used.
+    """
+    everybody: Dict[str, Any] = {
+        "voice": rospy.get_param("~voice", VOICE),
+        "answers": rospy.get_param("~answers", ["no thank you"]),
+        "hearing": number("~hearing", HEARING, 0.1),
+    }
+    people = rospy.get_param("~people", {})
+    if not isinstance(people, dict):
+        raise ParameterError(f"parameter ~people is {people!r}, not people by name")
+    if not people:
+        position = rospy.get_param("~position", None)
+        if isinstance(position, str) and position:
+            return [_listener("~", position, everybody)]
+        return [_listener("~", "", {**everybody, "position": position or None})]
+    return [
+        _listener(f"~people/{name}/", name, {**everybody, **_keys(name, people[name])}) for name in people
+    ]
+
+
+def _keys(name: str, fields: Any) -> Dict[str, Any]:
+    if not isinstance(fields, dict) or not set(fields) <= set(KEYS):
+        raise ParameterError(f"parameter ~people/{name} is {fields!r}; it may have {', '.join(KEYS)}")
+    return fields
+
+
+def _listener(where: str, name: str, fields: Dict[str, Any]) -> Listener:
+    answers, hearing, position = fields["answers"], fields["hearing"], fields.get("position")
+    if not isinstance(answers, list) or not all(isinstance(answer, str) for answer in answers):
+        raise ParameterError(f"parameter {where}answers is {answers!r}, not a list of sentences")
+    if not isinstance(hearing, (int, float)) or not hearing > 0:
+        raise ParameterError(f"parameter {where}hearing is {hearing!r}, not a distance in m")
+    if position is not None:
+        numbers = isinstance(position, list) and all(isinstance(value, (int, float)) for value in position)
+        if not numbers or len(position) != 2:
+            raise ParameterError(f"parameter {where}position is {position!r}, not [x, y] or a person's name")
+        position = (float(position[0]), float(position[1]))
+    return Listener(
+        name,
+        Answers(answers),
+        str(fields["voice"]),
+        float(hearing),
+        position,
+        anywhere=not name and not position,
+    )

@@ -1,0 +1,68 @@
+"""The classes of things that can be recognised: how big each is and what it looks like.
+
+Both sides read this table: the renderer paints things after it, the detector looks for them. A real robot's
+detector brings its own.
+"""
+
+from dataclasses import dataclass
+from typing import Dict, Optional, Tuple
+
+PERSON = "person"
+TAG = "tag"  # followed by _ and its number in results
+PERSON_RADIUS = 0.22  # m, of the body
+PERSON_HEIGHT = 1.7  # m
+SHOULDERS = 1.44  # m above the floor: the body ends here
+HEAD_RADIUS = 0.13  # m
+CLOTHES = "#b04a7a"
+SKIN = "#e6b48c"
+DARK = "#140c08"  # coffee, and what is left on a plate
+
+
+@dataclass(frozen=True)
+class ObjectClass:
+    """A class of objects that all look the same.
+
+    Upright cylinders (radius, height) or boxes (size, height); m.
+
+    :param color: of the whole, or of what the dark part leaves.
+    :param dark_height: share of the height, from the top, that is dark: a full cup.
+    :param dark_radius: share of the radius that is dark on the top: a plate somebody ate from.
+    :param meaning: what it stands for, in a few words.
+    """
+
+    name: str
+    color: str
+    height: float
+    radius: Optional[float] = None
+    size: Optional[Tuple[float, float]] = None
+    dark_height: float = 0.0
+    dark_radius: float = 0.0
+    meaning: str = ""
+
+    @property
+    def width(self) -> float:
+        """How wide it appears from the side, m; for a box the mean over all sides."""
+        if self.radius is not None:
+            return 2 * self.radius
+        assert self.size is not None
+        return sum(self.size) * 0.6366  # 2/pi: the mean of |cos| over all headings
+
+
+_CUP, _GLASS, _PLATE = (0.04, 0.10), (0.035, 0.13), (0.11, 0.02)
+
+OBJECT_CLASSES: Dict[str, ObjectClass] = {
+    item.name: item
+    for item in (
+        ObjectClass("cup", "#d01818", _CUP[1], _CUP[0], meaning="an empty cup"),
+        ObjectClass("coffee", "#d01818", _CUP[1], _CUP[0], dark_height=0.4, meaning="a full cup"),
+        ObjectClass("glass", "#20d0d0", _GLASS[1], _GLASS[0], meaning="an empty glass"),
+        ObjectClass("water", "#1830d0", _GLASS[1], _GLASS[0], meaning="a glass of water"),
+        ObjectClass("juice", "#f08000", _GLASS[1], _GLASS[0], meaning="a glass of orange juice"),
+        ObjectClass("bottle", "#18a018", 0.25, 0.04, meaning="a bottle"),
+        ObjectClass("can", "#e0c010", 0.12, 0.033, meaning="a can"),
+        ObjectClass("plate", "#8020d8", _PLATE[1], _PLATE[0], meaning="a clean plate"),
+        ObjectClass("dirty_plate", "#8020d8", _PLATE[1], _PLATE[0], dark_radius=0.7, meaning="a used plate"),
+        ObjectClass("sandwich", "#98e010", 0.05, size=(0.12, 0.12), meaning="a sandwich"),
+        ObjectClass("cake", "#f01898", 0.08, 0.07, meaning="a small cake"),
+    )
+}
