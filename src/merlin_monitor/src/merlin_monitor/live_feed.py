@@ -55,8 +55,8 @@ class LiveFeed:
 
     async def close(self) -> None:
         """Closes all pages."""
-        for page in list(self._pages):
-            await page.socket.close(code=1001, message=b"the monitor ends")
+        sockets = [page.socket for page in self._pages]
+        await asyncio.gather(*(socket.close(code=1001, message=b"the monitor ends") for socket in sockets))
         self._rest()
 
     def _watch(self) -> None:
