@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any, Dict, List, Optional
 
-from merlin_monitor.events import Event
+from merlin_monitor.events import Event, Tell
 from merlin_monitor.health_section import HealthSection
 from merlin_monitor.history_section import NEWEST, HistorySection
 from merlin_monitor.history_store import HistoryStore
@@ -36,6 +36,7 @@ class MonitorState:
         self.tree = StateTree(SECTIONS)
         self._history = HistorySection(self.tree)
         self.history: Optional[HistoryStore] = None
+        self.on_event: Tell = lambda event: None
         self._layouts = LayoutThread(self._laid_out)
         self.knowledge = KnowledgeSection(self.tree, self.tell)
         self.plan = PlanSection(self.tree, self.tell)
@@ -62,7 +63,8 @@ class MonitorState:
             self.history.close()
 
     def tell(self, event: Event) -> None:
-        """Remembers an event."""
+        """Remembers an event, and passes it on to `on_event`."""
+        self.on_event(event)
         if self.history is not None:
             self.history.add(event)
 
