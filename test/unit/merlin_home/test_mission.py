@@ -189,11 +189,48 @@ def test_the_adaptive_factor_is_one_while_the_robot_waits_for_software() -> None
     assert factors == [1.0, 5.0, 1.0, 5.0, 1.0]
 
 
+def test_the_adaptive_factor_is_one_when_the_robot_arrives_and_when_the_question_ends() -> None:
+    factors, timers = [], Timers()
+    factor = RealTimeFactor("adaptive", 5.0, factors.append, timers.call_after)
+    factor.task_starts()
+    factor.action_starts()
+    timers.elapse()
+    factor.arrival_is_near()
+    timers.elapse()
+    assert factors == [1.0, 5.0, 1.0]
+    factor.action_starts(5.0)
+    assert len(timers.waiting) == 2, "a second after the dispatch, and before the end"
+    timers.elapse()
+    assert factors == [1.0, 5.0, 1.0, 5.0, 1.0]
+
+
+def test_a_machine_that_does_not_keep_up_gets_a_lower_factor() -> None:
+    factors, timers = [], Timers()
+    factor = RealTimeFactor("adaptive", 5.0, factors.append, timers.call_after)
+    factor.action_starts()
+    factor.reached(1.0, 0.4)  # a slow machine at factor 1 distorts nothing
+    timers.elapse()
+    factor.reached(5.0, 4.8)
+    assert factors == [1.0, 5.0]
+    factor.reached(5.0, 3.0)
+    assert factors == [1.0, 5.0, 3.0]
+    factor.reached(5.0, 1.0)  # of the time before
+    assert factors == [1.0, 5.0, 3.0]
+    factor.reached(3.0, 3.0)
+    assert factors[-1] == pytest.approx(3.3)
+    factor.action_starts()
+    timers.elapse()
+    assert factors[-2:] == [1.0, pytest.approx(3.3)]
+    assert factor.lowest == 3.0
+
+
 def test_a_constant_factor_is_set_once() -> None:
     factors, timers = [], Timers()
     factor = RealTimeFactor("constant", 3.0, factors.append, timers.call_after)
     for call in (factor.mission_starts, factor.action_starts, factor.cancel_is_near, factor.task_starts):
         call()
+    factor.arrival_is_near()
+    factor.reached(3.0, 1.0)
     timers.elapse()
     assert factors == [3.0]
 

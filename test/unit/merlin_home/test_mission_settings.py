@@ -58,3 +58,9 @@ def test_unknown_points_are_named_with_those_there_are() -> None:
 def test_a_world_without_points_is_named() -> None:
     with pytest.raises(SettingsError, match="world:="):
         read(points={"kitchen": {"x": 1.0}})
+
+
+def test_a_missing_world_file_is_named() -> None:
+    with pytest.raises(SettingsError, match="no file /nowhere.yaml"):
+        read(world_file="/nowhere.yaml")
+    assert read().world_file is None

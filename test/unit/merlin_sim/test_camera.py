@@ -60,10 +60,12 @@ def hue_at(picture, place):
 def test_a_thing_appears_where_it_stands_in_the_colour_of_its_class(kind):
     known = OBJECT_CLASSES[kind]
     picture, pixel = look({"class": kind, "at": [0.1, 0.3]})
-    # A quarter up its front, which faces the robot: nothing dark there.
-    depth = known.radius or known.size[0] / 2
+    # A quarter up its front, which faces the robot, or near the rim of what is flat: nothing dark there.
+    depth, rise = known.radius or known.size[0] / 2, known.height / 4
+    if known.height < 0.03:
+        depth, rise = 0.85 * depth, known.height
     color = [int(known.color[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    hue = hue_at(picture, pixel(1.7 - depth, 0.3, 0.75 + known.height / 4))
+    hue = hue_at(picture, pixel(1.7 - depth, 0.3, 0.75 + rise))
     assert math.remainder(hue - 360 * colorsys.rgb_to_hsv(*color)[0], 360) == pytest.approx(0, abs=6)
 
 

@@ -9,9 +9,10 @@ import pytest
 
 from merlin_sim.navigator import NavigationSettings, Outcome
 from merlin_sim.obstacle_memory import ObstacleMemory
-from merlin_sim.occupancy_grid import OccupancyGrid
+from merlin_sim.occupancy_grid import OccupancyGrid, map_of
 from merlin_sim.path_follower import Cruise, PathFollower
 from merlin_sim.path_follower import Path as Way
+from merlin_sim.path_planner import PathPlanner
 from merlin_sim.scan_guard import ScanGuard
 from merlin_sim.trial import Trial
 from merlin_sim.world import DoorEvent, Person, Pose, Solid
@@ -156,3 +157,29 @@ def test_obstacles_are_remembered_until_they_are_seen_to_be_gone():
     memory.see(here, angles, something, 20.0)
     memory.see(here, angles, nothing, 20.5)
     assert not len(memory.points(20.5))
+
+
+@pytest.mark.parametrize("name", ["apartment", "restaurant"])
+def test_every_point_of_interest_can_be_reached_with_everybody_in_their_place(name):
+    world = load_world(WORLDS / f"{name}.yaml")
+    planner = PathPlanner(map_of(world), 0.25, 0.05)
+    solids = [person.solid(Pose(*person.path[0])) for person in world.people] + world.unmapped
+    seen = np.array([corner for solid in solids for corner in solid.corners()] or [(0.0, 0.0)])
+    points = world.points_of_interest
+    # From one to all others and back is from everywhere to everywhere.
+    first, *others = points.values()
+    for other in others:
+        assert len(planner.plan(first.point, other.point, seen)) >= 2
+        assert len(planner.plan(other.point, first.point, seen)) >= 2
+
+
+def test_it_serves_a_table_of_the_restaurant_facing_it():
+    world = load_world(WORLDS / "restaurant.yaml")
+    points = world.points_of_interest
+    settings = NavigationSettings(yaw_goal_tolerance=0.1, cruise=Cruise(speed=0.5))
+    trial = Trial(world, points["bar"], settings=settings)
+    result = trial.drive(points["table_6"])
+    heading = trial.robot.body.pose().yaw
+    trial.close()
+    assert result.reached and result.final_error < 0.15
+    assert heading == pytest.approx(points["table_6"].yaw, abs=0.15)

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 
+from merlin_sim.drive import BaseController, DriveGeometry, DriveLimits
 from merlin_sim.localization import PoseNoise, TruthLocalization, map_to_odom
 from merlin_sim.noise import SmoothNoise, draw
 from merlin_sim.pacer import Pacer
@@ -59,3 +60,20 @@ def test_a_pause_holds_it_and_a_stop_ends_it():
     pacer.set_paused(True)
     pacer.stop()
     assert not pacer.wait(0.01)
+
+
+def test_a_step_can_be_slower_than_the_factor():
+    pacer = Pacer(0.0)
+    began = time.monotonic()
+    for _ in range(20):
+        assert pacer.wait(0.01, 1.0)
+    assert time.monotonic() - began > 0.15
+
+
+def test_who_drives_is_waited_for_but_not_for_ever():
+    base = BaseController(DriveLimits(), DriveGeometry(), timeout=0.5)
+    assert not base.neglected(0.3), "nobody drives it"
+    base.command(0.3, 0.0, 1.0)
+    assert [base.neglected(1.0 + age) for age in (0.1, 0.2, 1.0, 1.5)] == [False, True, True, False]
+    base.command(0.0, 0.0, 1.2)
+    assert not base.neglected(1.4), "it was told to stand"

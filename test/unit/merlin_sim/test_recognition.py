@@ -1,16 +1,21 @@
 """Recognition without ROS: what stands where in rendered pictures, and in pictures of nothing."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+import rospkg
 
 from merlin_sim.camera import CameraModel, CameraPose
 from merlin_sim.camera_view import CameraView, overlap
-from merlin_sim.object_classes import OBJECT_CLASSES
+from merlin_sim.object_classes import OBJECT_CLASSES, PERSON
 from merlin_sim.recognition_trial import Placed, look
 from merlin_sim.recognizer import Recognizer, UnknownClass, annotated
 from merlin_sim.sighting import Sighting, merge
+from merlin_sim.simulation import RobotSpec, Simulation
+from merlin_sim.world_control import Placing
+from merlin_sim.world_file import load_world
 
 MODEL = CameraModel()
 HERE = CameraView(MODEL.matrix(), CameraPose(np.array([0, 0, 1.4]), np.eye(3)).optical(), 640, 480)
@@ -142,3 +147,28 @@ def test_overlap():
     assert overlap((0, 0, 2, 2), (1, 0, 3, 2)) == pytest.approx(1 / 3)
     assert overlap((0, 0, 1, 1), (2, 0, 3, 1)) == 0.0
     assert overlap(None, (0, 0, 1, 1)) == 0.0
+
+
+@pytest.mark.parametrize("bearing", [29, 31, 33, 36])
+def test_somebody_whom_the_edge_of_the_picture_cuts_is_not_seen_elsewhere(bearing):
+    assert look([Placed("person", 2.0, math.radians(bearing))]).false == []
+
+
+def test_a_guest_who_sits_behind_a_table_is_a_person_at_that_place():
+    package = Path(rospkg.RosPack().get_path("merlin_sim"))
+    world = load_world(package / "worlds" / "restaurant.yaml")
+    model, seat = CameraModel(), world.furniture + world.unmapped
+    chair = next(solid for solid in seat if solid.name == "chair_3").pose
+    spec = RobotSpec("", world.points_of_interest["table_3"], camera=model)
+    simulation = Simulation(world, [spec], package / "urdf" / "rb1.urdf", 1)
+    try:
+        simulation.control.place(Placing("guest", kind="person", pose=chair, sit=True))
+        simulation.step()
+        pose = simulation.robots[""].body.camera_pose()
+        picture = simulation.picture(simulation.robots[""])
+    finally:
+        simulation.close()
+    view = CameraView(model.matrix(), pose.optical(), model.width, model.height)
+    found = [sighting for sighting in Recognizer().recognize(picture, view) if sighting.name == PERSON]
+    assert [math.dist(sighting.position[:2], chair.point) < 0.05 for sighting in found] == [True]
+    assert found[0].score > 0.8

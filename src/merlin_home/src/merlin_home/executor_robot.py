@@ -53,11 +53,11 @@ class ExecutorRobot(MerlinROSPlanAssistant):
         doing: what it does now, for people.
     """
 
-    def __init__(self, trajectory: Trajectory, on_action: Callable[[], None]) -> None:
+    def __init__(self, trajectory: Trajectory, on_action: Callable[[str], None]) -> None:
         """
         Parameters:
             trajectory: filled by somebody else.
-            on_action: called when an action was dispatched.
+            on_action: called with its operator when an action was dispatched.
         """
         self.trajectory = trajectory
         self.doing = ""
@@ -155,8 +155,8 @@ class ExecutorRobot(MerlinROSPlanAssistant):
             self._status = status
             self.doing = _plain_words(status)
             self._changed.notify_all()
-        if started:
-            self._on_action()
+        for key in sorted(started):
+            self._on_action(running[key][0])
 
 
 def _plain_words(status: Any) -> str:

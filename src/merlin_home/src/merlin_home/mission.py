@@ -134,7 +134,9 @@ class Mission:
     def _carry_out(self, record: TaskRecord) -> None:
         robot, task = self._robot, record.task
         here = robot.trajectory.last()
-        record.start = [here.x, here.y, here.yaw] if here else None
+        if here is not None:
+            record.start = [here.x, here.y, here.yaw]
+            record.motion = (here.speed, here.turn_rate)
         sent = robot.now()
         if self.start is None:
             self.start = sent

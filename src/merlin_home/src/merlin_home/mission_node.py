@@ -4,13 +4,14 @@ Exit code: 0 when every task ended as the list says, 1 when one did not, 2 when 
 go on, 130 when it was interrupted.
 """
 
+import math
 import sys
 import time
 from typing import Optional
 
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
-from merlin_msgs.msg import MissionStatus
+from merlin_msgs.msg import MissionStatus, SimStatus
 from merlin_msgs.srv import SetRealTimeFactor
 from nav_msgs.msg import OccupancyGrid
 
@@ -25,7 +26,8 @@ from .ground_truth import GroundTruth, grid_of, receive_one
 from .mission import Mission, MissionStopped
 from .mission_settings import MissionSettings, SettingsError
 from .progress_view import ProgressView, ended_line, live_line
-from .real_time_factor import CANCEL_AHEAD, RealTimeFactor
+from .real_time_factor import ARRIVAL_AHEAD, CANCEL_AHEAD, RealTimeFactor
+from .spoken_question import SpeechLengthError, speech_length
 from .task_record import RunRecord, TaskRecord
 from .trajectory import Sample, Trajectory
 from .versions import versions
@@ -51,7 +53,10 @@ class MissionNode:
         self._status = rospy.Publisher("merlin/mission", MissionStatus, latch=True, queue_size=10)
         self._set_factor_service: Optional[ServiceProxy] = None
         self._trajectory = Trajectory()
-        self._robot = ExecutorRobot(self._trajectory, lambda: self._factor.action_starts())
+        self._robot = ExecutorRobot(self._trajectory, self._action_starts)
+        self._speech = 0.0  # length of the question, s; 0: not known
+        self._arrives_in = 0  # number of the last task in which the robot came near its point
+        self._requested, self._spoken = 1.0, 0  # what the simulator says of its factor, how often in a row
         self._factor = RealTimeFactor(
             settings.policy, settings.factor, self._set_factor, self._robot.call_after
         )
@@ -65,7 +70,8 @@ class MissionNode:
         )
         self._pause = MissionPause(self._paused)
         self._described = ""
-        self._truth = GroundTruth(self._trajectory, self._show_live)
+        self._truth = GroundTruth(self._trajectory, self._watch)
+        self._simulator = rospy.Subscriber("/merlin_sim/status", SimStatus, self._judge_factor)
 
     def run(self) -> int:
         """Runs the mission; returns the exit code."""
@@ -78,6 +84,8 @@ class MissionNode:
         try:
             grid = self._wait_for_robot()
             self._view.line(self._headline())
+            if settings.policy == "adaptive":
+                self._speech = self._length_of_question()
             began = time.monotonic()
             self._factor.mission_starts()
             with self._pause:
@@ -167,11 +175,32 @@ class MissionNode:
             if not self._pause.paused:  # it is, while the task under way is cancelled or ends
                 self._publish(MissionStatus.RUNNING, self._described, record.task.number)
 
-    def _show_live(self, sample: Sample) -> None:
+    def _length_of_question(self) -> float:
+        try:
+            return self._settings.speech_length or speech_length()
+        except SpeechLengthError:
+            return 0.0  # the end of the question is then not slowed down
+
+    def _action_starts(self, operator: str) -> None:
+        self._factor.action_starts(self._speech if operator == "ask" else 0.0)
+
+    def _judge_factor(self, status: SimStatus) -> None:
+        self._spoken = self._spoken + 1 if status.requested_factor == self._requested else 1
+        self._requested = status.requested_factor
+        # The first message tells of the change, the second of a second with both factors in it.
+        if self._spoken > 2 and not status.paused:
+            self._factor.reached(status.requested_factor, status.achieved_factor)
+
+    def _watch(self, sample: Sample) -> None:
         records, start = self._mission.records, self._mission.start
         if not records or records[-1].outcome or start is None:
             return
         record = records[-1]
+        x, y = self._settings.points[record.task.poi]
+        near = math.hypot(x - sample.x, y - sample.y) < ARRIVAL_AHEAD
+        if near and self._arrives_in != record.task.number:
+            self._arrives_in = record.task.number
+            self._factor.arrival_is_near()
         sent = start + record.sent
         metres = self._trajectory.distance(sent, sample.time)
         doing = self._robot.doing

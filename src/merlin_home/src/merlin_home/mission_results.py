@@ -5,8 +5,11 @@ from typing import Dict, List, Optional, Sequence
 
 import numpy as np
 
+from merlin_sim.world_file import WorldError, load_world
+
 from .mission_settings import MissionSettings, Point
 from .oracle import Oracle
+from .outlines import outlines_of_map, outlines_of_world
 from .path_plot import MapPicture, plot_path
 from .progress_view import result_table
 from .result_files import write_run
@@ -39,8 +42,12 @@ class MissionResults:
         self._way = way
         settings = self._settings
         try:
+            if settings.world_file is not None:
+                outlines = outlines_of_world(load_world(settings.world_file))
+            else:
+                outlines = outlines_of_map(occupied, resolution, origin)
             oracle = Oracle(
-                ShortestPaths(occupied, resolution, origin, settings.limits.radius),
+                ShortestPaths(outlines, settings.limits.radius),
                 settings.limits,
                 settings.speech_length or speech_length(),
                 settings.goal_tolerance,
@@ -50,9 +57,9 @@ class MissionResults:
                     continue
                 x, y, yaw = record.start
                 limit = settings.cancel_after if record.task.marked else float("inf")
-                best = oracle.task((x, y), yaw, settings.points[record.task.poi], limit)
+                best = oracle.task((x, y), yaw, settings.points[record.task.poi], limit, record.motion)
                 record.oracle_time, record.oracle_distance = best.time, best.distance
-        except (SpeechLengthError, NoPathError) as error:
+        except (SpeechLengthError, NoPathError, WorldError) as error:
             self._notes.append(f"no oracle: {error}")
 
     def write(self) -> List[str]:

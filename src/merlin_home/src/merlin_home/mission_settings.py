@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from .mission_list import Task, make_mission, mission_tasks
 from .motion_limits import MotionLimits
@@ -36,6 +36,7 @@ class MissionSettings:
         limits: of the robot, for the oracle.
         goal_tolerance: m by which a drive may end before a point of interest.
         speech_length: s; 0: measured.
+        world_file: of the simulated world, whose exact shapes the oracle uses; None: it uses the map.
     """
 
     mission: int
@@ -52,6 +53,7 @@ class MissionSettings:
     limits: MotionLimits
     goal_tolerance: float
     speech_length: float
+    world_file: Optional[Path] = None
 
     @classmethod
     def read(cls, get: Callable[[str, Any], Any], points: Any) -> "MissionSettings":
@@ -88,6 +90,7 @@ class MissionSettings:
             ),
             goal_tolerance=_number(get, "goal_tolerance", 0.1),
             speech_length=_number(get, "speech_length", 0.0),
+            world_file=_file(str(get("world_file", ""))),
         )
         settings.make_list()
         return settings
@@ -146,6 +149,12 @@ def _chosen(points: Dict[str, Point], names: List[str]) -> Dict[str, Point]:
             f"parameter ~points: the world has no {', '.join(unknown)}; it has {', '.join(sorted(points))}"
         )
     return {name: points[name] for name in names or points}
+
+
+def _file(path: str) -> Optional[Path]:
+    if path and not Path(path).is_file():
+        raise SettingsError(f"parameter ~world_file: there is no file {path}; empty: the oracle uses the map")
+    return Path(path) if path else None
 
 
 def _points(points: Any) -> Dict[str, Point]:

@@ -6,6 +6,7 @@ and one of the acceleration, whose answer is a trapezoid of speed (a triangle wh
 
 import math
 from dataclasses import dataclass
+from typing import Tuple
 
 
 @dataclass(frozen=True)
@@ -81,9 +82,15 @@ class MotionLimits:
         """The fastest turn on the spot by an angle (rad, either direction)."""
         return Profile(abs(angle), self.turn_rate, self.turn_acceleration)
 
-    def set_off(self, angle: float, distance: float) -> "SetOff":
-        """The fastest drive of a distance (m) in a direction that is off the heading by an angle (rad)."""
-        return SetOff(self, abs(angle), distance)
+    def set_off(self, angle: float, distance: float, motion: Tuple[float, float] = (0.0, 0.0)) -> "SetOff":
+        """The fastest drive of a distance (m) in a direction that is off the heading by an angle (rad).
+
+        Parameters:
+            angle: rad, either direction.
+            distance: m.
+            motion: speed (m/s) and turning speed towards the direction (rad/s) at the start, ≥ 0.
+        """
+        return SetOff(self, abs(angle), distance, motion)
 
 
 class SetOff:
@@ -95,24 +102,35 @@ class SetOff:
     arc of speed / turn_rate, costs centimetres).
 
     Attributes:
-        duration: s, from rest to rest.
+        duration: s, until it stands again.
     """
 
     STEP = 0.002  # s, of the numerical integration over the turn
 
-    def __init__(self, limits: MotionLimits, angle: float, distance: float) -> None:
+    def __init__(
+        self,
+        limits: MotionLimits,
+        angle: float,
+        distance: float,
+        motion: Tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         """
         Parameters:
             limits: of the robot.
             angle: between heading and path at the start, rad, ≥ 0.
             distance: to cover, m.
+            motion: speed (m/s) and turning speed (rad/s) at the start, ≥ 0; what is beyond the limits, or too
+                fast to stop within the way, is taken as what just is not.
         """
-        turn = limits.turn(angle)
         self._limits, self._distance = limits, distance
         self._gains = [0.0]
-        self._speed = 0.0
-        while len(self._gains) * self.STEP < turn.duration:
-            off = angle - turn.way_at(len(self._gains) * self.STEP)
+        self._speed = min(motion[0], limits.speed, math.sqrt(2.0 * limits.acceleration * distance))
+        turning = min(motion[1], limits.turn_rate, math.sqrt(2.0 * limits.turn_acceleration * angle))
+        # A turn that begins with some speed is the end of one from rest.
+        before = turning**2 / (2.0 * limits.turn_acceleration)
+        turn, skipped = limits.turn(angle + before), turning / limits.turn_acceleration
+        while len(self._gains) * self.STEP < turn.duration - skipped:
+            off = angle + before - turn.way_at(len(self._gains) * self.STEP + skipped)
             if off < math.pi / 2:
                 self._speed = min(limits.speed, self._speed + limits.acceleration * self.STEP)
             gain = self._speed * max(0.0, math.cos(off)) * self.STEP
@@ -122,8 +140,7 @@ class SetOff:
         self._turned = (len(self._gains) - 1) * self.STEP
         # From here it faces the path (or has to brake already): a trapezoid that began with some speed is the
         # end of one from rest.
-        before = self._braking_way()
-        self._rest = limits.drive(distance - self._gains[-1] + before)
+        self._rest = limits.drive(distance - self._gains[-1] + self._braking_way())
         self._skipped = self._speed / limits.acceleration
         self.duration = self._turned + self._rest.duration - self._skipped
 

@@ -1,17 +1,19 @@
 """The best that a robot could do: the yardstick of the experiment.
 
-For one task, from the pose in which it was sent: turn to the direction of the shortest path while setting
-off, drive along it as fast as the limits allow, stop at the point of interest, and speak. Deliberation,
-communication, detours and caution take no time here; no run can reach this, and the ratio of oracle to
+For one task, from the pose and motion in which it was sent: turn to the direction of the shortest path while
+setting off, drive along it as fast as the limits allow, stop at the point of interest, and speak. The path is
+the shortest that a disc of the robot's radius can take without touching what stands there. Deliberation,
+communication, detours and caution take no time here; no run can be faster, and the ratio of oracle to
 measurement says how close one came.
 """
 
 import math
 from dataclasses import dataclass
-from typing import List
+from typing import Tuple
 
 from .motion_limits import MotionLimits
-from .shortest_path import Point, ShortestPaths, angle_between, path_length
+from .outlines import Point
+from .shortest_path import ShortestPaths, angle_between
 
 
 @dataclass(frozen=True)
@@ -28,14 +30,14 @@ class OracleResult:
 
 
 class Oracle:
-    """Best possible executions on one map."""
+    """Best possible executions in one place."""
 
     def __init__(
         self, paths: ShortestPaths, limits: MotionLimits, speech: float, goal_tolerance: float = 0.0
     ) -> None:
         """
         Parameters:
-            paths: shortest paths on the map.
+            paths: shortest paths of the robot's disc.
             limits: of the robot.
             speech: true length of the spoken question, s.
             goal_tolerance: distance from a point at which a drive to it may end, m.
@@ -45,7 +47,14 @@ class Oracle:
         self._speech = speech
         self._tolerance = goal_tolerance
 
-    def task(self, start: Point, heading: float, goal: Point, cancel_after: float = math.inf) -> OracleResult:
+    def task(
+        self,
+        start: Point,
+        heading: float,
+        goal: Point,
+        cancel_after: float = math.inf,
+        motion: Tuple[float, float] = (0.0, 0.0),
+    ) -> OracleResult:
         """The best execution of one task.
 
         Parameters:
@@ -53,20 +62,20 @@ class Oracle:
             heading: its heading there, rad.
             goal: the point of interest, frame map, m.
             cancel_after: when the task is cancelled, s after sending; infinite: never.
+            motion: speed (m/s) and turning speed (rad/s) that it still has there; a robot sent on while it
+                brakes does not begin from rest.
 
         Raises:
-            NoPathError: the map has no way there.
+            NoPathError: there is no way.
         """
-        return self.along(self._paths.path(start, goal), heading, cancel_after)
-
-    def along(self, vertices: List[Point], heading: float, cancel_after: float = math.inf) -> OracleResult:
-        """As `task`, along a given polyline that starts at the robot (m)."""
-        length = max(0.0, path_length(vertices) - self._tolerance)
+        route = self._paths.path(start, goal)
+        length = max(0.0, route.length - self._tolerance)
         if length == 0.0:
             return OracleResult(min(self._speech, cancel_after), 0.0)
-        first = next(b for b in vertices[1:] if b != vertices[0])
-        direction = math.atan2(first[1] - vertices[0][1], first[0] - vertices[0][0])
-        drive = self._limits.set_off(angle_between(heading, direction), length)
+        turn = angle_between(heading, route.direction)
+        # Turning away helps nobody.
+        turning = max(0.0, motion[1] * math.copysign(1.0, turn))
+        drive = self._limits.set_off(turn, length, (max(0.0, motion[0]), turning))
         whole = drive.duration + self._speech
         if whole <= cancel_after:
             return OracleResult(whole, length)

@@ -2,9 +2,11 @@
 
 Thinking takes wall time, so a simulation at factor 5 makes it look five times as long. Under the `adaptive`
 policy the factor is 1 whenever the robot waits for software: from a goal until a second after its first
-action was dispatched (the path has been planned by then), for a second after every further dispatch (the
-question has been synthesised), and from a second before a cancel until the Executor is idle. Otherwise it is
-the requested one.
+action was dispatched (the path has been planned by then), from shortly before the robot arrives until a
+second after the next dispatch (the question has been synthesised), from shortly before the question ends, and
+from a second before a cancel until the Executor is idle. Otherwise it is the requested one, as far as the
+machine keeps up with it: one that does not is lowered, because a simulation that outruns its robot distorts
+what the robot does.
 """
 
 import threading
@@ -13,15 +15,27 @@ from typing import Callable
 POLICIES = ("constant", "adaptive")
 CANCEL_AHEAD = 1.0
 """ROS time before a cancel from which on the factor is 1, s."""
+ARRIVAL_AHEAD = 0.5
+"""Distance to the point of interest from which on the factor is 1, m."""
+SPEECH_AHEAD = 0.7
+"""ROS time before the end of the question from which on the factor is 1, s."""
 REACTION = 1.0
 """ROS time after a dispatch in which the factor is 1, s."""
+KEPT_UP = 0.9
+"""Share of the factor asked for below which the machine does not keep up."""
+RAISED = 1.1
+"""By how much a lowered factor rises again with each second in which the machine keeps up."""
 
 CallAfter = Callable[[float, Callable[[], None]], Callable[[], None]]
 """Calls a function after some ROS time (s) in another thread; returns what prevents that."""
 
 
 class RealTimeFactor:
-    """Sets the simulator's factor at the moments of a task; any thread may tell of them."""
+    """Sets the simulator's factor at the moments of a task; any thread may tell of them.
+
+    Attributes:
+        lowest: the lowest factor that the machine forced upon the fast parts of the mission.
+    """
 
     def __init__(
         self, policy: str, factor: float, set_factor: Callable[[float], None], call_after: CallAfter
@@ -40,8 +54,10 @@ class RealTimeFactor:
             raise ValueError(f"rtf_policy '{policy}' is not one of {', '.join(POLICIES)}")
         if not 0.0 <= factor < float("inf"):
             raise ValueError(f"a real-time factor of {factor} is none; give 0 (fast) or more")
+        self.lowest = factor
         self._adaptive = policy == "adaptive" and factor != 1.0
         self._factor = factor
+        self._fast = factor  # what the machine keeps up with of it
         self._set_factor = set_factor
         self._call_after = call_after
         self._lock = threading.Lock()  # guards the fields below, and the order of calls to the simulator
@@ -58,8 +74,12 @@ class RealTimeFactor:
         """Before a goal is sent."""
         self._slow_down(ending=False)
 
-    def action_starts(self) -> None:
-        """An action was dispatched."""
+    def action_starts(self, duration: float = 0.0) -> None:
+        """An action was dispatched.
+
+        Parameters:
+            duration: s of ROS time that it will take, if that is known; else 0.
+        """
         if not self._adaptive:
             return
         with self._lock:
@@ -68,11 +88,38 @@ class RealTimeFactor:
             self._moment += 1
             moment = self._moment
             self._set(1.0)
-        self._call_after(REACTION, lambda: self._speed_up(moment))
+        self._call_after(REACTION, lambda: self._change(moment, fast=True))
+        if duration > REACTION + SPEECH_AHEAD:
+            self._call_after(duration - SPEECH_AHEAD, lambda: self._change(moment, fast=False))
+
+    def arrival_is_near(self) -> None:
+        """A little before the robot arrives where it drives to."""
+        if not self._adaptive:
+            return
+        with self._lock:
+            self._moment += 1
+            self._set(1.0)
 
     def cancel_is_near(self) -> None:
         """A little before a task is cancelled."""
         self._slow_down(ending=True)
+
+    def reached(self, requested: float, achieved: float) -> None:
+        """What the simulator says that the machine made of a factor, over about a second of wall time.
+
+        Parameters:
+            requested: by whoever set it, all that time.
+            achieved: simulated seconds per second.
+        """
+        with self._lock:
+            if not self._adaptive or self._factor == 0.0 or requested != self._current or requested == 1.0:
+                return
+            if achieved < KEPT_UP * requested:
+                self._fast = max(1.0, achieved)
+                self.lowest = min(self.lowest, self._fast)
+            elif self._fast < self._factor:
+                self._fast = min(self._factor, RAISED * self._fast)
+            self._set(self._fast)
 
     def _slow_down(self, ending: bool) -> None:
         if not self._adaptive:
@@ -82,10 +129,10 @@ class RealTimeFactor:
             self._ending = ending
             self._set(1.0)
 
-    def _speed_up(self, moment: int) -> None:
+    def _change(self, moment: int, fast: bool) -> None:
         with self._lock:
             if moment == self._moment:
-                self._set(self._factor)
+                self._set(self._fast if fast else 1.0)
 
     def _set(self, factor: float) -> None:
         """With the lock held."""

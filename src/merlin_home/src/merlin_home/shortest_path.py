@@ -1,195 +1,245 @@
-"""Shortest paths of a disc-shaped robot on an occupancy grid, in any direction.
+"""Shortest paths of a disc among exact shapes.
 
-The obstacles grow by the robot's radius, so the robot becomes a point. A shortest path then consists of
-straight lines between convex corners of the grown obstacles, each of which touches the corners at its
-ends; these lines are the edges of a visibility graph, in which Dijkstra's algorithm finds the path.
-Exact up to the resolution of the grid, unlike the paths of a search over cells.
+The shapes grow by the disc's radius, so the disc becomes a point. A shortest path is then made of straight
+lines that touch the grown corners, which are arcs of circles, and of parts of these arcs. The tangents are
+the edges of a graph in which Dijkstra's algorithm finds the path; nothing is rasterised.
 """
 
-import heapq
 import math
-from typing import Dict, List, Tuple
+from typing import List, NamedTuple, Tuple
 
-import cv2
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
 
-Point = Tuple[float, float]
+from .outlines import Outlines, Point
 
-NUDGE = 0.05
-"""Distance by which corners are moved off their obstacle, cells."""
-SAMPLE = 0.5
-"""Distance of the points at which a line is tested against the grid, cells."""
+TOUCH = 1e-7
+"""By which a line may seem to enter what it touches, m."""
+SAMPLES = 720
+"""Points of a circle at which an arc is tested; a gap too narrow by 0.01 mm is found."""
+BATCH = 4000
+"""Lines tested at once."""
+AWAY = 1.0
+"""Farthest that a point inside an obstacle is moved, m."""
 
 
 class NoPathError(ValueError):
     """No path leads from one point to the other."""
 
 
-class ShortestPaths:
-    """Shortest paths on one map."""
+class Route(NamedTuple):
+    """A shortest path: its length (m), and points along it with arcs in small steps (m)."""
 
-    def __init__(self, occupied: np.ndarray, resolution: float, origin: Point, radius: float) -> None:
+    length: float
+    points: List[Point]
+
+    @property
+    def direction(self) -> float:
+        """In which it sets off, rad; 0 for one of no length."""
+        (x, y) = self.points[0]
+        for next_x, next_y in self.points[1:]:
+            if math.hypot(next_x - x, next_y - y) > 1e-6:
+                return math.atan2(next_y - y, next_x - x)
+        return 0.0
+
+
+class _Lines(NamedTuple):
+    """Straight pieces between circles; for both ends: number of the circle, angle on it (rad), the point."""
+
+    circles: np.ndarray  # n x 2
+    angles: np.ndarray  # n x 2
+    points: np.ndarray  # n x 2 x 2
+
+    def chosen(self, which: np.ndarray) -> "_Lines":
+        return _Lines(*(part[which] for part in self))
+
+
+class ShortestPaths:
+    """Shortest paths in one place."""
+
+    def __init__(self, outlines: Outlines, radius: float) -> None:
         """
         Parameters:
-            occupied: true where there is an obstacle; row = y, column = x.
-            resolution: edge of a cell, m.
-            origin: map coordinates of the outer corner of cell (0, 0), m.
+            outlines: the obstacles.
             radius: of the robot, m.
         """
-        self._resolution = resolution
-        self._origin = np.asarray(origin)
-        framed = np.pad(occupied.astype(bool), 1, constant_values=True)
-        distance = cv2.distanceTransform((~framed).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        self._blocked = distance[1:-1, 1:-1] * resolution < radius
-        self._corners, self._quadrants = self._find_corners()
-        self._edges = self._find_edges()
-        self._trees: Dict[Point, Tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._outlines = outlines
+        self._least = radius - TOUCH
+        corners = [(*corner, shape.radius + radius) for shape in outlines.shapes for corner in shape.corners]
+        circles = np.array(corners, dtype=float).reshape(-1, 3)
+        turns = np.linspace(0.0, 2 * math.pi, SAMPLES, endpoint=False)
+        rims = circles[:, None, :2] + circles[:, None, 2:] * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+        free = self._free_points(rims.reshape(-1, 2)).reshape(-1, SAMPLES)
+        used = free.any(axis=1)
+        self._circles = circles[used]
+        # Number of blocked samples before each, twice round: tells in one step whether an arc is free.
+        blocked = np.concatenate([~free[used], ~free[used]], axis=1)
+        self._blocked = np.concatenate(
+            [np.zeros((len(blocked), 1), dtype=int), blocked.cumsum(axis=1)], axis=1
+        )
+        pairs = np.array([(i, j) for i in range(len(self._circles)) for j in range(i)], dtype=int)
+        pairs = pairs.reshape(-1, 2)
+        self._tangents = self._free_lines(self._between(pairs, self._circles))
 
-    def path(self, start: Point, goal: Point) -> List[Point]:
+    def path(self, start: Point, goal: Point) -> Route:
         """The shortest path.
 
-        Parameters:
-            start: map coordinates, m.
-            goal: map coordinates, m. Paths to the same goal share most of the work.
+        Who stands inside an obstacle (by as little as a map is off) is moved out of it for nothing.
 
-        Returns:
-            Its vertices, start and goal included.
+        Parameters:
+            start: m.
+            goal: m.
 
         Raises:
             NoPathError: there is none.
         """
-        if goal not in self._trees:
-            self._trees[goal] = self._tree(self._free_cell(goal))
-        lengths, successors, goal_cell = self._trees[goal]
-        start_cell = self._free_cell(start)
-        if self._visible(start_cell[None], goal_cell[None])[0]:
-            return [start, goal]
-        seen = self._seen_from(start_cell)
-        totals = np.where(seen, lengths + np.hypot(*(self._corners - start_cell).T), np.inf)
-        if not len(totals) or not np.isfinite(totals.min()):
-            raise NoPathError(f"no way for the robot from {start} to {goal} on the map")
-        vertices, corner = [start], int(totals.argmin())
-        while corner >= 0:
-            vertices.append(self._to_map(self._corners[corner]))
-            corner = int(successors[corner])
-        return [*vertices, goal]
+        begin, end = (
+            self._outside(np.asarray(start, dtype=float)),
+            self._outside(np.asarray(goal, dtype=float)),
+        )
+        if self._free(begin[None], end[None])[0]:
+            return Route(math.dist(begin, end), [start, goal])
+        count = len(self._circles)
+        nodes = np.concatenate([self._circles, [[*begin, 0.0], [*end, 0.0]]])
+        own = np.array([(point, i) for point in (count, count + 1) for i in range(count)], dtype=int)
+        ends = self._free_lines(self._between(own.reshape(-1, 2), nodes))
+        lines = _Lines(*(np.concatenate(parts) for parts in zip(self._tangents, ends)))
+        return self._route(lines, nodes, start, goal)
 
-    def _find_corners(self) -> Tuple[np.ndarray, np.ndarray]:
-        """Cell corners with one blocked cell around: positions (cells), and on which side the cell is."""
-        blocked = self._blocked
-        around = {
-            (-1, -1): blocked[:-1, :-1],
-            (1, -1): blocked[:-1, 1:],
-            (-1, 1): blocked[1:, :-1],
-            (1, 1): blocked[1:, 1:],
-        }
-        single = sum(part.astype(int) for part in around.values()) == 1
-        positions, quadrants = [], []
-        for (side_x, side_y), part in around.items():
-            rows, columns = np.nonzero(single & part)
-            corner = np.stack([columns + 1.0, rows + 1.0], axis=1)
-            positions.append(corner - NUDGE * np.array([side_x, side_y]))
-            quadrants.append(np.tile([side_x, side_y], (len(rows), 1)))
-        return np.concatenate(positions), np.concatenate(quadrants)
-
-    def _touches(self, corner: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Whether a line through a corner touches its obstacle, instead of hitting or leaving it."""
-        along = self._quadrants[corner] * direction
-        return along[..., 0] * along[..., 1] <= 0
-
-    def _find_edges(self) -> List[Tuple[np.ndarray, np.ndarray]]:
-        """For each corner: the corners it sees over lines that touch both, and their distances (cells)."""
-        count = len(self._corners)
-        edges = []
-        everything = np.arange(count)
-        for index in range(count):
-            direction = self._corners - self._corners[index]
-            useful = self._touches(np.full(count, index), direction) & self._touches(everything, direction)
-            useful[index] = False
-            others = np.nonzero(useful)[0]
-            seen = self._visible(
-                np.repeat(self._corners[index][None], len(others), axis=0), self._corners[others]
-            )
-            others = others[seen]
-            edges.append((others, np.hypot(*direction[others].T)))
-        return edges
-
-    def _seen_from(self, point: np.ndarray) -> np.ndarray:
-        """Which corners a point sees over a line that touches them."""
-        count = len(self._corners)
-        useful = self._touches(np.arange(count), self._corners - point)
-        others = np.nonzero(useful)[0]
-        useful[others] = self._visible(np.repeat(point[None], len(others), axis=0), self._corners[others])
-        return useful
-
-    def _visible(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Whether the lines between pairs of points (cells) are free."""
-        if not len(starts):
-            return np.zeros(0, dtype=bool)
-        lengths = np.hypot(*(ends - starts).T)
-        free = np.ones(len(starts), dtype=bool)
-        samples = np.maximum(2, np.ceil(lengths / SAMPLE).astype(int) + 1)
-        # Lines of similar length share one array: a long one would make the short ones expensive.
-        for size in (16, 64, 256, int(samples.max())):
-            batch = np.nonzero(free & (samples <= size) & (samples > 0))[0]
-            if not len(batch):
+    def _route(self, lines: _Lines, nodes: np.ndarray, start: Point, goal: Point) -> Route:
+        count = len(self._circles)
+        # A state is a place on a circle and the way round it, counter-clockwise or clockwise.
+        spokes = lines.points - nodes[lines.circles][..., :2]
+        along = lines.points[:, 1] - lines.points[:, 0]
+        left = spokes[..., 0] * along[:, None, 1] - spokes[..., 1] * along[:, None, 0] > 0
+        size = 2 * len(lines.circles)
+        index = np.arange(size).reshape(-1, 2)
+        states = index[:, :, None] + size * np.stack([~left, left], axis=-1)  # forwards, backwards
+        lengths = np.hypot(*along.T)
+        rows, columns, weights = [states[:, 0, 0], states[:, 1, 1]], [states[:, 1, 0], states[:, 0, 1]], []
+        weights += [lengths, lengths]
+        flat_circles, flat_angles = lines.circles.ravel(), lines.angles.ravel()
+        for circle in range(count):
+            here = np.nonzero(flat_circles == circle)[0]
+            if len(here) < 2:
                 continue
-            fractions = np.linspace(0.0, 1.0, size)[None, :, None]
-            points = starts[batch, None] + fractions * (ends[batch] - starts[batch])[:, None]
-            free[batch] = ~self._lookup(points).any(axis=1)
-            samples[batch] = 0
-        return free
+            here = here[np.argsort(flat_angles[here], kind="stable")]
+            after = np.roll(here, -1)
+            turn = (flat_angles[after] - flat_angles[here]) % (2 * math.pi)
+            ok = self._free_arcs(circle, flat_angles[here], turn)
+            arc = nodes[circle, 2] * turn[ok]
+            rows += [here[ok], after[ok] + size]
+            columns += [after[ok], here[ok] + size]
+            weights += [arc, arc]
+        # The two points in which it begins and ends are states of all the lines there.
+        source, target = 2 * size, 2 * size + 1
+        for circle, rows_of, columns_of in ((count, rows, columns), (count + 1, columns, rows)):
+            here = np.nonzero(flat_circles == circle)[0]
+            both = np.concatenate([here, here + size])
+            rows_of.append(np.full(len(both), source if circle == count else target))
+            columns_of.append(both)
+            weights.append(np.full(len(both), 1e-12))  # an edge of no weight is none to the library
+        graph = coo_matrix(
+            (np.maximum(np.concatenate(weights), 1e-12), (np.concatenate(rows), np.concatenate(columns))),
+            shape=(2 * size + 2, 2 * size + 2),
+        ).tocsr()
+        totals, before = dijkstra(graph, indices=source, return_predecessors=True)
+        if not math.isfinite(totals[target]):
+            raise NoPathError(f"no way for the robot from {start} to {goal}")
+        chain = [target]
+        while chain[-1] != source:
+            chain.append(int(before[chain[-1]]))
+        return Route(float(totals[target]), self._drawn(chain[-2:0:-1], size, lines, nodes))
 
-    def _lookup(self, points: np.ndarray) -> np.ndarray:
-        cells = np.floor(points).astype(int)
-        rows = np.clip(cells[..., 1], 0, self._blocked.shape[0] - 1)
-        columns = np.clip(cells[..., 0], 0, self._blocked.shape[1] - 1)
-        return self._blocked[rows, columns]
+    def _drawn(self, chain: List[int], size: int, lines: _Lines, nodes: np.ndarray) -> List[Point]:
+        """The states of a path as points, arcs in steps of a degree or two."""
+        places, circles, angles = lines.points.reshape(-1, 2), lines.circles.ravel(), lines.angles.ravel()
+        points = [tuple(places[chain[0] % size])]
+        for state, following in zip(chain, chain[1:]):
+            here, there = state % size, following % size
+            if here // 2 != there // 2 and circles[here] == circles[there] < len(self._circles):
+                sign = 1.0 if state < size else -1.0
+                turn = sign * ((sign * (angles[there] - angles[here])) % (2 * math.pi))
+                x, y, radius = nodes[circles[here]]
+                for part in np.linspace(0.0, 1.0, max(2, math.ceil(abs(turn) / 0.03)))[1:-1]:
+                    angle = angles[here] + part * turn
+                    points.append((x + radius * math.cos(angle), y + radius * math.sin(angle)))
+            points.append(tuple(places[there]))
+        return [(float(x), float(y)) for x, y in points]
 
-    def _tree(self, goal: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of the shortest paths from all corners to a goal: lengths (cells), next corners (-1: goal)."""
-        lengths = np.full(len(self._corners), np.inf)
-        successors = np.full(len(self._corners), -1)
-        seen = np.nonzero(self._seen_from(goal))[0]
-        lengths[seen] = np.hypot(*(self._corners[seen] - goal).T)
-        queue = [(length, int(corner)) for length, corner in zip(lengths[seen], seen)]
-        heapq.heapify(queue)
-        while queue:
-            length, corner = heapq.heappop(queue)
-            if length > lengths[corner]:
-                continue
-            others, steps = self._edges[corner]
-            better = length + steps < lengths[others] - 1e-9
-            for other, total in zip(others[better], (length + steps)[better]):
-                lengths[other], successors[other] = total, corner
-                heapq.heappush(queue, (total, int(other)))
-        return lengths, successors, goal
+    def _between(self, pairs: np.ndarray, circles: np.ndarray) -> _Lines:
+        """All tangents between pairs of circles; a point is a circle of radius 0."""
+        first, second = circles[pairs[:, 0]], circles[pairs[:, 1]]
+        offset = second[:, :2] - first[:, :2]
+        distance = np.hypot(*offset.T)
+        bearing = np.arctan2(offset[:, 1], offset[:, 0])
+        found: List[Tuple[np.ndarray, ...]] = []
+        for side in (1.0, -1.0):  # the second circle lies on the same side of the line, or on the other
+            cosine = (first[:, 2] - side * second[:, 2]) / np.maximum(distance, 1e-12)
+            # From a point, both are the same line.
+            real = (np.abs(cosine) <= 1.0) & ((side > 0) | (np.minimum(first[:, 2], second[:, 2]) > 0))
+            turn = np.arccos(np.clip(cosine[real], -1.0, 1.0))
+            for way in (1.0, -1.0):
+                angle = bearing[real] + way * turn
+                normal = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+                begin = first[real, :2] + first[real, 2:] * normal
+                end = second[real, :2] + side * second[real, 2:] * normal
+                other = angle if side > 0 else angle + math.pi
+                angles = np.stack([angle, other], axis=1) % (2 * math.pi)
+                found.append((pairs[real], angles, np.stack([begin, end], axis=1)))
+        return _Lines(*(np.concatenate(parts) for parts in zip(*found)))
 
-    def _free_cell(self, point: Point) -> np.ndarray:
-        """A point in cells; one inside a grown obstacle (real robots stand closer) moves out of it."""
-        position = (np.asarray(point) - self._origin) / self._resolution
-        if not self._lookup(position):
-            return position
-        rows, columns = np.nonzero(~self._blocked)
-        if not len(rows):
-            raise NoPathError("the robot fits nowhere on the map")
-        centres = np.stack([columns, rows], axis=1) + 0.5
-        return centres[np.hypot(*(centres - position).T).argmin()]
+    def _free_lines(self, lines: _Lines) -> _Lines:
+        if not len(lines.circles):
+            return lines
+        perhaps = np.ones(len(lines.circles), dtype=bool)
+        step = 2 * math.pi / SAMPLES
+        for circles, angles in zip(lines.circles.T, lines.angles.T):
+            rim = circles < len(self._circles)
+            before = np.floor(angles[rim] / step).astype(int) % SAMPLES
+            sums = self._blocked[circles[rim]]
+            rows = np.arange(len(before))
+            perhaps[rim] &= sums[rows, before + 2] - sums[rows, before] < 2  # the samples on both sides
+        lines = lines.chosen(perhaps)
+        return lines.chosen(self._free(lines.points[:, 0], lines.points[:, 1]))
 
-    def _to_map(self, cell: np.ndarray) -> Point:
-        x, y = cell * self._resolution + self._origin
-        return float(x), float(y)
+    def _free(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        parts = [
+            (self._outlines.to_lines(starts[i : i + BATCH], ends[i : i + BATCH]) >= self._least).all(axis=1)
+            for i in range(0, len(starts), BATCH)
+        ]
+        return np.concatenate(parts) if parts else np.zeros(0, dtype=bool)
 
+    def _free_points(self, points: np.ndarray) -> np.ndarray:
+        parts = [
+            (self._outlines.to_points(points[i : i + BATCH]) >= self._least).all(axis=1)
+            for i in range(0, len(points), BATCH)
+        ]
+        return np.concatenate(parts) if parts else np.zeros(0, dtype=bool)
 
-def path_length(vertices: List[Point]) -> float:
-    """Length of a polyline, m."""
-    return sum(math.dist(a, b) for a, b in zip(vertices, vertices[1:]))
+    def _free_arcs(self, circle: int, begins: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """Whether the arcs of a circle from an angle on, counter-clockwise, touch nothing."""
+        step = 2 * math.pi / SAMPLES
+        # The ends were tested; a rounding error there must not count as blocked.
+        first = np.ceil(begins / step + 1e-6).astype(int)
+        last = np.floor((begins + turns) / step - 1e-6).astype(int)
+        sums = self._blocked[circle]
+        clipped = np.minimum(np.maximum(last + 1, first), 2 * SAMPLES)
+        return sums[clipped] == sums[np.minimum(first, 2 * SAMPLES)]
 
-
-def bend_angles(vertices: List[Point]) -> List[float]:
-    """By how much the direction changes at each inner vertex, rad, ≥ 0."""
-    headings = [math.atan2(b[1] - a[1], b[0] - a[0]) for a, b in zip(vertices, vertices[1:]) if a != b]
-    return [abs(angle_between(a, b)) for a, b in zip(headings, headings[1:])]
+    def _outside(self, point: np.ndarray) -> np.ndarray:
+        """The nearest point at which the robot can stand."""
+        if self._free_points(point[None])[0]:
+            return point
+        turns = np.linspace(0.0, 2 * math.pi, 180, endpoint=False)
+        circle = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+        for away in np.geomspace(1e-5, AWAY, 400):
+            ring = point + away * circle
+            free = self._free_points(ring)
+            if free.any():
+                return ring[np.argmax(free)]
+        raise NoPathError(f"the robot cannot stand within {AWAY:g} m of ({point[0]:.2f}, {point[1]:.2f})")
 
 
 def angle_between(start: float, end: float) -> float:

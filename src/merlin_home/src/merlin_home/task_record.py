@@ -1,7 +1,7 @@
 """What is known about a task and a run after it: the rows of tasks.csv and runs.csv."""
 
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Optional, Tuple
 
 from .mission_list import Task
 
@@ -35,6 +35,8 @@ TASK_COLUMNS = (
     "start_x",
     "start_y",
     "start_yaw",
+    "start_speed",
+    "start_turn_rate",
     "replans",
     "stage",
     "reason",
@@ -72,6 +74,7 @@ class TaskRecord:
     Attributes:
         task: from the list.
         start: x, y (m) and yaw (rad) of the robot when the task was sent, frame map.
+        motion: speed (m/s) and turning speed (rad/s) at that moment: it may still brake for the task before.
         sent: when its goal was sent.
         first_dispatch: when its first action was dispatched; None: never.
         cancel_sent: when it was cancelled; None: never.
@@ -90,6 +93,7 @@ class TaskRecord:
 
     task: Task
     start: Optional[List[float]] = None
+    motion: Tuple[float, float] = (0.0, 0.0)
     sent: float = 0.0
     first_dispatch: Optional[float] = None
     cancel_sent: Optional[float] = None
@@ -222,6 +226,8 @@ class RunRecord:
             "start_x": x,
             "start_y": y,
             "start_yaw": yaw,
+            "start_speed": record.motion[0],
+            "start_turn_rate": record.motion[1],
             "replans": record.replans,
             "stage": record.stage,
             "reason": record.reason,

@@ -7,6 +7,9 @@ from typing import Tuple
 from merlin_sim.noise import draw
 from merlin_sim.world import Pose, wrap
 
+LATE = 0.15  # s; who drives by odometry commands 20 times a second
+GIVEN_UP = 1.0  # s after which a late command is no longer waited for
+
 
 @dataclass(frozen=True)
 class DriveLimits:
@@ -50,6 +53,10 @@ class BaseController:
             max(-limits.speed, min(limits.speed, speed)),
             max(-limits.turn_speed, min(limits.turn_speed, turn_speed)),
         )
+
+    def neglected(self, now: float) -> bool:
+        """Whether who drives the robot is late with the next command, and may still come."""
+        return self._target != (0.0, 0.0) and LATE < now - self._commanded_at < LATE + GIVEN_UP
 
     def wheel_speeds(self, now: float, step: float) -> Tuple[float, float]:
         """Speeds of the left and right wheel for the next step of `step` seconds, rad/s."""

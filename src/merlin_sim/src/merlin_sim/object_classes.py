@@ -11,6 +11,7 @@ PERSON = "person"
 TAG = "tag"  # followed by _ and its number in results
 PERSON_RADIUS = 0.22  # m, of the body
 PERSON_HEIGHT = 1.7  # m
+SEAT = 0.45  # m that somebody who sits is shorter
 SHOULDERS = 1.44  # m above the floor: the body ends here
 HEAD_RADIUS = 0.13  # m
 CLOTHES = "#b04a7a"

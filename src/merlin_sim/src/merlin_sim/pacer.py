@@ -1,5 +1,6 @@
 """Keeps simulated time in step with wall time, at a factor that can change, with pauses."""
 
+import math
 import threading
 import time
 from typing import Optional
@@ -52,20 +53,24 @@ class Pacer:
             self._stopped = True
             self._changed.notify_all()
 
-    def wait(self, step: float) -> bool:
-        """Waits until the next step of `step` simulated seconds is due; False when it was stopped."""
+    def wait(self, step: float, limit: float = math.inf) -> bool:
+        """Waits until the next step of `step` simulated seconds is due; False when it was stopped.
+
+        :param limit: factor that this step must not exceed.
+        """
         with self._changed:
             while not self._stopped:
                 if self._paused:
                     self._changed.wait()
                     continue
                 now = time.monotonic()
-                if self._due is None or self._factor == 0.0 or now - self._due > MAX_LAG:
+                pace = min(self._factor or math.inf, limit)
+                if self._due is None or pace == math.inf or now - self._due > MAX_LAG:
                     self._due = now
                 left = self._due - now
                 if left <= 0.0:
-                    if self._factor > 0.0:
-                        self._due += step / self._factor
+                    if pace < math.inf:
+                        self._due += step / pace
                     self._simulated += step
                     return True
                 self._changed.wait(left)

@@ -8,11 +8,14 @@ import numpy as np
 
 from merlin_sim.world import Point, Pose, wrap
 
-LOOKAHEADS = (0.35, 0.25, 0.18, 0.12)  # m along the path to the point that is steered for: the first safe one
+LOOKAHEADS = (1.5, 1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12)
+"""m along the path to the point that is steered for: the first that it can go straight to."""
 SHORTEST = 0.25  # m within which the end of the path is approached without turning for it sharply
 GAIN = 3.5  # rad/s of turning per radian of heading error
 FULL_SPEED_ERROR = 0.8  # rad of heading error up to which it drives at full speed
 STAND_ERROR = 1.4  # rad of heading error from which it turns on the spot
+AIMED = 0.3  # rad of heading error up to which turning the rest while it drives needs no room
+SLOWER = (1.0, 0.6, 0.3)  # parts of the speed that are tried where turning while it drives needs room
 BRAKE_USE = 0.9  # part of the turning acceleration that the end of a turn is planned with
 WINDOW = 1.0  # m of path ahead of the last progress in which the robot is looked for
 
@@ -89,8 +92,23 @@ class PathFollower:
             return 0.0, self.turn(error)
         slow = (STAND_ERROR - abs(error)) / (STAND_ERROR - FULL_SPEED_ERROR)
         speed = min(limit, self._cruise.speed) * min(1.0, slow)
+        if abs(error) > AIMED:
+            speed *= self._room_to_turn(pose, target, error, speed)
         # Close to the end the bearing of the goal says little; turning for it would make the robot dance.
         return speed, self.turn(error) * min(1.0, self.remaining / SHORTEST)
+
+    def _room_to_turn(self, pose: Pose, target: Point, error: float, speed: float) -> float:
+        """The part of a speed at which it can turn to the target on an arc and then go to it."""
+        for part in SLOWER:
+            radius = part * speed / self._cruise.turn_speed
+            left = math.copysign(radius, error)
+            end = (
+                pose.x + left * (math.sin(pose.yaw + error) - math.sin(pose.yaw)),
+                pose.y - left * (math.cos(pose.yaw + error) - math.cos(pose.yaw)),
+            )
+            if self._safe(pose.point, end) and self._safe(end, target):
+                return part
+        return 0.0
 
     def _target(self, point: Point) -> Point:
         """The farthest point of the path ahead that the robot can go straight to; the nearest one if none."""

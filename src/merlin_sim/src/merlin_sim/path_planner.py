@@ -141,22 +141,19 @@ class PathPlanner:
     def _shortcut(self, points: Sequence[Point], costs: np.ndarray, step: int) -> List[Point]:
         """The cheapest polyline through every step-th point, by dynamic programming; or nothing."""
         kept = [*points[:-1:step], points[-1]]
-        count = len(kept)
-        best = [math.inf] * count
-        before = [0] * count
+        places = np.array(kept)
+        best = np.full(len(kept), math.inf)
+        before = np.zeros(len(kept), dtype=int)
         best[0] = 0.0
-        for last in range(1, count):
-            for first in range(last):
-                if best[first] + math.dist(kept[first], kept[last]) >= best[last]:
-                    continue
-                cost = best[first] + self._straight_cost(kept[first], kept[last], costs)
-                if cost < best[last]:
-                    best[last], before[last] = cost, first
+        for last in range(1, len(kept)):
+            totals = best[:last] + self._straight_costs(places[:last], places[last], costs)
+            before[last] = int(np.argmin(totals))
+            best[last] = totals[before[last]]
         if math.isinf(best[-1]):
             return []
-        path = [count - 1]
+        path = [len(kept) - 1]
         while path[-1] != 0:
-            path.append(before[path[-1]])
+            path.append(int(before[path[-1]]))
         return [kept[index] for index in reversed(path)]
 
     def _tightened(self, path: List[Point], costs: np.ndarray) -> List[Point]:
@@ -191,16 +188,19 @@ class PathPlanner:
         return path
 
     def _straight_cost(self, start: Point, end: Point, costs: np.ndarray) -> float:
-        length = math.dist(start, end)
-        samples = max(2, math.ceil(length / SAMPLE) + 1)
-        along = np.linspace(0.0, 1.0, samples)
-        columns = (
-            (start[0] + along * (end[0] - start[0]) - self.grid.origin[0]) / self.grid.resolution
-        ).astype(int)
-        rows = ((start[1] + along * (end[1] - start[1]) - self.grid.origin[1]) / self.grid.resolution).astype(
-            int
-        )
-        return float(costs[rows, columns].mean()) * length
+        return float(self._straight_costs(np.array([start]), np.array(end), costs)[0])
+
+    def _straight_costs(self, starts: np.ndarray, end: np.ndarray, costs: np.ndarray) -> np.ndarray:
+        """What straight lines from points (n x 2) to one point cost."""
+        offsets = end - starts
+        lengths = np.hypot(offsets[:, 0], offsets[:, 1])
+        samples = max(2, math.ceil(lengths.max() / SAMPLE) + 1)
+        along = np.arange(samples) / (samples - 1)
+        begin = (starts - self.grid.origin) / self.grid.resolution
+        steps = offsets / self.grid.resolution
+        columns = (begin[:, :1] + along * steps[:, :1]).astype(int)
+        rows = (begin[:, 1:] + along * steps[:, 1:]).astype(int)
+        return costs[rows, columns].sum(axis=1) / samples * lengths
 
 
 def _foot(before: Point, corner: Point, after: Point) -> Point:

@@ -4,11 +4,11 @@ import enum
 import math
 from typing import Callable, Optional, Protocol, Sequence, Tuple
 
+from merlin_sim.object_classes import SEAT
 from merlin_sim.path_follower import Path
 from merlin_sim.world import Person, Point, Pose, Solid
 
 ROOM = 0.15  # m that a person keeps from a robot
-SEAT = 0.45  # m that somebody who sits is shorter than somebody who stands
 
 Blocker = Callable[
     [Point, Point], str

@@ -13,6 +13,7 @@ from merlin_sim.object_classes import (
     PERSON,
     PERSON_HEIGHT,
     PERSON_RADIUS,
+    SEAT,
     SHOULDERS,
     SKIN,
 )
@@ -21,6 +22,7 @@ from merlin_sim.sighting import Sighting
 
 LEAST_PIXELS = 150
 LEAST_WIDTH = 10  # pixels
+LEAST_WHOLE = 0.2  # share of a body's rows that the picture's edge must not cut
 STANDS = 0.8  # likeness to somebody seen down to the feet from which on the feet tell the distance
 _RING = np.linspace(0.0, 2 * math.pi, 24, endpoint=False)
 
@@ -35,7 +37,7 @@ class PersonDetector:
         clothes = color_mask(hsv, hue, 0.7 * saturation, 1.25 * saturation)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(clothes, connectivity=8)
         skin_hue, skin_saturation, _ = hsv_of(SKIN)
-        skin = color_mask(hsv, skin_hue, 0.6 * skin_saturation, 1.3 * skin_saturation) > 0
+        skin = color_mask(hsv, skin_hue, 0.6 * skin_saturation, 1.15 * skin_saturation) > 0
         found = []
         for label in range(1, count):
             x, y, w, h, pixels = stats[label]
@@ -49,25 +51,27 @@ class PersonDetector:
         return found
 
     def _sighting(self, box: Box, rows: np.ndarray, skin: np.ndarray, view: CameraView) -> Optional[Sighting]:
-        left, right, row = _sides(rows)
-        middle = (box[0] + (left + right) / 2 - 0.5, box[1] + row)
-        place, likeness, origin = _by_width(middle, right - left, view), 0.0, "size"
+        sides = _sides(rows, box[0] <= 0, box[2] >= view.width)
+        place, origin = None, "size"
         if box[3] < view.height:
             feet = _by_feet(box, view)
-            if feet is not None:
-                likeness = overlap(view.box(_body(feet)), box)
-                if likeness > STANDS:
-                    place, origin = feet, "support"
+            if feet is not None and overlap(view.box(_body(feet)), box) > STANDS:
+                place, origin = feet, "support"
+        if place is None and sides is not None:
+            left, right, row = sides
+            place = _by_width((box[0] + (left + right) / 2 - 0.5, box[1] + row), right - left, view)
         if place is None:
             return None
         filled = min(1.0, float(rows.mean()) / 0.9)
         head = _head(place, skin, view)
+        if head is not None:  # somebody who sits is as good a person
+            head = max(head, _head(place, skin, view, PERSON_HEIGHT - SEAT) or 0.0)
         distance = float(np.linalg.norm(place[:2] - view.position[:2]))
         pixel = distance / view.matrix[0, 0]
-        along = pixel * distance / view.position[2] if origin == "support" else distance / (right - left)
+        along = pixel * distance / view.position[2] if origin == "support" else distance / (box[2] - box[0])
         return Sighting(
             PERSON,
-            filled * (0.5 + 0.5 * head if head is not None else 0.8),
+            filled * (0.4 + 0.6 * head if head is not None else 0.8),
             (float(place[0]), float(place[1]), PERSON_HEIGHT / 2),
             (2 * PERSON_RADIUS, 2 * PERSON_RADIUS, PERSON_HEIGHT),
             box,
@@ -76,12 +80,23 @@ class PersonDetector:
         )
 
 
-def _sides(rows: np.ndarray) -> Tuple[float, float, float]:
-    """Left and right edge of a body, and the row where they are: where nothing before it hides it."""
+def _sides(rows: np.ndarray, cut_left: bool, cut_right: bool) -> Optional[Tuple[float, float, float]]:
+    """Left and right edge of a body, and the row where they are: where nothing before it hides it.
+
+    :param cut_left, cut_right: whether that edge is the picture's.
+    :return: None when the picture cuts it everywhere: it may be nearer than it is wide.
+    """
     firsts = rows.argmax(axis=1)
     lasts = rows.shape[1] - rows[:, ::-1].argmax(axis=1)
-    widths = np.where(rows.any(axis=1), lasts - firsts, 0)
-    widest = widths >= np.quantile(widths, 0.8)
+    whole = rows.any(axis=1)
+    if cut_left:
+        whole &= firsts > 0
+    if cut_right:
+        whole &= lasts < rows.shape[1]
+    if whole.sum() < max(3.0, LEAST_WHOLE * len(rows)):
+        return None
+    widths = np.where(whole, lasts - firsts, 0)
+    widest = whole & (widths >= np.quantile(widths[whole], 0.8))
     row = float(np.median(np.flatnonzero(widest)))
     return float(np.median(firsts[widest])), float(np.median(lasts[widest])), row
 
@@ -147,9 +162,11 @@ def _body(place: np.ndarray) -> np.ndarray:
     return np.concatenate([ring + place, ring + place + (0.0, 0.0, SHOULDERS)])
 
 
-def _head(place: np.ndarray, skin: np.ndarray, view: CameraView) -> Optional[float]:
+def _head(
+    place: np.ndarray, skin: np.ndarray, view: CameraView, top_of_head: float = PERSON_HEIGHT
+) -> Optional[float]:
     """The share of skin where the head has to be; None when most of that lies outside the picture."""
-    middle = np.array([place[0], place[1], PERSON_HEIGHT - HEAD_RADIUS])
+    middle = np.array([place[0], place[1], top_of_head - HEAD_RADIUS])
     pixels = view.project(middle[None])
     if pixels is None:
         return None

@@ -92,6 +92,11 @@ class Simulation:
         """Simulated time, s."""
         return self.tick / PHYSICS_RATE
 
+    @property
+    def neglected(self) -> bool:
+        """Whether a robot drives on an old command: its software does not keep up."""
+        return any(robot.base.neglected(self.time) for robot in self.robots.values())
+
     def step(self) -> None:
         """Lets one physics step pass."""
         now = self.time

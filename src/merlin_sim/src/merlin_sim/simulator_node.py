@@ -1,5 +1,6 @@
 """The node /merlin_sim: a world, its robots and its time."""
 
+import math
 import threading
 from functools import partial
 from pathlib import Path
@@ -106,7 +107,7 @@ class SimulatorNode:
         """Runs until ROS shuts down."""
         threading.Thread(target=self._report, name="simulator status", daemon=True).start()
         step = 1.0 / PHYSICS_RATE
-        while self._pacer.wait(step):
+        while self._pacer.wait(step, 1.0 if self.simulation.neglected else math.inf):
             with self._world_lock:
                 self.simulation.step()
                 self._publish(self.simulation.tick)

@@ -100,6 +100,7 @@ class SpeechNode:
         )
         rospy.on_shutdown(self._server.shutdown)
         self._server.start()
+        threading.Thread(target=self._rehearse, name="speech phrases", daemon=True).start()
         rospy.loginfo(
             "speech: " + ("plays on the sound card" if self._card.present else "no sound card, silent")
         )
@@ -109,6 +110,15 @@ class SpeechNode:
         if self._trouble:
             return Health(WARN, f"the last sound could not be made: {self._trouble}")
         return Health(OK, "plays on the sound card" if self._card.present else "no sound card, silent")
+
+    def _rehearse(self) -> None:
+        """Synthesises what will be said often, so that the first time is no slower than the others."""
+        phrases = rospy.get_param("~phrases", [])
+        for phrase in [phrases] if isinstance(phrases, str) else list(phrases):
+            try:
+                self._synthesizer.say(str(phrase))
+            except SoundError as error:
+                rospy.logwarn(f"speech: parameter ~phrases: {error}")
 
     def _execute(self, goal: ServerGoal) -> None:
         request = goal.goal.sound_request

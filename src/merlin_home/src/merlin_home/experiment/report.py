@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import List, Sequence
 
 from ..mission_list import MISSION_TASKS
+from ..real_time_factor import SPEECH_AHEAD
 from .analysis import Analysis, Key
 from .markdown import (
     APPROACH_NAMES,
@@ -75,16 +76,19 @@ neighbours; exactly half of the tasks marked; a marked task is cancelled {first[
 was sent if it still runs (the paper does not state its time; this is the value of its successor's public
 code). Naive and MERLIN run the same lists (same seed) from the same start. The simulation runs at factor
 {first["real_time_factor"]:g}, policy {first["rtf_policy"]} (adaptive: factor 1 from a goal until a second
-after its first action was dispatched, for a second after every other dispatch, and from a second before a
-cancel until the Executor is idle). All times are simulated seconds. Time and distance of a mission are sums
-over its tasks, each from its sending until the Executor is idle; positions are ground truth.
+after its first action was dispatched, from half a metre before the point of interest until a second after the
+next dispatch, from {SPEECH_AHEAD:g} s before the end of the question, and from a second before a cancel until
+the Executor is idle; lowered where the machine does not keep up). All times are simulated seconds. Time and
+distance of a mission are sums over its tasks, each from its sending until the Executor is idle; positions are
+ground truth.
 
 Naive is ROSPlan's real behaviour: the action runs to its natural end, then the cancel is read.
 
-The oracle is what the best possible robot takes for each task from the pose in which it was sent: turning to
-the shortest path while setting off, driving along it at the limits of speed and acceleration, and the true
-length of the question; at most the cancel time for a marked task. Nothing else takes time, and no robot can
-be faster."""
+The oracle is what the best possible robot takes for each task from the pose and motion in which it was sent:
+turning to the shortest path while setting off, driving along it at the limits of speed and acceleration, and
+the true length of the question; at most the cancel time for a marked task. The path is the shortest that a
+disc of the robot's true radius can take without touching the true geometry of walls and furniture (exact
+shapes, no raster, no safety distance). Nothing else takes time, and no robot can be faster."""
 
 
 def _table_1(analysis: Analysis) -> str:
