@@ -2,19 +2,16 @@
 """The monitor's page in Chromium, beside the ROS topics it shows."""
 
 import contextlib
-import os
-import signal
-import subprocess
 import threading
 import time
 import unittest
-from pathlib import Path
 
 import rospy
 from chromium import Visit, chromium
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, Pose, PoseArray
 from merlin_msgs.msg import ExecutorStatus, KnowledgeChanges, MissionStatus
+from monitor_process import LONG, Latest, Monitor
 from nav_msgs.msg import OccupancyGrid
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
@@ -25,7 +22,6 @@ from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.goal_dispatcher import GoalDispatcher
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
-LONG = 30.0
 TOKEN = "test token"
 KB = "rosplan_knowledge_base"
 HOSTILE = '<img src=x onerror="window.pwned=1"><script>window.pwned=1</script>\'";alert(1)//'
@@ -35,53 +31,6 @@ class Round(GoalDispatcher):
     def run(self):
         for poi in ("kitchen", "bathroom", "main_door"):
             self.achieve(f"(checked {poi})")
-
-
-class Latest:
-    """The last message of a topic."""
-
-    def __init__(self, topic, kind):
-        self.changed = threading.Condition()
-        self.message = None
-        self.subscriber = rospy.Subscriber(topic, kind, self.receive)
-
-    def receive(self, message):
-        with self.changed:
-            self.message = message
-            self.changed.notify_all()
-
-    def wait(self, holds):
-        with self.changed:
-            return self.changed.wait_for(lambda: self.message is not None and holds(self.message), LONG)
-
-
-class Monitor:
-    """The node under test, which can be stopped and started again on its port."""
-
-    def __init__(self):
-        self.port = 0
-        self.process = None
-        self.history = Path(os.environ.get("ROS_LOG_DIR", "/tmp")) / f"monitor-{os.getpid()}.sqlite"
-
-    def start(self, token):
-        with contextlib.suppress(KeyError):
-            rospy.delete_param("/merlin_monitor/address")
-        rospy.set_param("/merlin_monitor/port", self.port)
-        rospy.set_param("/merlin_monitor/token", token)
-        rospy.set_param("/merlin_monitor/history", str(self.history))
-        self.process = subprocess.Popen(["rosrun", "merlin_monitor", "monitor", "__name:=merlin_monitor"])
-        end = time.monotonic() + LONG
-        while not rospy.has_param("/merlin_monitor/address"):
-            assert time.monotonic() < end and self.process.poll() is None, "the monitor does not start"
-            time.sleep(0.02)
-        self.address = rospy.get_param("/merlin_monitor/address")
-        self.port = int(self.address.rstrip("/").rsplit(":", 1)[1])
-
-    def stop(self):
-        begin = time.monotonic()
-        self.process.send_signal(signal.SIGINT)
-        self.process.wait(LONG)
-        return time.monotonic() - begin
 
 
 class MonitorPage(unittest.TestCase):
@@ -111,6 +60,7 @@ class MonitorPage(unittest.TestCase):
         self.visits = []
         for poi in ("kitchen", "bathroom", "dorm_room", "main_door"):
             self.knowledge.remove_facts(f"(checked {poi})")
+
     def tearDown(self):
         complaints = [complaint for visit in self.visits for complaint in visit.complaints]
         for visit in self.visits:
@@ -162,7 +112,8 @@ class MonitorPage(unittest.TestCase):
         visit.wait_text("#now-doing", "idle")
         visit.wait_text("#now-last", "(checked main_door) succeeded")
         visit.wait(
-            "() => [...document.querySelectorAll('#plan-steps li')].every(x => x.dataset.state === 'succeeded')"
+            "() => [...document.querySelectorAll('#plan-steps li')]"
+            ".every((step) => step.dataset.state === 'succeeded')"
         )
         visit.wait_text(".machine[data-active=false] .where", "ended with succeeded")
         # The knowledge is that of the knowledge base, and says who changed it.
@@ -266,8 +217,10 @@ class MonitorPage(unittest.TestCase):
         # The next change of the knowledge base shows the gap, and all is read again.
         self.knowledge.add_facts("(checked dorm_room)")
         visit.wait(
-            "async (hostile) => { const facts = (await (await fetch('/state.json')).json()).state.knowledge.facts;"
-            " return '(checked dorm_room)' in facts && !Object.keys(facts).some((key) => key.includes(hostile)); }",
+            "async (hostile) => {"
+            " const { facts } = (await (await fetch('/state.json')).json()).state.knowledge;"
+            " return '(checked dorm_room)' in facts"
+            " && !Object.keys(facts).some((key) => key.includes(hostile)); }",
             HOSTILE,
         )
 
@@ -299,7 +252,8 @@ class MonitorPage(unittest.TestCase):
         self.knowledge.remove_facts("(checked kitchen)")
         for visit in visits:
             visit.wait(
-                "() => ![...document.querySelectorAll('.fact')].some(x => !x.hidden && x.textContent.includes('(checked kitchen)'))"
+                "() => ![...document.querySelectorAll('.fact')]"
+                ".some((row) => !row.hidden && row.textContent.includes('(checked kitchen)'))"
             )
 
     # --- control -------------------------------------------------------------------------------------------
@@ -361,7 +315,9 @@ class MonitorPage(unittest.TestCase):
         visit = self.visit(color_scheme="dark")
         visit.wait_text("#connection", "live")
         # More events than the page is given at once.
-        parts = [DiagnosticStatus(name=f"part {number}", level=DiagnosticStatus.WARN) for number in range(250)]
+        parts = [
+            DiagnosticStatus(name=f"part {number}", level=DiagnosticStatus.WARN) for number in range(250)
+        ]
         diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, latch=True, queue_size=1)
         diagnostics.publish(DiagnosticArray(status=parts))
         visit.wait_text("#history-list .said", "part 249: warning")
@@ -387,14 +343,17 @@ class MonitorPage(unittest.TestCase):
         end = time.monotonic() + LONG
         while (said := visit.texts("#history-list .said")) != wanted:
             self.assertLess(time.monotonic(), end, f"{len(said)} of {len(wanted)}")
-            visit.page.evaluate("() => { const x = document.getElementById('history-list'); x.scrollTop = 1e6; }")
+            visit.page.evaluate(
+                "() => { const x = document.getElementById('history-list'); x.scrollTop = 1e6; }"
+            )
             time.sleep(0.05)
         self.assertTrue(any(text.startswith("(checked kitchen): succeeded") for text in wanted))
 
         # Started without a token, it only shows.
         visit.wait("() => document.getElementById('control').hidden")
         answer = visit.page.evaluate(
-            "async () => { const a = await fetch('/control/pause', {method: 'POST'}); return [a.status, await a.text()]; }"
+            "async () => { const answer = await fetch('/control/pause', {method: 'POST'});"
+            " return [answer.status, await answer.text()]; }"
         )
         self.assertEqual(answer[0], 403)
         self.assertIn("read-only", answer[1])

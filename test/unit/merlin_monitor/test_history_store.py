@@ -70,6 +70,35 @@ def test_a_file_that_is_no_history_is_named(tmp_path: Path) -> None:
         HistoryStore(tmp_path / "h" / "below", 100)
 
 
+def test_it_waits_for_a_folder_that_is_not_its_to_make(tmp_path: Path) -> None:
+    path = tmp_path / "results" / "history.sqlite"
+    store = HistoryStore(path, 1000, make_folder=False)
+    store.add(Event("plan", "one", 0.0))
+    assert texts(store.page().result(5)) == ["one"]
+    assert not path.parent.exists()
+    path.parent.mkdir()
+    store.add(Event("plan", "two", 0.0))
+    before = store.page().result(5)
+    assert path.exists()
+    store.close()
+    again = HistoryStore(path, 1000, make_folder=False)
+    assert again.page().result(5) == before
+    assert texts(before) == ["one", "two"]
+    again.close()
+
+
+def test_a_folder_made_at_the_end_still_gets_the_history(tmp_path: Path) -> None:
+    path = tmp_path / "results" / "history.sqlite"
+    store = HistoryStore(path, 1000, make_folder=False)
+    store.add(Event("plan", "one", 0.0))
+    store.page().result(5)
+    path.parent.mkdir()
+    store.close()
+    again = HistoryStore(path, 1000)
+    assert texts(again.page().result(5)) == ["one"]
+    again.close()
+
+
 def test_two_monitors_may_share_a_file(tmp_path: Path) -> None:
     one, two = HistoryStore(tmp_path / "h", 100), HistoryStore(tmp_path / "h", 100)
     one.add(Event("plan", "one", 0.0))

@@ -28,10 +28,17 @@ class MonitorState:
     :param inbox: takes the changes in.
     :param history: file of the history; None: it is not kept.
     :param history_limit: most events that are kept.
+    :param make_folder: whether the folder of the history's file is made, or waited for.
     :raises HistoryError: the file cannot be used.
     """
 
-    def __init__(self, inbox: Inbox, history: Optional[Path] = None, history_limit: int = 100_000) -> None:
+    def __init__(
+        self,
+        inbox: Inbox,
+        history: Optional[Path] = None,
+        history_limit: int = 100_000,
+        make_folder: bool = True,
+    ) -> None:
         self.inbox = inbox
         self.tree = StateTree(SECTIONS)
         self._history = HistorySection(self.tree)
@@ -45,7 +52,7 @@ class MonitorState:
         self.map = MapSection(self.tree)
         self.health = HealthSection(self.tree, self.tell)
         if history is not None:
-            self.history = HistoryStore(history, history_limit, self._history.add)
+            self.history = HistoryStore(history, history_limit, self._history.add, make_folder)
 
     def start(self) -> None:
         """Begins to take messages in and to draw; shows what earlier runs left in the history."""
