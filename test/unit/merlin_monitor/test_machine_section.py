@@ -119,6 +119,18 @@ def test_hostile_names_are_laid_out_and_come_back_as_they_were() -> None:
         assert 0 <= node["x"] <= picture["width"] and 0 <= node["y"] <= picture["height"]
 
 
+def test_a_large_machine_whose_states_all_may_fail_is_laid_out_in_a_moment() -> None:
+    _, machines, _, _ = section()
+    names = [f"S{number}" for number in range(200)]
+    edges = [("aborted", name, "aborted") for name in names]
+    edges += [("succeeded", name, following) for name, following in zip(names, [*names[1:], "succeeded"])]
+    machines.structure("/m", structure("/M", names, edges, ["succeeded", "aborted"]), 0.0)
+    graph = machine_graph(machines.containers_below(KEY), "/M")
+    assert len(graph.nodes) == 202
+    assert {edge.head for edge in graph.edges} == {f"/M/{name}" for name in names[1:]} | {"/M:succeeded"}
+    assert len(layout(graph)["nodes"]) == 202
+
+
 def test_an_arrow_to_a_nested_machine_ends_at_its_frame() -> None:
     _, machines, _, _ = section()
     machines.structure("/m", OUTER, 0.0)
