@@ -181,6 +181,7 @@ def measure() -> Dict[str, Any]:
                 "([facts, states]) => document.querySelectorAll('.node.state').length === states"
                 " && document.querySelectorAll('#kinds button')[1].textContent === `Facts ${facts}`",
                 [FACTS, STATES],
+                LIMIT,
             )
             shown = time.monotonic() - opened
             for thread in threads:

@@ -60,15 +60,17 @@ class Visit:
         self.page.goto(address)
         self.wait("() => document.documentElement.dataset.version !== undefined")
 
-    def wait(self, expression: str, argument: Any = None) -> None:
+    def wait(self, expression: str, argument: Any = None, limit: float = LONG) -> None:
         """Waits until a JavaScript function, which may be async, returns something true.
+
+        :param limit: s of wall time.
 
         :raises AssertionError: it does not.
         """
         # Chromium's own waiting takes an async function's promise for true.
-        end = time.monotonic() + LONG
+        end = time.monotonic() + limit
         while not self.page.evaluate(expression, argument):
-            assert time.monotonic() < end, f"after {LONG:.0f} s not true: {expression} ({argument})"
+            assert time.monotonic() < end, f"after {limit:.0f} s not true: {expression} ({argument})"
             self.page.wait_for_timeout(1000 * LOOK)
 
     def text(self, selector: str) -> str:
@@ -79,12 +81,13 @@ class Visit:
         """The texts of all elements that fit."""
         return self.page.locator(selector).all_text_contents()
 
-    def wait_text(self, selector: str, wanted: str) -> None:
+    def wait_text(self, selector: str, wanted: str, limit: float = LONG) -> None:
         """Waits until an element contains a text."""
         self.wait(
             "([selector, wanted]) => [...document.querySelectorAll(selector)]"
             ".some((element) => element.textContent.includes(wanted))",
             [selector, wanted],
+            limit,
         )
 
     def now(self) -> Dict[str, str]:

@@ -13,6 +13,7 @@ export class GraphView {
     this.nodes = new Map();
     this.clusters = new Map();
     this.edges = [];
+    this.followed = "";
   }
 
   // Draws a layout if it is another one than before.
@@ -22,6 +23,7 @@ export class GraphView {
     this.nodes.clear();
     this.clusters.clear();
     this.edges = [];
+    this.followed = "";
     this.container.replaceChildren();
     if (!layout) return;
     if (layout.error) {
@@ -86,15 +88,31 @@ export class GraphView {
 
   // marks: id → {glyph, active, label, state}
   mark(marks) {
+    let first = null;
     for (const [id, { node, group, mark }] of this.nodes) {
       const { glyph = "", active = false, reached = false, label = "", state = "" } = marks(id, node) || {};
       group.classList.toggle("active", active);
+      if (active && !first) first = node;
       group.classList.toggle("reached", reached);
       if (group.dataset.state !== state) group.dataset.state = state;
       setText(mark, glyph);
       const name = label ? `${node.text}, ${label}` : node.text;
       if (group.getAttribute("aria-label") !== name) group.setAttribute("aria-label", name);
     }
+    if (first && first.id !== this.followed) this.follow(first);
+  }
+
+  // Scrolls to a node of a picture that is larger than its box, unless somebody is looking around in it.
+  follow(node) {
+    const box = this.container;
+    const root = box.querySelector("svg");
+    const shown = root ? root.clientWidth : 0;
+    if (!shown) return;
+    this.followed = node.id;
+    const small = box.scrollWidth <= box.clientWidth + 1 && box.scrollHeight <= box.clientHeight + 1;
+    if (small || box.matches(":hover, :focus-within")) return;
+    const scale = shown / this.layout.width;
+    box.scrollTo({ left: node.x * scale - box.clientWidth / 2, top: node.y * scale - box.clientHeight / 2, behavior: "instant" });
   }
 
   markClusters(active) {

@@ -9,6 +9,7 @@ const PAGE = 200; // events asked for at once
 const MOST = 3000; // events on the page; the export has them all
 const FEW = 30; // rows that need not be scrolled
 const SPAN = 180; // s of the timeline
+const SHORTEST = 60;
 const LANES = ["goal", "action"];
 
 export function showHistory(store) {
@@ -101,8 +102,8 @@ export function showHistory(store) {
     const end = Math.max((store.state.meta || {}).time || 0, ...bars.map((event) => event.detail.ended));
     const width = byId("timeline").clientWidth || 500;
     const left = 46;
-    const begin = end - SPAN;
-    const x = (at) => left + ((width - left - 4) * (Math.max(at, begin) - begin)) / SPAN;
+    const begin = Math.max(end - SPAN, Math.min(end - SHORTEST, ...all.filter((event) => event.run === current && event.at).map((event) => event.at)));
+    const x = (at) => left + ((width - left - 4) * (Math.max(at, begin) - begin)) / (end - begin);
     const items = [];
     LANES.forEach((lane, index) => {
       const y = 8 + index * 30;

@@ -45,8 +45,8 @@ class Graph(NamedTuple):
 def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> Graph:
     """The picture of a machine with the containers in it.
 
-    Where nearly every state of a large machine may end with the same outcome, its arrows would hide all others,
-    and Graphviz would need minutes; that outcome stands alone then.
+    Where most states of a large machine may end with the same outcome, its arrows would hide all others
+    and take Graphviz minutes; that outcome stands alone then.
 
     :param containers: by path: children, edges, outcomes, initial.
     :param root: path of the outermost one.
