@@ -12,7 +12,7 @@ RECORD ?= false
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment test lint bench soak clean
+.PHONY: help build demo experiment test lint bench soak screenshots clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD=)"
@@ -21,6 +21,7 @@ help:
 	@echo "make bench  benchmarks"
 	@echo "make soak   10 000 cancels and interruptions (CYCLES=)"
 	@echo "make lint   ruff, catkin_lint, roslaunch-check"
+	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
 	@echo "make build  only what the others need"
 
 build:
@@ -45,6 +46,9 @@ bench: build
 
 soak: build
 	@CYCLES=$(CYCLES) LIMIT=20000 $(IN) python bench/run.py cancel_stress
+
+screenshots: build
+	@$(IN) python tools/monitor_screenshots.py
 
 lint: build
 	@$(IN) tools/lint.sh
