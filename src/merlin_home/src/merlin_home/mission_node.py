@@ -10,13 +10,13 @@ import time
 from typing import Optional
 
 import rospy
-from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import MissionStatus, SimStatus
 from merlin_msgs.srv import SetRealTimeFactor
 from nav_msgs.msg import OccupancyGrid
 
 from merlin_executor.goal_check import GoalError
 from merlin_executor.mission_pause import PAUSED, MissionPause
+from merlin_executor.readiness import missing_servers
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.publishing import publish
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
@@ -117,11 +117,10 @@ class MissionNode:
         self._robot.wait_until_ready(timeout)
         if not self._trajectory.wait_until(0.0, timeout):
             raise MissionStopped(f"nothing on {rospy.resolve_name('ground_truth')} after {timeout:.0f} s")
-        for server in SERVERS:
-            if receive_one(f"{server}/status", GoalStatusArray, timeout) is None:
-                raise MissionStopped(
-                    f"no action server {rospy.resolve_name(server)} after {timeout:.0f} s; is it launched?"
-                )
+        for server in missing_servers(SERVERS, timeout):
+            raise MissionStopped(
+                f"no action server {rospy.resolve_name(server)} after {timeout:.0f} s; is it launched?"
+            )
         grid = receive_one("/map", OccupancyGrid, timeout)
         if grid is None:
             raise MissionStopped(f"no map on /map after {timeout:.0f} s")
