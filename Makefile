@@ -14,7 +14,7 @@ DISTURBANCES ?= 5
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment restaurant test lint bench soak clean
+.PHONY: help build demo experiment restaurant test lint bench soak screenshots clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD=)"
@@ -24,6 +24,7 @@ help:
 	@echo "make bench  benchmarks"
 	@echo "make soak   10 000 cancels and interruptions, and the long tests (CYCLES=)"
 	@echo "make lint   ruff, catkin_lint, roslaunch-check"
+	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
 	@echo "make build  only what the others need"
 
 build:
@@ -53,6 +54,9 @@ bench: build
 soak: build
 	@CYCLES=$(CYCLES) LIMIT=20000 $(IN) python bench/run.py cancel_stress
 	@$(IN) python -m pytest -m long test
+
+screenshots: build
+	@$(IN) python tools/monitor_screenshots.py
 
 lint: build
 	@$(IN) tools/lint.sh

@@ -6,6 +6,7 @@ from typing import Any, Callable, Optional, Sequence, Union
 from merlin_msgs.msg import ExecuteResult
 
 from merlin_executor.executor_client import RESUME, ExecutorRequest, Goals, MerlinExecutorClient, outcome_name
+from merlin_executor.mission_pause import MissionPause
 from merlin_sm.deadline import Deadline
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.pddl_text import PDDLSyntaxError
@@ -30,6 +31,7 @@ class GoalState(MerlinState):
     :param priority: higher is more urgent.
     :param on_interrupt: RESUME or DROP.
     :param client: None: one of its own.
+    :param pause: of the mission: while it is paused, the goals are not sent.
     """
 
     def __init__(
@@ -39,12 +41,14 @@ class GoalState(MerlinState):
         priority: int = 0,
         on_interrupt: int = RESUME,
         client: Optional[MerlinExecutorClient] = None,
+        pause: Optional[MissionPause] = None,
     ) -> None:
         super().__init__([NOTHING] if callable(goals) else [], keys, ["outcome"])
         self._goals = goals
         self._keys = list(keys)
         self._priority = priority
         self._on_interrupt = on_interrupt
+        self._pause = pause
         self._client = client or MerlinExecutorClient()
 
     def run(self, userdata: Any) -> str:
@@ -60,6 +64,12 @@ class GoalState(MerlinState):
             return NOTHING
         if not self._client.wait_for_executor(EXECUTOR_WAIT):
             return self.fail(f"no executor within {EXECUTOR_WAIT:g} s")
+        if self._pause is not None:
+            self.interruptible(self._pause.wake)
+            self._pause.wait(self.preempt_requested)
+            self.interruptible(None)
+            if self.preempt_requested():
+                return PREEMPTED
         ended = threading.Event()
         try:
             request = self._client.send(

@@ -15,6 +15,7 @@ from merlin_msgs.srv import SetRealTimeFactor
 from nav_msgs.msg import OccupancyGrid
 
 from merlin_executor.goal_check import GoalError
+from merlin_executor.mission_pause import PAUSED, MissionPause
 from merlin_executor.readiness import missing_servers
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.publishing import publish
@@ -66,14 +67,17 @@ class MissionNode:
             settings.cancel_after,
             (CANCEL_AHEAD, self._factor.cancel_is_near),
             self._task_changed,
+            lambda stopped: self._pause.wait(stopped),
         )
+        self._pause = MissionPause(self._paused)
+        self._described = ""
         self._truth = GroundTruth(self._trajectory, self._watch)
         self._simulator = rospy.Subscriber("/merlin_sim/status", SimStatus, self._judge_factor)
 
     def run(self) -> int:
         """Runs the mission; returns the exit code."""
         settings = self._settings
-        rospy.on_shutdown(self._mission.stop)
+        rospy.on_shutdown(self._stop)
         self._publish(MissionStatus.STARTING, "waiting for the robot")
         began = time.monotonic()
         run = RunRecord(settings.columns(), self._mission.records, versions=versions())
@@ -85,7 +89,8 @@ class MissionNode:
                 self._speech = self._length_of_question()
             began = time.monotonic()
             self._factor.mission_starts()
-            self._mission.run()
+            with self._pause:
+                self._mission.run()
         except (MissionStopped, GoalError, KnowledgeError, ServiceError) as error:
             run.ended = str(error)
             code = EXIT_INTERRUPTED if run.ended == "interrupted" else EXIT_STOPPED
@@ -96,6 +101,16 @@ class MissionNode:
         run.wall = time.monotonic() - began
         self._finish(run, None if code == EXIT_INTERRUPTED else grid)
         return code or (0 if run.right else EXIT_NOT_AS_LISTED)
+
+    def _stop(self) -> None:
+        self._mission.stop()
+        self._pause.wake()
+
+    def _paused(self, paused: bool) -> None:
+        if paused:
+            self._publish(MissionStatus.PAUSED, PAUSED)
+        else:
+            self._publish(MissionStatus.RUNNING, self._described)
 
     def _wait_for_robot(self) -> OccupancyGrid:
         timeout = self._settings.startup
@@ -159,7 +174,9 @@ class MissionNode:
             self._factor.task_starts()
             self._view.line(ended_line(record, count))
         else:
-            self._publish(MissionStatus.RUNNING, f"check {record.task.poi}", record.task.number)
+            self._described = f"check {record.task.poi}"
+            if not self._pause.paused:  # it is, while the task under way is cancelled or ends
+                self._publish(MissionStatus.RUNNING, self._described, record.task.number)
 
     def _length_of_question(self) -> float:
         try:

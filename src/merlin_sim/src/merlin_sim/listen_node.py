@@ -61,6 +61,10 @@ class ListenNode:
         self._clock.wake()
 
     def _execute(self, goal: ServerGoal) -> None:
+        timeout = goal.goal.timeout.to_sec()
+        if timeout < 0.0:
+            goal.abort(ListenResult(), f"the time-out {timeout:g} s is negative; 0: {self._timeout:g} s")
+            return
         try:
             self._recognizer.use(goal.goal.grammar)
         except (GrammarError, RecognizerLost) as error:
