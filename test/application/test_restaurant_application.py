@@ -2,6 +2,7 @@
 
 import csv
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,7 @@ RUN = [
 ]
 
 
+LIMIT = 240.0  # s of wall time
 SHORT = ("haste:=8", "seed:=3", "rtf:=3")
 
 
@@ -24,7 +26,16 @@ def run(tmp_path: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     env = dict(os.environ, ROS_HOME=str(tmp_path), ROS_LOG_DIR=str(tmp_path / "log"))
     env.pop("ROS_MASTER_URI", None)
     command = [*RUN, f"results:={tmp_path / 'results'}", *words]
-    return subprocess.run(command, env=env, capture_output=True, text=True, timeout=270, check=False)
+    with subprocess.Popen(
+        command, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            out, err = process.communicate(timeout=LIMIT)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGINT)  # it stops all that it has started
+            out, err = process.communicate()
+            pytest.fail(f"the evening was not over after {LIMIT:g} s\n{out}\n{err}")
+    return subprocess.CompletedProcess(command, process.returncode, out, err)
 
 
 def guests(tmp_path: Path) -> List[Dict[str, str]]:
