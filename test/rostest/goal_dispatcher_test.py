@@ -7,6 +7,7 @@ import unittest
 import rospy
 from merlin_msgs.msg import ExecutorStatus, MissionStatus
 from smach_msgs.msg import SmachContainerStructure
+from std_srvs.srv import Trigger
 
 import rostest
 from merlin_executor.goal_dispatcher import GoalDispatcher, MissionFailed, MissionSM
@@ -34,6 +35,12 @@ class Evening(MissionSM):
 
 
 class GoalDispatchers(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        # The nodes begin together with this test.
+        for service in ("update_array", "query_state", "state/goals"):
+            rospy.wait_for_service(f"rosplan_knowledge_base/{service}", LONG)
+
     def setUp(self):
         self.knowledge = MerlinROSPlanAssistant()
         for poi in POIS:
@@ -41,6 +48,7 @@ class GoalDispatchers(unittest.TestCase):
         self.changed = threading.Condition()
         self.missions = []
         self.running = False
+        self.idle = True
         self.subscribers = [
             rospy.Subscriber("merlin/mission", MissionStatus, self.receive),
             rospy.Subscriber("merlin/status", ExecutorStatus, self.receive_executor),
@@ -59,6 +67,7 @@ class GoalDispatchers(unittest.TestCase):
     def receive_executor(self, status):
         with self.changed:
             self.running = bool(status.running)
+            self.idle = status.state == ExecutorStatus.IDLE
             self.changed.notify_all()
 
     def wait(self, holds):
@@ -86,6 +95,43 @@ class GoalDispatchers(unittest.TestCase):
         self.assertEqual(ended, [False])
         self.wait(lambda: self.missions and self.missions[-1][1] == MissionStatus.CANCELLED)
         self.assertFalse(self.knowledge.holds("(checked bathroom)"))
+
+    def test_a_paused_mission_ends_its_goal_and_goes_on_when_resumed(self):
+        mission = Round()
+        ended = []
+        thread = threading.Thread(target=lambda: ended.append(mission.execute()))
+        thread.start()
+        self.wait(lambda: self.running)
+        self.assertTrue(self.call("pause").success)
+        again = self.call("pause")
+        self.assertFalse(again.success)
+        self.assertIn("already", again.message)
+        self.wait(lambda: self.missions[-1][1] == MissionStatus.PAUSED and self.idle)
+        # Paused at its first goal, which it still reaches; the second is not sent before it is resumed.
+        self.assertTrue(self.knowledge.holds("(checked kitchen)"))
+        self.assertFalse(self.knowledge.holds("(checked bathroom)"))
+        self.assertTrue(self.call("resume").success)
+        thread.join(LONG)
+        self.assertEqual(ended, [True])
+        self.assertTrue(self.knowledge.holds("(checked bathroom)"))
+        with self.assertRaises(rospy.ServiceException):
+            self.call("pause")
+
+    def test_a_paused_machine_can_be_preempted(self):
+        mission = Evening()
+        outcomes = []
+        thread = threading.Thread(target=lambda: outcomes.append(mission.run()))
+        thread.start()
+        self.wait(lambda: self.running)
+        self.assertTrue(self.call("pause").success)
+        self.wait(lambda: self.idle)
+        mission.request_preempt()
+        thread.join(LONG)
+        self.assertEqual(outcomes, ["preempted"])
+        self.assertFalse(self.knowledge.holds("(checked main_door)"))
+
+    def call(self, name):
+        return rospy.ServiceProxy(f"merlin/mission/{name}", Trigger)()
 
     def test_a_goal_that_takes_too_long_is_cancelled(self):
         mission = Round()

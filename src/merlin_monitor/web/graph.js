@@ -2,6 +2,8 @@
 import { el, setText, svg } from "./dom.js";
 
 const LONGEST = 34; // characters, as the layout reckons
+const NARROWEST = 480; // px
+const SMALLEST = 0.5; // of the size it was laid out in
 
 export class GraphView {
   constructor(container, { onPick } = {}) {
@@ -11,6 +13,7 @@ export class GraphView {
     this.nodes = new Map();
     this.clusters = new Map();
     this.edges = [];
+    this.followed = "";
   }
 
   // Draws a layout if it is another one than before.
@@ -20,6 +23,7 @@ export class GraphView {
     this.nodes.clear();
     this.clusters.clear();
     this.edges = [];
+    this.followed = "";
     this.container.replaceChildren();
     if (!layout) return;
     if (layout.error) {
@@ -27,7 +31,7 @@ export class GraphView {
       return;
     }
     const { width, height } = layout;
-    const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "group", "aria-label": label });
+    const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": label });
     for (const cluster of layout.clusters) {
       const frame = svg("rect", { class: "cluster", x: cluster.x, y: cluster.y, width: cluster.w, height: cluster.h, rx: 10 });
       const text = svg("text", { class: "cluster-text", x: cluster.x + 12, y: cluster.y + 14 }, cut(cluster.text));
@@ -36,6 +40,10 @@ export class GraphView {
     }
     for (const edge of layout.edges) root.append(this.drawEdge(edge));
     for (const node of layout.nodes) root.append(this.drawNode(node));
+    // As large as it was laid out where there is room, smaller down to what can still be read.
+    this.container.style.width = `${width + 4}px`;
+    root.style.maxWidth = `${width}px`;
+    root.style.minWidth = `${Math.min(width, Math.max(NARROWEST, width * SMALLEST))}px`;
     this.container.append(root);
   }
 
@@ -80,15 +88,31 @@ export class GraphView {
 
   // marks: id → {glyph, active, label, state}
   mark(marks) {
+    let first = null;
     for (const [id, { node, group, mark }] of this.nodes) {
       const { glyph = "", active = false, reached = false, label = "", state = "" } = marks(id, node) || {};
       group.classList.toggle("active", active);
+      if (active && !first) first = node;
       group.classList.toggle("reached", reached);
       if (group.dataset.state !== state) group.dataset.state = state;
       setText(mark, glyph);
       const name = label ? `${node.text}, ${label}` : node.text;
       if (group.getAttribute("aria-label") !== name) group.setAttribute("aria-label", name);
     }
+    if (first && first.id !== this.followed) this.follow(first);
+  }
+
+  // Scrolls to a node of a picture that is larger than its box, unless somebody is looking around in it.
+  follow(node) {
+    const box = this.container;
+    const root = box.querySelector("svg");
+    const shown = root ? root.clientWidth : 0;
+    if (!shown) return;
+    this.followed = node.id;
+    const small = box.scrollWidth <= box.clientWidth + 1 && box.scrollHeight <= box.clientHeight + 1;
+    if (small || box.matches(":hover, :focus-within")) return;
+    const scale = shown / this.layout.width;
+    box.scrollTo({ left: node.x * scale - box.clientWidth / 2, top: node.y * scale - box.clientHeight / 2, behavior: "instant" });
   }
 
   markClusters(active) {

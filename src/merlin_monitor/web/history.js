@@ -1,20 +1,22 @@
 // What happened: bars of goals and actions over time, and events, newest first, back to the first one kept.
-import { byId, clockText, el, keyed, part, setText, svg } from "./dom.js";
+import { byId, clockText, el, keyed, svg } from "./dom.js";
 
 const KINDS = ["mission", "goal", "plan", "action", "machine", "knowledge", "health", "control", "monitor"];
 const QUIET = new Set(["machine", "knowledge"]); // not shown until asked for
-const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", machine: "⬡", knowledge: "＋", health: "♥", control: "✎", monitor: "·" };
+const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", machine: "⬡", knowledge: "+", health: "♥", control: "✎", monitor: "·" };
 const BAD = /\b(failed|error|unsolvable|refused|timeout|crashed|invalid|internal|silent)\b/;
-const PAGE = 200;
+const PAGE = 200; // events asked for at once
+const MOST = 3000; // events on the page; the export has them all
+const FEW = 30; // rows that need not be scrolled
 const SPAN = 180; // s of the timeline
+const SHORTEST = 60;
 const LANES = ["goal", "action"];
 
 export function showHistory(store) {
   const shown = new Set(KINDS.filter((kind) => !QUIET.has(kind)));
-  let older = []; // events before those of the state, oldest first
+  const kept = new Map(); // id → event: those of the state, those that left it, and older ones of the shown kinds
   let exhausted = false;
   let loading = false;
-  let run = null;
 
   for (const kind of KINDS) {
     byId("history-kinds").append(el("button", {
@@ -22,6 +24,7 @@ export function showHistory(store) {
       onclick: (event) => {
         if (!shown.delete(kind)) shown.add(kind);
         event.target.setAttribute("aria-pressed", String(shown.has(kind)));
+        forgetOlder(); // they are of the kinds shown until now
         draw();
       },
     }, `${GLYPHS[kind]} ${kind}`));
@@ -31,57 +34,55 @@ export function showHistory(store) {
     if (list.scrollTop + list.clientHeight > list.scrollHeight - 300) loadOlder();
   }, { passive: true });
 
-  const newest = () => Object.values((store.state.history || {}).events || {}).sort((a, b) => a.id - b.id);
-
   store.watch("history", (change) => {
-    if (change !== null) {
-      // An event that leaves the state stays on the page.
-      return;
-    }
-    older = [];
-    exhausted = false;
+    if (change === null) forgetOlder(); // another run may have begun, or another file
   });
 
-  const kept = new Map();
+  function forgetOlder() {
+    kept.clear();
+    exhausted = false;
+  }
+
   function events() {
-    const all = newest();
-    for (const event of all) kept.set(event.id, event);
-    for (const event of older) kept.set(event.id, event);
-    if (kept.size > 5000) for (const id of [...kept.keys()].sort((a, b) => a - b).slice(0, kept.size - 5000)) kept.delete(id);
-    return [...kept.values()].sort((a, b) => b.id - a.id);
+    for (const event of Object.values((store.state.history || {}).events || {})) kept.set(event.id, event);
+    const all = [...kept.values()].sort((a, b) => b.id - a.id);
+    for (const event of all.splice(MOST)) kept.delete(event.id);
+    return all;
   }
 
   async function loadOlder() {
-    if (loading || exhausted) return;
+    if (loading || exhausted || !shown.size || kept.size >= MOST) return;
     loading = true;
+    const kinds = [...shown].join(",");
     try {
       const all = events();
       const first = all.length ? `&before=${all[all.length - 1].id}` : "";
-      const answer = await fetch(`/history?limit=${PAGE}${first}`);
+      const answer = await fetch(`/history?limit=${PAGE}&kinds=${kinds}${first}`);
       const page = answer.ok ? await answer.json() : [];
+      if (kinds !== [...shown].join(",")) return; // they were chosen anew meanwhile
       exhausted = page.length < PAGE;
-      older = page;
-      if (page.length) draw();
+      for (const event of page) kept.set(event.id, event);
     } catch {
-      exhausted = false; // no connection: the next scroll asks again
+      return; // no connection: the next scroll asks again
     } finally {
       loading = false;
     }
+    draw();
   }
 
   function draw() {
     const all = events();
     drawTimeline(all);
-    run = null;
     const rows = [];
+    let run = null;
     for (const event of all) {
       if (!shown.has(event.kind)) continue;
       if (run !== null && event.run !== run) rows.push({ heading: event.run, event });
       run = event.run;
       rows.push({ event });
     }
-    keyed(list, rows.slice(0, 2000), (row) => (row.heading !== undefined ? `run ${row.heading}` : row.event.id), create, () => {});
-    if (rows.length < 30) loadOlder();
+    keyed(list, rows, (row) => (row.heading !== undefined ? `run ${row.heading}` : row.event.id), create, () => {});
+    if (rows.length < FEW) loadOlder();
   }
 
   function create({ event, heading }) {
@@ -101,8 +102,8 @@ export function showHistory(store) {
     const end = Math.max((store.state.meta || {}).time || 0, ...bars.map((event) => event.detail.ended));
     const width = byId("timeline").clientWidth || 500;
     const left = 46;
-    const begin = end - SPAN;
-    const x = (at) => left + ((width - left - 4) * (Math.max(at, begin) - begin)) / SPAN;
+    const begin = Math.max(end - SPAN, Math.min(end - SHORTEST, ...all.filter((event) => event.run === current && event.at).map((event) => event.at)));
+    const x = (at) => left + ((width - left - 4) * (Math.max(at, begin) - begin)) / (end - begin);
     const items = [];
     LANES.forEach((lane, index) => {
       const y = 8 + index * 30;
@@ -130,7 +131,7 @@ function bar(detail, lane, x, y) {
   const from = x(detail.began);
   const width = Math.max(2, x(detail.ended) - from);
   const kind = detail.outcome === "cancelled" ? "cancelled" : ["succeeded", "already true", "running"].includes(detail.outcome) ? "" : "bad";
-  const shape = svg("rect", { class: `bar ${lane} ${kind}`, x: from, y: y + 3, width, height: 18, rx: 5 }, svg("title", {}, `${detail.label} ${detail.outcome}`));
+  const shape = svg("rect", { class: `stretch ${lane} ${kind}`, x: from, y: y + 3, width, height: 18, rx: 5 }, svg("title", {}, `${detail.label} ${detail.outcome}`));
   const text = String(detail.label || "").replace(/[()]/g, "");
   const room = Math.floor((width - 10) / 5.6);
   if (room < 4) return [shape];

@@ -6,7 +6,7 @@ const KINDS = [["all", "All"], ["facts", "Facts"], ["values", "Values"], ["objec
 const NOUNS = { facts: "fact", values: "value", objects: "object", goals: "goal" };
 const ROW = 28; // px
 const LIT = 2600; // ms
-const SIGNS = { "+": "＋", "-": "−", "=": "±" };
+const SIGNS = { "+": "+", "-": "−", "=": "±" };
 
 export function showKnowledge(store) {
   const keys = { facts: [], values: [], objects: [], goals: [] }; // sorted

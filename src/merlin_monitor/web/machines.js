@@ -14,7 +14,7 @@ export function showMachines(store) {
   function draw(machines) {
     const all = machines.containers || {};
     const paths = new Set(Object.values(all).map((container) => `${container.server} ${container.path}`));
-    const roots = Object.keys(all).filter((key) => isRoot(all[key], paths)).sort((a, b) => (all[a].path < all[b].path ? -1 : 1));
+    const roots = Object.keys(all).filter((key) => isRoot(all[key], paths)).sort((a, b) => size(machines, b) - size(machines, a) || (all[a].path < all[b].path ? -1 : 1));
     setText(byId("machines-count"), roots.length ? `${roots.length}, ${roots.filter((key) => (all[key].active || []).length).length} running` : "");
     setHidden(byId("machines-empty"), roots.length > 0);
     for (const known of views.keys()) if (!roots.includes(known)) views.delete(known);
@@ -96,6 +96,12 @@ export function showMachines(store) {
   }
 
   store.view("machines", draw);
+}
+
+// Large machines first, so that small ones find room beside each other; it does not change while they run.
+function size(machines, key) {
+  const layout = (machines.layouts || {})[key];
+  return layout && layout.width ? Math.round((layout.width * layout.height) / 40000) : 0;
 }
 
 function isRoot(container, known) {

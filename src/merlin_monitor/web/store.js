@@ -20,8 +20,7 @@ export function applyChange(state, change) {
   for (const part of path.slice(0, -1)) {
     const child = own(parent, part) ? parent[part] : undefined;
     if (child === null || typeof child !== "object" || Array.isArray(child)) {
-      if (change.length === 1) return;
-      put(parent, part, {});
+      put(parent, part, {}); // also for what is gone: it may have been all its parent was made for
     }
     parent = parent[part];
   }

@@ -13,13 +13,14 @@
             self.goals("DOOR", ["(checked main_door)"])
 """
 
-from typing import Any, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional, Union
 
 import rospy
 from merlin_msgs.msg import ExecuteResult, MissionStatus
 
 from merlin_executor.executor_client import ExecutorRequest, Goals, MerlinExecutorClient
 from merlin_executor.goal_state import ACHIEVED, EXECUTOR_WAIT, GoalState, outcome_text
+from merlin_executor.mission_pause import MissionPause
 from merlin_executor.mission_reporter import MissionReporter
 from merlin_sm.introspection import show
 from merlin_sm.merlin_sm import MerlinSM
@@ -51,6 +52,7 @@ class GoalDispatcher(MerlinROSPlanAssistant):
         self.name = name or type(self).__name__
         self.client = MerlinExecutorClient()
         self.reporter = MissionReporter(self.name, tasks)
+        self._pause = MissionPause(self.reporter.paused)
         self._current: Optional[ExecutorRequest] = None
         self._cancelled = False
 
@@ -64,7 +66,8 @@ class GoalDispatcher(MerlinROSPlanAssistant):
         try:
             if not self.client.wait_for_executor(EXECUTOR_WAIT):
                 raise MissionFailed(f"no executor within {EXECUTOR_WAIT:g} s")
-            self.run()
+            with self._pause:
+                self.run()
         except (MissionFailed, ValueError, rospy.ServiceException) as error:
             state = MissionStatus.CANCELLED if self._cancelled else MissionStatus.FAILED
             self.reporter.report(state, str(error))
@@ -81,6 +84,7 @@ class GoalDispatcher(MerlinROSPlanAssistant):
         :raises MissionFailed: when they do not.
         """
         text = goals if isinstance(goals, str) else " ".join(map(str, goals))
+        self._pause.wait(lambda: self._cancelled)
         self.reporter.task(text)
         request = self.client.send(goals, **options)
         self._current = request
@@ -96,6 +100,7 @@ class GoalDispatcher(MerlinROSPlanAssistant):
     def cancel(self) -> None:
         """Cancels the mission: the running goal stops, and no further one is sent."""
         self._cancelled = True
+        self._pause.wake()
         if self._current is not None:
             self._current.cancel()
 
@@ -112,6 +117,7 @@ class MissionSM(MerlinSM):
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED])
         self.name = name or type(self).__name__
         self.client = MerlinExecutorClient()
+        self._pause = MissionPause(lambda paused: self.reporter.paused(paused))
         with self:
             self.build()
         self.reporter = MissionReporter(self.name, len(self.get_children()))
@@ -123,10 +129,14 @@ class MissionSM(MerlinSM):
         raise NotImplementedError(f"{type(self).__name__} has to implement build()")
 
     def goals(
-        self, label: str, goals: Goals, transitions: Optional[Dict[str, str]] = None, **options: Any
+        self,
+        label: str,
+        goals: Union[Goals, Callable[[Any], Goals]],
+        transitions: Optional[Dict[str, str]] = None,
+        **options: Any,
     ) -> GoalState:
-        """Adds a state that sends goals; options are those of :class:`GoalState`."""
-        state = GoalState(goals, client=self.client, **options)
+        """Adds a state that sends goals, unless the mission is paused; options of :class:`GoalState`."""
+        state = GoalState(goals, client=self.client, pause=self._pause, **options)
         self.add(label, state, transitions=transitions)
         return state
 
@@ -135,7 +145,8 @@ class MissionSM(MerlinSM):
         server = show(f"MISSION_{self.name.upper()}", self)
         rospy.on_shutdown(self.request_preempt)
         try:
-            outcome = str(self.execute())
+            with self._pause:
+                outcome = str(self.execute())
         finally:
             server.stop()
         self.reporter.report(_FINAL.get(outcome, MissionStatus.FAILED), self.reason or outcome)

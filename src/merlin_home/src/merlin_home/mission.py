@@ -80,6 +80,7 @@ class Mission:
         cancel_after: float,
         before_cancel: Tuple[float, Callable[[], None]] = (0.0, lambda: None),
         on_change: Callable[[TaskRecord], None] = lambda record: None,
+        wait_turn: Callable[[Callable[[], bool]], None] = lambda stopped: None,
     ) -> None:
         """
         Parameters:
@@ -88,6 +89,8 @@ class Mission:
             cancel_after: s of ROS time between sending and cancelling a marked task.
             before_cancel: seconds before the cancel, and what to do then.
             on_change: called when a task begins, is cancelled and has ended.
+            wait_turn: called before each task with what tells whether the mission was stopped; a paused
+                mission waits there.
         """
         self.records: List[TaskRecord] = []
         self.start: Optional[float] = None
@@ -96,6 +99,7 @@ class Mission:
         self._cancel_after = cancel_after
         self._before_cancel = before_cancel
         self._on_change = on_change
+        self._wait_turn = wait_turn
         self._lock = threading.Lock()  # guards _request and the cancel_sent of the record under way
         self._request: Optional[Request] = None
         self._stopped = False
@@ -107,6 +111,9 @@ class Mission:
             MissionStopped: `stop` was called, or the robot is gone.
         """
         for task in self._tasks:
+            self._wait_turn(lambda: self._stopped)
+            if self._stopped:
+                raise MissionStopped("interrupted")
             self._robot.forget(task.poi)
             record = TaskRecord(task)
             try:

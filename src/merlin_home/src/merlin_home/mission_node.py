@@ -10,12 +10,13 @@ import time
 from typing import Optional
 
 import rospy
-from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import MissionStatus, SimStatus
 from merlin_msgs.srv import SetRealTimeFactor
 from nav_msgs.msg import OccupancyGrid
 
 from merlin_executor.goal_check import GoalError
+from merlin_executor.mission_pause import PAUSED, MissionPause
+from merlin_executor.readiness import missing_servers
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.publishing import publish
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
@@ -24,8 +25,9 @@ from .executor_robot import ExecutorRobot
 from .ground_truth import GroundTruth, grid_of, receive_one
 from .mission import Mission, MissionStopped
 from .mission_settings import MissionSettings, SettingsError
-from .progress_view import ProgressView, ended_line, live_line
+from .progress_view import ProgressView, closing_lines, ended_line, live_line
 from .real_time_factor import ARRIVAL_AHEAD, CANCEL_AHEAD, RealTimeFactor
+from .result_files import write_run
 from .spoken_question import SpeechLengthError, speech_length
 from .task_record import RunRecord, TaskRecord
 from .trajectory import Sample, Trajectory
@@ -65,14 +67,17 @@ class MissionNode:
             settings.cancel_after,
             (CANCEL_AHEAD, self._factor.cancel_is_near),
             self._task_changed,
+            lambda stopped: self._pause.wait(stopped),
         )
+        self._pause = MissionPause(self._paused)
+        self._described = ""
         self._truth = GroundTruth(self._trajectory, self._watch)
         self._simulator = rospy.Subscriber("/merlin_sim/status", SimStatus, self._judge_factor)
 
     def run(self) -> int:
         """Runs the mission; returns the exit code."""
         settings = self._settings
-        rospy.on_shutdown(self._mission.stop)
+        rospy.on_shutdown(self._stop)
         self._publish(MissionStatus.STARTING, "waiting for the robot")
         began = time.monotonic()
         run = RunRecord(settings.columns(), self._mission.records, versions=versions())
@@ -84,7 +89,8 @@ class MissionNode:
                 self._speech = self._length_of_question()
             began = time.monotonic()
             self._factor.mission_starts()
-            self._mission.run()
+            with self._pause:
+                self._mission.run()
         except (MissionStopped, GoalError, KnowledgeError, ServiceError) as error:
             run.ended = str(error)
             code = EXIT_INTERRUPTED if run.ended == "interrupted" else EXIT_STOPPED
@@ -96,34 +102,46 @@ class MissionNode:
         self._finish(run, None if code == EXIT_INTERRUPTED else grid)
         return code or (0 if run.right else EXIT_NOT_AS_LISTED)
 
+    def _stop(self) -> None:
+        self._mission.stop()
+        self._pause.wake()
+
+    def _paused(self, paused: bool) -> None:
+        if paused:
+            self._publish(MissionStatus.PAUSED, PAUSED)
+        else:
+            self._publish(MissionStatus.RUNNING, self._described)
+
     def _wait_for_robot(self) -> OccupancyGrid:
         timeout = self._settings.startup
         self._robot.wait_until_ready(timeout)
         if not self._trajectory.wait_until(0.0, timeout):
             raise MissionStopped(f"nothing on {rospy.resolve_name('ground_truth')} after {timeout:.0f} s")
-        for server in SERVERS:
-            if receive_one(f"{server}/status", GoalStatusArray, timeout) is None:
-                raise MissionStopped(
-                    f"no action server {rospy.resolve_name(server)} after {timeout:.0f} s; is it launched?"
-                )
+        for server in missing_servers(SERVERS, timeout):
+            raise MissionStopped(
+                f"no action server {rospy.resolve_name(server)} after {timeout:.0f} s; is it launched?"
+            )
         grid = receive_one("/map", OccupancyGrid, timeout)
         if grid is None:
             raise MissionStopped(f"no map on /map after {timeout:.0f} s")
         return grid
 
     def _finish(self, run: RunRecord, grid: Optional[OccupancyGrid]) -> None:
-        # OpenCV and matplotlib take a second to import, which the start of a mission is spared.
-        from .mission_results import MissionResults
-
         start = self._mission.start
         assert start is not None
         if grid is not None:
             self._trajectory.wait_until(rospy.get_time() + AFTERWARDS, SETTLE)
         self._mission.measure_stops()
-        results = MissionResults(self._settings, run)
         if grid is not None:
+            # matplotlib and SciPy take seconds to import: neither a start nor an interruption waits for them.
+            from .mission_results import MissionResults
+
+            results = MissionResults(self._settings, run)
             results.add_map(*grid_of(grid), self._trajectory.samples(start))
-        for line in results.write():
+            lines = results.write()
+        else:
+            lines = closing_lines(run, write_run(self._settings.results, run).values())
+        for line in lines:
             self._view.line(line)
         state = MissionStatus.SUCCEEDED if run.right else MissionStatus.FAILED
         if run.ended == "interrupted":
@@ -156,7 +174,9 @@ class MissionNode:
             self._factor.task_starts()
             self._view.line(ended_line(record, count))
         else:
-            self._publish(MissionStatus.RUNNING, f"check {record.task.poi}", record.task.number)
+            self._described = f"check {record.task.poi}"
+            if not self._pause.paused:  # it is, while the task under way is cancelled or ends
+                self._publish(MissionStatus.RUNNING, self._described, record.task.number)
 
     def _length_of_question(self) -> float:
         try:

@@ -6,7 +6,9 @@ from typing import Any, Dict, List, Optional, Tuple
 
 from merlin_monitor.machine_graph import LARGE, SMALL, Graph
 
-TIMEOUT = 20.0  # s of wall time for one picture
+CAREFUL = 6.0  # s of wall time for the picture as it should be
+TIMEOUT = 20.0  # s of wall time for one that is drawn in a hurry
+HURRY = ("-Gsplines=line", "-Gnslimit=1", "-Gnslimit1=1", "-Gmclimit=0.1")
 LONGEST_LABEL = 34  # characters; the page cuts what is longer
 _POINTS = 72.0  # per inch
 _HEIGHT = {"state": 34, "step": 34, "outcome": 24}  # px
@@ -26,22 +28,28 @@ def layout(graph: Graph, command: str = "dot") -> Dict[str, Any]:
     """
     source, node_names, cluster_names = _dot(graph)
     try:
-        process = subprocess.run(
-            [command, "-Tjson0", "-y"],
-            input=source,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            timeout=TIMEOUT,
-            text=True,
-            check=False,
-        )
+        try:
+            process = _run([command], source, CAREFUL)
+        except subprocess.TimeoutExpired:
+            process = _run([command, *HURRY], source, TIMEOUT)
     except FileNotFoundError as error:
         raise LayoutError("Graphviz is missing; install the package graphviz") from error
     except subprocess.TimeoutExpired as error:
-        raise LayoutError(f"Graphviz had no picture after {TIMEOUT:g} s") from error
+        raise LayoutError(f"Graphviz had no picture after {CAREFUL + TIMEOUT:g} s") from error
     if process.returncode or not process.stdout:
         raise LayoutError(f"Graphviz failed: {process.stderr.strip()[:300]}")
     return _read(json.loads(process.stdout), graph, node_names, cluster_names)
+
+
+def _run(command: List[str], source: str, timeout: float) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [*command, "-Tjson0", "-y"],
+        input=source,
+        capture_output=True,
+        timeout=timeout,
+        text=True,
+        check=False,
+    )
 
 
 def _dot(graph: Graph) -> Tuple[str, Dict[str, int], Dict[str, int]]:
@@ -55,7 +63,7 @@ def _dot(graph: Graph) -> Tuple[str, Dict[str, int], Dict[str, int]]:
         below.setdefault(cluster.parent if cluster.parent in clusters else "", []).append(cluster.id)
     lines = [
         "digraph {",
-        f"graph [compound=true, rankdir={graph.direction}, nodesep=0.28, ranksep=0.42, pad=0.05, splines=true]",
+        f"graph [compound=true, rankdir={graph.direction}, nodesep=0.28, ranksep=0.42, pad=0.05]",
         'node [shape=box, fixedsize=true, label=""]',
         "edge [arrowsize=0.6]",
         *inside.get("", []),
@@ -83,9 +91,9 @@ def _dot(graph: Graph) -> Tuple[str, Dict[str, int], Dict[str, int]]:
             fields.append(f"lhead=cluster_{clusters[edge.head_cluster]}")
         if edge.text:
             width = len(edge.text[:LONGEST_LABEL]) * SMALL + 8
-            fields.append(
-                f'label=<<table border="0" fixedsize="true" width="{width:.0f}" height="16"><tr><td></td></tr></table>>'
-            )
+            # A table without text: room for what the page writes there.
+            table = f'<table border="0" fixedsize="true" width="{width:.0f}" height="16">'
+            fields.append(f"label=<{table}<tr><td></td></tr></table>>")
         lines.append(f"n{nodes[edge.tail]} -> n{nodes[edge.head]} [{', '.join(fields)}]")
     lines.append("}")
     return "\n".join(lines), nodes, clusters

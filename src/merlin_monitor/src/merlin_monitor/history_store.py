@@ -32,14 +32,20 @@ class HistoryError(RuntimeError):
 class HistoryStore:
     """Keeps events.
 
-    :param path: of the file; its folder is made.
+    :param path: of the file.
     :param limit: most events that are kept; the oldest go first.
     :param on_events: called with the events as they were stored, in the store's thread.
+    :param make_folder: whether the file's folder is made. Otherwise events are kept in memory until somebody
+        has made it, so that a run which never began leaves nothing behind.
     :raises HistoryError: the file cannot be used.
     """
 
     def __init__(
-        self, path: Path, limit: int, on_events: Callable[[List[Dict[str, Any]]], None] = lambda events: None
+        self,
+        path: Path,
+        limit: int,
+        on_events: Callable[[List[Dict[str, Any]]], None] = lambda events: None,
+        make_folder: bool = True,
     ) -> None:
         self.path = path
         self._limit = max(100, limit)
@@ -48,18 +54,15 @@ class HistoryStore:
         self._lost = 0
         self._written = 0
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._connection = sqlite3.connect(str(path), check_same_thread=False)
-            self._connection.execute("PRAGMA journal_mode=WAL")
-            self._connection.execute("PRAGMA synchronous=NORMAL")
-            self._connection.executescript(_SCHEMA)
-            cursor = self._connection.execute("INSERT INTO runs (began) VALUES (?)", (time.time(),))
-            self._connection.commit()
+            if make_folder:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            self._in_memory = not make_folder and not path.parent.is_dir()
+            self._connection = _open(":memory:" if self._in_memory else str(path))
+            self.run = _begin(self._connection)
         except (OSError, sqlite3.Error) as error:
             raise HistoryError(
                 f"the history file {path} cannot be used: {error}; name another one, history:=…"
             ) from error
-        self.run = cursor.lastrowid or 0
         self._thread = threading.Thread(target=self._work, name="history", daemon=True)
         self._thread.start()
 
@@ -109,6 +112,8 @@ class HistoryStore:
                 if job is not None and isinstance(job[1], Future):
                     _answer(*job)
             if None in jobs:
+                with contextlib.suppress(sqlite3.Error):  # nobody is left to be told
+                    self._leave_memory()
                 self._connection.close()
                 return
 
@@ -121,6 +126,7 @@ class HistoryStore:
             ]
         if not events:
             return
+        self._leave_memory()
         stored: List[Dict[str, Any]] = []
         with self._connection:
             for wall, event in events:
@@ -150,6 +156,21 @@ class HistoryStore:
                 )
         self._on_events(stored)
 
+    def _leave_memory(self) -> None:
+        if not self._in_memory or not self.path.parent.is_dir():
+            return
+        file = _open(str(self.path))
+        with file:
+            # In a new file, which it nearly always is, they get the numbers that they have.
+            run = _begin(file)
+            rows = self._connection.execute("SELECT wall, at, kind, text, detail FROM events ORDER BY id")
+            file.executemany(
+                "INSERT INTO events (run, wall, at, kind, text, detail) VALUES (?,?,?,?,?,?)",
+                ((run, *row) for row in rows),
+            )
+        self._connection.close()
+        self._connection, self.run, self._in_memory = file, run, False
+
     def _page(self, before: Optional[int], limit: int, kinds: Tuple[str, ...]) -> List[Dict[str, Any]]:
         conditions, values = [], []
         if before is not None:
@@ -176,6 +197,20 @@ class HistoryStore:
                 "text": text,
                 "detail": json.loads(detail),
             }
+
+
+def _open(name: str) -> sqlite3.Connection:
+    connection = sqlite3.connect(name, check_same_thread=False)
+    connection.execute("PRAGMA journal_mode=WAL")
+    connection.execute("PRAGMA synchronous=NORMAL")
+    return connection
+
+
+def _begin(connection: sqlite3.Connection) -> int:
+    connection.executescript(_SCHEMA)
+    cursor = connection.execute("INSERT INTO runs (began) VALUES (?)", (time.time(),))
+    connection.commit()
+    return cursor.lastrowid or 0
 
 
 def _answer(question: Callable[[], Any], answer: "Future") -> None:

@@ -1,7 +1,7 @@
 """Follows a knowledge base: everything by its services, then its changes.
 
-Ours tells every change on ``changes``. ROSPlan's tells on ``status/update`` that an array was applied, and says
-nothing of single updates; so it is read again then, and every few seconds.
+Ours tells every change on ``changes``. ROSPlan's tells on ``status/update`` that an array was applied, and
+says nothing of single updates; so it is read again then, and every few seconds.
 """
 
 import threading

@@ -99,11 +99,10 @@ class KnowledgeSection:
             self._remove(_kind(item), item, by, at, changes)
         for item in message.goals_removed:
             self._remove("goals", item, by, at, changes)
-        for sign, items in (("+", message.added), ("=", message.changed)):
-            for item in items:
-                self._put(sign, _kind(item), item, by, at, changes)
+        for item in (*message.added, *message.changed):
+            self._put(_kind(item), item, by, at, changes)
         for item in message.goals_added:
-            self._put("+", "goals", item, by, at, changes)
+            self._put("goals", item, by, at, changes)
         self._tree.set(SECTION, "version", message.version)
         self._told(changes, by, at)
 
@@ -113,9 +112,7 @@ class KnowledgeSection:
             self._change("-", kind, key, {}, by, at)
             changes.append(("-", kind, key))
 
-    def _put(
-        self, sign: str, kind: str, item: Any, by: str, at: float, changes: List[Tuple[str, str, str]]
-    ) -> None:
+    def _put(self, kind: str, item: Any, by: str, at: float, changes: List[Tuple[str, str, str]]) -> None:
         key = item_text(item)
         entry: Entry = {}
         if kind == "objects":

@@ -1,7 +1,7 @@
 """Brings changes of the state to every open page: at once when it is quiet, in frames when much happens.
 
-One frame is encoded once for all pages. A page that reads slowly has at most one text on its way and one set of
-changes behind it, which grows into the whole state and no further.
+One frame is encoded once for all pages. A page that reads slowly has at most one text on its way and one set
+of changes behind it, which grows into the whole state and no further.
 """
 
 import asyncio
@@ -55,8 +55,8 @@ class LiveFeed:
 
     async def close(self) -> None:
         """Closes all pages."""
-        for page in list(self._pages):
-            await page.socket.close(code=1001, message=b"the monitor ends")
+        sockets = [page.socket for page in self._pages]
+        await asyncio.gather(*(socket.close(code=1001, message=b"the monitor ends") for socket in sockets))
         self._rest()
 
     def _watch(self) -> None:

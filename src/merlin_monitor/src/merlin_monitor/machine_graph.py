@@ -1,8 +1,10 @@
 """What is drawn of state machines and plans, as graphs without geometry."""
 
+from collections import Counter
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 SMALL, LARGE = 7.0, 8.2  # px of a character of an edge's and a node's text
+CROWD = 25  # states with an arrow to the same outcome, beyond which these arrows are left out
 
 
 class Node(NamedTuple):
@@ -43,6 +45,9 @@ class Graph(NamedTuple):
 def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> Graph:
     """The picture of a machine with the containers in it.
 
+    Where most states of a large machine may end with the same outcome, its arrows would hide all others
+    and take Graphviz minutes; that outcome stands alone then.
+
     :param containers: by path: children, edges, outcomes, initial.
     :param root: path of the outermost one.
     """
@@ -53,9 +58,11 @@ def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> Graph:
         parent = path.rsplit("/", 1)[0] if path != root else ""
         clusters.append(Cluster(path, path.rsplit("/", 1)[1], parent))
         inside = path.rstrip("/")
-        for child in container["children"]:
-            if f"{inside}/{child}" not in containers:
-                nodes.append(Node(f"{inside}/{child}", child, "state", path))
+        nodes += [
+            Node(f"{inside}/{child}", child, "state", path)
+            for child in container["children"]
+            if f"{inside}/{child}" not in containers
+        ]
         outcomes = set(container["outcomes"])
         nodes += [Node(f"{path}:{outcome}", outcome, "outcome", path) for outcome in sorted(outcomes)]
         grouped: Dict[Tuple[str, str], List[str]] = {}
@@ -79,7 +86,10 @@ def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> Graph:
             else:
                 label = [] if head == f"{path}:{outcome}" else [outcome]
                 grouped.setdefault((f"{inside}/{source}", head), []).extend(label)
+        arrows = Counter(head for _, head in grouped)
         for (tail, head), texts in grouped.items():
+            if arrows[head] > CROWD and head.startswith(f"{path}:"):
+                continue
             entry, whole = _entry(containers, head)
             if entry is not None:
                 edges.append(Edge(tail, entry, ", ".join(sorted(set(texts))), whole))

@@ -12,8 +12,14 @@ from nav_msgs.msg import OccupancyGrid, Path
 
 from merlin_monitor.monitor_state import MonitorState
 
-PEOPLE = ("geometry_msgs/PoseArray", "people_msgs/People", "visualization_msgs/MarkerArray")
+PEOPLE = (
+    "merlin_msgs/SimPeople",
+    "geometry_msgs/PoseArray",
+    "people_msgs/People",
+    "visualization_msgs/MarkerArray",
+)
 PATHS = ("plan", "NavfnROS/plan", "GlobalPlanner/plan")  # of move_base and its global planners
+SIMULATED_PEOPLE = "/merlin_sim/people"
 POINTS = "world/points_of_interest"
 MOVED = 0.02  # m or rad that the robot must move to be drawn anew
 
@@ -25,7 +31,8 @@ class MapListener:
     :param map_topic: of the map.
     :param global_frame: the map's frame.
     :param base_frame: the robot's frame.
-    :param people_topic: where somebody tells where people are; one of the types in `PEOPLE`.
+    :param people_topic: where somebody tells where people are, of one of the types in `PEOPLE`; if nobody
+        does, the simulator's is taken.
     """
 
     def __init__(
@@ -33,7 +40,7 @@ class MapListener:
     ) -> None:
         self._state = state
         self._frames = global_frame, base_frame
-        self._people_topic = rospy.resolve_name(people_topic)
+        self._people_topics = [rospy.resolve_name(people_topic), SIMULATED_PEOPLE]
         self._people: Optional[rospy.Subscriber] = None
         self._points: Any = None
         self._shown: Optional[Tuple[float, float, float]] = None
@@ -48,13 +55,11 @@ class MapListener:
 
     def look(self, topics: Dict[str, str]) -> None:
         """Notices people and points of interest."""
-        kind = topics.get(self._people_topic, "")
-        if self._people is None and kind in PEOPLE:
-            message_class = roslib.message.get_message_class(kind)
-            if message_class is not None:
-                self._people = rospy.Subscriber(
-                    self._people_topic, message_class, self._receive_people, queue_size=1
-                )
+        for topic in self._people_topics:
+            kind = topics.get(topic, "")
+            message_class = roslib.message.get_message_class(kind) if kind in PEOPLE else None
+            if self._people is None and message_class is not None:
+                self._people = rospy.Subscriber(topic, message_class, self._receive_people, queue_size=1)
         points = rospy.get_param(POINTS, {})
         if points != self._points:
             self._points = points

@@ -11,6 +11,7 @@ from merlin_monitor.state_tree import StateTree
 SECTION = "map"
 LONGEST_PATH = 300  # points that are shown
 MOST_PEOPLE = 200
+ABSENT = 0  # state of a simulated person who is not there
 _INK = {"free": 0, "unknown": 40, "occupied": 255}  # opacity
 
 
@@ -69,14 +70,16 @@ class MapSection:
         return list(points)
 
     def people(self, message: Any) -> None:
-        """Takes people from a PoseArray, a people_msgs/People or a MarkerArray, read by their fields."""
+        """Takes people from a PoseArray, a People, a MarkerArray or a SimPeople, read by their fields."""
         people: List[List[float]] = []
         for attribute, position in (
             ("poses", lambda pose: pose.position),
-            ("people", lambda person: person.position),
+            ("people", lambda person: getattr(person, "position", person)),
             ("markers", lambda marker: marker.pose.position),
         ):
             for item in getattr(message, attribute, ()):
+                if getattr(item, "state", None) == ABSENT:
+                    continue
                 where = position(item)
                 people.append([round(where.x, 2), round(where.y, 2)])
         self._tree.set(SECTION, "people", people[:MOST_PEOPLE])

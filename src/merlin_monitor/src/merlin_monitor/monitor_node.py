@@ -26,7 +26,9 @@ def main() -> int:
         port = _whole("~port", 8080, 0, 65535)
         limit = _whole("~history_limit", 100_000, 100, 100_000_000)
         history = str(rospy.get_param("~history", ""))
-        state = MonitorState(Inbox(rospy.logwarn), Path(history).expanduser() if history else None, limit)
+        path = Path(history).expanduser() if history else None
+        make_folder = bool(rospy.get_param("~make_folder", True))
+        state = MonitorState(Inbox(rospy.logwarn), path, limit, make_folder)
         listeners = RosListeners(state)
         token = str(rospy.get_param("~token", ""))
         control: Optional[Control] = None

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any, Dict, List, Optional
 
-from merlin_monitor.events import Event
+from merlin_monitor.events import Event, Tell
 from merlin_monitor.health_section import HealthSection
 from merlin_monitor.history_section import NEWEST, HistorySection
 from merlin_monitor.history_store import HistoryStore
@@ -28,14 +28,22 @@ class MonitorState:
     :param inbox: takes the changes in.
     :param history: file of the history; None: it is not kept.
     :param history_limit: most events that are kept.
+    :param make_folder: whether the folder of the history's file is made, or waited for.
     :raises HistoryError: the file cannot be used.
     """
 
-    def __init__(self, inbox: Inbox, history: Optional[Path] = None, history_limit: int = 100_000) -> None:
+    def __init__(
+        self,
+        inbox: Inbox,
+        history: Optional[Path] = None,
+        history_limit: int = 100_000,
+        make_folder: bool = True,
+    ) -> None:
         self.inbox = inbox
         self.tree = StateTree(SECTIONS)
         self._history = HistorySection(self.tree)
         self.history: Optional[HistoryStore] = None
+        self.on_event: Tell = lambda event: None
         self._layouts = LayoutThread(self._laid_out)
         self.knowledge = KnowledgeSection(self.tree, self.tell)
         self.plan = PlanSection(self.tree, self.tell)
@@ -44,7 +52,7 @@ class MonitorState:
         self.map = MapSection(self.tree)
         self.health = HealthSection(self.tree, self.tell)
         if history is not None:
-            self.history = HistoryStore(history, history_limit, self._history.add)
+            self.history = HistoryStore(history, history_limit, self._history.add, make_folder)
 
     def start(self) -> None:
         """Begins to take messages in and to draw; shows what earlier runs left in the history."""
@@ -62,7 +70,8 @@ class MonitorState:
             self.history.close()
 
     def tell(self, event: Event) -> None:
-        """Remembers an event."""
+        """Remembers an event, and passes it on to `on_event`."""
+        self.on_event(event)
         if self.history is not None:
             self.history.add(event)
 

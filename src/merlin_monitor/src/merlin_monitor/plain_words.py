@@ -20,7 +20,7 @@ def gerund(verb: str) -> str:
         len(word) in (3, 4)
         and word[-1] not in _VOWELS + "wxy"
         and word[-2] in _VOWELS
-        and word[-3] not in _VOWELS
+        and sum(letter in _VOWELS for letter in word) == 1
     ):
         word += word[-1] + "ing"
     else:

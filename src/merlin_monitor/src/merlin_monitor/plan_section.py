@@ -105,7 +105,7 @@ class PlanSection:
         step = self._steps.get(message.action_id)
         known = message.plan_id in (0, self._dispatch)
         if step is None or not known or step["state"] == WAITING:
-            # Latched by each interface: it may belong to an earlier plan, or to a dispatch yet to be heard of.
+            # Latched by each interface: it may be of an earlier plan, or of a dispatch yet to be heard of.
             if len(self._early) > 200:
                 self._early.clear()
             self._early[message.plan_id, message.action_id] = message.status, reason, at

@@ -1,4 +1,4 @@
-"""Follows the planning system: plans, the planner, the dispatcher, what it dispatches and what is answered."""
+"""Follows the planning system: plans, the planner, the dispatcher, and what the actions answer."""
 
 from typing import Any, Callable, Dict, Optional
 

@@ -7,7 +7,7 @@ a limit the whole state takes their place.
 
 import json
 import threading
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Tuple
 
 from merlin_monitor.plain_value import LONGEST_KEY, plain, plain_text
 
@@ -195,17 +195,13 @@ class StateTree:
 def apply_changes(state: Dict[str, Any], changes: List[list]) -> None:
     """Brings a copy of the state up to date, as the page does."""
     for path, *value in changes:
-        parent: Optional[Dict[str, Any]] = state
+        parent = state
         for part in path[:-1]:
-            child = parent.get(part) if parent is not None else None
+            child = parent.get(part)
             if not isinstance(child, dict):
-                if not value:
-                    parent = None
-                    break
+                # Also for what is gone: it may have been all that its parent was made for.
                 child = parent[part] = {}
             parent = child
-        if parent is None:
-            continue
         if value:
             parent[path[-1]] = _copy(value[0])
         else:

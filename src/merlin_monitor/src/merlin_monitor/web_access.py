@@ -79,7 +79,7 @@ class WebAccess:
             raise Refused("This monitor is read-only; start it with token:=… to control the robot.")
         if not token:
             raise Refused("A token is needed to control the robot.")
-        if not hmac.compare_digest(token.encode("utf-8", "replace"), self._token.encode("utf-8", "replace")):
+        if not hmac.compare_digest(*(text.encode("utf-8", "surrogatepass") for text in (token, self._token))):
             raise Refused("The token is not the right one.")
 
     def _knows(self, name: str) -> bool:

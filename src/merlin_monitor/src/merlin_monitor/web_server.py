@@ -17,6 +17,7 @@ from merlin_monitor.web_access import HEADERS, TOKEN_HEADER, Refused, WebAccess
 
 PORTS_TRIED = 20  # from the wanted one on
 FILES = (".html", ".css", ".js", ".svg", ".json")
+GOODBYE = 0.5  # s for a page to answer when it is closed
 PING = 20.0  # s between two signs of life of a page
 LONGEST_REQUEST = 64 * 1024  # bytes
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -144,7 +145,7 @@ class WebServer:
         return web.FileResponse(path)
 
     async def _serve_live(self, request: web.Request) -> web.StreamResponse:
-        response = web.WebSocketResponse(heartbeat=PING, compress=False, max_msg_size=1024)
+        response = web.WebSocketResponse(heartbeat=PING, timeout=GOODBYE, compress=False, max_msg_size=1024)
         if not response.can_prepare(request).ok:
             raise web.HTTPUpgradeRequired(text="This address takes WebSockets only.\n", headers=HEADERS)
         await response.prepare(request)

@@ -1,0 +1,155 @@
+"""The state as lines of a terminal. Names from ROS cannot move the cursor: only printable signs are shown."""
+
+import unicodedata
+from typing import Any, Dict, List, NamedTuple
+
+GLYPHS = {
+    "waiting": "o",
+    "dispatched": "~",
+    "running": ">",
+    "succeeded": "+",
+    "failed": "x",
+    "cancelled": "-",
+}
+STYLES = {"title": "\x1b[1m", "soft": "\x1b[2m", "good": "\x1b[32m", "bad": "\x1b[31m", "": ""}
+RESET = "\x1b[0m"
+MOST_STEPS, MOST_FACTS, MOST_EVENTS = 12, 12, 12
+BAD = ("failed", "error", "unsolvable", "crashed", "silent", "refused")
+
+
+class Line(NamedTuple):
+    """A line and how it is shown: title, soft, good, bad or plain."""
+
+    text: str
+    style: str = ""
+
+
+def printable(text: Any) -> str:
+    """A text without what would move the cursor or turn the direction of writing."""
+    return "".join(
+        letter if unicodedata.category(letter)[0] not in "CZ" or letter == " " else "?"
+        for letter in str(text)
+    )
+
+
+def lines(state: Dict[str, Any], changed: Any = ()) -> List[Line]:
+    """The state as lines.
+
+    :param changed: events to be shown, newest last.
+    """
+    now = state.get("now", {})
+    meta = state.get("meta", {})
+    shown = [Line(_headline(meta), "soft"), Line(str(now.get("doing", "")).capitalize(), "title")]
+    why = " · ".join(part for part in (now.get("because"), now.get("step")) if part)
+    if why:
+        shown.append(Line(why))
+    chain = " > ".join(text for _, text in now.get("chain", []))
+    if chain:
+        shown.append(Line(chain, "soft"))
+    shown += _plan(state.get("plan", {}))
+    shown += _queue(state.get("queue", {}))
+    shown += _machines(state.get("machines", {}))
+    shown += _knowledge(state.get("knowledge", {}))
+    shown += _health(state.get("health", {}))
+    events = list(changed)[-MOST_EVENTS:]
+    if events:
+        shown += _section("Latest")
+        shown += [
+            Line(f"  {event.at:9.1f}  {event.text}", "bad" if any(word in event.text for word in BAD) else "")
+            for event in reversed(events)
+        ]
+    return shown
+
+
+def paint(shown: List[Line], width: int, height: int, colour: bool) -> List[str]:
+    """Lines cut to a screen, with their styles.
+
+    :param colour: whether the terminal knows styles.
+    """
+    painted: List[str] = []
+    for line in shown[:height]:
+        text = printable(line.text)
+        text = text if len(text) <= width else text[: max(0, width - 1)] + ">"
+        style = STYLES[line.style] if colour else ""
+        painted.append(f"{style}{text}{RESET}" if style else text)
+    return painted
+
+
+def _headline(meta: Dict[str, Any]) -> str:
+    robot = f" {meta['robot']}" if meta.get("robot") else ""
+    simulator = meta.get("simulator")
+    speed = ""
+    if simulator:
+        speed = ", simulation paused" if simulator["paused"] else f", simulated x{simulator['factor']}"
+    return f"MERLIN{robot}  {meta.get('time', 0.0):.1f} s{speed}"
+
+
+def _section(name: str, note: str = "") -> List[Line]:
+    return [Line(""), Line(f"{name}{f'  {note}' if note else ''}", "title")]
+
+
+def _plan(plan: Dict[str, Any]) -> List[Line]:
+    steps = [plan.get("steps", {}).get(key) for key in plan.get("order", [])]
+    planner = plan.get("planner", {})
+    note = f"{planner.get('planner', '')} {planner.get('state', '')}".strip()
+    shown = _section("Plan", note)
+    if planner.get("state") in ("unsolvable", "timeout", "crashed", "invalid"):
+        shown.append(Line(f"  {planner.get('reason', '')}", "bad"))
+    for step in [step for step in steps if step][:MOST_STEPS]:
+        style = {"running": "good", "failed": "bad"}.get(step["state"], "")
+        reason = f": {step['reason']}" if step.get("reason") else ""
+        shown.append(
+            Line(f"  {GLYPHS.get(step['state'], '?')} {step['text']}  {step['state']}{reason}", style)
+        )
+    if len(steps) > MOST_STEPS:
+        shown.append(Line(f"  … {len(steps) - MOST_STEPS} more", "soft"))
+    return shown
+
+
+def _queue(queue: Dict[str, Any]) -> List[Line]:
+    waiting = queue.get("waiting", [])
+    if not waiting:
+        return []
+    return _section("Queue", f"{len(waiting)} waiting") + [
+        Line(f"  {' '.join(request['goals'])}  priority {request['priority']}, from {request['by']}")
+        for request in waiting[:MOST_STEPS]
+    ]
+
+
+def _machines(machines: Dict[str, Any]) -> List[Line]:
+    containers = machines.get("containers", {})
+    shown = []
+    for container in sorted(containers.values(), key=lambda item: item["path"]):
+        active = container.get("active", [])
+        silent = ", silent" if container.get("silent") else ""
+        if active:
+            shown.append(Line(f"  > {container['path']}: {', '.join(active)}{silent}", "good"))
+        elif len(container["path"].strip("/").split("/")) == 1:
+            ended = f"ended with {container['outcome']}" if container.get("outcome") else "idle"
+            shown.append(Line(f"  o {container['path']}: {ended}{silent}", "soft"))
+    return _section("State machines") + shown if shown else []
+
+
+def _knowledge(knowledge: Dict[str, Any]) -> List[Line]:
+    facts = sorted(
+        knowledge.get("facts", {}).items(), key=lambda item: item[1].get("at") or 0.0, reverse=True
+    )
+    counts = ", ".join(f"{len(knowledge.get(kind, {}))} {kind}" for kind in ("facts", "values", "objects"))
+    shown = _section("Knowledge", counts)
+    shown += [Line(f"  goal {goal}") for goal in list(knowledge.get("goals", {}))[:MOST_FACTS]]
+    for text, entry in facts[:MOST_FACTS]:
+        who = f"  {entry['by']} at {entry['at']:.1f}" if entry.get("by") else ""
+        shown.append(Line(f"  {text}{who}"))
+    return shown
+
+
+def _health(health: Dict[str, Any]) -> List[Line]:
+    parts = health.get("parts", {})
+    ill = {name: part for name, part in parts.items() if part.get("silent") or part.get("level") != "ok"}
+    if not parts:
+        return []
+    shown = _section("Health", f"{len(parts) - len(ill)} of {len(parts)} well")
+    for name, part in sorted(ill.items()):
+        word = "silent" if part.get("silent") else part.get("level", "?")
+        shown.append(Line(f"  {name}: {word}: {part.get('message', '')}", "bad"))
+    return shown

@@ -1,0 +1,60 @@
+"""The monitor as a process that can be stopped and started again, and topics to compare it with."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import rospy
+
+LONG = 30.0
+
+
+class Latest:
+    """The last message of a topic."""
+
+    def __init__(self, topic, kind):
+        self.changed = threading.Condition()
+        self.message = None
+        self.subscriber = rospy.Subscriber(topic, kind, self.receive)
+
+    def receive(self, message):
+        with self.changed:
+            self.message = message
+            self.changed.notify_all()
+
+    def wait(self, holds):
+        with self.changed:
+            return self.changed.wait_for(lambda: self.message is not None and holds(self.message), LONG)
+
+
+class Monitor:
+    """The node under test, which can be stopped and started again on its port."""
+
+    def __init__(self):
+        self.port = 0
+        self.process = None
+        self.history = Path(os.environ.get("ROS_LOG_DIR", "/tmp")) / f"monitor-{os.getpid()}.sqlite"
+
+    def start(self, token):
+        with contextlib.suppress(KeyError):
+            rospy.delete_param("/merlin_monitor/address")
+        rospy.set_param("/merlin_monitor/port", self.port)
+        rospy.set_param("/merlin_monitor/token", token)
+        rospy.set_param("/merlin_monitor/history", str(self.history))
+        self.process = subprocess.Popen(["rosrun", "merlin_monitor", "monitor", "__name:=merlin_monitor"])
+        end = time.monotonic() + LONG
+        while not rospy.has_param("/merlin_monitor/address"):
+            assert time.monotonic() < end and self.process.poll() is None, "the monitor does not start"
+            time.sleep(0.02)
+        self.address = rospy.get_param("/merlin_monitor/address")
+        self.port = int(self.address.rstrip("/").rsplit(":", 1)[1])
+
+    def stop(self):
+        begin = time.monotonic()
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(LONG)
+        return time.monotonic() - begin

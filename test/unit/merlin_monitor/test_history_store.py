@@ -1,0 +1,118 @@
+"""The history survives restarts, stays bounded, and answers page by page."""
+
+import sqlite3
+from pathlib import Path
+from typing import Any, List
+
+import pytest
+
+from merlin_monitor.events import Event
+from merlin_monitor.history_section import NEWEST, HistorySection
+from merlin_monitor.history_store import HistoryError, HistoryStore
+from merlin_monitor.state_tree import StateTree
+
+
+def texts(events: List[Any]) -> List[str]:
+    return [event["text"] for event in events]
+
+
+def test_events_outlive_the_store(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "history.sqlite"
+    store = HistoryStore(path, 1000)
+    store.add(Event("goal", "(checked kitchen): succeeded", 12.5, {"began": 1.0, "ended": 12.5}))
+    store.add(Event("mission", "it's <b>over</b>\ud800", float("nan")))
+    store.close()
+    again = HistoryStore(path, 1000)
+    first, second = again.page().result(5)
+    assert (first["kind"], first["at"], first["detail"]) == ("goal", 12.5, {"began": 1.0, "ended": 12.5})
+    assert second["text"] == "it's <b>over</b>?" and second["at"] == 0.0
+    assert again.run == first["run"] + 1
+    again.close()
+
+
+def test_pages_go_back_to_the_first_event(tmp_path: Path) -> None:
+    store = HistoryStore(tmp_path / "h", 1000)
+    for number in range(25):
+        store.add(Event("plan" if number % 2 else "goal", str(number), 0.0))
+    seen: List[str] = []
+    before = None
+    while True:
+        page = store.page(before, 10).result(5)
+        if not page:
+            break
+        seen = texts(page) + seen
+        before = page[0]["id"]
+    assert seen == [str(number) for number in range(25)]
+    assert texts(store.page(None, 3, ("plan",)).result(5)) == ["19", "21", "23"]
+    assert len(store.export().result(5)) == 25
+    store.close()
+    with pytest.raises(HistoryError):
+        store.page().result(1)
+
+
+def test_the_oldest_events_go_first(tmp_path: Path) -> None:
+    store = HistoryStore(tmp_path / "h", 100)
+    for number in range(2300):
+        store.add(Event("plan", str(number), 0.0))
+        if number % 500 == 0:
+            store.page(limit=1).result(5)  # waits until what came before is written
+    kept = store.export().result(5)
+    assert 100 <= len(kept) < 1400 and kept[-1]["text"] == "2299"
+    store.close()
+
+
+def test_a_file_that_is_no_history_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "h"
+    path.write_text("no database at all, but a text of some length to be taken for one")
+    with pytest.raises(HistoryError, match=r"h cannot be used.*history:="):
+        HistoryStore(path, 100)
+    with pytest.raises(HistoryError):
+        HistoryStore(tmp_path / "h" / "below", 100)
+
+
+def test_it_waits_for_a_folder_that_is_not_its_to_make(tmp_path: Path) -> None:
+    path = tmp_path / "results" / "history.sqlite"
+    store = HistoryStore(path, 1000, make_folder=False)
+    store.add(Event("plan", "one", 0.0))
+    assert texts(store.page().result(5)) == ["one"]
+    assert not path.parent.exists()
+    path.parent.mkdir()
+    store.add(Event("plan", "two", 0.0))
+    before = store.page().result(5)
+    assert path.exists()
+    store.close()
+    again = HistoryStore(path, 1000, make_folder=False)
+    assert again.page().result(5) == before
+    assert texts(before) == ["one", "two"]
+    again.close()
+
+
+def test_a_folder_made_at_the_end_still_gets_the_history(tmp_path: Path) -> None:
+    path = tmp_path / "results" / "history.sqlite"
+    store = HistoryStore(path, 1000, make_folder=False)
+    store.add(Event("plan", "one", 0.0))
+    store.page().result(5)
+    path.parent.mkdir()
+    store.close()
+    again = HistoryStore(path, 1000)
+    assert texts(again.page().result(5)) == ["one"]
+    again.close()
+
+
+def test_two_monitors_may_share_a_file(tmp_path: Path) -> None:
+    one, two = HistoryStore(tmp_path / "h", 100), HistoryStore(tmp_path / "h", 100)
+    one.add(Event("plan", "one", 0.0))
+    one.page().result(5)
+    two.add(Event("plan", "two", 0.0))
+    assert texts(two.page().result(5)) == ["one", "two"]
+    one.close()
+    two.close()
+    assert sqlite3.connect(str(tmp_path / "h")).execute("SELECT COUNT(*) FROM events").fetchone() == (2,)
+
+
+def test_the_state_holds_the_newest_events_only() -> None:
+    tree = StateTree()
+    section = HistorySection(tree)
+    for number in range(NEWEST + 50):
+        section.add([{"id": number, "text": str(number)}])
+    assert tree.keys("history", "events") == [str(number) for number in range(50, NEWEST + 50)]

@@ -1,0 +1,164 @@
+"""The line that says what the robot does, and why."""
+
+from typing import Tuple
+
+import pytest
+from actionlib_msgs.msg import GoalID, GoalStatus
+from merlin_msgs.msg import (
+    ExecuteActionResult,
+    ExecuteResult,
+    ExecutorStatus,
+    GoalQueue,
+    MissionStatus,
+    QueuedGoal,
+)
+from messages import Told, dispatch, executor, feedback, running
+from rosplan_dispatch_msgs.msg import CompletePlan
+
+from merlin_monitor.machine_section import MachineSection
+from merlin_monitor.now_section import NowSection
+from merlin_monitor.plain_words import action_in_words, gerund, listed
+from merlin_monitor.plan_order import sequential_steps
+from merlin_monitor.plan_section import PlanSection
+from merlin_monitor.state_tree import StateTree
+
+REQUEST = "/mission-1-12.5"
+
+
+def section() -> Tuple[StateTree, NowSection, PlanSection, Told]:
+    tree, told = StateTree(), Told()
+    plan = PlanSection(tree, told)
+    now = NowSection(tree, told, plan, MachineSection(tree, told, lambda key: None))
+    now.places = {"kitchen", "dorm_room"}
+    return tree, now, plan, told
+
+
+def test_what_why_and_which_step() -> None:
+    tree, now, plan, _ = section()
+    now.mission(MissionStatus(mission="mission 1", state=MissionStatus.RUNNING, task=2, tasks=6), 0.0)
+    steps = [
+        dispatch(0, "navigate", ("from", "hall"), ("to", "kitchen")),
+        dispatch(1, "ask", ("p", "kitchen")),
+    ]
+    plan.planned(*sequential_steps(CompletePlan(steps)), 0.0)
+    now.executor(
+        executor(
+            ExecutorStatus.RUNNING,
+            request=REQUEST,
+            goals=["(checked kitchen)"],
+            steps_total=2,
+            steps_done=1,
+            stage="DISPATCH_PLAN",
+            running=[running(1, "ask", ("p", "kitchen"))],
+        ),
+        1.0,
+    )
+    line = tree.get("now")
+    assert line["doing"] == "asking at the kitchen"
+    assert line["because"] == "because (checked kitchen) was requested by mission 1"
+    assert line["step"] == "step 2 of 2"
+    assert line["chain"][:3] == [
+        ["mission", "mission 1, task 2 of 6"],
+        ["goal", "(checked kitchen)"],
+        ["action", "(ask kitchen)"],
+    ]
+
+
+def test_before_anything_and_when_idle() -> None:
+    tree, now, _, _ = section()
+    assert tree.get("now", "doing") == "nothing heard yet"
+    now.executor(executor(ExecutorStatus.IDLE), 0.0)
+    assert tree.get("now", "doing") == "idle" and tree.get("now", "because") == ""
+    now.mission(MissionStatus(mission="m", state=MissionStatus.PAUSED), 0.0)
+    assert tree.get("now", "doing") == "paused"
+
+
+def test_without_a_mission_the_node_that_asked_is_named() -> None:
+    tree, now, _, _ = section()
+    now.executor(
+        executor(ExecutorStatus.RUNNING, request="/my/node-3-1234.000", goals=["(a)"], stage="PLAN"), 0.0
+    )
+    assert tree.get("now", "doing") == "planning"
+    assert tree.get("now", "because") == "because (a) was requested by /my/node"
+
+
+def test_a_cancel_says_what_stops() -> None:
+    tree, now, _, _ = section()
+    status = executor(
+        ExecutorStatus.CANCELLING, goals=["(a)"], running=[running(0, "drive", ("to", "kitchen"))]
+    )
+    now.executor(status, 0.0)
+    assert tree.get("now", "doing") == "stopping driving to the kitchen"
+
+
+def test_over_another_executive_the_plan_tells() -> None:
+    tree, now, plan, _ = section()
+    plan.planned(*sequential_steps(CompletePlan([dispatch(0, "ask", ("p", "dorm_room"))])), 0.0)
+    plan.dispatched(dispatch(0, "ask", ("p", "dorm_room")), 1.0)
+    plan.feedback(feedback(0, 1), 1.0)
+    now.refresh()
+    assert tree.get("now", "doing") == "asking at the dorm room"
+    assert tree.get("now", "step") == "step 1 of 1"
+
+
+def test_requests_are_remembered_from_asking_to_outcome() -> None:
+    tree, now, _, told = section()
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(checked kitchen)"]), 10.0)
+    now.executor(
+        executor(
+            ExecutorStatus.RUNNING,
+            request=REQUEST,
+            goals=["(checked kitchen)"],
+            replans=1,
+            reason="door shut",
+        ),
+        12.0,
+    )
+    result = ExecuteActionResult(
+        status=GoalStatus(goal_id=GoalID(id=REQUEST)),
+        result=ExecuteResult(outcome=ExecuteResult.ACTION_FAILED, reason="the door is shut"),
+    )
+    now.result(result, 14.0)
+    assert told.texts == [
+        "(checked kitchen) asked for by /mission",
+        "planning again: door shut",
+        "(checked kitchen): action failed after 4.0 s: the door is shut",
+    ]
+    assert tree.get("plan", "replans") == [{"at": 12.0, "reason": "door shut"}]
+    assert tree.get("now", "last", "outcome") == "action failed"
+
+
+def test_the_queue_names_who_waits() -> None:
+    tree, now, _, _ = section()
+    now.queue(GoalQueue(requests=[QueuedGoal(request=REQUEST, goals=["(b)"], priority=5, interrupted=True)]))
+    (waiting,) = tree.get("queue", "waiting")
+    assert (waiting["by"], waiting["priority"], waiting["interrupted"]) == ("/mission", 5, True)
+
+
+@pytest.mark.parametrize(
+    ("verb", "words"),
+    [
+        ("navigate", "navigating"),
+        ("ask", "asking"),
+        ("put", "putting"),
+        ("see", "seeing"),
+        ("check-table", "checking table"),
+        ("tie", "tying"),
+        ("load_tray", "loading tray"),
+        ("go", "going"),
+        ("serve", "serving"),
+        ("pick_up", "picking up"),
+        ("<b>", "<b>"),
+        ("", ""),
+        ("open", "opening"),
+        ("listen", "listening"),
+    ],
+)
+def test_verbs(verb: str, words: str) -> None:
+    assert gerund(verb) == words
+
+
+def test_lists_and_actions_in_words() -> None:
+    assert listed([]) == "" and listed(["a"]) == "a" and listed(["a", "b", "c"]) == "a, b and c"
+    assert listed(list("abcde")) == "a, b, c and 2 more"
+    assert action_in_words("carry", [("what", "red_cup"), ("to", "table_1")]) == "carrying red cup to table 1"

@@ -1,0 +1,124 @@
+"""The plan: its steps follow what is dispatched and answered, whatever the order of the messages."""
+
+from itertools import permutations
+from typing import Any, Dict, Tuple
+
+import pytest
+from merlin_msgs.msg import DispatchStatus, PlannerStatus
+from messages import Told, dispatch, feedback, running
+from rosplan_dispatch_msgs.msg import CompletePlan, EsterelPlan, EsterelPlanEdge, EsterelPlanNode
+
+from merlin_monitor.plan_order import graph_steps, sequential_steps
+from merlin_monitor.plan_section import PlanSection
+from merlin_monitor.state_tree import StateTree
+
+PLAN = CompletePlan(
+    [
+        dispatch(0, "navigate", ("from", "hall"), ("to", "kitchen"), duration=25.0),
+        dispatch(1, "ask", ("p", "kitchen"), duration=5.0, dispatch_time=25.0),
+    ]
+)
+
+
+def section() -> Tuple[StateTree, PlanSection, Told]:
+    tree, told = StateTree(), Told()
+    return tree, PlanSection(tree, told), told
+
+
+def states(tree: StateTree) -> Dict[str, str]:
+    return {key: step["state"] for key, step in tree.get("plan", "steps").items()}
+
+
+def test_a_plan_is_carried_out() -> None:
+    tree, plan, told = section()
+    plan.planned(*sequential_steps(PLAN), 10.0)
+    assert tree.get("plan", "edges") == [["0", "1"]]
+    plan.dispatched(dispatch(0, "navigate", ("from", "hall"), ("to", "kitchen"), plan=7), 11.0)
+    assert states(tree) == {"0": "dispatched", "1": "waiting"}
+    plan.feedback(feedback(0, 1, plan=7), 11.1)
+    assert states(tree)["0"] == "running" and plan.current["text"] == "(navigate hall kitchen)"
+    assert plan.step("(ask kitchen)") == 2
+    plan.feedback(feedback(0, 2, plan=7), 21.0)
+    plan.dispatched(dispatch(1, "ask", ("p", "kitchen"), plan=7), 21.1)
+    plan.feedback(feedback(1, 10, "cancelled", plan=7), 22.0)
+    assert states(tree) == {"0": "succeeded", "1": "cancelled"} and plan.current is None
+    assert told.texts == [
+        "plan of 2 steps: (navigate hall kitchen) (ask kitchen)",
+        "(navigate hall kitchen) succeeded after 10.0 s",
+        "(ask kitchen) cancelled after 0.9 s",
+    ]
+    assert told[1].detail["began"] == 11.0 and told[1].detail["ended"] == 21.0
+
+
+def test_failures_say_why() -> None:
+    tree, plan, told = section()
+    plan.planned(*sequential_steps(PLAN), 0.0)
+    plan.dispatched(dispatch(0, "navigate", ("from", "hall"), ("to", "kitchen")), 1.0)
+    plan.feedback(feedback(0, 10, "the way is blocked"), 3.0)
+    assert tree.get("plan", "steps", "0", "reason") == "the way is blocked"
+    assert told.texts[-1] == "(navigate hall kitchen) failed after 2.0 s: the way is blocked"
+
+
+def test_latched_messages_of_an_earlier_plan_count_for_nothing() -> None:
+    tree, plan, told = section()
+    plan.dispatched(dispatch(0, "navigate", ("from", "bath"), ("to", "hall"), plan=6), 1.0)
+    plan.feedback(feedback(0, 2, plan=6), 1.0)
+    plan.planned(*sequential_steps(PLAN), 2.0)
+    assert states(tree) == {"0": "waiting", "1": "waiting"}
+    plan.dispatched(dispatch(0, "cancel_action", plan=6), 2.0)
+    plan.dispatched(dispatch(0, "navigate", ("from", "hall"), ("to", "kitchen"), plan=7), 3.0)
+    plan.feedback(feedback(0, 2, plan=6), 3.1)
+    assert states(tree)["0"] == "dispatched"
+
+
+MIDDLE: Dict[str, Any] = {
+    "plan": lambda plan: plan.planned(*sequential_steps(PLAN), 1.0),
+    "status": lambda plan: plan.dispatcher(
+        DispatchStatus(
+            state=DispatchStatus.RUNNING, plan_id=7, running=[running(1, "ask", ("p", "kitchen"))]
+        ),
+        1.0,
+    ),
+    "dispatch": lambda plan: plan.dispatched(dispatch(1, "ask", ("p", "kitchen"), plan=7), 1.0),
+    "first": lambda plan: plan.feedback(feedback(1, 1, plan=7), 1.0),
+}
+
+
+@pytest.mark.parametrize("order", permutations(MIDDLE))
+def test_who_comes_in_the_middle_sees_what_runs(order: Tuple[str, ...]) -> None:
+    tree, plan, _ = section()
+    for name in order:
+        MIDDLE[name](plan)
+    assert states(tree)["1"] in ("dispatched", "running"), order
+
+
+def test_a_graph_keeps_the_edges_that_matter() -> None:
+    nodes = [EsterelPlanNode(node_type=EsterelPlanNode.PLAN_START, node_id=0)]
+    for number, name in enumerate("abc"):
+        action = dispatch(number, name, dispatch_time=float(number))
+        nodes += [
+            EsterelPlanNode(node_type=end, node_id=1 + 2 * number + end, action=action) for end in (0, 1)
+        ]
+    pairs = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (2, 5), (1, 5), (99, 5)]
+    edges = [EsterelPlanEdge(source_ids=[a], sink_ids=[b]) for a, b in pairs]
+    steps, order = graph_steps(EsterelPlan(nodes, edges))
+    assert [step.text for step in steps] == ["(a)", "(b)", "(c)"]
+    assert order == [(0, 1), (1, 2)], "a before c follows from the others"
+
+
+def test_a_graph_with_a_cycle_is_still_drawn() -> None:
+    nodes = [EsterelPlanNode(node_type=0, node_id=n, action=dispatch(n, "x")) for n in range(3)]
+    edges = [EsterelPlanEdge(source_ids=[n], sink_ids=[(n + 1) % 3]) for n in range(3)]
+    assert len(graph_steps(EsterelPlan(nodes, edges))[1]) == 3
+
+
+def test_the_planner_says_why_it_failed() -> None:
+    tree, plan, told = section()
+    plan.planner(PlannerStatus(state=PlannerStatus.IDLE), 0.0)
+    plan.planner(
+        PlannerStatus(state=PlannerStatus.UNSOLVABLE, planner="kairos", seconds=0.5, reason="no door"), 1.0
+    )
+    assert tree.get("plan", "planner", "state") == "unsolvable"
+    assert told.texts == ["kairos: unsolvable after 0.50 s: no door"]
+    plan.replanned("(navigate hall kitchen) failed", 2.0)
+    assert tree.get("plan", "replans") == [{"at": 2.0, "reason": "(navigate hall kitchen) failed"}]

@@ -1,0 +1,68 @@
+"""The state in a terminal."""
+
+import re
+from typing import Any, Dict
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from merlin_monitor.events import Event
+from merlin_monitor.terminal_view import lines, paint, printable
+
+STATE: Dict[str, Any] = {
+    "meta": {"time": 12.0, "robot": "", "simulator": {"paused": False, "factor": 3.0}},
+    "now": {"doing": "asking at the kitchen", "because": "because x", "step": "step 2 of 2", "chain": []},
+    "plan": {
+        "order": ["0", "1"],
+        "steps": {
+            "0": {"text": "(navigate a b)", "state": "succeeded"},
+            "1": {"text": "(ask b)", "state": "failed", "reason": "nobody there"},
+        },
+        "planner": {"planner": "kairos", "state": "solved"},
+    },
+    "queue": {"waiting": [{"goals": ["(a)"], "priority": 5, "by": "/me"}]},
+    "machines": {"containers": {"/n /N": {"path": "/N", "active": ["DRIVE"]}}},
+    "knowledge": {
+        "facts": {"(robot_at b)": {"by": "/x", "at": 3.0}, "(old)": {}},
+        "goals": {"(checked b)": {}},
+    },
+    "health": {"parts": {"arm": {"level": "error", "message": "no power"}, "leg": {"level": "ok"}}},
+}
+
+
+def test_everything_is_there() -> None:
+    text = "\n".join(paint(lines(STATE, [Event("goal", "(x) failed", 4.0)]), 80, 100, colour=False))
+    for wanted in (
+        "Asking at the kitchen",
+        "because x · step 2 of 2",
+        "x (ask b)  failed: nobody there",
+        "(a)  priority 5, from /me",
+        "> /N: DRIVE",
+        "(robot_at b)  /x at 3.0",
+        "goal (checked b)",
+        "1 of 2 well",
+        "arm: error: no power",
+        "(x) failed",
+    ):
+        assert wanted in text, wanted
+    assert "\x1b" not in text
+
+
+def test_an_empty_state_is_no_reason_to_fail() -> None:
+    assert paint(lines({}), 80, 24, True)
+
+
+def test_a_small_screen_cuts() -> None:
+    painted = paint(lines(STATE), 20, 5, colour=False)
+    assert len(painted) == 5 and all(len(line) <= 20 for line in painted)
+
+
+@given(st.text())
+def test_no_name_can_move_the_cursor(name: str) -> None:
+    hostile = dict(
+        STATE, now={"doing": f"\x1b]0;pwned\x07{name}\r\n", "because": name, "chain": [["x", name]]}
+    )
+    for line in paint(lines(hostile), 80, 100, colour=True):
+        plain = re.sub(r"\x1b\[[0-9]*m", "", line)
+        assert plain.isprintable() and "\x1b" not in plain, repr(plain)
+    assert "\u202e" not in printable("abc\u202edef")

@@ -1,0 +1,72 @@
+#!/usr/bin/env python3
+"""Takes the monitor's pictures of the documentation, over a running home mission: `make screenshots`.
+
+Usage: tools/in_workspace.sh python tools/monitor_screenshots.py [folder, default docs/images]
+"""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.append(str(ROOT / "test" / "rostest"))
+from chromium import Visit, chromium  # noqa: E402
+
+DESKTOP = {"width": 1360, "height": 1130}
+PICTURES = {
+    "monitor.png": {"viewport": DESKTOP},
+    "monitor-dark.png": {"viewport": DESKTOP, "color_scheme": "dark"},
+    "monitor-phone.png": {"viewport": {"width": 390, "height": 844}, "device_scale_factor": 2},
+}
+LIMIT = 180.0  # s for the mission to get where the pictures are taken
+STOP = 20.0  # s for the mission to end
+
+
+def main() -> int:
+    """Runs a mission and takes the pictures; returns the exit code."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "images"
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="merlin_screenshots_") as results:
+        mission = subprocess.Popen(
+            ["rosrun", "merlin", "run", "home.launch", "rtf:=1", f"results:={results}/results"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            address = _address(mission)
+            with chromium() as browser:
+                visits = {name: Visit(browser, address, **options) for name, options in PICTURES.items()}
+                for name, visit in visits.items():
+                    # On the way to the second task's place, so that there is something to look back at.
+                    visit.wait_text("#now-chain", "task 2 of 6", LIMIT)
+                    visit.wait_text("#now-chain", "DRIVE", LIMIT)
+                    visit.wait("() => document.querySelectorAll('.node.active').length >= 2")
+                    visit.page.screenshot(path=folder / name)
+                    print(folder / name)
+        finally:
+            os.killpg(mission.pid, signal.SIGINT)
+            try:
+                mission.wait(STOP)
+            except subprocess.TimeoutExpired:
+                os.killpg(mission.pid, signal.SIGKILL)
+                mission.wait()
+    return 0
+
+
+def _address(mission: "subprocess.Popen[str]") -> str:
+    assert mission.stderr is not None
+    for line in mission.stderr:
+        found = re.match(r"monitor: (http\S+)", line)
+        if found:
+            return found.group(1)
+    raise RuntimeError("the mission has ended without a monitor")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
