@@ -8,15 +8,18 @@ APPROACH ?= merlin
 CYCLES ?= 10000
 CANCEL_AFTER ?= 10
 RECORD ?= false
+GUESTS ?= 6
+DISTURBANCES ?= 5
 
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment test lint bench soak screenshots clean
+.PHONY: help build demo experiment restaurant test lint bench soak screenshots clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD=)"
 	@echo "make experiment   Missions 1, 2, 3, naive and MERLIN, and a report (MISSION= APPROACH= RUNS= SEED= RTF= SWEEPS= CHECK=1)"
+	@echo "make restaurant   an evening in the simulated restaurant (GUESTS= DISTURBANCES= SEED= RTF= RECORD=)"
 	@echo "make test   all tests"
 	@echo "make bench  benchmarks"
 	@echo "make soak   10 000 cancels and interruptions (CYCLES=)"
@@ -37,6 +40,10 @@ experiment: build
 	@$(IN) rosrun merlin_home experiment $(call given,MISSION,mission) $(call given,APPROACH,approach) \
 	  $(call given,RUNS,runs) $(call given,SEED,seed) $(call given,RTF,rtf) $(call given,SWEEPS,sweeps) \
 	  $(if $(CHECK),--check) $(if $(filter true,$(RECORD)),--record) --results $(CURDIR)/results/experiment
+
+restaurant: build
+	@$(RUN) restaurant.launch guests:=$(GUESTS) disturbances:=$(DISTURBANCES) seed:=$(SEED) \
+	  $(if $(filter-out file default undefined,$(origin RTF)),rtf:=$(RTF)) record:=$(RECORD) results:=$(CURDIR)/results/restaurant
 
 test: build
 	@$(IN) python -m pytest test

@@ -20,7 +20,7 @@ from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 30.0
 DISPATCHER = "planning_system: rosplan_plan_dispatcher"
-ACTIONS = "[merlin_home.actions.navigate:Navigate, merlin_home.actions.ask:Ask]"
+ACTIONS = "[merlin_actions.actions.navigate:Navigate, merlin_home.actions.ask:Ask]"
 FINAL = (ActionFeedback.ACTION_FAILED, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
 
 

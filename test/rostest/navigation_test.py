@@ -130,6 +130,7 @@ class Navigation(unittest.TestCase):
 
     def test_goals_that_can_never_be_reached_end_at_once(self):
         self.refused(pose(50.0, 3.0), "Failed to find a valid plan", "outside the map")
+        self.refused(pose(1e308, -1e308), "Failed to find a valid plan", "outside the map")
         self.refused(pose(3.8, 5.5), "Failed to find a valid plan", "inside an obstacle")
         self.refused(pose(0.2, 3.4), "Failed to find a valid plan", "radius")
         self.refused(pose(4.8, 3.4, frame="moon"), "moon")
@@ -156,6 +157,9 @@ class Navigation(unittest.TestCase):
         self.assertEqual(plan(pose(0.6, 1.05), pose(3.8, 5.5), 0.0).plan.poses, [])
         near = plan(pose(0.6, 1.05), pose(3.8, 5.5), 0.6).plan.poses[-1].pose.position
         self.assertLess(math.hypot(near.x - 3.8, near.y - 5.5), 0.61)
+        far = plan(pose(0.6, 1.05), pose(1e6, 0.0), math.inf).plan.poses[-1].pose.position
+        self.assertGreater(far.x, 8.0)
+        self.assertEqual(plan(pose(0.6, 1.05), pose(3.8, 5.5), math.nan).plan.poses, [])
         ServiceProxy("move_base/clear_costmaps", Empty)()
 
     def test_a_plain_pose_is_a_goal_too(self):

@@ -5,7 +5,7 @@ import threading
 import unittest
 
 import rospy
-from actionlib_msgs.msg import GoalStatus
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from audio_common_msgs.msg import AudioData, AudioInfo
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 from std_msgs.msg import Bool
@@ -27,10 +27,12 @@ class Speech(unittest.TestCase):
         cls.bytes = 0
         cls.speaking = None
         cls.info = None
+        cls.active = set()  # goals that were accepted
         cls.subscribers = [
             rospy.Subscriber("audio/speaker", AudioData, cls.hear, queue_size=100),
             rospy.Subscriber("audio/speaker_info", AudioInfo, lambda m: setattr(cls, "info", m)),
             rospy.Subscriber("sound_play/is_speaking", Bool, cls.see),
+            rospy.Subscriber("sound_play/status", GoalStatusArray, cls.see_goals),
         ]
         assert ServiceProxy("/merlin_sim/pause", Trigger).wait(LONG), "the simulator has started"
         cls.client = ActionClient("sound_play", SoundRequestAction)
@@ -46,6 +48,12 @@ class Speech(unittest.TestCase):
     def see(cls, message):
         with cls.changed:
             cls.speaking = message.data
+            cls.changed.notify_all()
+
+    @classmethod
+    def see_goals(cls, message):
+        with cls.changed:
+            cls.active |= {s.goal_id.id for s in message.status_list if s.status == GoalStatus.ACTIVE}
             cls.changed.notify_all()
 
     def wait(self, predicate):
@@ -80,6 +88,13 @@ class Speech(unittest.TestCase):
         self.assertLess(goal.result.stamp.to_sec(), SpeechSynthesizer().say(SENTENCE).duration)
         self.wait(lambda: self.speaking is False)
 
+    def test_a_cancel_does_not_wait_for_a_long_text_to_be_synthesised(self):
+        goal = self.send(arg="word " * 50000)  # takes longer than anybody waits for a voice
+        self.wait(lambda: goal.id in self.active)
+        goal.cancel()
+        self.assertTrue(goal.wait(LONG))
+        self.assertIn(goal.status, (GoalStatus.PREEMPTED, GoalStatus.RECALLED), goal.text)
+
     def test_a_cancel_works_while_time_stands_still(self):
         pause, resume = (ServiceProxy(f"/merlin_sim/{verb}", Trigger) for verb in ("pause", "resume"))
         self.assertTrue(pause.wait(LONG) and resume.wait(LONG))
@@ -100,6 +115,7 @@ class Speech(unittest.TestCase):
             ({"sound": 77}, "built-in sound"),
             ({"sound": SoundRequest.PLAY_FILE, "arg": "/nowhere.wav"}, "/nowhere.wav"),
             ({"command": 9}, "command"),
+            ({"volume": float("nan")}, "volume"),
         ):
             goal = self.send(**fields)
             self.assertTrue(goal.wait(LONG))

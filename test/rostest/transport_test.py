@@ -11,12 +11,14 @@ from pathlib import Path
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
+from merlin_msgs.msg import SimStatus
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchAction as Action
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchGoal as Goal
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchResult as Result
 from std_srvs.srv import Trigger, TriggerResponse
 
 import rostest
+from merlin_sm import deadline
 from merlin_sm.action_client import ActionClient
 from merlin_sm.action_server import ActionServer
 from merlin_sm.serial_action_server import SerialActionServer
@@ -27,6 +29,22 @@ LONG = 20.0
 
 def start_victim() -> subprocess.Popen:
     return subprocess.Popen([sys.executable, str(Path(__file__).with_name("victim_server.py"))])
+
+
+class Deadlines(unittest.TestCase):
+    def test_a_deadline_begins_where_the_simulator_was_heard_before(self):
+        received = threading.Event()
+        publisher = rospy.Publisher(deadline.SIM_STATUS_TOPIC, SimStatus, latch=True, queue_size=1)
+        self.addCleanup(publisher.unregister)
+        publisher.publish(SimStatus())
+        earlier = rospy.Subscriber(deadline.SIM_STATUS_TOPIC, SimStatus, lambda _: received.set())
+        self.addCleanup(earlier.unregister)
+        self.assertTrue(received.wait(LONG))
+        watch = deadline._PauseWatch()  # that of the process has begun long ago
+        read = threading.Thread(target=watch.paused_time, daemon=True)
+        read.start()
+        read.join(LONG)
+        self.assertFalse(read.is_alive())
 
 
 class Actions(unittest.TestCase):
@@ -180,7 +198,7 @@ class Services(unittest.TestCase):
         self.assertIn("/nowhere", str(caught.exception))
 
 
-class Transport(Actions, Services):
+class Transport(Deadlines, Actions, Services):
     pass
 
 

@@ -32,5 +32,10 @@ def test_equal_seeds_give_equal_plans(tmp_path):
 def test_a_floor_that_is_too_small(tmp_path, capsys):
     assert main([str(tmp_path / "a.yaml"), "--size", "2", "9"]) == 1
     assert "too small" in capsys.readouterr().err
+    for nonsense, words in (("--size=nan", "small"), ("--size=inf", "large"), ("--rooms=0", "0 rooms")):
+        more = ["9"] if "size" in nonsense else []
+        name, value = nonsense.split("=")
+        assert main([str(tmp_path / "a.yaml"), name, value, *more]) == 1
+        assert words in capsys.readouterr().err
     assert main([str(tmp_path / "a.yaml"), "--rooms", "50", "--size", "6", "6", "--furniture", "0"]) == 0
     assert "rooms fit" in capsys.readouterr().err

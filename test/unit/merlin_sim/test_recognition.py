@@ -31,7 +31,7 @@ def groups():
     return [kinds[first : first + 4] for first in range(0, len(kinds), 4)]
 
 
-@pytest.mark.parametrize(("support", "distance"), [(0.75, 0.9), (0.75, 2.4), (1.1, 1.3)])
+@pytest.mark.parametrize(("support", "distance"), [(0.75, 0.9), (0.75, 2.4), (1.1, 1.3), (1.1, 2.5)])
 @pytest.mark.parametrize("kinds", groups(), ids=",".join)
 def test_every_class_is_told_apart_and_placed(kinds, support, distance):
     done = look(side_by_side(kinds, distance), support=support)
@@ -61,6 +61,23 @@ def test_two_cups_beside_a_plate_are_two():
     done = look(things)
     assert all(done.seen.values())
     assert done.false == []
+
+
+@pytest.mark.parametrize(
+    "things",
+    [
+        [("cup", 1.5, 0.027), ("cup", 1.5, -0.027)],  # they touch
+        [("water", 1.5, 0.0), ("water", 1.7, 0.033)],  # half hidden
+        [("cup", 1.4, 0.0), ("cup", 1.52, 0.0)],  # one behind the other
+        [("bottle", 1.2, 0.02), ("plate", 1.4, 0.0)],
+    ],
+    ids=str,
+)
+def test_things_that_hide_a_part_of_each_other_are_two(things):
+    done = look([Placed(*thing) for thing in things])
+    assert all(done.seen.values())
+    assert done.false == []
+    assert max(done.errors.values()) < 0.05
 
 
 def test_what_stands_at_no_known_height_is_placed_by_its_size():

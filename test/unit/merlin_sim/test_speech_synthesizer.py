@@ -1,5 +1,6 @@
 """Sounds: true lengths, rates, errors."""
 
+import threading
 import wave
 
 import numpy as np
@@ -9,7 +10,9 @@ from merlin_sim.speech_synthesizer import (
     RATE,
     Sound,
     SoundError,
+    SoundStopped,
     SpeechSynthesizer,
+    StopSound,
     beep,
     read_wave,
     resampled,
@@ -38,6 +41,26 @@ def test_what_cannot_be_said(synthesizer, text, voice):
         synthesizer.say(text, voice)
 
 
+def test_a_long_text_is_stopped_while_it_is_made(synthesizer):
+    stop, ended = StopSound(), []
+
+    def speak():
+        try:
+            synthesizer.say("word " * 50000, stop=stop)
+        except SoundStopped as error:
+            ended.append(error)
+
+    speaker = threading.Thread(target=speak, name="speaker")
+    speaker.start()
+    while stop._process is None and speaker.is_alive():
+        speaker.join(0.01)
+    stop.set()
+    speaker.join(10.0)  # without the stop it takes a minute, or ends by a time-out
+    assert len(ended) == 1
+    with pytest.raises(SoundStopped):
+        synthesizer.say("not said before", stop=stop)
+
+
 def test_files_are_played_at_the_common_rate(tmp_path):
     file = tmp_path / "tone.wav"
     time = np.arange(44100) / 44100
@@ -57,6 +80,12 @@ def test_files_that_are_no_sound(tmp_path):
     file = tmp_path / "text.wav"
     file.write_text("hello")
     with pytest.raises(SoundError, match="no WAV file"):
+        read_wave(str(file))
+    with wave.open(str(file), "wb") as out:
+        out.setnchannels(1)
+        out.setsampwidth(2)
+        out.setframerate(RATE)
+    with pytest.raises(SoundError, match="contains no sound"):
         read_wave(str(file))
     with pytest.raises(SoundError, match="No such file"):
         read_wave(str(tmp_path / "none.wav"))

@@ -67,6 +67,12 @@ def test_doors_are_openings_of_their_own_width():
         (changed(events=[{"at": 1, "door": "gate", "open": True}]), ["no door gate"]),
         (changed(events=[{"at": -1, "door": "exit", "open": True}]), ["events[0]"]),
         (changed(people=[{"name": "ann", "path": []}]), ["people[0].path"]),
+        (changed(starts=[{"x": math.nan, "y": 1}]), ["starts[0].x", "nan", "not a finite number"]),
+        (changed(wall={"thickness": math.inf}), ["wall.thickness", "inf"]),
+        (changed(walls=[{"from": [0, 0], "to": [1e9, 1e9]}]), ["walls", "too large"]),
+        (changed(starts=[{"x": 2.9, "y": 1.6}]), ["starts[0]", "(2.9, 1.6)", "taken by table"]),
+        (changed(starts=[{"x": 0.2, "y": 1.6}]), ["starts[0]", "in a wall"]),
+        (changed(points_of_interest={"desk": {"x": 3, "y": 2}}), ["points_of_interest.desk", "table"]),
     ],
 )
 def test_what_is_wrong_is_said_with_its_place(data, words):

@@ -27,7 +27,7 @@ from .master import Master
 from .orphans import adopt_orphans, end_children
 
 MISSION_NODE = "mission"
-INTERRUPT_TIMEOUT = 6.0
+INTERRUPT_TIMEOUT = 15.0
 """Wall seconds between SIGINT and SIGTERM of a node that does not end (a bag is being closed)."""
 TERMINATE_TIMEOUT = 1.0
 """Wall seconds between SIGTERM and SIGKILL."""

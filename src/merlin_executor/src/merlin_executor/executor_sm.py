@@ -159,6 +159,9 @@ class ExecutorSM(MerlinSM):
     def _take_reason(self, userdata: Any, terminal_states: List[str], outcome: str) -> None:
         assert self.request is not None
         self.reason = self[self.request.stage].reason
+        if self.request.replans and self.request.stage == "PLAN":
+            # That there is no other way says little without what made another way necessary.
+            self.reason = f"{self['REPLAN'].reason}; planned again: {self.reason}"
 
 
 class _AddGoals(MerlinState):

@@ -13,7 +13,7 @@
             self.goals("DOOR", ["(checked main_door)"])
 """
 
-from typing import Any, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional, Union
 
 import rospy
 from merlin_msgs.msg import ExecuteResult, MissionStatus
@@ -129,7 +129,11 @@ class MissionSM(MerlinSM):
         raise NotImplementedError(f"{type(self).__name__} has to implement build()")
 
     def goals(
-        self, label: str, goals: Goals, transitions: Optional[Dict[str, str]] = None, **options: Any
+        self,
+        label: str,
+        goals: Union[Goals, Callable[[Any], Goals]],
+        transitions: Optional[Dict[str, str]] = None,
+        **options: Any,
     ) -> GoalState:
         """Adds a state that sends goals, unless the mission is paused; options of :class:`GoalState`."""
         state = GoalState(goals, client=self.client, pause=self._pause, **options)

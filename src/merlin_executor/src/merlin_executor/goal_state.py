@@ -1,29 +1,32 @@
 """A state that sends goals to the Executor: what a mission's machine is made of (paper, Figure 3)."""
 
 import threading
-from typing import Any, Optional, Sequence
+from typing import Any, Callable, Optional, Sequence, Union
 
 from merlin_msgs.msg import ExecuteResult
 
 from merlin_executor.executor_client import RESUME, ExecutorRequest, Goals, MerlinExecutorClient, outcome_name
 from merlin_executor.mission_pause import MissionPause
 from merlin_sm.deadline import Deadline
+from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.pddl_text import PDDLSyntaxError
 from merlin_sm.service_proxy import ServiceError
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 EXECUTOR_WAIT = 30.0  # s of running time for an Executor that is still starting
+NOTHING = "nothing"
 ACHIEVED = (ExecuteResult.SUCCEEDED, ExecuteResult.ALREADY_TRUE)
 
 
 class GoalState(MerlinState):
     """Sends goals and waits until they hold; a preempt cancels them.
 
-    Outcomes: succeeded, preempted, and aborted with the Executor's reason. ``userdata.outcome`` becomes the
-    name of the Executor's outcome.
+    Outcomes: succeeded, preempted, and aborted with the Executor's reason; a function has a further
+    one: nothing, when it gives no goals. ``userdata.outcome`` becomes the name of the Executor's outcome.
 
-    :param goals: PDDL text or knowledge items, one or many; ``{key}`` in text is replaced by userdata.
+    :param goals: PDDL text or knowledge items, one or many; ``{key}`` in text is replaced by userdata. Or a
+        function from userdata to them, called when the state runs: goals that depend on what is known then.
     :param keys: the userdata keys that the goals name.
     :param priority: higher is more urgent.
     :param on_interrupt: RESUME or DROP.
@@ -33,15 +36,15 @@ class GoalState(MerlinState):
 
     def __init__(
         self,
-        goals: Goals,
+        goals: Union[Goals, Callable[[Any], Goals]],
         keys: Sequence[str] = (),
         priority: int = 0,
         on_interrupt: int = RESUME,
         client: Optional[MerlinExecutorClient] = None,
         pause: Optional[MissionPause] = None,
     ) -> None:
-        super().__init__(input_keys=keys, output_keys=["outcome"])
-        self._goals = [goals] if not isinstance(goals, (list, tuple)) else list(goals)
+        super().__init__([NOTHING] if callable(goals) else [], keys, ["outcome"])
+        self._goals = goals
         self._keys = list(keys)
         self._priority = priority
         self._on_interrupt = on_interrupt
@@ -51,7 +54,14 @@ class GoalState(MerlinState):
     def run(self, userdata: Any) -> str:
         """Sends the goals and waits for the end."""
         values = {key: userdata[key] for key in self._keys}
-        goals = [goal.format(**values) if isinstance(goal, str) else goal for goal in self._goals]
+        try:
+            given = self._goals(userdata) if callable(self._goals) else self._goals
+        except (ValueError, KnowledgeError, ServiceError) as error:
+            return self.fail(str(error))
+        listed = list(given) if isinstance(given, (list, tuple)) else [given]
+        goals = [goal.format(**values) if isinstance(goal, str) else goal for goal in listed]
+        if not goals:
+            return NOTHING
         if not self._client.wait_for_executor(EXECUTOR_WAIT):
             return self.fail(f"no executor within {EXECUTOR_WAIT:g} s")
         if self._pause is not None:

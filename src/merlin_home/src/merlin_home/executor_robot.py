@@ -5,9 +5,9 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import rospy
 from merlin_msgs.msg import ExecutorStatus
-from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
+from merlin_executor.readiness import missing_interfaces
 from merlin_sm.deadline import Deadline
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
@@ -84,26 +84,9 @@ class ExecutorRobot(MerlinROSPlanAssistant):
             raise MissionStopped(f"no knowledge base {self.knowledge.name} after {timeout:.0f} s")
         if not self._client.wait_for_executor(timeout):
             raise MissionStopped(f"no Executor on merlin/execute after {timeout:.0f} s")
-        self._wait_for_actions(timeout)
-
-    def _wait_for_actions(self, timeout: float) -> None:
-        missing = set(self.knowledge.operators())
-        announced = threading.Condition()
-
-        def receive(formula: DomainFormula) -> None:
-            with announced:
-                missing.discard(formula.name)
-                announced.notify_all()
-
-        topic = f"{self.knowledge.name}/pddl_action_parameters"
-        subscriber = rospy.Subscriber(topic, DomainFormula, receive)
-        with announced:
-            ready = Deadline(timeout).wait(announced, lambda: not missing)
-        subscriber.unregister()
-        if not ready:
-            raise MissionStopped(
-                f"no action interface for {', '.join(sorted(missing))} after {timeout:.0f} s on {topic}"
-            )
+        missing = missing_interfaces(self.knowledge, timeout)
+        if missing:
+            raise MissionStopped(f"no action interface for {', '.join(missing)} after {timeout:.0f} s")
 
     def now(self) -> float:
         """ROS time, s."""

@@ -10,13 +10,13 @@ import time
 from typing import Optional
 
 import rospy
-from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import MissionStatus, SimStatus
 from merlin_msgs.srv import SetRealTimeFactor
 from nav_msgs.msg import OccupancyGrid
 
 from merlin_executor.goal_check import GoalError
 from merlin_executor.mission_pause import PAUSED, MissionPause
+from merlin_executor.readiness import missing_servers
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.publishing import publish
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
@@ -25,8 +25,9 @@ from .executor_robot import ExecutorRobot
 from .ground_truth import GroundTruth, grid_of, receive_one
 from .mission import Mission, MissionStopped
 from .mission_settings import MissionSettings, SettingsError
-from .progress_view import ProgressView, ended_line, live_line
+from .progress_view import ProgressView, closing_lines, ended_line, live_line
 from .real_time_factor import ARRIVAL_AHEAD, CANCEL_AHEAD, RealTimeFactor
+from .result_files import write_run
 from .spoken_question import SpeechLengthError, speech_length
 from .task_record import RunRecord, TaskRecord
 from .trajectory import Sample, Trajectory
@@ -116,29 +117,31 @@ class MissionNode:
         self._robot.wait_until_ready(timeout)
         if not self._trajectory.wait_until(0.0, timeout):
             raise MissionStopped(f"nothing on {rospy.resolve_name('ground_truth')} after {timeout:.0f} s")
-        for server in SERVERS:
-            if receive_one(f"{server}/status", GoalStatusArray, timeout) is None:
-                raise MissionStopped(
-                    f"no action server {rospy.resolve_name(server)} after {timeout:.0f} s; is it launched?"
-                )
+        for server in missing_servers(SERVERS, timeout):
+            raise MissionStopped(
+                f"no action server {rospy.resolve_name(server)} after {timeout:.0f} s; is it launched?"
+            )
         grid = receive_one("/map", OccupancyGrid, timeout)
         if grid is None:
             raise MissionStopped(f"no map on /map after {timeout:.0f} s")
         return grid
 
     def _finish(self, run: RunRecord, grid: Optional[OccupancyGrid]) -> None:
-        # OpenCV and matplotlib take a second to import, which the start of a mission is spared.
-        from .mission_results import MissionResults
-
         start = self._mission.start
         assert start is not None
         if grid is not None:
             self._trajectory.wait_until(rospy.get_time() + AFTERWARDS, SETTLE)
         self._mission.measure_stops()
-        results = MissionResults(self._settings, run)
         if grid is not None:
+            # matplotlib and SciPy take seconds to import: neither a start nor an interruption waits for them.
+            from .mission_results import MissionResults
+
+            results = MissionResults(self._settings, run)
             results.add_map(*grid_of(grid), self._trajectory.samples(start))
-        for line in results.write():
+            lines = results.write()
+        else:
+            lines = closing_lines(run, write_run(self._settings.results, run).values())
+        for line in lines:
             self._view.line(line)
         state = MissionStatus.SUCCEEDED if run.right else MissionStatus.FAILED
         if run.ended == "interrupted":

@@ -11,7 +11,7 @@ from .mission_settings import MissionSettings, Point
 from .oracle import Oracle
 from .outlines import outlines_of_map, outlines_of_world
 from .path_plot import MapPicture, plot_path
-from .progress_view import result_table
+from .progress_view import closing_lines
 from .result_files import write_run
 from .shortest_path import NoPathError, ShortestPaths
 from .spoken_question import SpeechLengthError, speech_length
@@ -72,8 +72,7 @@ class MissionResults:
         if self._picture is not None:
             paths["path.png"] = self._plot(self._picture)
             paths["track.npz"] = self._save_track(self._picture)
-        written = [f"written: {path}" for path in paths.values()]
-        return ["", *result_table(self._run), "", *self._notes, *written]
+        return closing_lines(self._run, paths.values(), self._notes)
 
     def _save_track(self, picture: MapPicture) -> Path:
         """The map, and the way as rows of s, m, m, rad, m/s, rad/s: what other figures are drawn from."""

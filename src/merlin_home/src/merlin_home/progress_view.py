@@ -3,7 +3,8 @@
 import sys
 import threading
 import time
-from typing import List, Optional, Sequence, TextIO
+from pathlib import Path
+from typing import Iterable, List, Optional, Sequence, TextIO
 
 from .task_record import RunRecord, TaskRecord, efficiency, total
 
@@ -60,6 +61,11 @@ def ended_line(record: TaskRecord, count: int) -> str:
     word = {"SUCCEEDED": "done", "CANCELLED": "cancelled"}.get(record.outcome, record.outcome.lower())
     line = f"{task_head(record, count)}  {word:<26} {record.time:6.1f} s {record.distance:7.2f} m"
     return line if record.right else f"{line}  NOT AS LISTED: {record.reason or word}"
+
+
+def closing_lines(run: RunRecord, written: Iterable[Path], notes: Sequence[str] = ()) -> List[str]:
+    """What is said when a mission is over: the table, and where the files are."""
+    return ["", *result_table(run), "", *notes, *(f"written: {path}" for path in written)]
 
 
 def result_table(run: RunRecord) -> List[str]:

@@ -13,11 +13,13 @@ import yaml
 from merlin_sim.noise import draw
 from merlin_sim.occupancy_grid import OccupancyGrid, map_of
 from merlin_sim.path_planner import PathPlanner
+from merlin_sim.world import Pose, World
 from merlin_sim.world_file import parse_world
 
 DOOR = 1.0  # m wide
 CORNER = 0.5  # m between a door and the nearest corner
 LEAST = 2.6  # m; no room is narrower
+MOST = 200.0  # m of a side
 RADIUS, CLEARANCE = 0.25, 0.05  # m, of the robot that has to get everywhere
 TRIES = 60  # positions that are tried for one wall or one piece of furniture
 
@@ -50,12 +52,16 @@ class FloorPlan:
 
     :param rooms: wanted; fewer when the area is too small for them.
     :param width: m, like height.
-    :raises ValueError: when not even one room fits.
+    :raises ValueError: when not even one room fits, or the floor is too large.
     """
 
     def __init__(self, rooms: int, width: float, height: float, seed: int) -> None:
-        if min(width, height) < LEAST:
+        if not all(side >= LEAST for side in (width, height)):
             raise ValueError(f"a floor of {width:g} x {height:g} m is too small; each side needs {LEAST:g} m")
+        if max(width, height) > MOST:
+            raise ValueError(f"a floor of {width:g} x {height:g} m is too large; {MOST:g} m at most")
+        if rooms < 1:
+            raise ValueError(f"a floor of {rooms} rooms is none")
         self._random = draw(seed, "floor plan", 0)
         self.name = f"floor_{seed}"
         self.rooms = [Room(0.0, 0.0, round(width, 1), round(height, 1))]
@@ -81,8 +87,13 @@ class FloorPlan:
 
     def data(self) -> Dict[str, Any]:
         """The content of a world file."""
-        grid = map_of(parse_world(self._data([room_middle(room) for room in self.rooms]), self.name))
-        return self._data(self._places(grid))
+        return self._data(self._places(map_of(self._world())))
+
+    def _world(self) -> World:
+        """As it is so far; the middles of its rooms show what is inside, whatever stands there."""
+        world = parse_world(self._data([]), self.name)
+        world.starts = [room_middle(room) for room in self.rooms]
+        return world
 
     def _divide(self, room: Room) -> bool:
         upright = room.right - room.left > room.top - room.bottom
@@ -136,8 +147,7 @@ class FloorPlan:
             self._furniture.pop()
 
     def _all_reachable(self) -> bool:
-        data = self._data([room_middle(room) for room in self.rooms])
-        world = parse_world(data, self.name)
+        world = self._world()
         # Pieces that overlap pass for one; the map does not mind, but it looks odd.
         piece = world.furniture[-1]
         corners = np.array(piece.corners())
@@ -185,9 +195,9 @@ class FloorPlan:
         }
 
 
-def room_middle(room: Room) -> Tuple[float, float]:
+def room_middle(room: Room) -> Pose:
     """The middle of a room, m."""
-    return ((room.left + room.right) / 2, (room.bottom + room.top) / 2)
+    return Pose((room.left + room.right) / 2, (room.bottom + room.top) / 2)
 
 
 def _near_door(point: Tuple[float, float], door: Tuple[Tuple[float, float], Tuple[float, float]]) -> bool:
@@ -204,7 +214,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("file", type=Path, help="world file (YAML) to write")
     parser.add_argument("--rooms", type=int, default=8)
     parser.add_argument("--size", type=float, nargs=2, default=(16.0, 12.0), metavar=("WIDTH", "HEIGHT"))
-    parser.add_argument("--furniture", type=int, default=3, help="pieces per room")
+    parser.add_argument("--furniture", type=int, default=3, help="pieces per room at most")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args(arguments)
     try:

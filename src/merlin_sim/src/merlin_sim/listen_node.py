@@ -10,8 +10,9 @@ from audio_common_msgs.msg import AudioData
 from merlin_msgs.msg import ListenAction, ListenFeedback, ListenResult
 
 from merlin_sim.parameters import ParameterError, number
+from merlin_sim.recognizer_process import RecognizerLost, RecognizerProcess
 from merlin_sim.ros_clock import RosClock
-from merlin_sim.speech_recognizer import THRESHOLD, GrammarError, SpeechRecognizer, UtteranceDetector
+from merlin_sim.speech_recognizer import THRESHOLD, GrammarError, UtteranceDetector
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.health import OK, WARN, Health, HealthReporter
 from merlin_sm.serial_action_server import SerialActionServer
@@ -26,7 +27,7 @@ class ListenNode:
     """
 
     def __init__(self) -> None:
-        self._recognizer = SpeechRecognizer(number("~threshold", THRESHOLD, -1.0))
+        self._recognizer = RecognizerProcess(number("~threshold", THRESHOLD, -1.0))
         self._loud = number("~loudness", 400.0, 1.0)
         self._timeout = number("~timeout", 8.0, 0.1)
         self._clock = RosClock()
@@ -39,6 +40,7 @@ class ListenNode:
             "audio/microphone", AudioData, self._receive, tcp_nodelay=True, queue_size=50
         )
         rospy.on_shutdown(self._server.shutdown)
+        rospy.on_shutdown(self._recognizer.close)
         self._server.start()
 
     def health(self) -> Health:
@@ -59,9 +61,13 @@ class ListenNode:
         self._clock.wake()
 
     def _execute(self, goal: ServerGoal) -> None:
+        timeout = goal.goal.timeout.to_sec()
+        if timeout < 0.0:
+            goal.abort(ListenResult(), f"the time-out {timeout:g} s is negative; 0: {self._timeout:g} s")
+            return
         try:
             self._recognizer.use(goal.goal.grammar)
-        except GrammarError as error:
+        except (GrammarError, RecognizerLost) as error:
             goal.abort(ListenResult(), str(error))
             return
         self._sound.clear()
@@ -96,7 +102,11 @@ class ListenNode:
                 if utterance is None:
                     goal.succeed(ListenResult(), f"nobody spoke within {timeout:.1f} s")
                     return
-        said = self._recognizer.understand(utterance)
+        try:
+            said = self._recognizer.understand(utterance)
+        except RecognizerLost as error:
+            goal.abort(ListenResult(heard=True), str(error))
+            return
         self._heard += 1
         self._understood += bool(said.text)
         text = f"understood: {said.text}" if said.text else "somebody spoke, but was not understood"

@@ -245,16 +245,7 @@ def _reachable(planner: PathPlanner, goal: Pose, tolerance: float) -> Point:
     """The point nearest to the goal, within the tolerance (m), where the robot can stand; else the goal."""
     if not planner.why_unreachable(goal.point):
         return goal.point
-    ring = planner.grid.resolution
-    while ring <= tolerance:
-        count = max(8, round(2 * math.pi * ring / planner.grid.resolution))
-        for index in range(count):
-            angle = 2 * math.pi * index / count
-            point = (goal.x + ring * math.cos(angle), goal.y + ring * math.sin(angle))
-            if not planner.why_unreachable(point):
-                return point
-        ring += planner.grid.resolution
-    return goal.point
+    return planner.nearest(goal.point, tolerance) or goal.point
 
 
 def main() -> int:

@@ -6,14 +6,16 @@ best fit wins; its likeness is the score.
 """
 
 import colorsys
+import itertools
 import math
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from merlin_sim.camera_view import Box, CameraView, area, overlap
 from merlin_sim.object_classes import OBJECT_CLASSES, ObjectClass
+from merlin_sim.object_placement import beside, outline, placed
 from merlin_sim.sighting import Sighting
 
 HUE_TOLERANCE = 6  # of OpenCV's 180
@@ -22,7 +24,16 @@ BLACK = 60  # of 255; the dark parts are darker
 LEAST_PIXELS = 12  # of a patch
 HANGING = 0.8  # a thing that stands on no known height is that much less likely
 LEAST_DARK = 0.35  # share of dark pixels where a class has its dark part
-_RING = np.linspace(0.0, 2 * math.pi, 16, endpoint=False)
+FLAT = 0.03  # m; lower things do not hide each other
+CHIP = 0.2  # of the largest part of a flat thing; smaller ones are no things
+GAP = 61  # pixels of a flat thing that another may hide
+LEAST_SEEN = 0.25  # share of its rectangle that a flat thing has to fill although others hide a part of it
+DOUBTFUL = 0.9  # likeness of the rectangles below which a patch may be two things
+DARK_COUNTS = 0.15  # likeness that the dark part of a full cup adds
+LEAST_HALF = 0.75  # likeness of each of them
+LEAST_SHIFT = 3  # pixels between them; less is what rounding does to one
+FILLED = 0.75  # share of their rectangles that the patch has to fill
+EXPLAINED = 0.9  # share of the patch that they have to make
 
 
 def hsv_of(color: str) -> Tuple[int, int, int]:
@@ -44,14 +55,14 @@ def color_mask(hsv: np.ndarray, hue: int, low: float, high: float = 255.0) -> np
     return masks[0] if len(masks) == 1 else cv2.bitwise_or(masks[0], masks[1])
 
 
-def patches(mask: np.ndarray, least: int = LEAST_PIXELS) -> List[Tuple[Box, int]]:
-    """Connected regions of a mask: the rectangle around each, and its pixels."""
-    count, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    return [
-        ((float(x), float(y), float(x + w), float(y + h)), int(pixels))
-        for x, y, w, h, pixels in stats[1:count]
-        if pixels >= least
-    ]
+def patches(mask: np.ndarray, least: int = LEAST_PIXELS) -> Iterator[Tuple[Box, np.ndarray]]:
+    """Connected regions of a mask: the rectangle around each, and which of its pixels belong to it."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    for label in range(1, count):
+        x, y, w, h, pixels = stats[label]
+        if pixels >= least:
+            shape = labels[y : y + h, x : x + w] == label
+            yield (float(x), float(y), float(x + w), float(y + h)), shape
 
 
 class ObjectDetector:
@@ -71,88 +82,177 @@ class ObjectDetector:
         hsv = cv2.cvtColor(picture, cv2.COLOR_RGB2HSV)
         dark = hsv[:, :, 2] < BLACK
         found = []
+        masks = {
+            color: color_mask(hsv, hue, 0.75 * saturation)
+            for color in self._colors
+            for hue, saturation, _ in [hsv_of(color)]
+        }
+        things = np.bitwise_or.reduce(list(masks.values()))
         for color, kinds in self._colors.items():
-            hue, saturation, _ = hsv_of(color)
-            for box, _ in patches(color_mask(hsv, hue, 0.75 * saturation)):
-                fits = [self._best(kind, box, view, dark) for kind in kinds]
-                best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.score, default=None)
-                if best is not None:
-                    found.append(best)
+            if kinds[0].height < FLAT:
+                found += self._flat(kinds, masks[color], _joined(masks[color], things), view, dark)
+            else:
+                for box, shape in patches(masks[color]):
+                    found += self._upright(kinds, box, shape, view, dark)
         return found
 
-    def _best(self, kind: ObjectClass, box: Box, view: CameraView, dark: np.ndarray) -> Optional[Sighting]:
+    def _flat(
+        self,
+        kinds: List[ObjectClass],
+        mask: np.ndarray,
+        joined: np.ndarray,
+        view: CameraView,
+        dark: np.ndarray,
+    ) -> List[Sighting]:
+        """Things that hide nothing of each other, and of which others hide a part."""
+        found = []
+        for box, _ in patches(joined):
+            left, top, right, bottom = map(int, box)
+            seen = np.count_nonzero(mask[top:bottom, left:right])
+            enough = seen >= LEAST_PIXELS and seen > LEAST_SEEN * area(box)
+            whole = self._best(kinds, box, view, dark) if enough else None
+            parts: List[Sighting] = []
+            if whole is None or whole.score < DOUBTFUL:
+                # What is joined may be a thing and a bit of what stands next to it.
+                pieces = [piece for piece, _ in patches(mask[top:bottom, left:right])]
+                largest = max(map(area, pieces), default=0.0)
+                for x0, y0, x1, y1 in pieces:
+                    part = self._best(kinds, (x0 + left, y0 + top, x1 + left, y1 + top), view, dark)
+                    if part is not None and area(part.box) > CHIP * largest:
+                        parts.append(part)
+            least = whole.score if whole is not None else 0.0
+            better = [part for part in parts if part.score > least]
+            found += better or ([whole] if whole is not None else [])
+        return found
+
+    def _upright(
+        self, kinds: List[ObjectClass], box: Box, shape: np.ndarray, view: CameraView, dark: np.ndarray
+    ) -> List[Sighting]:
+        """The one thing, or the two, that a patch shows."""
+        whole = self._best(kinds, box, view, dark)
+        stands = whole is not None and whole.depth_from == "support"
+        least = whole.score if whole is not None and stands else 0.0
+        if whole is None or not stands or _likeness(whole, view) < DOUBTFUL:
+            ways = itertools.product(self._supports, ((0, 2), (3, 1)))
+            pair = max((_pair(kinds, box, shape, view, dark, *way) for way in ways), key=_least_score)
+            if _least_score(pair) > least:
+                return pair
+        return [whole] if whole is not None else []
+
+    def _best(
+        self, kinds: List[ObjectClass], box: Box, view: CameraView, dark: np.ndarray
+    ) -> Optional[Sighting]:
+        fits = [self._whole(kind, box, view, dark) for kind in kinds]
+        return max((fit for fit in fits if fit is not None), key=lambda fit: fit.score, default=None)
+
+    def _whole(self, kind: ObjectClass, box: Box, view: CameraView, dark: np.ndarray) -> Optional[Sighting]:
         likeness, place, support = 0.0, None, None
         for height in [*self._supports, None]:
             for edge in (3, 1):  # the bottom may be hidden or outside the picture, or the top
-                here = _placed(kind, box, view, height, edge)
+                here = placed(kind, box, view, height, edge)
                 if here is None:
                     continue
-                like = overlap(view.box(_outline(kind, here)), box) * (HANGING if height is None else 1.0)
+                like = overlap(view.box(outline(kind, here)), box) * (HANGING if height is None else 1.0)
                 if like > likeness + 0.01:
                     likeness, place, support = like, here, height
         if place is None:
             return None
         likeness *= _darkness(kind, place, view, dark)
-        middle = place + (0.0, 0.0, kind.height / 2)
-        size = kind.size or (2 * kind.radius, 2 * kind.radius)
-        distance = float(np.linalg.norm(middle - view.position))
-        pixel = distance / view.matrix[0, 0]  # m across a pixel
-        drop = max(view.position[2] - place[2], 0.05)
-        # By a plane, an error of a pixel counts more the flatter the ray; by size, the smaller the thing.
-        along = pixel * distance / drop if support is not None else distance / math.sqrt(area(box))
-        return Sighting(
-            kind.name,
-            likeness,
-            tuple(middle.tolist()),
-            (size[0], size[1], kind.height),
-            box,
-            spread=math.hypot(along, pixel),
-            depth_from="size" if support is None else "support",
-        )
+        return _sighting(kind, likeness, place, box, view, support)
 
 
-def _outline(kind: ObjectClass, bottom: np.ndarray, low: float = 0.0, high: float = -1.0) -> np.ndarray:
-    """Points around a thing between two heights above its bottom, m; without them: around what has colour."""
-    if high < 0.0:
-        high = kind.height * (1.0 - kind.dark_height)
-    radius = kind.width / 2
-    ring = np.stack([radius * np.cos(_RING), radius * np.sin(_RING), np.zeros_like(_RING)], axis=1)
-    return np.concatenate([ring + bottom + (0.0, 0.0, low), ring + bottom + (0.0, 0.0, high)])
+def _pair(
+    kinds: List[ObjectClass],
+    box: Box,
+    shape: np.ndarray,
+    view: CameraView,
+    dark: np.ndarray,
+    height: float,
+    sides: Tuple[int, int],
+) -> List[Sighting]:
+    """The two things on one level that make a patch together; empty when it is not two.
 
-
-def _placed(
-    kind: ObjectClass, box: Box, view: CameraView, height: Optional[float], edge: int
-) -> Optional[np.ndarray]:
-    """Where a thing stands (its bottom's middle) that appears in the middle of a rectangle.
-
-    :param height: of what it stands on; None: it may hang anywhere.
-    :param edge: of the rectangle that it appears at too: 1 the top, 3 the bottom.
+    :param shape: the patch's pixels within its rectangle.
+    :param height: of what they stand on, m.
+    :param sides: of the rectangle that they make: 0 left, 1 top, 2 right, 3 bottom.
     """
-    u, v = (box[0] + box[2]) / 2 - 0.5, (box[1] + box[3]) / 2 - 0.5
-    distance = view.matrix[0, 0] * kind.width / (box[2] - box[0])
-    for _ in range(5):
-        if height is None:
-            place = view.position + distance * view.ray(u, v) - (0.0, 0.0, kind.height / 2)
-        else:
-            place = view.on_plane(u, v, height)
-        pixels = None if place is None else view.project(_outline(kind, place))
-        if pixels is None:
-            return None
-        (left, top), (right, bottom) = pixels.min(axis=0) + 0.5, pixels.max(axis=0) + 0.5
-        u += (box[0] + box[2]) / 2 - (left + right) / 2
-        if height is None:
-            v += (box[1] + box[3]) / 2 - (top + bottom) / 2
-            distance *= math.sqrt((right - left) * (bottom - top) / area(box))
-        else:
-            v += box[edge] - (left, top, right, bottom)[edge]
-    return place
+    pair = []
+    covered = np.zeros_like(shape)
+    for side in sides:
+        fits = []
+        for kind in kinds:
+            half = beside(kind, box, shape, view, height, side)
+            if half is not None and _within(half[2], box):
+                place, part, expected = half
+                likeness = overlap(expected, part) * _darkness(kind, place, view, dark)
+                fits.append((likeness, kind, place, expected))
+        likeness, kind, place, expected = max(fits, key=lambda fit: fit[0], default=(0.0, None, None, box))
+        if likeness < LEAST_HALF:
+            return []
+        pair.append(_sighting(kind, likeness, place, expected, view, height))
+        left, top = max(0, round(expected[0] - box[0])), max(0, round(expected[1] - box[1]))
+        covered[top : round(expected[3] - box[1]), left : round(expected[2] - box[0])] = True
+    apart = pair[0].distance(pair[1]) > 0.7 * pair[0].size[0] and any(
+        abs(one - two) > LEAST_SHIFT for one, two in zip(pair[0].box, pair[1].box)
+    )
+    both = (shape & covered).sum()
+    return pair if apart and both > EXPLAINED * shape.sum() and both > FILLED * covered.sum() else []
+
+
+def _joined(mask: np.ndarray, things: np.ndarray) -> np.ndarray:
+    """A mask without the gaps that other things leave which stand before it."""
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((1, GAP), np.uint8))
+    return cv2.bitwise_or(mask, cv2.bitwise_and(closed, things))
+
+
+def _within(inner: Box, outer: Box) -> bool:
+    slack = 1.5 + 0.1 * (inner[3] - inner[1])  # pixels
+    return all(inner[i] > outer[i] - slack and inner[i + 2] < outer[i + 2] + slack for i in (0, 1))
+
+
+def _likeness(sighting: Sighting, view: CameraView) -> float:
+    """Of the patch's rectangle and the thing's; a dark part where it has to be counts too."""
+    kind = OBJECT_CLASSES[sighting.name]
+    place = np.array(sighting.position) - (0.0, 0.0, sighting.size[2] / 2)
+    return overlap(view.box(outline(kind, place)), sighting.box) + (DARK_COUNTS if kind.dark_height else 0.0)
+
+
+def _least_score(sightings: List[Sighting]) -> float:
+    return min((sighting.score for sighting in sightings), default=0.0)
+
+
+def _sighting(
+    kind: ObjectClass,
+    likeness: float,
+    place: np.ndarray,
+    box: Box,
+    view: CameraView,
+    support: Optional[float],
+) -> Sighting:
+    """:param place: where its bottom's middle is, m; :param support: height that this follows from."""
+    middle = place + (0.0, 0.0, kind.height / 2)
+    size = kind.size or (2 * kind.radius, 2 * kind.radius)
+    distance = float(np.linalg.norm(middle - view.position))
+    pixel = distance / view.matrix[0, 0]  # m across a pixel
+    drop = max(view.position[2] - place[2], 0.05)
+    # By a plane, an error of a pixel counts more the flatter the ray; by size, the smaller the thing.
+    along = pixel * distance / drop if support is not None else distance / math.sqrt(area(box))
+    return Sighting(
+        kind.name,
+        likeness,
+        tuple(middle.tolist()),
+        (size[0], size[1], kind.height),
+        box,
+        spread=math.hypot(along, pixel),
+        depth_from="size" if support is None else "support",
+    )
 
 
 def _darkness(kind: ObjectClass, place: np.ndarray, view: CameraView, dark: np.ndarray) -> float:
     """How well the dark pixels fit a class, 0..1."""
     if kind.dark_height:
         share = _share(
-            dark, view.box(_outline(kind, place, kind.height * (1.0 - kind.dark_height), kind.height))
+            dark, view.box(outline(kind, place, kind.height * (1.0 - kind.dark_height), kind.height))
         )
         return share if share > LEAST_DARK else 0.0
     if kind.dark_radius:
@@ -169,7 +269,7 @@ def _has_dark_sibling(kind: ObjectClass) -> bool:
 
 def _inner(kind: ObjectClass, place: np.ndarray, view: CameraView, share: float) -> Optional[Box]:
     """The rectangle around the middle of a thing's top."""
-    top = _outline(kind, place, kind.height, kind.height)
+    top = outline(kind, place, kind.height, kind.height)
     middle = place + (0.0, 0.0, kind.height)
     return view.box(middle + (top - middle) * share)
 

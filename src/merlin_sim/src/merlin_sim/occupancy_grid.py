@@ -26,10 +26,11 @@ class OccupancyGrid:
 
     def cell(self, point: Point) -> Optional[Tuple[int, int]]:
         """The row and column of a point, or None outside the map."""
-        column = math.floor((point[0] - self.origin[0]) / self.resolution)
-        row = math.floor((point[1] - self.origin[1]) / self.resolution)
+        column = (point[0] - self.origin[0]) / self.resolution
+        row = (point[1] - self.origin[1]) / self.resolution
         rows, columns = self.cells.shape
-        return (row, column) if 0 <= row < rows and 0 <= column < columns else None
+        # Compared before rounding: a number that is none, or too large for a whole one, is outside too.
+        return (int(row), int(column)) if 0 <= row < rows and 0 <= column < columns else None
 
     def point(self, row: float, column: float) -> Point:
         """The centre of a cell, m."""

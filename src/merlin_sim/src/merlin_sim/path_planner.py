@@ -56,6 +56,16 @@ class PathPlanner:
         found[inside] = self.distance[rows[inside], columns[inside]]
         return found
 
+    def nearest(self, point: Point, tolerance: float) -> Optional[Point]:
+        """The point nearest to another one where the robot can stand; None: none within the tolerance (m)."""
+        rows, columns = np.nonzero((self.distance >= self.radius) & (self.grid.cells == FREE))
+        if not len(rows):
+            return None
+        x, y = self.grid.point(rows, columns)
+        away = np.hypot(x - point[0], y - point[1])
+        best = int(np.argmin(away))
+        return (float(x[best]), float(y[best])) if away[best] <= tolerance else None
+
     def why_unreachable(self, point: Point) -> str:
         """Why the robot can never stand at a point of the map; empty when it can."""
         where = f"the goal ({point[0]:.2f}, {point[1]:.2f})"

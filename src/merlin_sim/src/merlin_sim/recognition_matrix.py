@@ -64,6 +64,8 @@ def looks(seeds: int) -> Iterator[Tuple[str, float, List[Placed], Dict[str, obje
                     )
             signs = [f"tag_{7 + index}" for index in range(len(FACINGS))]
             yield "tag", distance, _spread(signs, distance, seed, FACINGS), {"seed": seed}
+            for things in _hiding(distance, seed):
+                yield "half hidden", distance, things, {"seed": seed}
         for distance in PERSON_DISTANCES:
             for group, table in (("person behind a table", True), ("person", False)):
                 people = _spread([PERSON] * (2 if distance > 1.2 else 1), distance, seed)
@@ -84,7 +86,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
         done = look(things, recognizer=recognizer, **room)  # type: ignore[arg-type]
         pictures += 1
         for thing in things:
-            name = group if group.startswith("person") else thing.kind
+            name = group if group.startswith(("person", "half")) else thing.kind
             if thing.kind.startswith("tag"):
                 name = f"tag turned by {math.degrees(thing.facing):.0f}°"
             if distance <= 2.5 or group.startswith("person"):
@@ -105,6 +107,15 @@ def main(arguments: Optional[List[str]] = None) -> int:
     for line in false:
         print(f"false: {line}")
     return 1 if false or any(len(tally.errors or []) < tally.shown for tally in by_class.values()) else 0
+
+
+def _hiding(distance: float, seed: int) -> List[List[Placed]]:
+    """Things of which the nearer one hides a part of the other."""
+    turn = float(draw(seed, "recognition hiding", round(100 * distance)).uniform(-0.2, 0.2))
+    return [
+        [Placed(kind, distance, turn), Placed(kind, distance + 0.2, turn + 0.05 / distance)]
+        for kind in ("cup", "water", "bottle")
+    ] + [[Placed("bottle", distance - 0.2, turn + 0.02), Placed("plate", distance, turn)]]
 
 
 def _spread(kinds: List[str], distance: float, seed: int, facings: Tuple[float, ...] = ()) -> List[Placed]:

@@ -10,9 +10,9 @@ from merlin_sim.object_classes import PERSON
 from merlin_sim.physics import Physics, RobotBody
 from merlin_sim.ray_casting import Outlines
 from merlin_sim.world import Point, Pose, Solid, World, WorldObject, wrap
+from merlin_sim.world_places import ROBOT_RADIUS
 
 PUSHED = 0.002  # m and rad that a thing has to move before anybody sees it elsewhere
-ROBOT_RADIUS = 0.25  # m, as in urdf/rb1.urdf
 ROBOT_HEIGHT = 1.03  # m
 LASER_HEIGHT = 0.33  # m
 ROBOT = "robot"  # what a robot without a namespace is called

@@ -14,6 +14,7 @@ from merlin_sim.localization import PoseNoise
 from merlin_sim.parameters import ParameterError, number
 from merlin_sim.simulation import RobotSpec
 from merlin_sim.world import Pose, World
+from merlin_sim.world_places import ROBOT_RADIUS, why_no_place
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,13 @@ def read_robots(world: World) -> List[RobotSpec]:
     for item in robots:
         name, start = _placed(item, starts, world)
         specs.append(RobotSpec(name, start, limits, noise, lidar, camera, timeout))
+    for index, spec in enumerate(specs):
+        reason = why_no_place(world, spec.start.point)
+        for other in specs[:index]:
+            if spec.start.distance(other.start) < 2 * ROBOT_RADIUS:
+                reason = f"({spec.start.x:g}, {spec.start.y:g}) is taken by robot {other.name!r}"
+        if reason:
+            raise ParameterError(f"parameter ~robots: robot {spec.name!r} cannot start there: {reason}")
     names = [spec.name for spec in specs]
     if len(set(names)) != len(names):
         raise ParameterError(f"parameter ~robots names a namespace twice: {names}")
@@ -117,9 +125,10 @@ def _placed(item: Any, starts: Any, world: World) -> Any:
         raise ParameterError(f"parameter ~robots: unknown field {sorted(unknown)[0]} of robot {name!r}")
     if "x" in fields or "y" in fields:
         try:
-            return name.strip("/"), Pose(
-                float(fields["x"]), float(fields["y"]), float(fields.get("yaw", 0.0))
-            )
+            pose = Pose(float(fields["x"]), float(fields["y"]), float(fields.get("yaw", 0.0)))
+            if not all(map(math.isfinite, (pose.x, pose.y, pose.yaw))):
+                raise ValueError(f"{pose} is not finite")
+            return name.strip("/"), pose
         except (KeyError, TypeError, ValueError) as error:
             raise ParameterError(
                 f"parameter ~robots: robot {name!r} needs numbers x and y (and yaw): {error}"

@@ -11,10 +11,11 @@ from merlin_sim.camera import CAMERA_LINK, Camera, CameraError, CameraModel
 from merlin_sim.drive import BaseController, DriveGeometry, DriveLimits, OdometryNoise, WheelOdometry
 from merlin_sim.lidar import Lidar, LidarModel
 from merlin_sim.physics import Physics
-from merlin_sim.scene import ROBOT, ROBOT_RADIUS, Scene
+from merlin_sim.scene import ROBOT, Scene
 from merlin_sim.world import Pose, World
 from merlin_sim.world_control import WorldControl
 from merlin_sim.world_events import WorldEvents
+from merlin_sim.world_places import ROBOT_RADIUS
 
 PHYSICS_RATE = 100  # steps per simulated second
 ODOMETRY_EVERY = 5  # steps

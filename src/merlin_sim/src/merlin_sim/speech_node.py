@@ -1,5 +1,6 @@
 """The node ``soundplay_node``: speech and sounds through the interface of sound_play."""
 
+import math
 import threading
 from collections import deque
 from typing import Callable, Deque, Optional, Tuple
@@ -18,7 +19,16 @@ from std_msgs.msg import Bool
 from merlin_sim.parameters import ParameterError, number
 from merlin_sim.ros_clock import RosClock
 from merlin_sim.sound_card import SoundCard
-from merlin_sim.speech_synthesizer import RATE, Sound, SoundError, SpeechSynthesizer, beep, read_wave
+from merlin_sim.speech_synthesizer import (
+    RATE,
+    Sound,
+    SoundError,
+    SoundStopped,
+    SpeechSynthesizer,
+    StopSound,
+    beep,
+    read_wave,
+)
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.health import OK, WARN, Health, HealthReporter
 from merlin_sm.publishing import publish
@@ -92,7 +102,8 @@ class SpeechNode:
         self._speaker = Speaker(self._clock, self._card)
         self._changed = threading.Condition()  # guards the requests of the topic
         self._requests: Deque[SoundRequest] = deque()
-        self._playing: Optional[Tuple[SoundRequest, threading.Event]] = None
+        self._playing: Optional[Tuple[SoundRequest, StopSound]] = None
+        self._making: Optional[Tuple[ServerGoal, StopSound]] = None  # replaced as a whole, by the worker only
         self._server = SerialActionServer("sound_play", SoundRequestAction, self._execute, self._cancel)
         threading.Thread(target=self._work, name="robotsound", daemon=True).start()
         self._subscriber = rospy.Subscriber(
@@ -127,12 +138,18 @@ class SpeechNode:
             goal.succeed(SoundRequestResult(playing=False), "everything was stopped")
             return
         played = 0.0
+        stop = StopSound()
+        self._making = (goal, stop)
+        if goal.cancel_requested:
+            stop.set()
         try:
-            sound = self._sound(request)
+            sound = self._sound(request, stop)
             while True:
                 played += self._speaker.play(sound, goal.cancel_event, lambda time: _tell(goal, time))
                 if goal.cancel_requested or request.command != SoundRequest.PLAY_START:
                     break
+        except SoundStopped:
+            pass  # by the cancel, which is answered below
         except SoundError as error:
             goal.abort(_result(played), str(error))
             return
@@ -141,7 +158,10 @@ class SpeechNode:
         else:
             goal.succeed(_result(played), "said")
 
-    def _cancel(self, _: ServerGoal) -> None:
+    def _cancel(self, goal: ServerGoal) -> None:
+        making = self._making
+        if making is not None and making[0] is goal:
+            making[1].set()
         self._clock.wake()
 
     def _receive(self, request: SoundRequest) -> None:
@@ -168,30 +188,36 @@ class SpeechNode:
                 self._playing = None
                 while not self._requests:
                     self._changed.wait()
-                request, stop = self._requests.popleft(), threading.Event()
+                request, stop = self._requests.popleft(), StopSound()
                 self._playing = (request, stop)
             try:
-                sound = self._sound(request)
+                sound = self._sound(request, stop)
                 self._speaker.play(sound, stop, lambda _: None)
                 while request.command == SoundRequest.PLAY_START and not stop.is_set():
                     self._speaker.play(sound, stop, lambda _: None)
+            except SoundStopped:
+                pass
             except SoundError as error:
                 rospy.logerr(f"robotsound: {error}")
 
-    def _sound(self, request: SoundRequest) -> Sound:
+    def _sound(self, request: SoundRequest, stop: StopSound) -> Sound:
         try:
-            sound = self._made(request)
+            sound = self._made(request, stop)
+        except SoundStopped:
+            raise
         except SoundError as error:
             self._trouble = str(error)
             raise
         self._trouble = ""
         return sound
 
-    def _made(self, request: SoundRequest) -> Sound:
+    def _made(self, request: SoundRequest, stop: StopSound) -> Sound:
         if request.command not in (SoundRequest.PLAY_ONCE, SoundRequest.PLAY_START):
             raise SoundError(f"unknown command {request.command}")
+        if not math.isfinite(request.volume):
+            raise SoundError(f"the volume {request.volume} is no number from 0 to 1")
         if request.sound == SoundRequest.SAY:
-            sound = self._synthesizer.say(request.arg, request.arg2)
+            sound = self._synthesizer.say(request.arg, request.arg2, stop)
         elif request.sound == SoundRequest.PLAY_FILE:
             sound = read_wave(_path(request.arg, request.arg2))
         else:

@@ -7,7 +7,7 @@ import threading
 import wave
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 
@@ -18,6 +18,33 @@ TIMEOUT = 20.0  # s of wall time for espeak-ng
 
 class SoundError(Exception):
     """A sound that cannot be made; the text says why."""
+
+
+class SoundStopped(SoundError):
+    """A sound that nobody wants any more."""
+
+
+class StopSound(threading.Event):
+    """Set from another thread, it ends a synthesis that runs, and whoever waits for it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._handing = threading.Lock()  # held while the process changes, or is killed
+        self._process: Optional[subprocess.Popen[bytes]] = None
+
+    def set(self) -> None:
+        """Ends the synthesis."""
+        super().set()
+        with self._handing:
+            if self._process is not None:
+                self._process.kill()
+
+    def attach(self, process: Optional["subprocess.Popen[bytes]"]) -> None:
+        """Says which process is to be ended."""
+        with self._handing:
+            self._process = process
+            if process is not None and self.is_set():
+                process.kill()
 
 
 @dataclass(frozen=True)
@@ -49,10 +76,11 @@ class SpeechSynthesizer:
         self._lock = threading.Lock()  # guards the cache
         self._cache: OrderedDict[Tuple[str, str], Sound] = OrderedDict()
 
-    def say(self, text: str, voice: str = "") -> Sound:
+    def say(self, text: str, voice: str = "", stop: Optional[StopSound] = None) -> Sound:
         """The sound of a text.
 
         :raises SoundError: no text, no espeak-ng, or an unknown voice.
+        :raises SoundStopped: `stop` was set before the sound was made.
         """
         key = (text.strip(), voice or self.voice)
         if not key[0]:
@@ -61,29 +89,25 @@ class SpeechSynthesizer:
             if key in self._cache:
                 self._cache.move_to_end(key)
                 return self._cache[key]
-        sound = self._synthesize(*key)
+        sound = self._synthesize(*key, stop or StopSound())
         with self._lock:
             self._cache[key] = sound
             while len(self._cache) > CACHED:
                 self._cache.popitem(last=False)
         return sound
 
-    def _synthesize(self, text: str, voice: str) -> Sound:
+    def _synthesize(self, text: str, voice: str, stop: StopSound) -> Sound:
         handle, path = tempfile.mkstemp(suffix=".wav")
         os.close(handle)
+        # --stdin: a text that begins with a dash is no option.
+        command = ["espeak-ng", "-v", voice, "-s", str(self._speed), "-w", path, "--stdin"]
         try:
-            # --stdin: a text that begins with a dash is no option.
-            done = subprocess.run(
-                ["espeak-ng", "-v", voice, "-s", str(self._speed), "-w", path, "--stdin"],
-                input=text.encode(),
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                timeout=TIMEOUT,
-                check=False,
-            )
-            if done.returncode != 0:
-                said = done.stderr.decode(errors="replace").strip().splitlines()
-                why = said[-1] if said else "it gave no reason"
+            code, said = _run(command, text.encode(), stop)
+            if stop.is_set():
+                raise SoundStopped("stopped before the sound was made")
+            if code != 0:
+                lines = said.decode(errors="replace").strip().splitlines()
+                why = lines[-1] if lines else "it gave no reason"
                 raise SoundError(f"espeak-ng cannot say it with voice {voice!r}: {why}")
             return read_wave(path)
         except FileNotFoundError as error:
@@ -92,6 +116,22 @@ class SpeechSynthesizer:
             raise SoundError(f"espeak-ng took longer than {TIMEOUT:.0f} s") from error
         finally:
             os.unlink(path)
+
+
+def _run(command: List[str], text: bytes, stop: StopSound) -> Tuple[int, bytes]:
+    """Runs a program to its end, or until it is stopped; its exit code, and what it complained of."""
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as process:
+        stop.attach(process)
+        try:
+            _, said = process.communicate(text, timeout=TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+        finally:
+            stop.attach(None)
+        return process.returncode, said
 
 
 def read_wave(path: str) -> Sound:
@@ -109,6 +149,8 @@ def read_wave(path: str) -> Sound:
         raise SoundError(f"{path}: {error.strerror}") from error
     except (wave.Error, EOFError) as error:
         raise SoundError(f"{path} is no WAV file: {error}") from error
+    if not len(data):
+        raise SoundError(f"{path} contains no sound")
     mono = data.reshape(-1, channels).mean(axis=1)
     return Sound(resampled(mono, rate))
 

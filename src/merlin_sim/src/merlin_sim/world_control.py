@@ -11,8 +11,9 @@ from typing import Dict, Iterable, List, Optional, Sequence, Set
 from merlin_sim.footprints import collide
 from merlin_sim.object_classes import OBJECT_CLASSES, PERSON
 from merlin_sim.people import ROOM, Patrol, State, Walk, Walker
-from merlin_sim.scene import ROBOT_RADIUS, TRAY_RADIUS, PlacedObject, Scene
+from merlin_sim.scene import TRAY_RADIUS, PlacedObject, Scene
 from merlin_sim.world import Person, Point, Pose, Solid, World, WorldObject
+from merlin_sim.world_places import ROBOT_RADIUS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*\Z")
 MAX_SPEED = 3.0  # m/s of a person

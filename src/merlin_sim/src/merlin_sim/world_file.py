@@ -1,7 +1,8 @@
 """Reads world files and says clearly what is wrong with one."""
 
+import math
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Set, Union
+from typing import Any, Dict, Iterator, List, Set, Tuple, Union
 
 import jsonschema
 import yaml
@@ -19,9 +20,11 @@ from merlin_sim.world import (
     span_on,
 )
 from merlin_sim.world_objects import misplaced, read_objects
+from merlin_sim.world_places import OVERLAP, why_no_place
 from merlin_sim.world_schema import SCHEMA
 
 REPORTED = 5  # errors told at once
+MAX_CELLS = 25_000_000  # of the map: 250 m x 250 m at 0.05 m
 
 
 class WorldError(Exception):
@@ -42,6 +45,9 @@ def parse_world(data: Any, source: str = "world") -> World:
     :param source: what error texts call it.
     :raises WorldError: as in :func:`load_world`.
     """
+    infinite = [f"{_place(path)}: {value} is not a finite number" for path, value in _infinite(data)]
+    if infinite:
+        raise WorldError(_told(source, infinite))
     errors = sorted(
         jsonschema.Draft7Validator(SCHEMA).iter_errors(data), key=lambda error: list(map(str, error.path))
     )
@@ -91,6 +97,18 @@ def _read(path: Union[str, Path]) -> Any:
 def _told(source: str, problems: List[str]) -> str:
     more = f"; and {len(problems) - REPORTED} more" if len(problems) > REPORTED else ""
     return f"world file {source}: " + "; ".join(problems[:REPORTED]) + more
+
+
+def _infinite(data: Any, path: Tuple[Any, ...] = ()) -> Iterator[Tuple[Tuple[Any, ...], float]]:
+    """The numbers that are none (.nan and .inf are YAML), and where they are."""
+    if isinstance(data, float) and not math.isfinite(data):
+        yield path, data
+    elif isinstance(data, dict):
+        for key, value in data.items():
+            yield from _infinite(value, (*path, key))
+    elif isinstance(data, list):
+        for index, value in enumerate(data):
+            yield from _infinite(value, (*path, index))
 
 
 def _place(path: Any) -> str:
@@ -162,10 +180,17 @@ def _nonsense(world: World) -> Iterator[str]:
         elif isinstance(event, MoveEvent) and event.thing not in things:
             yield f"events: there is no furniture {event.thing}"
     left, bottom, right, top = world.bounds()
-    for kind, poses in (
-        ("points_of_interest", world.points_of_interest.items()),
-        ("starts", ((str(index), pose) for index, pose in enumerate(world.starts))),
-    ):
-        for name, pose in poses:
-            if not (left < pose.x < right and bottom < pose.y < top):
-                yield f"{kind}.{name}: ({pose.x:g}, {pose.y:g}) lies outside the walls"
+    if (right - left) * (top - bottom) / world.resolution**2 > MAX_CELLS:
+        yield (
+            f"walls: {right - left:g} m x {top - bottom:g} m are too large for a map "
+            f"of {world.resolution:g} m per cell (at most {MAX_CELLS:,} cells)"
+        )
+        return
+    for name, pose in world.points_of_interest.items():
+        reason = why_no_place(world, pose.point, OVERLAP, mapped=True)
+        if reason:
+            yield f"points_of_interest.{name}: {reason}"
+    for index, pose in enumerate(world.starts):
+        reason = why_no_place(world, pose.point)
+        if reason:
+            yield f"starts[{index}]: {reason}"

@@ -19,28 +19,30 @@ class _PauseWatch:
     """Adds up how long the simulator has been paused. One per process, started by its first reader."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()  # guards all fields below
         self._subscriber: Optional[rospy.Subscriber] = None
+        self._lock = threading.Lock()  # guards all fields below
+        self._started = False
         self._paused_since: Optional[float] = None
         self._paused_before = 0.0
 
     def paused_time(self) -> float:
         """Seconds of monotonic time spent paused so far."""
-        if self._subscriber is None:
+        if not self._started:
             self._start()
         with self._lock:
             now = time.monotonic()
             return self._paused_before + (now - self._paused_since if self._paused_since is not None else 0.0)
 
     def _start(self) -> None:
+        if not (rospy.core.is_initialized() and rospy.rostime.is_rostime_initialized()):
+            return
         with self._lock:
-            if (
-                self._subscriber is None
-                and rospy.core.is_initialized()
-                and rospy.rostime.is_rostime_initialized()
-            ):
-                # Without a simulator nobody publishes here, and the time simply runs.
-                self._subscriber = rospy.Subscriber(SIM_STATUS_TOPIC, SimStatus, self._update, queue_size=10)
+            if self._started:
+                return
+            self._started = True
+        # Not under the lock: where the topic is subscribed already, rospy calls `_update` before this returns.
+        # Without a simulator nobody publishes here, and the time simply runs.
+        self._subscriber = rospy.Subscriber(SIM_STATUS_TOPIC, SimStatus, self._update, queue_size=10)
 
     def _update(self, status: SimStatus) -> None:
         with self._lock:

@@ -2,6 +2,8 @@
 
 from typing import Any, List, Sequence
 
+import rospy
+
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from smach import StateMachine
 
@@ -12,7 +14,8 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
     Parameters are those of :class:`smach.StateMachine`.
 
     After a run, :attr:`reason` is the sentence that the last state left (states of MERLIN have a ``reason``),
-    also out of nested machines.
+    also out of nested machines. A state that is aborted is logged with its reason, wherever its transition
+    leads: a machine that goes on after a failure does not hide it.
     """
 
     def __init__(
@@ -21,7 +24,9 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         super().__init__(list(outcomes), list(input_keys), list(output_keys))
         self.reason = ""
         self._cancelled = False
-        self.register_start_cb(self._begin)
+        self._at: List[str] = []  # labels of the states that run
+        self.register_start_cb(self.__begin)  # a name that subclasses, users' code, do not override by chance
+        self.register_transition_cb(self.__left)
         self.register_termination_cb(self._take_reason)
 
     def prepare(self) -> None:
@@ -33,12 +38,20 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         self._cancelled = True
         self.request_preempt()
 
-    def _begin(self, userdata: Any, initial_states: List[str]) -> None:
+    def __begin(self, userdata: Any, initial_states: List[str]) -> None:
         self.reason = ""
+        self._at = list(initial_states)
         if self._cancelled:
             # SMACH forgets the flag of an idle machine when a run begins. request_preempt() would deadlock in
             # a callback of the original SMACH, so the flag it sets is set here.
             self._preempt_requested = True
+
+    def __left(self, userdata: Any, active_states: List[str]) -> None:
+        for label in self._at:
+            state = self.get_children().get(label)
+            if getattr(state, "outcome", "") == "aborted":
+                rospy.loginfo(f"{label} was aborted: {state.reason or 'no reason is known'}")
+        self._at = list(active_states)
 
     def _take_reason(self, userdata: Any, terminal_states: List[str], outcome: str) -> None:
         children = self.get_children()

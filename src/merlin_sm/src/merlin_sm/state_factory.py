@@ -4,6 +4,8 @@ from typing import Any, Callable, Dict, List
 
 import smach
 from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.dialogue import AskSM
+from merlin_sm.states.function_state import FunctionState
 from merlin_sm.states.knowledge import KnowledgeState
 from merlin_sm.states.navigation import NavigationState
 from merlin_sm.states.planning import (
@@ -15,6 +17,7 @@ from merlin_sm.states.planning import (
 from merlin_sm.states.recognition import RecognizeState
 from merlin_sm.states.ros_calls import ServiceCallState, TopicState
 from merlin_sm.states.speech import ListenState, SpeakState
+from merlin_sm.states.while_state import WhileSM
 
 StateMaker = Callable[..., smach.State]
 
@@ -28,15 +31,18 @@ class MerlinStateFactory:
     navigation        :class:`merlin_sm.states.navigation.NavigationState`
     speak             :class:`merlin_sm.states.speech.SpeakState`
     listen            :class:`merlin_sm.states.speech.ListenState`
+    ask               :class:`merlin_sm.states.dialogue.AskSM`
     recognize         :class:`merlin_sm.states.recognition.RecognizeState`
     action            :class:`merlin_sm.states.action_state.ActionState`
     service           :class:`merlin_sm.states.ros_calls.ServiceCallState`
     topic             :class:`merlin_sm.states.ros_calls.TopicState`
+    function          :class:`merlin_sm.states.function_state.FunctionState`
     knowledge         :class:`merlin_sm.states.knowledge.KnowledgeState`
     generate_problem  :class:`merlin_sm.states.planning.GenerateProblemState`
     plan              :class:`merlin_sm.states.planning.PlanState`
     parse_plan        :class:`merlin_sm.states.planning.ParsePlanState`
     dispatch_plan     :class:`merlin_sm.states.planning.DispatchPlanState`
+    while             :class:`merlin_sm.states.while_state.WhileSM`
     ================  ==================================================================
     """
 
@@ -71,7 +77,9 @@ class MerlinStateFactory:
 
 for _name, _maker in (
     ("action", ActionState),
+    ("ask", AskSM),
     ("dispatch_plan", DispatchPlanState),
+    ("function", FunctionState),
     ("generate_problem", GenerateProblemState),
     ("knowledge", KnowledgeState),
     ("listen", ListenState),
@@ -82,5 +90,6 @@ for _name, _maker in (
     ("service", ServiceCallState),
     ("speak", SpeakState),
     ("topic", TopicState),
+    ("while", WhileSM),
 ):
     MerlinStateFactory.register(_name, _maker)

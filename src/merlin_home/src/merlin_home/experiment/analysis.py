@@ -77,11 +77,13 @@ class Analysis:
         return result
 
     def task_means(self, approach: str) -> Dict[str, Optional[float]]:
-        """Means over the tasks of an approach, s; None where there is no such task."""
+        """Means over the tasks of an approach, s and (`_m`) m; None where there is no such task."""
         tasks = [task for task in self.tasks if task["approach"] == approach]
         return {
             "unmarked": _mean([task["time_s"] for task in tasks if not task["marked"]]),
             "marked": _mean([task["time_s"] for task in tasks if task["marked"]]),
+            "unmarked_m": _mean([task["distance_m"] for task in tasks if not task["marked"]]),
+            "marked_m": _mean([task["distance_m"] for task in tasks if task["marked"]]),
             "leg": _mean([task["navigating_s"] for task in tasks if task["outcome"] == "SUCCEEDED"]),
             "leg_m": _mean([task["distance_m"] for task in tasks if task["outcome"] == "SUCCEEDED"]),
             "stopping": _mean([task["stopping_s"] for task in tasks if task["cancel_sent"] is not None]),

@@ -88,12 +88,13 @@ def draw_timeline(path: Path, runs: Dict[str, List[Row]], title: str) -> None:
             for column, _, color in PHASES:
                 axes.barh(0, task[column] or 0.0, left=at, color=color, height=0.6)
                 at += task[column] or 0.0
-            axes.text(task["sent"], 0.42, f"{task['task']:.0f} {task['poi']}", fontsize=7)
+            height = 0.42 + 0.2 * (task["task"] % 2)  # a cancelled task is shorter than its name
+            axes.text(task["sent"], height, f" {task['task']:.0f} {task['poi']}", fontsize=7)
             axes.axvline(task["sent"], color="black", linewidth=0.6)
             if task["cancel_sent"] is not None:
                 axes.plot(task["cancel_sent"], 0, "kv", markersize=6)
         axes.set_yticks([0], [APPROACH_NAMES[approach]])
-        axes.set_ylim(-0.4, 0.75)
+        axes.set_ylim(-0.4, 0.85)
     all_axes[-1, 0].set_xlabel("s of simulated time; ▼ cancel sent")
     handles = [plt.Rectangle((0, 0), 1, 1, color=color) for _, _, color in PHASES]
     figure.legend(

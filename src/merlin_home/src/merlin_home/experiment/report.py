@@ -28,6 +28,9 @@ from .statistics import Ratio
 EFFICIENCY_GOAL = 0.95
 COMPLETED_GOAL = 0.90
 EXCESS_GOAL = 0.03
+_REASONS = """What a cancel saves is what was left of the way when it was sent, and the way back from where it
+would have led. It grows with the length of the ways and falls with the cancel time; neither Naive nor MERLIN
+speaks in a task that was cancelled on the way."""
 
 
 def write_report(
@@ -131,6 +134,9 @@ def _ratios(analysis: Analysis) -> str:
         f"| excess over the oracle | at most {EXCESS_GOAL:.0%}"
     )
     method = "Ratio of the means over the pairs, with the 95 % confidence interval of the ratio estimator."
+    if remarks:
+        remarks.insert(0, "Where the paper's ratio is outside our interval, and why:\n")
+        remarks.append(f"\n{_REASONS}")
     return section("MERLIN / Naive", method, table(header, rows), "\n".join(remarks)) if rows else ""
 
 
@@ -149,16 +155,18 @@ def _difference(part: Analysis, mission: int, time: Ratio, way: Ratio) -> List[s
     if not differing or None in (naive["marked"], naive["unmarked"], merlin["marked"]):
         return []
     tasks = MISSION_TASKS[mission]
-    paper_task = TIME[mission, "naive"].mean / tasks
-    paper_saves = (TIME[mission, "naive"].mean - TIME[mission, "merlin"].mean) / (tasks / 2)
-    saves = naive["marked"] - merlin["marked"]
-    return [
-        f"- Mission {mission}: {', '.join(differing)}. Here a completed task takes {naive['unmarked']:.1f} "
-        f"s, a cancelled one {naive['marked']:.1f} s under Naive and {merlin['marked']:.1f} s under MERLIN, "
-        f"so that a cancel saves {saves:.1f} s. In the paper a Naive task takes {paper_task:.1f} s on "
-        f"average, and its means say that a cancel saves {paper_saves:.1f} s. Naive does not finish a "
-        "cancelled task either: it drives there, but does not speak."
-    ]
+    lines = []
+    for words, unit, table_of, column in (("time", "s", TIME, ""), ("distance", "m", DISTANCE, "_m")):
+        whole, theirs, ours = naive["unmarked" + column], naive["marked" + column], merlin["marked" + column]
+        of_naive, of_merlin = table_of[mission, "naive"].mean, table_of[mission, "merlin"].mean
+        lines.append(
+            f"  - {words}: a task that is not cancelled takes {whole:.1f} {unit}, a cancelled one "
+            f"{theirs:.1f} {unit} under Naive and {ours:.1f} {unit} under MERLIN: a cancel saves "
+            f"{theirs - ours:.1f} {unit}. In the paper a Naive task takes {of_naive / tasks:.1f} {unit} on "
+            f"average, and its means say that "
+            f"a cancel saves {(of_naive - of_merlin) / (tasks / 2):.1f} {unit}."
+        )
+    return [f"- Mission {mission}: {', '.join(differing)}.", *lines]
 
 
 def _efficiency(analysis: Analysis) -> str:

@@ -14,7 +14,8 @@ MISUNDERSTOOD = "misunderstood"
 class SpeakState(ActionState):
     """Says ``userdata.text``, or a fixed text, and ends when it has been said.
 
-    :param text: fixed text; ``{key}`` is replaced by the userdata of that name.
+    :param text: fixed text; ``{key}`` is replaced by the userdata of that name, in which underscores are
+        spoken as blanks: PDDL's ``table_4`` is ``table 4``.
     :param keys: the userdata keys that a fixed text names.
     :param voice: of the synthesis, empty: its default.
     :param volume: 0..1.
@@ -32,7 +33,8 @@ class SpeakState(ActionState):
         inputs = list(keys) if text is not None else ["text"]
 
         def goal(userdata: Any) -> SoundRequestGoal:
-            said = userdata.text if text is None else text.format(**{key: userdata[key] for key in keys})
+            spoken = {key: str(userdata[key]).replace("_", " ") for key in keys}
+            said = userdata.text if text is None else text.format(**spoken)
             if not str(said).strip():
                 raise ValueError("there is no text to say")
             request = SoundRequest(

@@ -1,0 +1,1 @@
+"""The SciRoc restaurant: the application and the people who play its guests."""

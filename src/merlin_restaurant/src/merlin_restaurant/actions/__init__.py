@@ -1,0 +1,1 @@
+"""The PDDL actions of the restaurant domain as state machines."""

@@ -1,0 +1,15 @@
+"""The action (return_order ?t): bring back what nobody wants any more."""
+
+from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_restaurant.menu import ALL_RIGHT
+
+
+class ReturnOrder(MerlinActionSM):
+    """Asks the barman to take an order from the tray."""
+
+    parameters = ["t"]
+
+    def build(self) -> None:
+        """One question."""
+        text = "The guests of {t} have left. Please take the order from my tray."
+        self.add("ASK", self.state("ask", text, ALL_RIGHT, ["t"]), {"misunderstood": "aborted"})

@@ -1,0 +1,111 @@
+"""States that watch, by the lidar, whether the person who is guided still follows."""
+
+import math
+import threading
+from typing import Any, Callable, Optional, Tuple
+
+import numpy as np
+import rospy
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
+
+from merlin_restaurant.person_tracker import PersonTracker
+from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+
+BEHIND = 1.9  # m of distance at which the robot waits
+CLOSE = 1.4  # m at which it goes on
+GONE = 3.6  # m: nobody who follows is that far away
+UNSEEN = 3.0  # s after which somebody who is not seen counts as lost
+LOST = "lost"
+
+
+class FollowerWatch:
+    """Tracks one person on ``scan`` and ``odom`` between :meth:`begin` and :meth:`end`."""
+
+    def __init__(self) -> None:
+        self.changed = threading.Condition()  # guards all below
+        self._tracker = PersonTracker()
+        self._pose: Optional[Tuple[float, float, float]] = None
+        self._now = self._begun = 0.0
+        self._subscribers: list = []
+
+    def begin(self, *_: Any) -> None:
+        """Forgets whom it knew and looks for somebody in front of the robot."""
+        self.end()
+        with self.changed:
+            self._tracker = PersonTracker()
+            self._begun = self._now = rospy.get_time()
+        self._subscribers = [
+            rospy.Subscriber("odom", Odometry, self._move, tcp_nodelay=True, queue_size=1),
+            rospy.Subscriber("scan", LaserScan, self._see, tcp_nodelay=True, queue_size=1),
+        ]
+
+    def end(self, *_: Any) -> None:
+        """Stops watching."""
+        for subscriber in self._subscribers:
+            subscriber.unregister()
+        self._subscribers = []
+
+    @property
+    def lost(self) -> bool:
+        """Whether the person is gone: not seen for a while, or too far away."""
+        return self._now - max(self._begun, self._tracker.seen) > UNSEEN or self._tracker.distance > GONE
+
+    @property
+    def distance(self) -> float:
+        """From the robot, m."""
+        return self._tracker.distance
+
+    def _move(self, odometry: Odometry) -> None:
+        pose = odometry.pose.pose
+        yaw = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
+        with self.changed:
+            self._pose = (pose.position.x, pose.position.y, yaw)
+
+    def _see(self, scan: LaserScan) -> None:
+        ranges = np.asarray(scan.ranges)
+        angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
+        valid = (ranges >= scan.range_min) & (ranges <= scan.range_max)
+        points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)[valid]
+        with self.changed:
+            if self._pose is not None:
+                self._now = scan.header.stamp.to_sec()
+                self._tracker.update(self._now, self._pose, points)
+                self.changed.notify_all()
+
+
+class WatchState(MerlinState):
+    """Waits until the follower is somewhere; further outcome: lost.
+
+    :param watch: it.
+    :param until: tells from the distance (m) whether the wait is over.
+    :param limit: s of ROS time after which the follower counts as lost, too; 0: none.
+    """
+
+    def __init__(self, watch: FollowerWatch, until: Callable[[float], bool], limit: float = 0.0) -> None:
+        super().__init__([LOST])
+        self._watch = watch
+        self._until = until
+        self._limit = limit
+        self._stopped = False
+
+    def run(self, userdata: Any) -> str:
+        """Waits."""
+        watch, begun = self._watch, rospy.get_time()
+        self._stopped = False
+        self.interruptible(self._stop)
+        with watch.changed:
+            # The slice is for a lidar that has fallen silent.
+            while not (self._stopped or watch.lost or self._until(watch.distance) or self._late(begun)):
+                watch.changed.wait(1.0)
+            outcome = LOST if watch.lost or self._late(begun) else SUCCEEDED
+        self.interruptible(None)
+        return PREEMPTED if self._stopped else outcome
+
+    def _late(self, begun: float) -> bool:
+        return 0.0 < self._limit < rospy.get_time() - begun
+
+    def _stop(self) -> None:
+        self._stopped = True
+        with self._watch.changed:
+            self._watch.changed.notify_all()

@@ -1,0 +1,1 @@
+"""Guests and barman of the simulated restaurant. The robot knows nothing of this package."""

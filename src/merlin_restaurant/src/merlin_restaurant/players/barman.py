@@ -1,0 +1,104 @@
+"""The barman: prepares what the robot orders, sometimes wrongly, and loads it; and clears tables."""
+
+import re
+from random import Random
+from typing import Callable, Dict, List, Sequence
+
+from merlin_msgs.msg import GuestEvent
+
+from merlin_restaurant.menu import items_in
+from merlin_restaurant.players.house import BAR, TRAY, House
+from merlin_restaurant.players.schedule import DISTURBANCES, MISSING, without_one, wrong_order
+from merlin_restaurant.players.stage import Stage
+
+NAME = "barman"
+PREPARES = 8.0  # s
+MENDS = 4.0  # s
+WRONG = "the order is wrong at the bar"
+READY = "your order is ready"
+ANSWERS = {
+    "i am sorry": "all right",
+    "ordered": "all right",
+    "put the order": "here you are",
+    "take the order": "all right",
+}
+
+
+class Barman:
+    """Serves the robot until the evening is over.
+
+    :param wrong_share: of the orders that are wrong at first, 0..1.
+    :param guest_of: tells who sits at a table, and whether the order has to go wrong.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        house: House,
+        seed: int,
+        wrong_share: float,
+        guest_of: Callable[[str], object],
+    ) -> None:
+        self._stage = stage
+        self._house = house
+        self._random = Random(f"barman {seed}")
+        self._wrong_share = wrong_share
+        self._guest_of = guest_of
+        self._orders: Dict[str, List[str]] = {}
+
+    def play(self) -> None:
+        """Works.
+
+        :raises Closed: the evening is over.
+        """
+        self._stage.answer(NAME, ANSWERS)
+        table = ""
+        while True:
+            said = self._stage.hear(NAME, "", 3600.0)
+            found = re.search(r"table \d+", said)
+            table = found.group().replace(" ", "_") if found else table
+            if "i am sorry" in said:
+                self._mend(table)
+            elif found and "ordered" in said:
+                self._prepare(table, items_in(said[found.end() :]))
+            elif "put the order" in said:
+                self._load(table)
+            elif "take the order" in said:
+                self._house.take(TRAY)
+
+    def _prepare(self, table: str, items: Sequence[str]) -> None:
+        if self._orders.get(table) == list(items) and self._house.on(BAR):
+            self._stage.call(READY)  # the robot did not hear that, and ordered again
+            return
+        self._orders[table] = list(items)
+        self._house.take(BAR)
+        self._stage.wait(PREPARES)
+        guest = self._guest_of(table)
+        missing = guest is not None and MISSING in guest.plan.disturbances
+        if missing or self._random.random() < self._wrong_share:
+            spoil = without_one if missing else wrong_order
+            wrong = spoil(tuple(items), self._random)
+            self._stage.tell(
+                GuestEvent.DISTURBED,
+                guest.plan.name if guest else "",
+                table,
+                wrong,
+                f"{DISTURBANCES[MISSING] if missing else WRONG}: "
+                f"{' and '.join(wrong)} instead of {' and '.join(items)}",
+            )
+            self._house.put(BAR, wrong)
+        else:
+            self._house.put(BAR, items)
+        self._stage.call(READY)
+
+    def _mend(self, table: str) -> None:
+        self._stage.wait(MENDS)
+        self._house.take(BAR)
+        self._house.put(BAR, self._orders.get(table, []))
+        self._stage.call(READY)
+
+    def _load(self, table: str) -> None:
+        self._house.put(TRAY, self._house.take(BAR))
+        guest = self._guest_of(table)
+        if guest is not None:
+            guest.tray_is_loaded(self._house.on(TRAY))

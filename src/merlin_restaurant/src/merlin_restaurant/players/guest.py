@@ -1,0 +1,250 @@
+"""One guest: comes, follows the robot, orders, eats and leaves."""
+
+import contextlib
+import math
+import re
+from typing import Dict, Optional, Sequence
+
+from merlin_msgs.msg import GuestEvent
+
+from merlin_restaurant.menu import call_from, listed
+from merlin_restaurant.players.house import TRAY, House
+from merlin_restaurant.players.places import Places, Point
+from merlin_restaurant.players.schedule import CHAIR, DISTURBANCES, LEAVES, UNCLEAR, WALKS_OFF, GuestPlan
+from merlin_restaurant.players.stage import Stage, StageError
+
+CALL_EVERY = 25.0  # s between two calls for the robot
+PATIENCE = 900.0  # s that a guest waits for a table, for the waiter or for the order
+KEPT = 0.9  # m that who follows keeps from the robot
+LOOK = 0.6  # s between two looks at where the robot is now
+STRANDED = 40.0  # s without the robot moving on after which who follows goes back to the entrance
+MUMBLED = ("the weather was lovely by the lake", "my uncle has seven little dogs")
+ASKED = "what would you like"
+TALKING = 90.0  # s after a question in which a guest does not call for who has asked it
+CHAIR_NAME = "chair_5"
+GOES_AFTER = 12.0  # s after ordering in which an impatient guest leaves
+
+
+class Guest:
+    """Plays one plan. :meth:`play` returns when the guest has left."""
+
+    def __init__(self, plan: GuestPlan, stage: Stage, places: Places, house: House) -> None:
+        self.plan = plan
+        self.table = plan.table
+        self.seated = False
+        self._name = plan.name
+        self._stage = stage
+        self._places = places
+        self._house = house
+
+    def play(self) -> None:
+        """Lives through the evening.
+
+        :raises Closed: the restaurant closed early.
+        """
+        if self.table:
+            seat, yaw = self._places.seat(self.table)
+            self._stage.put_person(self._name, seat, yaw, sit=True)
+            self._tell(GuestEvent.CAME)
+            self._seat()
+        else:
+            self._stage.wait(self.plan.comes)
+            self._come_in()
+            if not self._get_a_table():
+                return
+        if self._order() and self._be_served():
+            self._stage.wait(self.plan.eating)
+            self._house.empty(self.table)
+            self._leave("content")
+            if self.plan.cleared:
+                self._stage.wait(self.plan.cleared)
+                self._house.take(self.table)
+                self._stage.tell(GuestEvent.CLEARED, table=self.table)
+
+    # --- coming --------------------------------------------------------------------------------------------
+
+    def _come_in(self) -> None:
+        stage, places = self._stage, self._places
+        while not self._appear(places.door):
+            stage.wait(LOOK)
+        self._tell(GuestEvent.CAME)
+        self._go_to_waiting_place()
+
+    def _appear(self, at: Point) -> bool:
+        """Stands somewhere; False: something is in the way."""
+        try:
+            self._stage.put_person(self._name, at)
+        except StageError:
+            return False
+        return True
+
+    def _go_to_waiting_place(self) -> None:
+        stage, places = self._stage, self._places
+        way = places.way(stage.position(self._name), self._house.join_queue(self._name))
+        walk = stage.walk(self._name, way, self.plan.pace, yaw=math.pi)
+        stage.arrived(self._name, walk)
+        self._answers({"would you like a table": "yes please"})
+
+    def _get_a_table(self) -> bool:
+        stage, came = self._stage, self._stage.now()
+        while stage.now() - came < PATIENCE:
+            stage.forget(self._name)
+            if stage.call("good evening we would like a table", self._name):
+                self._tell(GuestEvent.CALLED)
+            said = stage.hear(self._name, "follow me to", CALL_EVERY)
+            if not said:
+                continue
+            found = re.search(r"table \d+", said)
+            if found is None:
+                continue
+            self._house.leave_queue(self._name)
+            if WALKS_OFF in self.plan.disturbances:
+                return self._walk_off()
+            if self._follow():
+                self.table = found.group().replace(" ", "_")
+                self._sit_down()
+                return True
+            self._go_to_waiting_place()
+        self._leave("waited too long for a table")
+        return False
+
+    def _follow(self, limit: float = STRANDED) -> bool:
+        """Walks behind the robot until it offers a seat; False: it does not go on."""
+        stage, name = self._stage, self._name
+        moved, last = stage.now(), stage.robot()
+        joined = len(stage.trail())
+        while not stage.hear(name, "please take a seat", LOOK):
+            here, robot = stage.position(name), stage.robot()
+            if math.dist(robot, last) > 0.1:
+                moved, last = stage.now(), robot
+            elif stage.now() - moved > limit:
+                return False
+            if math.dist(here, robot) > KEPT + 0.1:
+                steps = [point for point in stage.trail()[joined - 1 :] if math.dist(point, robot) > KEPT]
+                ahead = _not_yet_walked(steps, here)
+                stage.walk(name, ahead or [_towards(here, robot, KEPT)], self.plan.pace)
+        return True
+
+    def _walk_off(self) -> bool:
+        self._disturb(WALKS_OFF)
+        stage, begun = self._stage, self._stage.now()
+        while stage.now() - begun < 5.0:
+            here, robot = stage.position(self._name), stage.robot()
+            if math.dist(here, robot) > KEPT + 0.1:
+                stage.walk(self._name, [_towards(here, robot, KEPT)], self.plan.pace)
+            stage.wait(LOOK)
+        self._leave("walked off before there was a table")
+        return False
+
+    def _sit_down(self) -> None:
+        stage = self._stage
+        seat, yaw = self._places.seat(self.table)
+        way = self._places.way(stage.position(self._name), seat)
+        walk = stage.walk(self._name, way, self.plan.pace, sit=True, yaw=yaw)
+        if not stage.arrived(self._name, walk, 60.0):
+            stage.put_person(self._name, seat, yaw, sit=True)
+        self._seat()
+
+    def _seat(self) -> None:
+        self.seated = True
+        self._tell(GuestEvent.SEATED)
+
+    # --- eating --------------------------------------------------------------------------------------------
+
+    def _order(self) -> bool:
+        """Orders when the robot asks; calls it when it does not come."""
+        stage, order = self._stage, listed(self.plan.order)
+        wish = " and ".join(f"a {item}" for item in self.plan.order)
+        understood = {
+            ASKED: f"{wish} please",
+            f"would like {order}\\. is that right": "yes please",
+            "is that right": "no",
+        }
+        answers = [understood]
+        if UNCLEAR in self.plan.disturbances:
+            self._disturb(UNCLEAR)
+            answers = [*({**understood, ASKED: mumbled} for mumbled in MUMBLED), understood]
+        self._answers(answers.pop(0))
+        stage.forget(self._name)
+        repeated = f"would like {order}. is that right"
+        begun, quiet = stage.now(), self.plan.thinking
+        while stage.now() - begun < PATIENCE:
+            said = stage.hear(self._name, (ASKED, repeated), quiet)
+            if repeated in said:
+                self._tell(GuestEvent.ORDERED, items=self.plan.order)
+                return True
+            if said:
+                quiet = TALKING
+                if answers:
+                    self._answers(answers.pop(0))
+            else:
+                if stage.call(call_from(self.table), self._name):
+                    self._tell(GuestEvent.CALLED)
+                quiet = CALL_EVERY
+        self._leave("waited too long for the waiter")
+        return False
+
+    def _be_served(self) -> bool:
+        stage = self._stage
+        if LEAVES in self.plan.disturbances:
+            self._disturb(LEAVES)
+            stage.wait(GOES_AFTER)
+            self._leave("left before the order came")
+            return False
+        if CHAIR in self.plan.disturbances:
+            self._disturb(CHAIR)
+            self._block_the_way()
+        if not stage.hear(self._name, "here is your", PATIENCE):
+            self._leave("waited too long for the order")
+            return False
+        brought = self._house.take(TRAY)
+        self._house.put(self.table, brought)
+        self._tell(GuestEvent.SERVED, items=brought)
+        return True
+
+    def _block_the_way(self) -> None:
+        for distance in (1.6, 1.2, 2.0):
+            with contextlib.suppress(StageError):  # somebody stands there: somewhere else then
+                self._stage.move_furniture(CHAIR_NAME, self._places.before(self.table, "bar", distance))
+                return
+
+    def tray_is_loaded(self, items: Sequence[str]) -> None:
+        """Learns what comes, so that the answer to the robot's question can be true."""
+        right = sorted(items) == sorted(self.plan.order)
+        self._answers({"is everything right": "yes thank you" if right else "no thank you"})
+
+    def _leave(self, reason: str) -> None:
+        stage, places = self._stage, self._places
+        self.seated = False
+        self._house.leave_queue(self._name)
+        self._tell(GuestEvent.LEFT, reason=reason)
+        self._answers({})
+        way = places.way(stage.position(self._name), places.door)
+        stage.arrived(self._name, stage.walk(self._name, way, self.plan.pace), 90.0)
+        stage.remove(self._name)
+
+    def _answers(self, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
+        self._stage.answer(self._name, answers, then)
+
+    def _disturb(self, kind: str) -> None:
+        self._tell(GuestEvent.DISTURBED, reason=DISTURBANCES[kind])
+
+    def _tell(
+        self, event: int, items: Sequence[str] = (), reason: str = "", table: Optional[str] = None
+    ) -> None:
+        self._stage.tell(event, self._name, self.table if table is None else table, items, reason)
+
+
+def _not_yet_walked(steps: Sequence, here: tuple) -> list:
+    """The part of a trail that lies ahead of its place nearest to somebody."""
+    if not steps:
+        return []
+    nearest = min(range(len(steps)), key=lambda number: math.dist(steps[number], here))
+    return list(steps[nearest + 1 :])
+
+
+def _towards(here: tuple, there: tuple, keep: float) -> tuple:
+    """The place that lies `keep` m before `there`, seen from here."""
+    distance = math.dist(here, there)
+    share = max(0.0, distance - keep) / distance if distance else 0.0
+    return (here[0] + share * (there[0] - here[0]), here[1] + share * (there[1] - here[1]))

@@ -1,0 +1,85 @@
+"""Where people stand, sit and walk in the simulated restaurant, from its world file."""
+
+import math
+from typing import List, Tuple
+
+from merlin_sim.occupancy_grid import map_of
+from merlin_sim.path_planner import NoPath, PathPlanner
+from merlin_sim.world import World
+
+Point = Tuple[float, float]
+
+BODY, ROOM = 0.25, 0.05  # m, radius of who walks and what is kept free besides
+SEAT = 0.85  # m from the middle of a table, on the side away from its point of interest
+DOOR_STEP = 0.45  # m from the door's middle to where people come in
+WAITING = 1.5  # m ahead of the entrance's point of interest
+QUEUE = (
+    (WAITING, 0.0),
+    (1.75, -0.5),
+    (1.75, 0.5),
+    (1.15, 0.62),
+)  # m ahead and to the left of it: who waits where
+TABLE_AHEAD = 0.9  # m ahead of a table's point of interest
+
+
+class Places:
+    """Places and ways of people.
+
+    :param world: of the restaurant, with tables' points of interest and a door named entrance_door.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._pois = world.points_of_interest
+        self._planner = PathPlanner(map_of(world), BODY, ROOM)
+        door = next(door for door in world.doors if door.name == "entrance_door")
+        middle = ((door.start[0] + door.end[0]) / 2, (door.start[1] + door.end[1]) / 2)
+        inside = self._ahead("entrance", WAITING)
+        self.queue = [self._ahead("entrance", ahead, aside) for ahead, aside in QUEUE]
+        along = (door.end[0] - door.start[0], door.end[1] - door.start[1])
+        length = math.hypot(*along)
+        normal = (-along[1] / length, along[0] / length)
+        side = 1.0 if (inside[0] - middle[0]) * normal[0] + (inside[1] - middle[1]) * normal[1] > 0 else -1.0
+        self.door = (middle[0] + side * DOOR_STEP * normal[0], middle[1] + side * DOOR_STEP * normal[1])
+
+    def seat(self, table: str) -> Tuple[Point, float]:
+        """Where a guest sits, and the yaw (rad) in which the guest looks at the table."""
+        pose = self._pois[table]
+        return self._ahead(table, TABLE_AHEAD + SEAT), (pose.yaw + math.pi) % (2 * math.pi)
+
+    def plate(self, table: str, number: int) -> Point:
+        """Where the guest's dishes stand: m from the middle of the table."""
+        yaw = self._pois[table].yaw
+        sideways = (0.14, -0.14)[number % 2]
+        return (
+            0.12 * math.cos(yaw) - sideways * math.sin(yaw),
+            0.12 * math.sin(yaw) + sideways * math.cos(yaw),
+        )
+
+    def way(self, start: Point, goal: Point) -> List[Point]:
+        """A way round the furniture; straight when there is none (people squeeze through)."""
+        try:
+            return self._planner.plan(start, goal)
+        except NoPath:
+            return [goal]
+
+    def before(self, goal: str, start: str, distance: float) -> Tuple[float, float]:
+        """A place on the robot's way between two points of interest, m before its end."""
+        way = self._planner.plan(self._pois[start].point, self._pois[goal].point)
+        left = distance
+        for end, begin in zip(reversed(way), list(reversed(way))[1:]):
+            length = math.dist(begin, end)
+            if length >= left:
+                share = left / length
+                return (end[0] + share * (begin[0] - end[0]), end[1] + share * (begin[1] - end[1]))
+            left -= length
+        return way[0]
+
+    def on_bar(self, counter: Point, number: int) -> Point:
+        """Where an item of an order is put on the bar: m from the middle of the counter."""
+        spot = self._ahead("bar", 0.68)
+        return spot[0] - counter[0], spot[1] - counter[1] + (0.16, -0.16, 0.0)[number % 3]
+
+    def _ahead(self, poi: str, distance: float, aside: float = 0.0) -> Point:
+        pose = self._pois[poi]
+        cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
+        return pose.x + distance * cos - aside * sin, pose.y + distance * sin + aside * cos

@@ -1,0 +1,117 @@
+"""Node `players`: guests and barman of the simulated restaurant, who live by a seeded schedule."""
+
+import sys
+import threading
+import traceback
+from typing import Dict, List, Optional, Union
+
+import rospy
+from merlin_msgs.msg import GuestEvent
+
+from merlin_restaurant.players.barman import NAME as BARMAN
+from merlin_restaurant.players.barman import Barman
+from merlin_restaurant.players.guest import Guest
+from merlin_restaurant.players.house import BAR, House
+from merlin_restaurant.players.places import Places
+from merlin_restaurant.players.schedule import DISTURBANCES, GuestPlan, ScheduleError, make_schedule
+from merlin_restaurant.players.stage import Closed, Stage, StageError
+from merlin_sim.world import World
+from merlin_sim.world_drawing import find_world
+from merlin_sim.world_file import WorldError, load_world
+
+STARTUP = 60.0  # s of wall time for the simulator and the voices
+
+
+class Players:
+    """Everybody who is not the robot.
+
+    :param world: of the restaurant.
+    :param plans: of the guests.
+    :param seed: of the barman's mistakes.
+    :param wrong_share: of the orders that the barman gets wrong at first.
+    """
+
+    def __init__(self, world: World, plans: List[GuestPlan], seed: int, wrong_share: float) -> None:
+        self._world = world
+        self._stage = Stage()
+        counter = next(solid for solid in world.furniture if solid.name == BAR)
+        places = Places(world)
+        self._house = House(self._stage, places, counter.pose.point)
+        self._guests = [Guest(plan, self._stage, places, self._house) for plan in plans]
+        self._barman = Barman(self._stage, self._house, seed, wrong_share, self._guest_at)
+        self._failure = ""
+
+    def run(self) -> int:
+        """Plays the evening; returns the exit code."""
+        rospy.on_shutdown(self._stage.close)
+        missing = self._stage.ready(STARTUP)
+        if missing:
+            rospy.logfatal(f"players: {missing}")
+            return 1
+        try:
+            self._clear_the_room()
+        except StageError as error:
+            rospy.logfatal(f"players: {error}")
+            return 1
+        barman = self._start(self._barman, BARMAN)
+        threads = [self._start(guest, guest.plan.name) for guest in self._guests]
+        for thread in threads:
+            thread.join()
+        if self._failure or rospy.is_shutdown():
+            return 1 if self._failure else 0
+        self._stage.tell(GuestEvent.CLOSED)
+        rospy.spin()
+        self._stage.close()
+        barman.join()
+        return 0
+
+    def _start(self, player: object, name: str) -> threading.Thread:
+        def play() -> None:
+            try:
+                player.play()
+            except Closed:
+                pass
+            except Exception as error:  # a play that goes on without one of its players would never end well
+                self._failure = f"{name}: {error}"
+                why = error if isinstance(error, StageError) else traceback.format_exc()
+                rospy.logfatal(f"players: {name} cannot go on: {why}")
+                self._stage.close()
+
+        thread = threading.Thread(target=play, name=name, daemon=True)
+        thread.start()
+        return thread
+
+    def _clear_the_room(self) -> None:
+        """Takes away who and what the world file shows for other purposes."""
+        for name in self._stage.people():
+            if name != BARMAN:
+                self._stage.remove(name)
+        for thing in self._world.objects:
+            self._stage.remove(thing.name)
+
+    def _guest_at(self, table: str) -> Optional[Guest]:
+        there: Dict[str, Guest] = {guest.table: guest for guest in self._guests if guest.seated}
+        return there.get(table)
+
+
+def _disturbances(given: object) -> Union[int, List[str]]:
+    """How many, or which: ``leaves,chair``."""
+    return given if isinstance(given, int) else str(given).replace(",", " ").split()
+
+
+def main() -> int:
+    """Entry point of the node; returns the exit code."""
+    rospy.init_node("players")
+    try:
+        world = load_world(find_world(str(rospy.get_param("~world"))))
+        seed = int(rospy.get_param("~seed", 1))
+        plans = make_schedule(
+            int(rospy.get_param("~guests", 6)),
+            seed,
+            _disturbances(rospy.get_param("~disturbances", len(DISTURBANCES))),
+            float(rospy.get_param("~haste", 1.0)),
+        )
+    except (ScheduleError, WorldError, KeyError, ValueError) as error:
+        print(f"players: {error}", file=sys.stderr)
+        return 2
+    return Players(world, plans, seed, float(rospy.get_param("~wrong_share", 0.25))).run()

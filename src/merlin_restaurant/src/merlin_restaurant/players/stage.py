@@ -1,0 +1,291 @@
+"""What those who play the people can do in the simulated world, and what they notice there."""
+
+import math
+import threading
+from collections import deque
+from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple, Union
+
+import numpy as np
+import rospy
+from audio_common_msgs.msg import AudioData
+from geometry_msgs.msg import Point as PointMessage
+from merlin_msgs.msg import GuestEvent, PersonHeard, SimPeople, SimPerson
+from merlin_msgs.srv import PlaceThing, SetAnswers, WalkPerson
+from nav_msgs.msg import Odometry
+from std_msgs.msg import Bool
+
+from merlin_restaurant.players.places import Point
+from merlin_sim.ros_clock import RosClock
+from merlin_sim.speech_synthesizer import RATE, SpeechSynthesizer
+from merlin_sm.service_proxy import ServiceProxy
+
+CHUNK = 0.2  # s of sound per message
+QUIET = 6.0  # s that nobody has spoken before a guest calls across the room
+ANSWER_DUE = 20.0  # s in which who was asked begins to answer
+CALL_WAITS = 60.0  # s until a guest gives up calling, because it is never quiet
+APPEARS = 10.0  # s until who was placed is seen
+TRAIL = 0.15  # m between the remembered places of the robot
+HEARD = 200.0  # RMS, of 32767, of a voice
+CALL_LIMIT = 10.0  # s of wall time for a service of the simulator
+
+
+class StageError(RuntimeError):
+    """The simulated world refused something; the text says what and why."""
+
+
+class Closed(Exception):
+    """The evening is over, or ROS shuts down: whoever waits goes home."""
+
+
+class Stage:
+    """The simulated restaurant for its players. Safe to use from all their threads."""
+
+    def __init__(self) -> None:
+        self._clock = RosClock()
+        self._changed = threading.Condition()  # guards the fields below
+        self._over = threading.Event()
+        self._people: Dict[str, SimPerson] = {}
+        self._heard: Dict[str, Deque[PersonHeard]] = {}
+        self._robot: Optional[Tuple[float, float, float]] = None
+        self._trail: List[Point] = []
+        self._last_sound = 0.0
+        self._answer_due = 0.0  # until then nobody calls, because somebody is about to answer the robot
+        self._voices = threading.Lock()  # one person calls at a time
+        self._synthesizer = SpeechSynthesizer()
+        self._place = ServiceProxy("/merlin_sim/place", PlaceThing, timeout=CALL_LIMIT)
+        self._walk = ServiceProxy("/merlin_sim/walk", WalkPerson, timeout=CALL_LIMIT)
+        self._answers = ServiceProxy("person_voice/set_answers", SetAnswers, timeout=CALL_LIMIT)
+        self._events = rospy.Publisher("restaurant/guests", GuestEvent, queue_size=100, latch=True)
+        self._microphone = rospy.Publisher("audio/microphone", AudioData, queue_size=50)
+        rospy.Subscriber("/merlin_sim/people", SimPeople, self._see_people, tcp_nodelay=True)
+        rospy.Subscriber("person_voice/heard", PersonHeard, self._hear, tcp_nodelay=True)
+        rospy.Subscriber("ground_truth", Odometry, self._see_robot, tcp_nodelay=True, queue_size=1)
+        rospy.Subscriber("audio/microphone", AudioData, self._listen, tcp_nodelay=True, queue_size=50)
+        rospy.Subscriber("sound_play/is_speaking", Bool, self._notice, tcp_nodelay=True)
+
+    # --- time ----------------------------------------------------------------------------------------------
+
+    def ready(self, timeout: float) -> str:
+        """Waits for the simulator and the voices; returns what is missing, empty when nothing is."""
+        for proxy in (self._place, self._walk, self._answers):
+            if not proxy.wait(timeout):
+                return f"no service {proxy.name} after {timeout:.0f} s"
+        with self._changed:
+            if not self._changed.wait_for(lambda: bool(self._people) and self._robot is not None, timeout):
+                return f"nobody on /merlin_sim/people, or no ground_truth, after {timeout:.0f} s"
+        return ""
+
+    def now(self) -> float:
+        """Simulated time, s."""
+        return rospy.get_time()
+
+    def wait(self, seconds: float) -> None:
+        """Lets simulated time pass.
+
+        :raises Closed: the evening is over.
+        """
+        if not self._clock.wait(seconds, self._over) or rospy.is_shutdown():
+            raise Closed
+
+    def wait_until(self, holds: Callable[[], bool], seconds: float) -> bool:
+        """Waits until something that is heard or seen holds, at most some simulated time; whether it does.
+
+        :raises Closed: the evening is over.
+        """
+        end = self.now() + seconds
+        with self._changed:
+            while not holds():
+                if self._over.is_set() or rospy.is_shutdown():
+                    raise Closed
+                if self.now() >= end:
+                    return False
+                self._changed.wait(0.5)  # people and robot move: something changes many times a second
+        return True
+
+    def close(self) -> None:
+        """Ends the evening for everybody who waits."""
+        self._over.set()
+        self._clock.wake()
+        with self._changed:
+            self._changed.notify_all()
+
+    # --- people and things ---------------------------------------------------------------------------------
+
+    def put_person(self, name: str, at: Point, yaw: float = 0.0, sit: bool = False) -> None:
+        """Makes somebody appear.
+
+        :raises StageError: something is in the way.
+        """
+        self._demand(self._place(name=name, kind=self._kind(name), x=at[0], y=at[1], yaw=yaw, sit=sit), name)
+        # The simulator answers before it tells who is where; from here on everybody may rely on that.
+        if not self.wait_until(lambda: name in self._people, APPEARS):
+            raise StageError(f"{name} was placed, but did not appear on /merlin_sim/people in {APPEARS:g} s")
+
+    def put_thing(self, name: str, kind: str, on: str, at: Point, yaw: float = 0.0) -> None:
+        """Puts an object on furniture or on the robot's tray; m from its middle."""
+        self._demand(self._place(name=name, kind=kind, on=on, x=at[0], y=at[1], yaw=yaw), name)
+
+    def move_furniture(self, name: str, to: Point) -> None:
+        """Puts a movable piece of furniture on the floor somewhere."""
+        self._demand(self._place(name=name, x=to[0], y=to[1]), name)
+
+    def remove(self, name: str) -> None:
+        """Takes somebody or something out of the world."""
+        self._demand(self._place(name=name, absent=True), name)
+
+    def walk(
+        self,
+        name: str,
+        path: Sequence[Point],
+        speed: float = 0.0,
+        sit: bool = False,
+        yaw: Optional[float] = None,
+    ) -> int:
+        """Lets somebody walk; returns the number of the walk."""
+        points = [PointMessage(x, y, 0.0) for x, y in path]
+        answer = self._walk(
+            name=name, path=points, speed=speed, sit=sit, turn=yaw is not None, yaw=yaw if yaw else 0.0
+        )
+        self._demand(answer, name)
+        return int(answer.walk)
+
+    def arrived(self, name: str, walk: int, limit: float = 120.0) -> bool:
+        """Waits for the end of a walk; False: it took too long."""
+
+        def there() -> bool:
+            person = self._people.get(name)
+            return person is not None and person.walk >= walk and person.state != SimPerson.WALKING
+
+        return self.wait_until(there, limit)
+
+    def position(self, name: str) -> Point:
+        """Where somebody is, m."""
+        with self._changed:
+            person = self._people[name]
+            return person.x, person.y
+
+    def people(self) -> List[str]:
+        """Everybody who is there."""
+        with self._changed:
+            return [name for name, person in self._people.items() if person.state != SimPerson.ABSENT]
+
+    def robot(self) -> Point:
+        """Where the robot is, m."""
+        with self._changed:
+            assert self._robot is not None
+            return self._robot[:2]
+
+    def trail(self) -> List[Point]:
+        """Where the robot has been, the newest last."""
+        with self._changed:
+            return list(self._trail[-400:])
+
+    # --- speech --------------------------------------------------------------------------------------------
+
+    def answer(self, name: str, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
+        """Sets what somebody answers: pattern of what the robot says → answer.
+
+        :param then: answers to the next questions, whatever they are.
+        """
+        reply = self._answers(
+            person=name, next=list(then), patterns=list(answers), answers=list(answers.values()), otherwise=[]
+        )
+        self._demand(reply, name)
+
+    def forget(self, name: str) -> None:
+        """Forgets what somebody heard so far."""
+        with self._changed:
+            self._heard[name] = deque()
+
+    def hear(self, name: str, text: Union[str, Tuple[str, ...]], seconds: float) -> str:
+        """Waits until the robot says something to somebody that contains a text (one of some); returns it."""
+        wanted = (text,) if isinstance(text, str) else text
+        found: List[str] = []
+
+        def said() -> bool:
+            heard = self._heard.setdefault(name, deque())
+            while heard:
+                question = heard.popleft().question.lower()
+                if any(part in question for part in wanted):
+                    found.append(question)
+                    return True
+            return False
+
+        return found[0] if self.wait_until(said, seconds) else ""
+
+    def call(self, text: str, name: str = "") -> bool:
+        """Says something aloud as soon as it is quiet.
+
+        :param name: of who calls, and does not when the robot has said something to them before it was quiet.
+        :return: False: it never was quiet, or the robot came first.
+        """
+
+        def spoken_to() -> bool:
+            return bool(self._heard.get(name))
+
+        with self._voices:
+            quiet = self.wait_until(lambda: spoken_to() or self.now() - self._last_sound > QUIET, CALL_WAITS)
+            if not quiet or spoken_to():
+                return False
+            samples = self._synthesizer.say(text).samples
+            sound = np.concatenate([samples, np.zeros(round(0.8 * RATE), dtype=np.int16)])
+            size = round(CHUNK * RATE)
+            for first in range(0, len(sound), size):
+                part = sound[first : first + size]
+                self._microphone.publish(AudioData(data=part.astype("<i2").tobytes()))
+                self.wait(len(part) / RATE)
+        return True
+
+    def _quiet(self) -> bool:
+        now = self.now()
+        return now - self._last_sound > QUIET and now > self._answer_due
+
+    # --- books ---------------------------------------------------------------------------------------------
+
+    def tell(
+        self, event: int, guest: str = "", table: str = "", items: Sequence[str] = (), reason: str = ""
+    ) -> None:
+        """Publishes what happened."""
+        message = GuestEvent(guest=guest, event=event, table=table, items=list(items), reason=reason)
+        message.header.stamp = rospy.Time.now()
+        self._events.publish(message)
+        rospy.loginfo(f"{guest or 'restaurant'}: event {event} {table} {' '.join(items)} {reason}")
+
+    def _demand(self, answer: object, name: str) -> None:
+        if not answer.success:
+            raise StageError(f"{name}: {answer.message}")
+
+    def _kind(self, name: str) -> str:
+        with self._changed:
+            return "" if name in self._people else "person"
+
+    def _see_people(self, message: SimPeople) -> None:
+        with self._changed:
+            self._people = {person.name: person for person in message.people}
+            self._changed.notify_all()
+
+    def _see_robot(self, message: Odometry) -> None:
+        position, turn = message.pose.pose.position, message.pose.pose.orientation
+        with self._changed:
+            self._robot = (position.x, position.y, 2 * math.atan2(turn.z, turn.w))
+            if not self._trail or math.dist(self._trail[-1], self._robot[:2]) > TRAIL:
+                self._trail.append(self._robot[:2])
+            self._changed.notify_all()
+
+    def _hear(self, message: PersonHeard) -> None:
+        with self._changed:
+            self._heard.setdefault(message.person, deque()).append(message)
+            if message.answer:
+                self._answer_due = self.now() + ANSWER_DUE
+            self._changed.notify_all()
+
+    def _listen(self, message: AudioData) -> None:
+        samples = np.frombuffer(message.data, dtype="<i2").astype(float)
+        if len(samples) and math.sqrt(float(np.mean(samples**2))) > HEARD:
+            with self._changed:
+                self._last_sound, self._answer_due = rospy.get_time(), 0.0
+
+    def _notice(self, message: Bool) -> None:
+        with self._changed:
+            # While the robot speaks it is not quiet, however long that takes.
+            self._last_sound = math.inf if message.data else rospy.get_time()

@@ -1,0 +1,55 @@
+"""How far the points of interest of a world are from each other, as values of a PDDL problem."""
+
+import argparse
+import itertools
+import math
+import sys
+from typing import Dict, List, Optional, Tuple
+
+from merlin_sim.occupancy_grid import map_of
+from merlin_sim.path_planner import NoPath, PathPlanner
+from merlin_sim.world import World
+from merlin_sim.world_drawing import find_world
+from merlin_sim.world_file import WorldError, load_world
+
+RADIUS, CLEARANCE = 0.25, 0.05  # of the robot and of its plans, m
+
+
+def poi_distances(world: World) -> Dict[Tuple[str, str], float]:
+    """Length of the shortest safe path between each two points of interest, m.
+
+    :raises NoPath: two of them are not connected.
+    """
+    planner = PathPlanner(map_of(world), RADIUS, CLEARANCE)
+    found = {}
+    for (first, start), (second, end) in itertools.combinations(world.points_of_interest.items(), 2):
+        path = planner.plan(start.point, end.point)
+        found[first, second] = found[second, first] = sum(math.dist(a, b) for a, b in zip(path, path[1:]))
+    return found
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """The command ``poi_distances``; returns its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="poi_distances",
+        description="Prints the distances between points of interest for a PDDL problem.",
+    )
+    parser.add_argument("world", help="world file (YAML), or the name of one that comes with merlin_sim")
+    parser.add_argument("--function", default="distance", help="of the domain (default: distance)")
+    parser.add_argument("--from", dest="also", default="", help="a further place, at the mean distance")
+    parser.add_argument("--without", nargs="*", default=[], help="points that the problem does not need")
+    options = parser.parse_args(arguments)
+    try:
+        world = load_world(find_world(options.world))
+        for name in options.without:
+            world.points_of_interest.pop(name, None)
+        found = poi_distances(world)
+    except (WorldError, NoPath, OSError) as error:
+        print(f"poi_distances: {error}", file=sys.stderr)
+        return 1
+    for name in world.points_of_interest if options.also else ():
+        lengths = [length for (_, end), length in found.items() if end == name]
+        print(f"(= ({options.function} {options.also} {name}) {sum(lengths) / len(lengths):.1f})")
+    for (start, end), length in sorted(found.items()):
+        print(f"(= ({options.function} {start} {end}) {length:.1f})")
+    return 0

@@ -1,0 +1,55 @@
+"""A question and its answer, asked again when the answer was not understood."""
+
+from typing import Any, Optional, Sequence
+
+from merlin_sm.merlin_sm import MerlinSM
+from merlin_sm.states.function_state import FunctionState
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
+from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
+
+SORRY = "Sorry, I did not understand."
+
+
+class AskSM(MerlinSM):
+    """Says a question, listens, and asks again. ``userdata.heard`` becomes what was understood.
+
+    Outcomes: succeeded, misunderstood (``attempts`` times), aborted, preempted.
+
+    :param question: ``{key}`` is replaced by the userdata of that name.
+    :param grammar: JSGF text of the answers.
+    :param keys: the userdata keys that the question names.
+    :param attempts: how often it asks in all.
+    :param sorry: said before it asks again.
+    :param timeout: s of ROS time to wait for an answer; 0: the listener's default.
+    """
+
+    def __init__(
+        self,
+        question: str,
+        grammar: str,
+        keys: Sequence[str] = (),
+        attempts: int = 3,
+        sorry: str = SORRY,
+        timeout: float = 0.0,
+    ) -> None:
+        super().__init__([SUCCEEDED, MISUNDERSTOOD, ABORTED, PREEMPTED], list(keys), ["heard"])
+        self._attempts = attempts
+        self._asked = 0
+        self.register_start_cb(self._first)
+        with self:
+            self.add("ASK", SpeakState(question, tuple(keys)), {SUCCEEDED: "LISTEN"})
+            self.add("LISTEN", ListenState(grammar, timeout), {MISUNDERSTOOD: "AGAIN"})
+            again = FunctionState(self._again, outcomes=[MISUNDERSTOOD])
+            self.add("AGAIN", again, {SUCCEEDED: "ASK_AGAIN"})
+            self.add("ASK_AGAIN", SpeakState(f"{sorry} {question}", tuple(keys)), {SUCCEEDED: "LISTEN"})
+
+    def _first(self, userdata: Any, initial_states: Sequence[str]) -> None:
+        self._asked = 1
+        userdata.heard = ""  # until something is understood
+
+    def _again(self, userdata: Any) -> Optional[str]:
+        if self._asked >= self._attempts:
+            self["AGAIN"].reason = f"no answer was understood in {self._attempts} attempts"
+            return MISUNDERSTOOD
+        self._asked += 1
+        return None

@@ -1,0 +1,35 @@
+"""A state that is a function: what a machine decides or remembers between two states that act."""
+
+from typing import Any, Callable, Optional, Sequence
+
+from merlin_sm.knowledge_client import KnowledgeError
+from merlin_sm.service_proxy import ServiceError
+from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
+
+
+class FunctionState(MerlinState):
+    """Calls a function with the userdata. It has to return soon; what waits is a state of its own.
+
+    :param function: returns an outcome, or None for succeeded; raise ValueError to abort with its text. A
+        knowledge base that refuses or does not answer aborts likewise.
+    :param inputs: userdata keys that it reads.
+    :param outputs: userdata keys that it sets.
+    :param outcomes: that it may return besides succeeded.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[Any], Optional[str]],
+        inputs: Sequence[str] = (),
+        outputs: Sequence[str] = (),
+        outcomes: Sequence[str] = (),
+    ) -> None:
+        super().__init__(outcomes, inputs, outputs)
+        self._function = function
+
+    def run(self, userdata: Any) -> str:
+        """Calls it."""
+        try:
+            return self._function(userdata) or SUCCEEDED
+        except (ValueError, KnowledgeError, ServiceError) as error:
+            return self.fail(str(error))

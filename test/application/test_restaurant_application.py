@@ -1,0 +1,80 @@
+"""The restaurant as its users start it: two short evenings, in which everything goes wrong that can."""
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Dict, List
+
+import pytest
+
+RUN = [
+    sys.executable,
+    "-c",
+    "from merlin.launch_runner import main; raise SystemExit(main())",
+    "restaurant.launch",
+]
+
+
+SHORT = ("haste:=8", "seed:=3", "rtf:=3")
+
+
+def run(tmp_path: Path, *words: str) -> "subprocess.CompletedProcess[str]":
+    env = dict(os.environ, ROS_HOME=str(tmp_path), ROS_LOG_DIR=str(tmp_path / "log"))
+    env.pop("ROS_MASTER_URI", None)
+    command = [*RUN, f"results:={tmp_path / 'results'}", *words]
+    return subprocess.run(command, env=env, capture_output=True, text=True, timeout=270, check=False)
+
+
+def guests(tmp_path: Path) -> List[Dict[str, str]]:
+    with (tmp_path / "results" / "guests.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_guest_is_served_though_an_item_is_missing_and_a_chair_in_the_way(tmp_path: Path) -> None:
+    done = run(tmp_path, "guests:=1", "disturbances:=missing,chair", "wrong_share:=0", *SHORT)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (ann,) = guests(tmp_path)
+    assert ann["outcome"] == "served"
+    assert ann["ordered"] == ann["served"] != ""
+    assert "an item is missing at the bar" in ann["errors"] and "a chair blocks the way" in ann["errors"]
+    complaint = next(line for line in done.stdout.splitlines() if "I am sorry" in line)
+    assert any(f"the {item} is missing" in complaint for item in ann["ordered"].split())
+    assert (tmp_path / "results" / "timeline.png").read_bytes().startswith(b"\x89PNG")
+    for line in ("goal", "says", "understands", "sees", "knows", "(deliver_order"):
+        assert f"robot   {line}" in done.stdout
+    # The guest called while the tables were checked: that had to wait, and went on.
+    assert "interrupted by a more urgent request" in done.stdout
+    assert "goes on with (checked" in done.stdout
+    assert "the books balance" in done.stdout
+
+
+def test_guests_who_are_not_understood_leave_or_walk_off_do_not_stop_the_evening(tmp_path: Path) -> None:
+    done = run(tmp_path, "guests:=2", "disturbances:=unclear,leaves,walks_off", "wrong_share:=0", *SHORT)
+    assert done.returncode == 0, done.stdout + done.stderr
+    ann, ben = guests(tmp_path)
+    assert (ann["outcome"], ann["served"]) == ("left before the order came", "")
+    assert ben["outcome"] == "walked off before there was a table"
+    assert done.stdout.count("Sorry, I did not understand. Good evening. What would you like?") >= 2
+    goal = f"goal (already_served {ann['table']}), urgent: "
+    ended = next(line for line in done.stdout.splitlines() if goal in line)
+    assert f"nobody sits at {ann['table']} any more" in ended, "the goal's end says why"
+    assert f"(return_order {ann['table']})" in done.stdout
+    assert "does not follow any more" in done.stdout
+    assert "the books balance" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("word", "text"),
+    [
+        ("guests:=12", "12 guests cannot be"),
+        ("disturbances:=fire", "'fire' cannot be; disturbances are unclear, missing, chair"),
+        ("world_file:=/nowhere.yaml", "/nowhere.yaml"),
+    ],
+)
+def test_bad_input_is_said(tmp_path: Path, word: str, text: str) -> None:
+    done = run(tmp_path, word)
+    assert done.returncode != 0
+    assert text in done.stderr
+    assert "Traceback" not in done.stderr

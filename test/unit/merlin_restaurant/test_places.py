@@ -1,0 +1,51 @@
+"""Where the players stand, sit and walk fits the world file."""
+
+import math
+
+import pytest
+
+from merlin_restaurant.players.places import BODY, Places
+from merlin_restaurant.players.schedule import TABLES
+from merlin_sim.occupancy_grid import map_of
+from merlin_sim.path_planner import PathPlanner
+from merlin_sim.world_drawing import find_world
+from merlin_sim.world_file import load_world
+
+WORLD = load_world(find_world("restaurant"))
+PLACES = Places(WORLD)
+ROOM = PathPlanner(map_of(WORLD), BODY, 0.0)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_guests_reach_every_seat_and_leave_again(table: str) -> None:
+    seat, yaw = PLACES.seat(table)
+    way = PLACES.way(PLACES.door, seat)
+    assert len(way) > 1, "there is no way round the furniture"
+    assert math.dist(way[-1], seat) < 0.1
+    middle = next(solid for solid in WORLD.furniture if solid.name == table).pose.point
+    assert math.isclose(math.dist(seat, middle), 0.85, abs_tol=0.02)
+    looks = (seat[0] + 0.85 * math.cos(yaw), seat[1] + 0.85 * math.sin(yaw))
+    assert math.dist(looks, middle) < 0.05
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_who_waits_stands_free_and_near_enough_to_be_seen(number: int) -> None:
+    place = PLACES.queue[number]
+    assert ROOM.room(place) > BODY
+    assert math.dist(place, PLACES.queue[0]) < 1.0
+    assert all(math.dist(place, other) > 0.5 for other in PLACES.queue if other != place)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_chair_in_the_way_stands_on_the_way(table: str) -> None:
+    place = PLACES.before(table, "bar", 1.2)
+    assert ROOM.room(place) > 0.2
+    poi = WORLD.points_of_interest[table]
+    assert 0.3 < math.dist(place, poi.point) < 1.21
+
+
+def test_dishes_stand_on_the_bar_where_the_robot_looks() -> None:
+    counter = next(solid for solid in WORLD.furniture if solid.name == "bar_counter")
+    for number in range(3):
+        x, y = PLACES.on_bar(counter.pose.point, number)
+        assert abs(x) < counter.size[0] / 2 and abs(y) < counter.size[1] / 2
