@@ -40,7 +40,7 @@ class _PauseWatch:
             if self._started:
                 return
             self._started = True
-        # Not under the lock: where the topic is subscribed already, rospy calls `_update` before this returns.
+        # Not under the lock: where the topic is subscribed already, rospy calls `_update` within this.
         # Without a simulator nobody publishes here, and the time simply runs.
         self._subscriber = rospy.Subscriber(SIM_STATUS_TOPIC, SimStatus, self._update, queue_size=10)
 
