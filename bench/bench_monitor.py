@@ -26,7 +26,7 @@ FACT_RATE = 80.0  # changes per s
 STATE_RATE = 20.0  # transitions per s
 WARM_UP = 3.0  # s
 DURATION = 20.0  # s
-LIMIT = 60.0  # s for the page to show everything
+LIMIT = 120.0  # s for the page to show everything
 SHELVES = 60  # each fact that is added is another one: 40 shelves times 1 000 things, taken in turn
 
 # Notes when the page has shown what it says: after the frame that draws a change of its elements.

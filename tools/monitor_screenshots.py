@@ -22,7 +22,12 @@ PICTURES = {
     "monitor-dark.png": {"viewport": DESKTOP, "color_scheme": "dark"},
     "monitor-phone.png": {"viewport": {"width": 390, "height": 844}, "device_scale_factor": 2},
 }
-LIMIT = 180.0  # s for the mission to get where the pictures are taken
+DRIVING = """() => {
+  const chain = document.getElementById("now-chain").textContent;
+  return /task ([3-9]|1.) of/.test(chain) && chain.includes("DRIVE")
+    && document.querySelectorAll(".node.active").length >= 2;
+}"""
+LIMIT = 240.0  # s for the mission to get where the pictures are taken
 STOP = 20.0  # s for the mission to end
 
 
@@ -32,7 +37,7 @@ def main() -> int:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="merlin_screenshots_") as results:
         mission = subprocess.Popen(
-            ["rosrun", "merlin", "run", "home.launch", "rtf:=1", f"results:={results}/results"],
+            ["rosrun", "merlin", "run", "home.launch", "tasks:=20", "rtf:=1", f"results:={results}/results"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -43,10 +48,8 @@ def main() -> int:
             with chromium() as browser:
                 visits = {name: Visit(browser, address, **options) for name, options in PICTURES.items()}
                 for name, visit in visits.items():
-                    # On the way to the second task's place, so that there is something to look back at.
-                    visit.wait_text("#now-chain", "task 2 of 6", LIMIT)
-                    visit.wait_text("#now-chain", "DRIVE", LIMIT)
-                    visit.wait("() => document.querySelectorAll('.node.active').length >= 2")
+                    # On the way to a later task's place, so that there is something to look back at.
+                    visit.wait(DRIVING, limit=LIMIT)
                     visit.page.screenshot(path=folder / name)
                     print(folder / name)
         finally:

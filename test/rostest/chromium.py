@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 # The shell has no window to draw for each page, which takes most of the time of the whole browser.
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser")
-LONG = 30.0  # s
+LONG = 60.0  # s
 LOOK = 0.03  # s between two looks at the page
 # That the monitor was gone for a moment, or refused something, is no fault of the page.
 EXPECTED = re.compile(r"ERR_CONNECTION|responded with a status of (403|409)")
