@@ -22,7 +22,7 @@ help:
 	@echo "make restaurant   an evening in the simulated restaurant (GUESTS= DISTURBANCES= SEED= RTF= RECORD=)"
 	@echo "make test   all tests"
 	@echo "make bench  benchmarks"
-	@echo "make soak   10 000 cancels and interruptions (CYCLES=)"
+	@echo "make soak   10 000 cancels and interruptions, and the long tests (CYCLES=)"
 	@echo "make lint   ruff, catkin_lint, roslaunch-check"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
 	@echo "make build  only what the others need"
@@ -53,6 +53,7 @@ bench: build
 
 soak: build
 	@CYCLES=$(CYCLES) LIMIT=20000 $(IN) python bench/run.py cancel_stress
+	@$(IN) python -m pytest -m long test
 
 screenshots: build
 	@$(IN) python tools/monitor_screenshots.py

@@ -50,6 +50,7 @@ def test_a_guest_is_served_though_an_item_is_missing_and_a_chair_in_the_way(tmp_
     assert "the books balance" in done.stdout
 
 
+@pytest.mark.long
 def test_guests_who_are_not_understood_leave_or_walk_off_do_not_stop_the_evening(tmp_path: Path) -> None:
     done = run(tmp_path, "guests:=2", "disturbances:=unclear,leaves,walks_off", "wrong_share:=0", *SHORT)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -65,6 +65,11 @@ class Listen(unittest.TestCase):
             self.assertEqual(goal.status, GoalStatus.ABORTED, grammar)
             self.assertIn("grammar", goal.text)
 
+    def test_a_negative_time_out_is_refused(self):
+        goal = self.hear(ORDERS, timeout=-1.0)
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual((goal.status, "negative" in goal.text), (GoalStatus.ABORTED, True), goal.text)
+
 
 if __name__ == "__main__":
     rospy.init_node("listen_test")

@@ -57,6 +57,14 @@ class Localization(unittest.TestCase):
         goal.target_pose.pose.orientation.w = 1.0
         return self.client.send(goal)
 
+    def refuse_nonsense(self, publisher):
+        for x, w in ((math.nan, 1.0), (1e308, 1.0), (4.0, 0.0), (4.0, math.nan)):
+            nonsense = PoseWithCovarianceStamped()
+            nonsense.header.frame_id = "map"
+            nonsense.pose.pose.position.x, nonsense.pose.pose.orientation.w = x, w
+            nonsense.pose.covariance[0] = math.nan
+            publisher.publish(nonsense)
+
     def test_it_tells_that_it_knows_where_the_robot_is(self):
         self.subscribers.append(rospy.Subscriber("/diagnostics", DiagnosticArray, self.diagnose))
         self.wait(lambda: self.health.get("localization: localization") == "knows where the robot is")
@@ -76,6 +84,7 @@ class Localization(unittest.TestCase):
         wrong.header.frame_id = "map"
         wrong.pose.pose.position.x, wrong.pose.pose.position.y = 4.3, 3.2
         wrong.pose.pose.orientation.w = 1.0
+        self.refuse_nonsense(publisher)
         wrong.pose.covariance[0] = wrong.pose.covariance[7] = wrong.pose.covariance[35] = 0.25
         publisher.publish(wrong)
         goal = self.drive(2.6, 3.4)

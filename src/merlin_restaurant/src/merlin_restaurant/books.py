@@ -168,7 +168,7 @@ def _account_problems(account: GuestAccount) -> List[str]:
 
 
 def _span(start: Optional[float], end: Optional[float]) -> Optional[float]:
-    return None if start is None or end is None else round(end - start, 1)
+    return None if start is None or end is None else max(0.0, round(end - start, 1))
 
 
 def _listed(items: Sequence[str]) -> str:

@@ -14,6 +14,7 @@ from merlin_sm.states.speech import ListenState
 
 URGENT = 10
 """Priority of what a guest waits for; it interrupts the round of the tables, which goes on afterwards."""
+CLOSING_ROUNDS = 3  # at most, when a table could not be looked at after the restaurant had closed
 LISTEN = 30.0  # s of ROS time after which the robot begins to listen anew
 
 
@@ -29,6 +30,7 @@ class Evening(MissionSM):
         self._tell = tell
         self._table = ""
         self._last_round = False
+        self._closing_rounds = 0
         self._tried: List[str] = []
         super().__init__()
 
@@ -117,8 +119,15 @@ class Evening(MissionSM):
         return [f"(already_served {self._table})"]
 
     def _end_round(self, userdata: Any) -> Optional[str]:
-        """The evening ends after a round that began when the restaurant had closed."""
-        return None if self._last_round else "open"
+        """The evening ends after a round that began when the restaurant had closed, and that saw all."""
+        if not self._last_round:
+            return "open"
+        unseen = [goal for goal in self._tables(userdata) if not self.holds(goal)]
+        self._closing_rounds += 1
+        if not unseen or self._closing_rounds >= CLOSING_ROUNDS:
+            return None
+        self._tell(f"looks again, because not all is known: {' '.join(unseen)}")
+        return "open"
 
 
 def then(label: str) -> Dict[str, str]:

@@ -1,5 +1,6 @@
 """The node ``localization``: a particle filter behind the topics of amcl."""
 
+import math
 import threading
 from collections import deque
 from typing import Deque, Optional
@@ -13,6 +14,7 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Empty, EmptyResponse
 from tf2_msgs.msg import TFMessage
 
+from merlin_sim.navigation_goal import bad_rotation
 from merlin_sim.parameters import ParameterError, number
 from merlin_sim.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_sim.prompt_publisher import PromptPublisher
@@ -23,6 +25,7 @@ from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
 
 SILENCE = 3.0  # s of ROS time without a scan after which something is wrong
 UNSURE = 0.5  # m of standard deviation of the position from which it does not know where it is
+SURE_OF_NOTHING = 100.0  # m², rad²: more than any variance of an initial pose
 START_SPREAD = (0.15, 0.10)  # m, rad: how well somebody who switches a robot on knows where it stands
 
 
@@ -87,8 +90,11 @@ class LocalizationNode:
         start = rospy.get_param("~initial_pose", rospy.get_param("start_pose", None))
         if start is not None:
             try:
-                particles.believe(Pose(start["x"], start["y"], start.get("yaw", 0.0)), *START_SPREAD)
-            except (KeyError, TypeError) as error:
+                pose = Pose(float(start["x"]), float(start["y"]), float(start.get("yaw", 0.0)))
+                if grid.cell(pose.point) is None or not math.isfinite(pose.yaw):
+                    raise ValueError("it lies outside the map")
+                particles.believe(pose, *START_SPREAD)
+            except (KeyError, TypeError, ValueError, AttributeError) as error:
                 rospy.logerr(f"localization: the initial pose {start!r} needs x, y and yaw: {error}")
         with self._lock:
             self._localizer = Localizer(particles, self._settings)
@@ -100,7 +106,18 @@ class LocalizationNode:
                 f"{self._frame}"
             )
             return
-        covariance = message.pose.covariance
+        point = (message.pose.pose.position.x, message.pose.pose.position.y)
+        reason = bad_rotation(message.pose.pose.orientation)
+        if reason:
+            rospy.logwarn(f"localization: an initial pose is ignored: its rotation {reason}")
+            return
+        with self._lock:
+            outside = self._localizer is not None and self._localizer.filter.grid.cell(point) is None
+        if outside:
+            rospy.logwarn(f"localization: an initial pose is ignored: {point} lies outside the map")
+            return
+        covariance = np.nan_to_num(message.pose.covariance, nan=0.0, posinf=SURE_OF_NOTHING)
+        covariance = np.clip(covariance, 0.0, SURE_OF_NOTHING)
         xy = max(0.05, np.sqrt(max(covariance[0], covariance[7])))
         yaw = max(0.05, np.sqrt(covariance[35]))
         with self._lock:

@@ -22,7 +22,7 @@ def goal_pose(target: PoseStamped, frame: str, buffer: tf2_ros.Buffer) -> Pose:
 
     :raises GoalError: bad orientation, not finite, or a frame that tf does not know.
     """
-    reason = _bad_rotation(target.pose.orientation)
+    reason = bad_rotation(target.pose.orientation)
     if reason:
         raise GoalError(f"{INVALID_QUATERNION_TEXT}: {reason}")
     position = target.pose.position
@@ -43,7 +43,8 @@ def goal_pose(target: PoseStamped, frame: str, buffer: tf2_ros.Buffer) -> Pose:
         ) from error
 
 
-def _bad_rotation(rotation: Quaternion) -> str:
+def bad_rotation(rotation: Quaternion) -> str:
+    """Why a rotation is none about the vertical; empty when it is one."""
     values = (rotation.x, rotation.y, rotation.z, rotation.w)
     text = "({:g}, {:g}, {:g}, {:g})".format(*values)
     if not all(map(math.isfinite, values)):

@@ -46,7 +46,7 @@ class ParticleFilter:
     """
 
     def __init__(self, grid: OccupancyGrid, settings: FilterSettings, seed: int, name: str) -> None:
-        self._grid = grid
+        self.grid = grid
         self._settings = settings
         self._seed, self._name = seed, name + "/particles"
         self._distance = cv2.distanceTransform(
@@ -148,8 +148,8 @@ class ParticleFilter:
         cos, sin = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
         x = poses[:, :1] + cos * points[:, 0] - sin * points[:, 1]
         y = poses[:, 1:2] + sin * points[:, 0] + cos * points[:, 1]
-        columns = ((x - self._grid.origin[0]) / self._grid.resolution).astype(int)
-        rows = ((y - self._grid.origin[1]) / self._grid.resolution).astype(int)
+        columns = ((x - self.grid.origin[0]) / self.grid.resolution).astype(int)
+        rows = ((y - self.grid.origin[1]) / self.grid.resolution).astype(int)
         height, width = self._distance.shape
         inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
         distance = np.where(inside, self._distance[rows % height, columns % width], 1.0)
@@ -157,11 +157,9 @@ class ParticleFilter:
         likelihood = (1 - outliers) * np.exp(-((distance / self._settings.sigma) ** 2) / 2) + outliers
         fits = np.log(likelihood).mean(axis=1)
         # Nobody stands in a wall.
-        own = np.clip(
-            ((poses[:, 1] - self._grid.origin[1]) / self._grid.resolution).astype(int), 0, height - 1
-        )
+        own = np.clip(((poses[:, 1] - self.grid.origin[1]) / self.grid.resolution).astype(int), 0, height - 1)
         across = np.clip(
-            ((poses[:, 0] - self._grid.origin[0]) / self._grid.resolution).astype(int), 0, width - 1
+            ((poses[:, 0] - self.grid.origin[0]) / self.grid.resolution).astype(int), 0, width - 1
         )
         return fits - (self._distance[own, across] < 0.1)
 
@@ -194,11 +192,11 @@ class ParticleFilter:
     def _anywhere(self, count: int) -> np.ndarray:
         random = self._random()
         cells = self._free[random.integers(0, len(self._free), count)]
-        x, y = self._grid.point(0, 0)
+        x, y = self.grid.point(0, 0)
         return np.stack(
             [
-                x + (cells[:, 1] + random.random(count) - 0.5) * self._grid.resolution,
-                y + (cells[:, 0] + random.random(count) - 0.5) * self._grid.resolution,
+                x + (cells[:, 1] + random.random(count) - 0.5) * self.grid.resolution,
+                y + (cells[:, 0] + random.random(count) - 0.5) * self.grid.resolution,
                 random.uniform(-math.pi, math.pi, count),
             ],
             axis=1,

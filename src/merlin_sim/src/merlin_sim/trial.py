@@ -6,10 +6,11 @@ For tests, for figures, and for whoever changes worlds or navigation and wants t
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import List, Optional, Tuple
+from typing import List, Optional, Protocol, Tuple
 
 import numpy as np
 
+from merlin_sim.drive import OdometryNoise
 from merlin_sim.localization import PoseNoise, TruthLocalization
 from merlin_sim.navigator import NavigationSettings, Navigator, Outcome
 from merlin_sim.occupancy_grid import map_of
@@ -42,11 +43,20 @@ class TrialResult:
         return self.outcome is Outcome.REACHED and not self.collisions
 
 
+class PoseSource(Protocol):
+    """Where a robot believes it is."""
+
+    def estimate(self, truth: Pose, time: float) -> Pose:
+        """The believed pose (map frame) at a time, s."""
+        ...
+
+
 class Trial:
     """One robot in a world, and what navigation makes of it.
 
     :param start: map frame.
     :param noise: of the localisation.
+    :param odometry: how the wheels' odometry drifts.
     """
 
     def __init__(
@@ -57,11 +67,13 @@ class Trial:
         settings: Optional[NavigationSettings] = None,
         noise: Optional[PoseNoise] = None,
         urdf: Path = URDF,
+        odometry: Optional[OdometryNoise] = None,
     ) -> None:
-        self.simulation = Simulation(world, [RobotSpec("", start)], urdf, seed)
+        spec = RobotSpec("", start, odometry_noise=odometry or OdometryNoise())
+        self.simulation = Simulation(world, [spec], urdf, seed)
         self.robot = self.simulation.robots[""]
         self.navigator = Navigator(map_of(world), settings or NavigationSettings(yaw_goal_tolerance=math.pi))
-        self._localization = TruthLocalization(noise or PoseNoise(), seed, "")
+        self.localization: PoseSource = TruthLocalization(noise or PoseNoise(), seed, "")
 
     def drive(self, goal: Pose, limit: float = 180.0) -> TrialResult:
         """Drives to a goal; gives up after `limit` seconds of simulated time."""
@@ -78,7 +90,7 @@ class Trial:
                 truth = robot.body.pose()
                 path.append(truth.point)
                 speeds.append(robot.body.velocity())
-                pose = self._localization.estimate(truth, simulation.time)
+                pose = self.localization.estimate(truth, simulation.time)
                 if simulation.tick % SCAN_EVERY == 0:
                     self.navigator.see(pose, angles, simulation.scan(robot), simulation.time)
                 if not started:

@@ -68,7 +68,7 @@ class Barman:
 
     def _prepare(self, table: str, items: Sequence[str]) -> None:
         if self._orders.get(table) == list(items) and self._house.on(BAR):
-            self._stage.call(READY)  # the robot did not hear that, and ordered again
+            self._stage.call(READY, NAME)  # the robot did not hear that, and ordered again
             return
         self._orders[table] = list(items)
         self._house.take(BAR)
@@ -89,13 +89,13 @@ class Barman:
             self._house.put(BAR, wrong)
         else:
             self._house.put(BAR, items)
-        self._stage.call(READY)
+        self._stage.call(READY, NAME)
 
     def _mend(self, table: str) -> None:
         self._stage.wait(MENDS)
         self._house.take(BAR)
         self._house.put(BAR, self._orders.get(table, []))
-        self._stage.call(READY)
+        self._stage.call(READY, NAME)
 
     def _load(self, table: str) -> None:
         self._house.put(TRAY, self._house.take(BAR))

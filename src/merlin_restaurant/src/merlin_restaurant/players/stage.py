@@ -15,13 +15,12 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
 from merlin_restaurant.players.places import Point
+from merlin_restaurant.players.silence import Silence
 from merlin_sim.ros_clock import RosClock
 from merlin_sim.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_sm.service_proxy import ServiceProxy
 
 CHUNK = 0.2  # s of sound per message
-QUIET = 6.0  # s that nobody has spoken before a guest calls across the room
-ANSWER_DUE = 20.0  # s in which who was asked begins to answer
 CALL_WAITS = 60.0  # s until a guest gives up calling, because it is never quiet
 APPEARS = 10.0  # s until who was placed is seen
 TRAIL = 0.15  # m between the remembered places of the robot
@@ -48,8 +47,7 @@ class Stage:
         self._heard: Dict[str, Deque[PersonHeard]] = {}
         self._robot: Optional[Tuple[float, float, float]] = None
         self._trail: List[Point] = []
-        self._last_sound = 0.0
-        self._answer_due = 0.0  # until then nobody calls, because somebody is about to answer the robot
+        self._silence = Silence()
         self._voices = threading.Lock()  # one person calls at a time
         self._synthesizer = SpeechSynthesizer()
         self._place = ServiceProxy("/merlin_sim/place", PlaceThing, timeout=CALL_LIMIT)
@@ -223,22 +221,27 @@ class Stage:
         def spoken_to() -> bool:
             return bool(self._heard.get(name))
 
-        with self._voices:
-            quiet = self.wait_until(lambda: spoken_to() or self.now() - self._last_sound > QUIET, CALL_WAITS)
-            if not quiet or spoken_to():
+        end = self.now() + CALL_WAITS
+        while self.wait_until(lambda: spoken_to() or self._silence.quiet(self.now()), end - self.now()):
+            if spoken_to():
                 return False
-            samples = self._synthesizer.say(text).samples
-            sound = np.concatenate([samples, np.zeros(round(0.8 * RATE), dtype=np.int16)])
-            size = round(CHUNK * RATE)
-            for first in range(0, len(sound), size):
-                part = sound[first : first + size]
-                self._microphone.publish(AudioData(data=part.astype("<i2").tobytes()))
-                self.wait(len(part) / RATE)
-        return True
+            with self._voices:
+                with self._changed:
+                    if not self._silence.quiet(self.now()):
+                        continue  # somebody else was faster
+                    self._silence.sound(self.now())
+                self._say(text)
+                return True
+        return False
 
-    def _quiet(self) -> bool:
-        now = self.now()
-        return now - self._last_sound > QUIET and now > self._answer_due
+    def _say(self, text: str) -> None:
+        samples = self._synthesizer.say(text).samples
+        sound = np.concatenate([samples, np.zeros(round(0.8 * RATE), dtype=np.int16)])
+        size = round(CHUNK * RATE)
+        for first in range(0, len(sound), size):
+            part = sound[first : first + size]
+            self._microphone.publish(AudioData(data=part.astype("<i2").tobytes()))
+            self.wait(len(part) / RATE)
 
     # --- books ---------------------------------------------------------------------------------------------
 
@@ -276,16 +279,15 @@ class Stage:
         with self._changed:
             self._heard.setdefault(message.person, deque()).append(message)
             if message.answer:
-                self._answer_due = self.now() + ANSWER_DUE
+                self._silence.asked(self.now())
             self._changed.notify_all()
 
     def _listen(self, message: AudioData) -> None:
         samples = np.frombuffer(message.data, dtype="<i2").astype(float)
         if len(samples) and math.sqrt(float(np.mean(samples**2))) > HEARD:
             with self._changed:
-                self._last_sound, self._answer_due = rospy.get_time(), 0.0
+                self._silence.sound(self.now())
 
     def _notice(self, message: Bool) -> None:
         with self._changed:
-            # While the robot speaks it is not quiet, however long that takes.
-            self._last_sound = math.inf if message.data else rospy.get_time()
+            self._silence.robot(self.now(), bool(message.data))

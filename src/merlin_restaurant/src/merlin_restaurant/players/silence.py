@@ -1,0 +1,30 @@
+"""Tells when it is quiet enough to call across the room."""
+
+import math
+
+QUIET = 6.0  # s that nobody has spoken
+ANSWER_DUE = 20.0  # s in which who was asked begins to answer
+
+
+class Silence:
+    """What was heard last; times are s of simulated time."""
+
+    def __init__(self) -> None:
+        self._last_sound = 0.0
+        self._answer_due = 0.0
+
+    def sound(self, now: float) -> None:
+        """Somebody in the room speaks: an answer that was due has begun."""
+        self._last_sound, self._answer_due = now, 0.0
+
+    def robot(self, now: float, speaking: bool) -> None:
+        """The robot begins or ends to speak; while it does it is not quiet, however long that takes."""
+        self._last_sound = math.inf if speaking else now
+
+    def asked(self, now: float) -> None:
+        """The robot has asked somebody who will answer; nobody else speaks first."""
+        self._answer_due = now + ANSWER_DUE
+
+    def quiet(self, now: float) -> bool:
+        """Whether somebody may call."""
+        return now - self._last_sound > QUIET and now > self._answer_due

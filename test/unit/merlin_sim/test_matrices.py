@@ -1,0 +1,50 @@
+"""The commands that measure: what they count, and that they measure the right thing."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from merlin_sim.drive import OdometryNoise
+from merlin_sim.listening_matrix import Question, tallies
+from merlin_sim.positioning_matrix import Follower, odometry_errors
+from merlin_sim.world_drawing import find_world
+from merlin_sim.world_file import load_world
+
+
+def test_the_square_of_odometry_bumps_into_nothing():
+    world = load_world(find_world("apartment"))
+    metres, radians = odometry_errors(world, OdometryNoise(), 1)
+    assert metres < 0.005 and radians < 0.01
+
+
+class Parrot:
+    """Understands the same, whatever is said."""
+
+    def use(self, grammar):
+        self.grammar = grammar
+
+    def understand(self, samples):
+        assert len(samples)
+        return SimpleNamespace(text="yes")
+
+
+def test_sentences_are_counted_by_what_became_of_them():
+    question = Question("?", "grammar", ("yes", "no"), ("hello",))
+    allowed, others = tallies(question, "en-us", Parrot(), 1)
+    assert (allowed.shown, allowed.right, allowed.wrong) == (2, 1, 1)
+    assert (others.shown, others.right, others.wrong) == (1, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("errors", "found"),
+    [
+        ([(0.0, 0.1, 0.0), (1.0, 0.1, 0.0)], 0.0),
+        ([(0.0, 3.0, 0.0), (1.0, 0.1, 1.0), (2.0, 0.1, 0.0)], 1.0),
+        ([(0.0, 0.1, 0.0), (1.0, 3.0, 0.0)], math.inf),
+    ],
+)
+def test_found_is_who_is_not_lost_again(errors, found):
+    follower = Follower.__new__(Follower)
+    follower.errors = errors
+    assert follower.found_after() == found
