@@ -51,7 +51,8 @@ export function showHistory(store) {
   }
 
   async function loadOlder() {
-    if (loading || exhausted || !shown.size || kept.size >= MOST) return;
+    const recorded = (store.state.meta || {}).run !== undefined;
+    if (!recorded || loading || exhausted || !shown.size || kept.size >= MOST) return;
     loading = true;
     const kinds = [...shown].join(",");
     try {
