@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from merlin_restaurant.players.guest import BLOCKED
 from merlin_restaurant.players.places import BODY, Places
 from merlin_restaurant.players.schedule import TABLES
 from merlin_sim.occupancy_grid import map_of
@@ -36,12 +37,13 @@ def test_who_waits_stands_free_and_near_enough_to_be_seen(number: int) -> None:
     assert all(math.dist(place, other) > 0.5 for other in PLACES.queue if other != place)
 
 
+@pytest.mark.parametrize("distance", BLOCKED)
 @pytest.mark.parametrize("table", TABLES)
-def test_a_chair_in_the_way_stands_on_the_way(table: str) -> None:
-    place = PLACES.before(table, "bar", 1.2)
+def test_a_chair_in_the_way_stands_on_the_way_and_lets_the_robot_arrive(table: str, distance: float) -> None:
+    place = PLACES.on_the_way(table, "bar", distance)
     assert ROOM.room(place) > 0.2
-    poi = WORLD.points_of_interest[table]
-    assert 0.3 < math.dist(place, poi.point) < 1.21
+    assert math.dist(place, WORLD.points_of_interest[table].point) < distance + 0.01
+    assert all(math.dist(place, poi.point) > 0.6 for poi in WORLD.points_of_interest.values())
 
 
 def test_dishes_stand_on_the_bar_where_the_robot_looks() -> None:

@@ -22,6 +22,7 @@ MUMBLED = ("the weather was lovely by the lake", "my uncle has seven little dogs
 ASKED = "what would you like"
 TALKING = 90.0  # s after a question in which a guest does not call for who has asked it
 CHAIR_NAME = "chair_5"
+BLOCKED = (1.6, 1.2, 2.0)  # m before the table where the chair may stand
 GOES_AFTER = 12.0  # s after ordering in which an impatient guest leaves
 
 
@@ -203,9 +204,9 @@ class Guest:
         return True
 
     def _block_the_way(self) -> None:
-        for distance in (1.6, 1.2, 2.0):
+        for distance in BLOCKED:
             with contextlib.suppress(StageError):  # somebody stands there: somewhere else then
-                self._stage.move_furniture(CHAIR_NAME, self._places.before(self.table, "bar", distance))
+                self._stage.move_furniture(CHAIR_NAME, self._places.on_the_way(self.table, "bar", distance))
                 return
 
     def tray_is_loaded(self, items: Sequence[str]) -> None:

@@ -62,12 +62,15 @@ class Places:
         except NoPath:
             return [goal]
 
-    def before(self, goal: str, start: str, distance: float) -> Tuple[float, float]:
-        """A place on the robot's way between two points of interest, m before its end."""
+    def on_the_way(self, goal: str, start: str, distance: float) -> Point:
+        """A place on the robot's way between two points of interest, where it leaves both free.
+
+        :param distance: m before the end of the way; a short way is met in its middle.
+        """
         way = self._planner.plan(self._pois[start].point, self._pois[goal].point)
-        left = distance
-        for end, begin in zip(reversed(way), list(reversed(way))[1:]):
-            length = math.dist(begin, end)
+        steps = [math.dist(a, b) for a, b in zip(way, way[1:])]
+        left = min(distance, sum(steps) / 2)
+        for end, begin, length in zip(way[::-1], way[-2::-1], steps[::-1]):
             if length >= left:
                 share = left / length
                 return (end[0] + share * (begin[0] - end[0]), end[1] + share * (begin[1] - end[1]))
