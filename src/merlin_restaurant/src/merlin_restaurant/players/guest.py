@@ -22,7 +22,7 @@ MUMBLED = ("the weather was lovely by the lake", "my uncle has seven little dogs
 ASKED = "what would you like"
 TALKING = 90.0  # s after a question in which a guest does not call for who has asked it
 CHAIR_NAME = "chair_5"
-BLOCKED = (1.6, 1.2, 2.0)  # m before the table where the chair may stand
+BLOCKED = (1.6, 1.2, 1.4)  # m before the table where the chair may stand
 GOES_AFTER = 12.0  # s after ordering in which an impatient guest leaves
 
 
