@@ -1,7 +1,5 @@
 """From a change in ROS to the page that shows it, in Chromium, and what that costs: a machine of 200 states,
 10 000 facts, 100 changes a second.
-
-Not yet one of the benchmarks of `make bench`: no run of it has given trusted figures.
 """
 
 import os
