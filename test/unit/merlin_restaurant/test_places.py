@@ -5,7 +5,7 @@ import math
 import pytest
 
 from merlin_restaurant.players.guest import BLOCKED
-from merlin_restaurant.players.places import BODY, Places
+from merlin_restaurant.players.places import BODY, Places, shortened
 from merlin_restaurant.players.schedule import TABLES
 from merlin_sim.occupancy_grid import map_of
 from merlin_sim.path_planner import PathPlanner
@@ -44,6 +44,23 @@ def test_a_chair_in_the_way_stands_on_the_way_and_lets_the_robot_arrive(table: s
     assert ROOM.room(place) > 0.2
     assert math.dist(place, WORLD.points_of_interest[table].point) < distance + 0.01
     assert all(math.dist(place, poi.point) > 0.6 for poi in WORLD.points_of_interest.values())
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_who_follows_round_a_table_does_not_walk_into_it(table: str) -> None:
+    seat, _ = PLACES.seat(table)
+    robot = WORLD.points_of_interest[table].point
+    way = PLACES.way_near(seat, robot, 0.9)
+    assert all(ROOM.room(place) > 0.0 for place in way[:-1])
+    assert ROOM.room(way[-1]) > BODY - 0.05
+    assert math.dist(way[-1], robot) < 0.91
+
+
+def test_a_way_is_shortened_from_its_end() -> None:
+    way = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0)]
+    assert shortened(way, 0.5) == [(0.0, 0.0), (2.0, 0.0), (2.0, 0.5)]
+    assert shortened(way, 1.5) == [(0.0, 0.0), (1.5, 0.0)]
+    assert shortened(way, 5.0) == [(0.0, 0.0)]
 
 
 def test_dishes_stand_on_the_bar_where_the_robot_looks() -> None:

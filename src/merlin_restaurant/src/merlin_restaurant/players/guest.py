@@ -122,8 +122,9 @@ class Guest:
                 return False
             if math.dist(here, robot) > KEPT + 0.1:
                 steps = [point for point in stage.trail()[joined - 1 :] if math.dist(point, robot) > KEPT]
-                ahead = _not_yet_walked(steps, here)
-                stage.walk(name, ahead or [_towards(here, robot, KEPT)], self.plan.pace)
+                ahead = _not_yet_walked(steps, here) or self._places.way_near(here, robot, KEPT)
+                with contextlib.suppress(StageError):  # somebody stands there: another look tells where next
+                    stage.walk(name, ahead, self.plan.pace)
         return True
 
     def _walk_off(self) -> bool:
@@ -132,7 +133,8 @@ class Guest:
         while stage.now() - begun < 5.0:
             here, robot = stage.position(self._name), stage.robot()
             if math.dist(here, robot) > KEPT + 0.1:
-                stage.walk(self._name, [_towards(here, robot, KEPT)], self.plan.pace)
+                with contextlib.suppress(StageError):
+                    stage.walk(self._name, self._places.way_near(here, robot, KEPT), self.plan.pace)
             stage.wait(LOOK)
         self._leave("walked off before there was a table")
         return False
@@ -242,10 +244,3 @@ def _not_yet_walked(steps: Sequence, here: tuple) -> list:
         return []
     nearest = min(range(len(steps)), key=lambda number: math.dist(steps[number], here))
     return list(steps[nearest + 1 :])
-
-
-def _towards(here: tuple, there: tuple, keep: float) -> tuple:
-    """The place that lies `keep` m before `there`, seen from here."""
-    distance = math.dist(here, there)
-    share = max(0.0, distance - keep) / distance if distance else 0.0
-    return (here[0] + share * (there[0] - here[0]), here[1] + share * (there[1] - here[1]))

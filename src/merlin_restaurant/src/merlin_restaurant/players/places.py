@@ -1,7 +1,7 @@
 """Where people stand, sit and walk in the simulated restaurant, from its world file."""
 
 import math
-from typing import List, Tuple
+from typing import List, Sequence, Tuple
 
 from merlin_sim.occupancy_grid import map_of
 from merlin_sim.path_planner import NoPath, PathPlanner
@@ -68,14 +68,15 @@ class Places:
         :param distance: m before the end of the way; a short way is met in its middle.
         """
         way = self._planner.plan(self._pois[start].point, self._pois[goal].point)
-        steps = [math.dist(a, b) for a, b in zip(way, way[1:])]
-        left = min(distance, sum(steps) / 2)
-        for end, begin, length in zip(way[::-1], way[-2::-1], steps[::-1]):
-            if length >= left:
-                share = left / length
-                return (end[0] + share * (begin[0] - end[0]), end[1] + share * (begin[1] - end[1]))
-            left -= length
-        return way[0]
+        length = sum(math.dist(a, b) for a, b in zip(way, way[1:]))
+        return shortened(way, min(distance, length / 2))[-1]
+
+    def way_near(self, start: Point, goal: Point, distance: float) -> List[Point]:
+        """A way that ends before its goal.
+
+        :param distance: m that are left to the goal.
+        """
+        return shortened([start, *self.way(start, goal)], distance)[1:] or [start]
 
     def on_bar(self, counter: Point, number: int) -> Point:
         """Where an item of an order is put on the bar: m from the middle of the counter."""
@@ -86,3 +87,19 @@ class Places:
         pose = self._pois[poi]
         cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
         return pose.x + distance * cos - aside * sin, pose.y + distance * sin + aside * cos
+
+
+def shortened(way: Sequence[Point], distance: float) -> List[Point]:
+    """A way without its last metres; only its start when it is no longer than these."""
+    kept = list(way)
+    left = distance
+    while len(kept) > 1:
+        end, begin = kept[-1], kept[-2]
+        length = math.dist(begin, end)
+        if length > left:
+            share = left / length
+            kept[-1] = (end[0] + share * (begin[0] - end[0]), end[1] + share * (begin[1] - end[1]))
+            break
+        left -= length
+        kept.pop()
+    return kept
