@@ -7,6 +7,7 @@ import time
 import unittest
 
 import rospy
+from actionlib_msgs.msg import GoalStatusArray
 from chromium import Visit, chromium
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, Pose, PoseArray
@@ -41,6 +42,8 @@ class MonitorPage(unittest.TestCase):
             rospy.wait_for_service(f"{KB}/{service}", LONG)
         cls.client = MerlinExecutorClient()
         assert cls.client.wait_for_executor(LONG), "no executor"
+        for action in ("navigate", "ask"):
+            rospy.wait_for_message(f"actions/{action}/status", GoalStatusArray, LONG)
         cls.knowledge = MerlinROSPlanAssistant()
         cls.status = Latest("merlin/status", ExecutorStatus)
         cls.mission = Latest("merlin/mission", MissionStatus)
