@@ -122,10 +122,15 @@ class Guest:
                 return False
             if math.dist(here, robot) > KEPT + 0.1:
                 steps = [point for point in stage.trail()[joined - 1 :] if math.dist(point, robot) > KEPT]
-                ahead = _not_yet_walked(steps, here) or self._places.way_near(here, robot, KEPT)
-                with contextlib.suppress(StageError):  # somebody stands there: another look tells where next
-                    stage.walk(name, ahead, self.plan.pace)
+                self._walk_as_far(_not_yet_walked(steps, here) or self._places.way_near(here, robot, KEPT))
         return True
+
+    def _walk_as_far(self, way: Sequence[Point]) -> None:
+        """Walks to the last place of a way that is free: the robot passes tables closer than people stand."""
+        for end in range(len(way), 0, -1):
+            with contextlib.suppress(StageError):
+                self._stage.walk(self._name, way[:end], self.plan.pace)
+                return
 
     def _walk_off(self) -> bool:
         self._disturb(WALKS_OFF)
@@ -133,8 +138,7 @@ class Guest:
         while stage.now() - begun < 5.0:
             here, robot = stage.position(self._name), stage.robot()
             if math.dist(here, robot) > KEPT + 0.1:
-                with contextlib.suppress(StageError):
-                    stage.walk(self._name, self._places.way_near(here, robot, KEPT), self.plan.pace)
+                self._walk_as_far(self._places.way_near(here, robot, KEPT))
             stage.wait(LOOK)
         self._leave("walked off before there was a table")
         return False
