@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 import rostest
 from merlin_sm import deadline
-from merlin_sm.action_client import ActionClient
+from merlin_sm.action_client import SILENCE, ActionClient
 from merlin_sm.action_server import ActionServer
 from merlin_sm.serial_action_server import SerialActionServer
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
@@ -137,6 +137,24 @@ class Actions(unittest.TestCase):
         self.assertTrue(sent.wait(LONG))
         self.assertEqual(sent.status, GoalStatus.LOST)
         self.assertIn("silent", sent.text)
+
+    def test_a_server_without_a_processor_for_a_while_is_not_given_up(self):
+        victim = start_victim()
+        self.addCleanup(victim.wait)
+        self.addCleanup(victim.kill)
+        client = ActionClient("victim/wait", Action)
+        self.addCleanup(client.shutdown)
+        self.assertTrue(client.wait_for_server(LONG))
+        sent = client.send(Goal())
+        while sent.status != GoalStatus.ACTIVE:
+            self.assertFalse(sent.wait(0.01))
+        victim.send_signal(signal.SIGSTOP)
+        self.assertFalse(sent.wait(SILENCE + 1.5), sent.text)
+        self.assertTrue(client.alive)
+        victim.send_signal(signal.SIGCONT)
+        sent.cancel()
+        self.assertTrue(sent.wait(LONG))
+        self.assertEqual(sent.status, GoalStatus.PREEMPTED)
 
 
 class Services(unittest.TestCase):

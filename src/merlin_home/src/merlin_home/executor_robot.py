@@ -14,7 +14,7 @@ from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from .mission import MissionStopped
 from .trajectory import Trajectory
 
-IDLE_TIMEOUT = 10.0
+IDLE_TIMEOUT = 30.0
 """Running time within which the Executor is idle after it has answered, s."""
 
 

@@ -1,7 +1,8 @@
 """The action client of MERLIN: actionlib's protocol, event-driven, and aware of a server that died.
 
-An action server that is killed never answers; its status falling silent is the only sign. This client counts
-the silence in running time (:mod:`merlin_sm.deadline`) and ends the goal as LOST.
+An action server that is killed never answers: its connections close and its status falls silent. This client
+counts the silence in running time (:mod:`merlin_sm.deadline`) and ends the goal as LOST. A server that stays
+connected may only be waiting for a processor, and gets more time.
 """
 
 import itertools
@@ -13,7 +14,8 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 from merlin_sm.deadline import Deadline, running_time
 
-SILENCE = 3.0  # s of running time without status after which a server counts as dead
+SILENCE = 3.0  # s of running time without status after which a server that is not connected counts as dead
+CONNECTED_SILENCE = 15.0  # s of that after which one counts as dead that is
 REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
 LATE_RESULT = 1.0  # s that a result may come behind the status that announces it
 
@@ -90,7 +92,8 @@ class ActionClient:
 
     :param name: of the action; relative names and remapping as usual.
     :param action_spec: the generated ``...Action`` class.
-    :param silence: s of running time without status after which the server counts as dead.
+    :param silence: s of running time without status after which a server that is no longer connected counts as
+        dead, or in which one that publishes its status has to acknowledge a goal.
     """
 
     def __init__(self, name: str, action_spec: type, silence: float = SILENCE) -> None:
@@ -128,7 +131,7 @@ class ActionClient:
     def alive(self) -> bool:
         """Whether a server is connected and not silent."""
         last = self._last_status
-        return last is not None and running_time() - last < self.silence and self._connected()
+        return last is not None and self._connected() and running_time() - last < CONNECTED_SILENCE
 
     def wait_for_server(self, timeout: Optional[float] = None) -> bool:
         """Waits until a server is connected both ways.
@@ -265,10 +268,11 @@ class ActionClient:
                 self._send_cancel(goal)
 
     def _why_lost(self, goal: ClientGoal, now: float) -> str:
-        silent = now - max(self._last_status or 0.0, goal.sent)
-        if silent > self.silence:
+        last = self._last_status or 0.0
+        silent = now - max(last, goal.sent)
+        if silent > (CONNECTED_SILENCE if self._connected() else self.silence):
             return f"the action server {self.name} has been silent for {silent:.1f} s"
-        if not goal.seen and now - goal.sent > self.silence:
+        if not goal.seen and last - goal.sent > self.silence:
             return f"the action server {self.name} never acknowledged the goal"
         if goal.ended_on_server is not None and now - goal.ended_on_server > LATE_RESULT:
             return f"the action server {self.name} ended the goal without a result: {goal.text}"
