@@ -16,6 +16,7 @@ import rospy.names
 from rospy.impl import tcpros_base
 
 from merlin_sm.health import Health, HealthReporter
+from merlin_sm.node_signals import end_beside_main_thread
 
 #: Scope of the knowledge base where nothing else is said.
 KNOWLEDGE_BASE = "rosplan_knowledge_base"
@@ -235,6 +236,7 @@ def run_components(node_name: str, make: Callable[[str], Any]) -> int:
     # Python's default, makes single calls wait for 100 ms.
     gc.set_threshold(50_000, 20, 20)
     rospy.init_node(node_name)
+    end_beside_main_thread()
     rospy.on_shutdown(Component.shutdown_all)
     try:
         make(rospy.get_name().rsplit("/", 1)[-1])

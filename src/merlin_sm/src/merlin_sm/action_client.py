@@ -92,8 +92,8 @@ class ActionClient:
 
     :param name: of the action; relative names and remapping as usual.
     :param action_spec: the generated ``...Action`` class.
-    :param silence: s of running time without status after which a server that is no longer connected counts as
-        dead, or in which one that publishes its status has to acknowledge a goal.
+    :param silence: s of running time without status after which a server that is no longer connected counts
+        as dead, or in which one that publishes its status has to acknowledge a goal.
     """
 
     def __init__(self, name: str, action_spec: type, silence: float = SILENCE) -> None:
