@@ -77,7 +77,13 @@ class MonitorPage(unittest.TestCase):
     def start_round(self):
         mission = Round(tasks=3)
         ended = []
-        thread = threading.Thread(target=lambda: ended.append(mission.execute()), daemon=True)
+
+        def execute():
+            ended.append(mission.execute())
+            with self.status.changed:
+                self.status.changed.notify_all()
+
+        thread = threading.Thread(target=execute, daemon=True)
         thread.start()
         self.assertTrue(self.status.wait(lambda status: bool(status.running)))
         return mission, thread, ended
@@ -89,11 +95,10 @@ class MonitorPage(unittest.TestCase):
         visit.wait_text("#knowledge-list", "(duration kitchen bathroom)")
         _, thread, ended = self.start_round()
         agreed = set()
-        while thread.is_alive():
+        while self.status.wait(lambda status: bool(status.running) or ended) and not ended:
             status = self.status.message
             if not status.running:
-                time.sleep(0.01)
-                continue
+                continue  # the action ended just now
             action = status.running[0]
             wanted = f"({' '.join([action.name, *(pair.value for pair in action.parameters)])})"
             end = time.monotonic() + LONG
@@ -107,8 +112,7 @@ class MonitorPage(unittest.TestCase):
                     agreed.add(wanted)
                     break
                 self.assertLess(time.monotonic(), end, f"{shown} is not {wanted}")
-            while self.status.message is status and thread.is_alive():
-                time.sleep(0.01)
+            self.status.wait(lambda latest, seen=status: latest is not seen or ended)
         thread.join(LONG)
         self.assertEqual(ended, [True])
         self.assertGreaterEqual(len(agreed), 3, agreed)
@@ -343,13 +347,13 @@ class MonitorPage(unittest.TestCase):
         visit.choose_kinds("mission", "goal", "action")
         wanted = [event["text"] for event in events if event["kind"] in ("mission", "goal", "action")][::-1]
         visit.wait_text("#history-list .run", "an earlier run")
-        end = time.monotonic() + LONG
-        while (said := visit.texts("#history-list .said")) != wanted:
-            self.assertLess(time.monotonic(), end, f"{len(said)} of {len(wanted)}")
-            visit.page.evaluate(
-                "() => { const x = document.getElementById('history-list'); x.scrollTop = 1e6; }"
-            )
-            time.sleep(0.05)
+        # Scrolling to the end of the list is what makes it longer.
+        visit.wait(
+            "(count) => { const list = document.getElementById('history-list'); list.scrollTop = 1e6;"
+            " return list.querySelectorAll('.said').length >= count; }",
+            len(wanted),
+        )
+        self.assertEqual(visit.texts("#history-list .said"), wanted)
         self.assertTrue(any(text.startswith("(checked kitchen): succeeded") for text in wanted))
 
         # Started without a token, it only shows.

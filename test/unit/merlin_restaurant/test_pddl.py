@@ -18,7 +18,6 @@ def plan(
     tmp_path: Path, capsys: pytest.CaptureFixture, goal: str, *facts: str, objects: str = ""
 ) -> List[str]:
     """The actions by which a goal is reached from the problem's state and some facts."""
-    pytest.importorskip("kairos")
     text = PROBLEM.read_text().replace("- item)", f"- item {objects})")
     if any(fact.startswith("(robot_at") for fact in facts):
         text = text.replace("(robot_at anywhere)", "")
@@ -77,7 +76,6 @@ def test_what_nobody_wants_any_more_goes_back_to_the_bar(
 def test_who_takes_an_order_says_nothing_else_meanwhile(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    pytest.importorskip("kairos")
     problem = tmp_path / "problem.pddl"
     text = PROBLEM.read_text().replace("(robot_at anywhere)", "(robot_at table_4) (needs_serving table_4)")
     problem.write_text(text)
@@ -94,7 +92,6 @@ def test_a_client_gets_the_nearest_free_table(tmp_path: Path, capsys: pytest.Cap
 
 
 def test_nobody_is_seated_where_no_table_is_free(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    pytest.importorskip("kairos")
     problem = tmp_path / "problem.pddl"
     problem.write_text(PROBLEM.read_text().replace("- item)", "- item ann - client)"))
     assert validate([str(DOMAIN), str(problem), "(seated ann)"]) != 0

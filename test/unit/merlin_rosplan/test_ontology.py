@@ -6,8 +6,6 @@ from merlin_rosplan.knowledge_store import KnowledgeStore
 from merlin_rosplan.ontology_command import convert
 from merlin_rosplan.problem_reader import read_problem
 
-pytest.importorskip("rdflib")
-
 HOUSE = """
 @prefix : <http://example.org/house#> .
 @prefix owl: <http://www.w3.org/2002/07/owl#> .

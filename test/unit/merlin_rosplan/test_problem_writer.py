@@ -1,4 +1,4 @@
-import pytest
+import kairos
 
 from merlin_rosplan.domain_reader import parse_domain
 from merlin_rosplan.formula import to_pddl
@@ -60,7 +60,6 @@ def test_empty_knowledge_is_a_problem_too():
 
 
 def test_independent_reader_accepts_it():
-    kairos = pytest.importorskip("kairos")
     written = write_problem(loaded(PROBLEM).snapshot()[1], DOMAIN)
     report = kairos.check_problem(written, DOMAIN_TEXT)
     assert report.valid, [str(found) for found in report.diagnostics]

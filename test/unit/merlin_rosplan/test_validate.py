@@ -19,7 +19,6 @@ def test_home_domain_is_valid(capsys):
 
 
 def test_goal_with_a_plan(capsys):
-    pytest.importorskip("kairos")
     code, output = run(capsys, DOMAIN, PROBLEM, "(checked kitchen)")
     assert code == 0 and "(navigate anywhere kitchen)" in output and "(ask kitchen)" in output
 
@@ -36,7 +35,6 @@ def test_goal_with_a_plan(capsys):
     ],
 )
 def test_goal_that_cannot_be(capsys, goal, reason):
-    pytest.importorskip("kairos")
     code, output = run(capsys, DOMAIN, PROBLEM, goal)
     assert code == 1 and reason in output and "NOT valid" in output
 
