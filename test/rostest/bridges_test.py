@@ -9,8 +9,10 @@ import threading
 import unittest
 
 import rospy
+from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Twist
+from move_base_msgs.msg import MoveBaseActionResult
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from sound_play.msg import SoundRequestActionGoal
 
@@ -34,6 +36,8 @@ class Bridges(unittest.TestCase):
         cls.feedback = rospy.Subscriber("test_feedback", ActionFeedback, cls.receive)
         cls.velocities = []
         cls.velocity = rospy.Subscriber("cmd_vel", Twist, cls.receive_velocity)
+        cls.base_result = None
+        rospy.Subscriber("move_base/result", MoveBaseActionResult, cls.receive_result)
         cls.speech = threading.Event()
         rospy.Subscriber("sound_play/goal", SoundRequestActionGoal, lambda message: cls.speech.set())
         cls.health = {}
@@ -62,6 +66,12 @@ class Bridges(unittest.TestCase):
     def receive_health(cls, message):
         with cls.changed:
             cls.health.update({status.name: status for status in message.status})
+            cls.changed.notify_all()
+
+    @classmethod
+    def receive_result(cls, message):
+        with cls.changed:
+            cls.base_result = message
             cls.changed.notify_all()
 
     def wait_for_health(self, name, level):
@@ -210,6 +220,21 @@ class Bridges(unittest.TestCase):
         self.driving()
         self.kill()
         self.assertIn("gone", self.reason(self.final(dispatch)))
+        self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
+
+    def test_a_node_of_machines_that_is_told_to_end_stops_the_robot_first(self):
+        self.serve()
+        dispatch = self.go()
+        self.driving()
+        Bridges.base_result = None
+        os.killpg(self.machines.pid, signal.SIGINT)
+        self.assertEqual(self.machines.wait(LONG), 0)
+        self.machines = None
+        self.reason(self.final(dispatch))
+        # A base whose goal is only forgotten drives on.
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(lambda: self.base_result is not None, LONG))
+        self.assertEqual(self.base_result.status.status, GoalStatus.PREEMPTED)
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
 
     def test_a_machine_that_does_not_stop_is_named(self):

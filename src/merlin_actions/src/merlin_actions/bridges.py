@@ -1,7 +1,7 @@
 """Node: the bridges (:class:`MerlinAction`) of all actions in one process."""
 
-import sys
-from typing import List
+import math
+from typing import Any, Dict, List
 
 import rospy
 
@@ -10,6 +10,8 @@ from merlin_actions.merlin_action import MerlinAction
 from merlin_actions.names import by_ros_name
 from merlin_sm.health import HealthReporter
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError, knowledge_client
+from merlin_sm.node import run_node
+from merlin_sm.parameters import number
 
 
 def make_bridges(operators: List[str], knowledge_base: str) -> List[MerlinAction]:
@@ -18,31 +20,32 @@ def make_bridges(operators: List[str], knowledge_base: str) -> List[MerlinAction
     :param operators: names; none: every operator of the domain.
     :raises ValueError: when two of them map to one ROS name.
     :raises KnowledgeError: when the domain lacks one.
+    :raises ParameterError: when a limit is no number.
     """
     names = operators or list(knowledge_client(knowledge_base).operators())
     by_ros_name(names)
-    options = {
-        key: rospy.get_param(f"~{key}")
-        for key in ("dispatch_topic", "feedback_topic", "server_wait", "cancel_limit", "run_limit")
+    options: Dict[str, Any] = {
+        key: str(rospy.get_param(f"~{key}"))
+        for key in ("dispatch_topic", "feedback_topic")
         if rospy.has_param(f"~{key}")
     }
+    for key in ("server_wait", "cancel_limit", "run_limit"):
+        if rospy.has_param(f"~{key}"):
+            options[key] = number(f"~{key}", 0.0, -math.inf)
     return [MerlinAction(name, knowledge_base=knowledge_base, **options) for name in names]
 
 
-def main() -> None:
-    """Runs the node."""
-    rospy.init_node("merlin_bridges")
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run_node("merlin_bridges", _start, KnowledgeError, ValueError, rospy.ServiceException)
+
+
+def _start() -> None:
     knowledge_base = rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
-    try:
-        wait_for_knowledge_base(knowledge_base, rospy.get_param("~knowledge_base_wait", 30.0))
-        bridges = make_bridges(rospy.get_param("~operators", []), knowledge_base)
-    except (KnowledgeError, ValueError, rospy.ServiceException) as error:
-        rospy.logfatal(f"merlin_bridges: {error}")
-        sys.exit(1)
+    wait_for_knowledge_base(knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
+    bridges = make_bridges(rospy.get_param("~operators", []), knowledge_base)
     for bridge in bridges:
         bridge.start()
+        rospy.on_shutdown(bridge.shutdown)
     HealthReporter({bridge.operator: bridge.health for bridge in bridges}).start()
     rospy.loginfo(f"bridging the operators {', '.join(bridge.operator for bridge in bridges)}")
-    rospy.spin()
-    for bridge in bridges:
-        bridge.shutdown()

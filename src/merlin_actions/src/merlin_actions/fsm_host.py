@@ -1,6 +1,5 @@
 """Node: the state machines of an application's actions in one process."""
 
-import sys
 from typing import List
 
 import rospy
@@ -11,6 +10,8 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.names import by_ros_name, load_class
 from merlin_sm.health import HealthReporter
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError, knowledge_client
+from merlin_sm.node import run_node
+from merlin_sm.parameters import number
 
 
 def make_servers(paths: List[str], knowledge_base: str) -> List[MerlinActionServer]:
@@ -37,25 +38,22 @@ def make_servers(paths: List[str], knowledge_base: str) -> List[MerlinActionServ
     return servers
 
 
-def main() -> None:
-    """Runs the node."""
-    rospy.init_node("merlin_fsm_host")
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run_node("merlin_fsm_host", _start, KnowledgeError, ValueError, rospy.ServiceException)
+
+
+def _start() -> None:
     knowledge_base = rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
-    try:
-        paths = rospy.get_param("~actions", [])
-        if not isinstance(paths, list) or not paths:
-            raise ValueError(
-                f"parameter {rospy.resolve_name('~actions')} has to be a list of package.module:Class"
-            )
-        wait_for_knowledge_base(knowledge_base, rospy.get_param("~knowledge_base_wait", 30.0))
-        servers = make_servers(paths, knowledge_base)
-    except (KnowledgeError, ValueError, rospy.ServiceException) as error:
-        rospy.logfatal(f"merlin_fsm_host: {error}")
-        sys.exit(1)
+    paths = rospy.get_param("~actions", [])
+    if not isinstance(paths, list) or not paths:
+        raise ValueError(
+            f"parameter {rospy.resolve_name('~actions')} has to be a list of package.module:Class"
+        )
+    wait_for_knowledge_base(knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
+    servers = make_servers(paths, knowledge_base)
     for server in servers:
         server.start()
+        rospy.on_shutdown(server.shutdown)
     HealthReporter({server.operator: server.health for server in servers}).start()
     rospy.loginfo(f"serving the actions {', '.join(server.operator for server in servers)}")
-    rospy.spin()
-    for server in servers:
-        server.shutdown()

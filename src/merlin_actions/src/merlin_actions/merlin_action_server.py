@@ -14,6 +14,9 @@ from merlin_sm.health import OK, WARN, Health
 from merlin_sm.introspection import show
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED
 
+SHUTDOWN_WAIT = 2.0
+"""Wall seconds in which a running machine can stop the robot when its node ends."""
+
 
 class MerlinActionServer:
     """Runs one :class:`MerlinActionSM` for the goals of its action, one at a time.
@@ -27,6 +30,7 @@ class MerlinActionServer:
         self.machine = machine
         self.operator = machine.operator_name()
         self._lock = threading.Lock()  # guards _running and _crash
+        self._idle = threading.Condition(self._lock)
         self._running: Optional[ServerGoal] = None
         self._crash = ""  # what the last run raised
         self._server = ActionServer(
@@ -43,11 +47,13 @@ class MerlinActionServer:
         self._server.start()
 
     def shutdown(self) -> None:
-        """Preempts what runs and stops serving."""
+        """Preempts what runs, waits until it has stopped, at most ``SHUTDOWN_WAIT``, and stops serving."""
         with self._lock:
             running = self._running
         if running is not None:
             self.machine.request_preempt()
+            with self._idle:
+                self._idle.wait_for(lambda: self._running is not running, SHUTDOWN_WAIT)
         self._server.shutdown()
         self._introspection.stop()
 
@@ -95,6 +101,7 @@ class MerlinActionServer:
             outcome, reason = "aborted", crash
         with self._lock:
             self._running, self._crash = None, crash
+            self._idle.notify_all()
         self._end(goal, outcome, reason)
 
     def _end(self, goal: ServerGoal, outcome: str, reason: str) -> None:

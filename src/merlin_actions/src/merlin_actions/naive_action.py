@@ -5,7 +5,6 @@ The state machine runs directly inside the action interface, in the thread that 
 effects are true and are applied, and the dispatcher stops before the next action (paper, section 3.2.3).
 """
 
-import sys
 from typing import Any
 
 import rospy
@@ -16,6 +15,8 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.names import load_class, ros_name
 from merlin_sm.introspection import show
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError
+from merlin_sm.node import run_node
+from merlin_sm.parameters import number
 from merlin_sm.states.merlin_state import SUCCEEDED
 
 
@@ -46,23 +47,18 @@ class NaiveAction(ActionInterface):
         return list(getattr(self.machine, key))
 
 
-def main() -> None:
-    """Runs a node with the naive actions of an application."""
-    rospy.init_node("naive_actions")
+def main() -> int:
+    """Runs a node with the naive actions of an application; returns the exit code."""
+    return run_node("naive_actions", _start, KnowledgeError, ValueError, KeyError, rospy.ServiceException)
+
+
+def _start() -> None:
     knowledge_base = rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
-    try:
-        wait_for_knowledge_base(knowledge_base, rospy.get_param("~knowledge_base_wait", 30.0))
-        actions = [
-            NaiveAction(load_class(path)(), knowledge_base=knowledge_base)
-            for path in rospy.get_param("~actions")
-        ]
-    except (KnowledgeError, ValueError, KeyError, rospy.ServiceException) as error:
-        rospy.logfatal(f"naive_actions: {error}")
-        sys.exit(1)
-    shown = [show(ros_name(action.operator).upper(), action.machine) for action in actions]
+    wait_for_knowledge_base(knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
+    actions = [
+        NaiveAction(load_class(path)(), knowledge_base=knowledge_base) for path in rospy.get_param("~actions")
+    ]
     for action in actions:
+        rospy.on_shutdown(show(ros_name(action.operator).upper(), action.machine).stop)
         action.start()
     rospy.loginfo(f"naive actions: {', '.join(action.operator for action in actions)}")
-    rospy.spin()
-    for server in shown:
-        server.stop()

@@ -13,6 +13,9 @@ import rosgraph
 import rospy
 from merlin_msgs.msg import MissionStatus
 
+from merlin_sm.node import run_node
+from merlin_sm.parameters import number
+
 
 class FaultInjector:
     """Kills one node once."""
@@ -46,12 +49,14 @@ class FaultInjector:
         os.kill(process, signal.SIGKILL)
 
 
-def main() -> None:
-    """Runs the node."""
-    rospy.init_node("fault_injector")
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run_node("fault_injector", _start)
+
+
+def _start() -> None:
     FaultInjector(
-        rospy.get_param("~node", "navigation"),
-        int(rospy.get_param("~task", 2)),
-        float(rospy.get_param("~delay", 5.0)),
+        str(rospy.get_param("~node", "navigation")),
+        round(number("~task", 2, 1)),
+        number("~delay", 5.0, 0.0),
     )
-    rospy.spin()

@@ -18,6 +18,7 @@ from merlin_executor.goal_check import GoalError
 from merlin_executor.mission_pause import PAUSED, MissionPause
 from merlin_executor.readiness import missing_servers
 from merlin_sm.knowledge_client import KnowledgeError
+from merlin_sm.node import init_node
 from merlin_sm.publishing import publish
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
@@ -224,7 +225,7 @@ class MissionNode:
 
 def main() -> int:
     """Entry point of the node; returns the exit code."""
-    rospy.init_node("mission")
+    init_node("mission")
     try:
         settings = MissionSettings.read(
             lambda name, default: rospy.get_param(f"~{name}", default),

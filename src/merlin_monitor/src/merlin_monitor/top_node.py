@@ -20,6 +20,7 @@ from merlin_monitor.inbox import Inbox
 from merlin_monitor.monitor_state import MonitorState
 from merlin_monitor.ros_listeners import RosListeners
 from merlin_monitor.terminal_view import lines, paint
+from merlin_sm.node import init_node
 
 REDRAW = 0.2  # s between two pictures
 LISTEN = 4.0  # s of wall time that are listened to before the state is printed once
@@ -97,7 +98,7 @@ def main() -> int:
             file=sys.stderr,
         )
         return 1
-    rospy.init_node("merlin_top", anonymous=True, disable_signals=False)
+    init_node("merlin_top", anonymous=True)
     # The screen belongs to the picture: warnings about messages are not printed into it.
     state = MonitorState(Inbox(rospy.logdebug))
     terminal = Terminal(state)

@@ -17,6 +17,7 @@ from merlin_restaurant.books import Books
 from merlin_restaurant.evening import Evening
 from merlin_restaurant.robot_watch import RobotWatch
 from merlin_restaurant.table_state import STATES
+from merlin_sm.node import init_node
 from merlin_sm.states.merlin_state import SUCCEEDED
 
 EXIT_UNBALANCED, EXIT_STOPPED, EXIT_INTERRUPTED = 1, 2, 130
@@ -142,7 +143,7 @@ def _told(event: GuestEvent) -> str:
 
 def main() -> int:
     """Entry point of the node; returns the exit code."""
-    rospy.init_node("mission")
+    init_node("mission")
     results = Path(str(rospy.get_param("~results", "results/restaurant")))
     try:
         results.mkdir(parents=True, exist_ok=True)

@@ -16,7 +16,7 @@ import rospy.names
 from rospy.impl import tcpros_base
 
 from merlin_sm.health import Health, HealthReporter
-from merlin_sm.node_signals import end_beside_main_thread
+from merlin_sm.node import run_node
 
 #: Scope of the knowledge base where nothing else is said.
 KNOWLEDGE_BASE = "rosplan_knowledge_base"
@@ -235,20 +235,13 @@ def run_components(node_name: str, make: Callable[[str], Any]) -> int:
     # A store of 100 000 facts is a million objects that stay: looking through them after every 700 new ones,
     # Python's default, makes single calls wait for 100 ms.
     gc.set_threshold(50_000, 20, 20)
-    rospy.init_node(node_name)
-    end_beside_main_thread()
-    rospy.on_shutdown(Component.shutdown_all)
-    try:
+
+    def start() -> None:
+        rospy.on_shutdown(Component.shutdown_all)
         make(rospy.get_name().rsplit("/", 1)[-1])
         HealthReporter(Component.checks()).start()
-        rospy.spin()
-    except ComponentError as error:
-        rospy.logfatal("%s: %s", rospy.get_name(), error)
-        rospy.signal_shutdown(str(error))
-        return 1
-    except rospy.ROSInterruptException:
-        pass
-    return 0
+
+    return run_node(node_name, start, ComponentError)
 
 
 def run_component(component_class: Callable[[str], Component], default_scope: str) -> None:

@@ -9,12 +9,13 @@ import rospy
 from audio_common_msgs.msg import AudioData
 from merlin_msgs.msg import ListenAction, ListenFeedback, ListenResult
 
-from merlin_sim.parameters import ParameterError, number
 from merlin_sim.recognizer_process import RecognizerLost, RecognizerProcess
 from merlin_sim.ros_clock import RosClock
 from merlin_sim.speech_recognizer import THRESHOLD, GrammarError, UtteranceDetector
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.health import OK, WARN, Health, HealthReporter
+from merlin_sm.node import run_node
+from merlin_sm.parameters import number
 from merlin_sm.serial_action_server import SerialActionServer
 
 BROKEN_OFF = 1.0  # s of ROS time without sound after which who spoke has stopped
@@ -115,11 +116,8 @@ class ListenNode:
 
 def main() -> int:
     """The executable ``listen``; returns its exit code."""
-    rospy.init_node("listen")
-    try:
-        HealthReporter({"listen": ListenNode().health}).start()
-    except ParameterError as error:
-        rospy.logfatal(f"listen: {error}")
-        return 1
-    rospy.spin()
-    return 0
+    return run_node("listen", _start)
+
+
+def _start() -> None:
+    HealthReporter({"listen": ListenNode().health}).start()

@@ -15,13 +15,14 @@ from std_srvs.srv import Empty, EmptyResponse
 from tf2_msgs.msg import TFMessage
 
 from merlin_sim.navigation_goal import bad_rotation
-from merlin_sim.parameters import ParameterError, number
 from merlin_sim.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_sim.prompt_publisher import PromptPublisher
 from merlin_sim.robot_state import HISTORY, odometry_at, rays_of
 from merlin_sim.ros_messages import grid_of, pose_message, pose_of, pose_of_transform, transform
 from merlin_sim.world import Pose
 from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
+from merlin_sm.node import run_node
+from merlin_sm.parameters import number
 
 SILENCE = 3.0  # s of ROS time without a scan after which something is wrong
 UNSURE = 0.5  # m of standard deviation of the position from which it does not know where it is
@@ -180,11 +181,8 @@ class LocalizationNode:
 
 def main() -> int:
     """The executable ``localization``; returns its exit code."""
-    rospy.init_node("localization")
-    try:
-        HealthReporter({"localization": LocalizationNode().health}).start()
-    except ParameterError as error:
-        rospy.logfatal(f"localization: {error}")
-        return 1
-    rospy.spin()
-    return 0
+    return run_node("localization", _start)
+
+
+def _start() -> None:
+    HealthReporter({"localization": LocalizationNode().health}).start()

@@ -14,7 +14,6 @@ from std_srvs.srv import Empty, EmptyResponse
 
 from merlin_sim.navigation_goal import GoalError, goal_pose
 from merlin_sim.navigator import NO_CONTROL_TEXT, NO_PLAN_TEXT, NavigationSettings, Navigator, Outcome
-from merlin_sim.parameters import ParameterError, number
 from merlin_sim.path_follower import Cruise
 from merlin_sim.path_planner import NoPath, PathPlanner
 from merlin_sim.robot_state import RobotState, StateError, velocity_of
@@ -24,6 +23,8 @@ from merlin_sim.world import Point, Pose
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.deadline import Deadline
 from merlin_sm.health import ERROR, Health, HealthReporter
+from merlin_sm.node import run_node
+from merlin_sm.parameters import number
 from merlin_sm.serial_action_server import SerialActionServer
 
 START_TIMEOUT = 10.0  # s of running time for map, odometry, scan and transforms to appear
@@ -250,11 +251,8 @@ def _reachable(planner: PathPlanner, goal: Pose, tolerance: float) -> Point:
 
 def main() -> int:
     """The executable ``navigation``; returns its exit code."""
-    rospy.init_node("navigation")
-    try:
-        HealthReporter({"move_base": NavigationNode().health}).start()
-    except ParameterError as error:
-        rospy.logfatal(f"navigation: {error}")
-        return 1
-    rospy.spin()
-    return 0
+    return run_node("navigation", _start)
+
+
+def _start() -> None:
+    HealthReporter({"move_base": NavigationNode().health}).start()

@@ -2,7 +2,7 @@
 
 import math
 import threading
-from typing import Dict, Optional, Tuple
+from typing import Callable, Dict, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -16,11 +16,12 @@ from std_msgs.msg import Bool
 from merlin_sim.answers import Answers
 from merlin_sim.listener import Listener, nearest, read_listeners
 from merlin_sim.noise import draw
-from merlin_sim.parameters import ParameterError, number
 from merlin_sim.ros_clock import RosClock
 from merlin_sim.speech_synthesizer import RATE, SoundError, SpeechSynthesizer
 from merlin_sim.world import Point
 from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
+from merlin_sm.node import run_node
+from merlin_sm.parameters import number
 
 CHUNK = 0.2  # s of sound per message
 TRAIL = 0.8  # s of quiet after an answer
@@ -40,6 +41,7 @@ class PersonVoice:
         self._seed = round(number("~seed", 1, 0))
         self._synthesizer = SpeechSynthesizer()
         self._clock = RosClock()
+        self._stopped = threading.Event()
         self._changed = threading.Condition()  # guards the fields below and the listeners' answers
         self._hearer: Optional[Listener] = None  # who heard the last sound of the robot
         self._question = ""
@@ -68,16 +70,22 @@ class PersonVoice:
 
     def run(self) -> None:
         """Answers until ROS shuts down."""
-        never = threading.Event()
-        while not rospy.is_shutdown():
+        rospy.on_shutdown(self._stop)
+        while True:
             with self._changed:
-                # The slice is for shutdown, which notifies nobody.
-                if not self._changed.wait_for(lambda: self._asked is not None, timeout=1.0):
-                    continue
+                self._changed.wait_for(lambda: self._asked is not None or self._stopped.is_set())
+                if self._stopped.is_set():
+                    return
                 assert self._asked is not None
                 (listener, question), self._asked = self._asked, None
-            if self._clock.wait(self._delay, never):
-                self._answer(listener, question, never)
+            if self._clock.wait(self._delay, self._stopped):
+                self._answer(listener, question)
+
+    def _stop(self) -> None:
+        self._stopped.set()
+        self._clock.wake()
+        with self._changed:
+            self._changed.notify_all()
 
     def health(self) -> Health:
         """Whether those who should answer are there and can speak."""
@@ -96,7 +104,7 @@ class PersonVoice:
             return Health(WARN, f"not in this world: {', '.join(missing)}", values)
         return Health(OK, "ready to answer", values)
 
-    def _answer(self, listener: Listener, question: str, never: threading.Event) -> None:
+    def _answer(self, listener: Listener, question: str) -> None:
         # By the second, not by count: an answer does not depend on what was asked before.
         moment = int(rospy.get_time())
         random = draw(self._seed, "/".join(filter(None, [rospy.get_name(), listener.name])), moment)
@@ -126,7 +134,7 @@ class PersonVoice:
         for first in range(0, len(sound), size):
             part = sound[first : first + size]
             self._microphone.publish(AudioData(data=part.tobytes()))
-            if not self._clock.wait(len(part) / RATE, never):
+            if not self._clock.wait(len(part) / RATE, self._stopped):
                 return
 
     def _hear(self, message: AudioData) -> None:
@@ -179,12 +187,10 @@ class PersonVoice:
 
 def main() -> int:
     """The executable ``person_voice``; returns its exit code."""
-    rospy.init_node("person_voice")
-    try:
-        node = PersonVoice()
-    except ParameterError as error:
-        rospy.logfatal(f"person_voice: {error}")
-        return 1
+    return run_node("person_voice", _start)
+
+
+def _start() -> Callable[[], None]:
+    node = PersonVoice()
     HealthReporter({"people": node.health}).start()
-    node.run()
-    return 0
+    return node.run

@@ -14,7 +14,6 @@ from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithP
 from merlin_sim.camera_placement import CameraPlacement, NotPlaced
 from merlin_sim.camera_view import CameraView
 from merlin_sim.image_source import CaptureSource, NoPicture, TopicSource
-from merlin_sim.parameters import ParameterError, number
 from merlin_sim.recognizer import (
     LEAST_SCORE,
     SUPPORTS,
@@ -27,6 +26,8 @@ from merlin_sim.sighting import Sighting
 from merlin_sim.tag_card import TAG
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.health import OK, WARN, Health, HealthReporter
+from merlin_sm.node import run_node
+from merlin_sm.parameters import ParameterError, number
 from merlin_sm.serial_action_server import SerialActionServer
 
 
@@ -152,12 +153,8 @@ def _told(sightings: List[Sighting], classes: List[str]) -> str:
 
 def main() -> int:
     """The executable ``recognition``; returns its exit code."""
-    rospy.init_node("recognition")
-    try:
-        node = RecognitionNode()
-    except ParameterError as error:
-        rospy.logfatal(f"recognition: {error}")
-        return 1
-    HealthReporter({"recognition": node.health}).start()
-    rospy.spin()
-    return 0
+    return run_node("recognition", _start)
+
+
+def _start() -> None:
+    HealthReporter({"recognition": RecognitionNode().health}).start()

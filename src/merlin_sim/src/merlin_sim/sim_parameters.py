@@ -11,10 +11,10 @@ from merlin_sim.camera import CameraModel
 from merlin_sim.drive import DriveLimits, OdometryNoise
 from merlin_sim.lidar import LidarModel
 from merlin_sim.localization import PoseNoise
-from merlin_sim.parameters import ParameterError, number
 from merlin_sim.simulation import RobotSpec
 from merlin_sim.world import Pose, World
 from merlin_sim.world_places import ROBOT_RADIUS, why_no_place
+from merlin_sm.parameters import ParameterError, number
 
 
 @dataclass(frozen=True)

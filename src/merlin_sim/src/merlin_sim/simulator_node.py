@@ -4,7 +4,7 @@ import math
 import threading
 from functools import partial
 from pathlib import Path
-from typing import Dict, Optional
+from typing import Callable, Dict, Optional
 
 import rospkg
 import rospy
@@ -29,7 +29,6 @@ from merlin_sim.camera import CameraError
 from merlin_sim.localization import TruthLocalization
 from merlin_sim.occupancy_grid import map_of
 from merlin_sim.pacer import Pacer
-from merlin_sim.parameters import ParameterError
 from merlin_sim.prompt_publisher import PromptPublisher
 from merlin_sim.robot_interface import RobotInterface
 from merlin_sim.ros_messages import grid_message
@@ -38,6 +37,8 @@ from merlin_sim.simulation import PHYSICS_RATE, Simulation
 from merlin_sim.world_file import WorldError, load_world
 from merlin_sim.world_services import WorldServices
 from merlin_sm.health import OK, WARN, Health, HealthReporter
+from merlin_sm.node import run_node
+from merlin_sm.parameters import ParameterError
 
 CLOCK_PERIOD = 2  # physics steps: 50 Hz
 KEPT_UP = 0.9  # share of the factor asked for that counts as reached
@@ -111,6 +112,7 @@ class SimulatorNode:
             with self._world_lock:
                 self.simulation.step()
                 self._publish(self.simulation.tick)
+        self.simulation.close()
 
     def _localization(self, robot: str) -> Optional[TruthLocalization]:
         if self._parameters.localization != "truth":
@@ -230,13 +232,10 @@ def _time(tick: int) -> rospy.Time:
 
 def main() -> int:
     """The executable ``merlin_sim``; returns its exit code."""
-    rospy.init_node("merlin_sim")
-    try:
-        node = SimulatorNode()
-    except (ParameterError, WorldError) as error:
-        rospy.logfatal(f"merlin_sim: {error}")
-        return 1
+    return run_node("merlin_sim", _start, WorldError)
+
+
+def _start() -> Callable[[], None]:
+    node = SimulatorNode()
     HealthReporter({"world": node.health}).start()
-    node.run()
-    node.simulation.close()
-    return 0
+    return node.run

@@ -16,7 +16,6 @@ from sound_play.msg import (
 )
 from std_msgs.msg import Bool
 
-from merlin_sim.parameters import ParameterError, number
 from merlin_sim.ros_clock import RosClock
 from merlin_sim.sound_card import SoundCard
 from merlin_sim.speech_synthesizer import (
@@ -31,6 +30,8 @@ from merlin_sim.speech_synthesizer import (
 )
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.health import OK, WARN, Health, HealthReporter
+from merlin_sm.node import run_node
+from merlin_sm.parameters import number
 from merlin_sm.publishing import publish
 from merlin_sm.serial_action_server import SerialActionServer
 
@@ -248,11 +249,8 @@ def _path(path: str, package: str) -> str:
 
 def main() -> int:
     """The executable ``speech``; returns its exit code."""
-    rospy.init_node("soundplay_node")
-    try:
-        HealthReporter({"speech": SpeechNode().health}).start()
-    except ParameterError as error:
-        rospy.logfatal(f"speech: {error}")
-        return 1
-    rospy.spin()
-    return 0
+    return run_node("soundplay_node", _start)
+
+
+def _start() -> None:
+    HealthReporter({"speech": SpeechNode().health}).start()

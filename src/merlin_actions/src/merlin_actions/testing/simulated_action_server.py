@@ -1,7 +1,6 @@
 """An action server of any type that behaves as its parameters say."""
 
 import os
-import sys
 import threading
 from typing import Callable, Optional
 
@@ -10,6 +9,7 @@ from roslib.message import get_message_class
 
 from merlin_actions.testing.behaviour import Act, Behaviour
 from merlin_sm.action_server import ServerGoal
+from merlin_sm.node import run_node
 from merlin_sm.serial_action_server import SerialActionServer
 
 
@@ -87,18 +87,16 @@ def behaviour_from_params(prefix: str = "~") -> Behaviour:
     return Behaviour(seed=int(rospy.get_param(prefix + "seed", 0)), **values)
 
 
-def main() -> None:
+def main() -> int:
     """Runs a node: `~action` (name) and `~type` (``move_base_msgs/MoveBaseAction``), and a behaviour."""
-    rospy.init_node("simulated_action_server")
-    try:
-        name, type_name = rospy.get_param("~action"), rospy.get_param("~type")
-        action_spec: Optional[type] = get_message_class(type_name)
-        if action_spec is None:
-            raise ValueError(f"there is no message type {type_name!r}")
-        server = SimulatedActionServer(name, action_spec, behaviour_from_params())
-    except (KeyError, ValueError) as error:
-        rospy.logfatal(f"simulated_action_server: {error}")
-        sys.exit(1)
+    return run_node("simulated_action_server", _start, KeyError, ValueError)
+
+
+def _start() -> None:
+    name, type_name = rospy.get_param("~action"), rospy.get_param("~type")
+    action_spec: Optional[type] = get_message_class(type_name)
+    if action_spec is None:
+        raise ValueError(f"there is no message type {type_name!r}")
+    server = SimulatedActionServer(name, action_spec, behaviour_from_params())
+    rospy.on_shutdown(server.shutdown)
     server.start()
-    rospy.spin()
-    server.shutdown()

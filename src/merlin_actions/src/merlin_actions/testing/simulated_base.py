@@ -1,6 +1,5 @@
 """A ``move_base`` without a robot: it commands velocities and nothing moves. For tests only."""
 
-import sys
 import threading
 
 import rospy
@@ -8,6 +7,7 @@ from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseAction
 
 from merlin_actions.testing.simulated_action_server import SimulatedActionServer, behaviour_from_params
+from merlin_sm.node import run_node
 
 
 class SimulatedBase:
@@ -43,14 +43,12 @@ class SimulatedBase:
                 self._publisher.publish(Twist())
 
 
-def main() -> None:
-    """Runs the node, with the parameters of a behaviour."""
-    rospy.init_node("simulated_base")
-    try:
-        base = SimulatedBase()
-    except ValueError as error:
-        rospy.logfatal(f"simulated_base: {error}")
-        sys.exit(1)
+def main() -> int:
+    """Runs the node, with the parameters of a behaviour; returns the exit code."""
+    return run_node("simulated_base", _start, ValueError)
+
+
+def _start() -> None:
+    base = SimulatedBase()
+    rospy.on_shutdown(base.shutdown)
     base.start()
-    rospy.spin()
-    base.shutdown()

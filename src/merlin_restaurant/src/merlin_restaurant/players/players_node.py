@@ -18,6 +18,7 @@ from merlin_restaurant.players.stage import Closed, Stage, StageError
 from merlin_sim.world import World
 from merlin_sim.world_drawing import find_world
 from merlin_sim.world_file import WorldError, load_world
+from merlin_sm.node import init_node
 
 STARTUP = 60.0  # s of wall time for the simulator and the voices
 
@@ -101,7 +102,7 @@ def _disturbances(given: object) -> Union[int, List[str]]:
 
 def main() -> int:
     """Entry point of the node; returns the exit code."""
-    rospy.init_node("players")
+    init_node("players")
     try:
         world = load_world(find_world(str(rospy.get_param("~world"))))
         seed = int(rospy.get_param("~seed", 1))
