@@ -16,6 +16,7 @@ from merlin_executor.goal_check import GoalError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 30.0
+DORM_ROOM = "world/points_of_interest/dorm_room"
 
 
 class Watch:
@@ -146,6 +147,28 @@ class Executor(unittest.TestCase):
         self.assertOutcome(waiting.result, "CANCELLED")
         self.assertTrue(first.wait(LONG))
         self.assertOutcome(first.result, "SUCCEEDED")
+
+    def unreachable_dorm_room(self):
+        """Planning does not know that the point of interest has no place to drive to."""
+        place = rospy.get_param(DORM_ROOM)
+        rospy.set_param(DORM_ROOM, {"x": "nowhere"})
+        self.addCleanup(rospy.set_param, DORM_ROOM, place)
+
+    def test_a_plan_that_fails_is_replaced_a_few_times(self):
+        self.unreachable_dorm_room()
+        result = self.client.execute("(checked dorm_room)", LONG)
+        self.assertOutcome(result, "ACTION_FAILED")
+        self.assertIn("navigate", result.action)
+        self.assertIn("planned again 3 times", result.reason)
+
+    def test_a_cancel_reaches_a_request_that_waits_before_it_is_planned_again(self):
+        self.unreachable_dorm_room()
+        mark = self.status.mark()
+        request = self.client.send("(checked dorm_room)")
+        self.status.wait(lambda status: status.stage == "REPLAN" and status.replans == 2, mark)
+        request.cancel()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "CANCELLED")
 
     def test_what_makes_no_sense_is_refused_before_it_is_sent(self):
         for goal in (

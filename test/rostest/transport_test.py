@@ -124,14 +124,19 @@ class Actions(unittest.TestCase):
         self.assertEqual(sent.status, GoalStatus.ABORTED)
         self.assertIn("broken on purpose", sent.text)
 
-    def test_a_killed_server_ends_its_goals_as_lost(self):
-        victim = start_victim()
+    def wait_for_the_victim(self):
+        """A client, and a goal that the victim works on."""
         client = ActionClient("victim/wait", Action)
         self.addCleanup(client.shutdown)
         self.assertTrue(client.wait_for_server(LONG))
         sent = client.send(Goal())
         while sent.status != GoalStatus.ACTIVE:
             self.assertFalse(sent.wait(0.01))
+        return client, sent
+
+    def test_a_killed_server_ends_its_goals_as_lost(self):
+        victim = start_victim()
+        _, sent = self.wait_for_the_victim()
         os.kill(victim.pid, signal.SIGKILL)
         victim.wait()
         self.assertTrue(sent.wait(LONG))
@@ -142,12 +147,7 @@ class Actions(unittest.TestCase):
         victim = start_victim()
         self.addCleanup(victim.wait)
         self.addCleanup(victim.kill)
-        client = ActionClient("victim/wait", Action)
-        self.addCleanup(client.shutdown)
-        self.assertTrue(client.wait_for_server(LONG))
-        sent = client.send(Goal())
-        while sent.status != GoalStatus.ACTIVE:
-            self.assertFalse(sent.wait(0.01))
+        client, sent = self.wait_for_the_victim()
         victim.send_signal(signal.SIGSTOP)
         self.assertFalse(sent.wait(SILENCE + 1.5), sent.text)
         self.assertTrue(client.alive)

@@ -1,5 +1,7 @@
 """Node: the Executor."""
 
+import math
+
 import rospy
 
 from merlin_executor.executor import Executor
@@ -33,7 +35,7 @@ def _start() -> None:
             knowledge,
             planning,
             dispatcher=rospy.get_param("~plan_dispatcher", "rosplan_plan_dispatcher"),
-            cancel_deadline=number("~cancel_deadline", 5.0, 0.0),
+            cancel_deadline=number("~cancel_deadline", 5.0, -math.inf),
             max_replans=round(number("~max_replans", 3, 0)),
             goals_file=str(rospy.get_param("~goals_file", "")),
         )

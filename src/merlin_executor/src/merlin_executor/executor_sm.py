@@ -1,5 +1,6 @@
 """The Executor's state machine: a state for every component of the planning system (paper, section 3.2.2)."""
 
+import threading
 import time
 from typing import Any, Callable, List, Optional, Sequence
 
@@ -10,6 +11,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 import smach
 from merlin_executor.own_goals import OwnGoals
 from merlin_executor.request import Request
+from merlin_sm.deadline import Deadline
 from merlin_sm.dispatch_client import DispatchClient, DispatchResult
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
@@ -31,6 +33,9 @@ from merlin_sm.states.planning import (
 ALREADY_TRUE = "already_true"
 EXHAUSTED = "exhausted"
 REMOVE_GOALS = "REMOVE_GOALS"
+REPLAN_WAIT = 1.0
+"""Running time before the second new plan, s; twice as long before each further one. What makes a plan fail
+at once, such as an action that has not ended yet, may pass."""
 
 _OUTCOMES = {
     name.lower(): getattr(ExecuteResult, name)
@@ -198,7 +203,7 @@ class _Replan(MerlinState):
         self._max_replans = max_replans
 
     def run(self, userdata: Any) -> str:
-        """Counts."""
+        """Counts, and waits before all new plans but the first."""
         request = self._request()
         self.reason = self._dispatch.reason
         if request.replans >= self._max_replans:
@@ -206,8 +211,18 @@ class _Replan(MerlinState):
                 self.reason += f" (planned again {request.replans} times)"
             return EXHAUSTED
         request.replans += 1
+        if request.replans > 1 and self._cancelled_within(REPLAN_WAIT * 2 ** (request.replans - 2)):
+            return PREEMPTED
         rospy.loginfo(f"planning again ({request.replans} of {self._max_replans}): {self.reason}")
         return SUCCEEDED
+
+    def _cancelled_within(self, seconds: float) -> bool:
+        cancelled = threading.Event()
+        self.interruptible(cancelled.set)
+        try:
+            return Deadline(seconds).wait_event(cancelled)
+        finally:
+            self.interruptible(None)
 
 
 class _RemoveGoals(smach.State):
