@@ -44,6 +44,13 @@ class Errors(unittest.TestCase):
     def test_a_robot_without_a_start(self):
         self.refused(["no start left", "r3"], f"_world:={WORLD}", "_robots:=[r1, r2, r3]")
 
+    def test_robots_that_cannot_be_told_apart_or_placed(self):
+        self.refused(["twice"], f"_world:={WORLD}", "_robots:=['', robot]")
+        self.refused(["r1", "yaw"], f"_world:={WORLD}", "_robots:=[{namespace: r1, yaw: 1.0}]")
+
+    def test_a_description_of_no_robot(self):
+        self.refused(["~urdf", "no robot"], f"_world:={WORLD}", f"_urdf:={WORLD}")
+
     def test_a_second_clock(self):
         clock = rospy.Publisher("/clock", Clock, queue_size=1)
         try:

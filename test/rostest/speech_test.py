@@ -122,15 +122,42 @@ class Speech(unittest.TestCase):
             self.assertEqual(goal.status, GoalStatus.ABORTED, fields)
             self.assertIn(word, goal.text)
 
-    def test_the_topic_speaks_and_stops(self):
+    def publisher(self):
         publisher = rospy.Publisher("robotsound", SoundRequest, queue_size=5)
         while not publisher.get_num_connections():
             rospy.rostime.wallsleep(0.01)
+        return publisher
+
+    def test_the_topic_speaks_and_stops(self):
+        publisher = self.publisher()
         publisher.publish(
             SoundRequest(sound=SoundRequest.SAY, command=SoundRequest.PLAY_START, volume=1.0, arg="again")
         )
         self.wait(lambda: self.speaking)
         publisher.publish(SoundRequest(sound=SoundRequest.ALL, command=SoundRequest.PLAY_STOP))
+        self.wait(lambda: self.speaking is False)
+
+    def test_a_sound_that_waits_for_its_turn_can_be_stopped(self):
+        publisher = self.publisher()
+        pause, resume = (ServiceProxy(f"/merlin_sim/{verb}", Trigger) for verb in ("pause", "resume"))
+        self.assertTrue(pause.wait(LONG) and resume.wait(LONG))
+        publisher.publish(
+            SoundRequest(sound=SoundRequest.SAY, command=SoundRequest.PLAY_START, volume=1.0, arg="again")
+        )
+        self.wait(lambda: self.speaking)
+        pause()  # the sound of the topic does not end meanwhile
+        try:
+            goal = self.send()
+            self.wait(lambda: goal.id in self.active)
+            publisher.publish(
+                SoundRequest(sound=SoundRequest.SAY, command=SoundRequest.PLAY_ONCE, volume=1.0, arg="later")
+            )
+            goal.cancel()
+            self.assertTrue(goal.wait(LONG))
+            self.assertIn(goal.status, (GoalStatus.PREEMPTED, GoalStatus.RECALLED))
+        finally:
+            resume()
+            publisher.publish(SoundRequest(sound=SoundRequest.ALL, command=SoundRequest.PLAY_STOP))
         self.wait(lambda: self.speaking is False)
 
 

@@ -1,13 +1,16 @@
 """The commands that measure: what they count, and that they measure the right thing."""
 
 import math
+from argparse import ArgumentTypeError
 from types import SimpleNamespace
 
 import pytest
 
 from merlin_sim.drive import OdometryNoise
 from merlin_sim.listening_matrix import Question, tallies
+from merlin_sim.navigation_matrix import main as navigation_matrix
 from merlin_sim.positioning_matrix import Follower, odometry_errors
+from merlin_sim.trial import trials
 from merlin_sim.world_drawing import find_world
 from merlin_sim.world_file import load_world
 
@@ -16,6 +19,19 @@ def test_the_square_of_odometry_bumps_into_nothing():
     world = load_world(find_world("apartment"))
     metres, radians = odometry_errors(world, OdometryNoise(), 1)
     assert metres < 0.005 and radians < 0.01
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "two", ""])
+def test_no_trials_are_no_figures(text):
+    with pytest.raises(ArgumentTypeError):
+        trials(text)
+    assert trials("2") == 2
+
+
+def test_a_case_that_does_not_exist_is_no_empty_table(capsys):
+    with pytest.raises(SystemExit):
+        navigation_matrix(["--case", "flood"])
+    assert "no case of apartment contains 'flood'" in capsys.readouterr().err
 
 
 class Parrot:

@@ -116,7 +116,7 @@ def test_only_what_is_asked_for_is_reported(remembered):
     assert names("tag_4", "plate") == []
 
 
-@pytest.mark.parametrize("name", ["teapot", "tag_50", "tag_x", "Cup", ""])
+@pytest.mark.parametrize("name", ["teapot", "tag_50", "tag_07", "tag_²", "tag_x", "Cup", ""])
 def test_unknown_classes_are_refused_and_the_known_ones_named(remembered, name):
     with pytest.raises(UnknownClass, match="unknown class.*known: cup, coffee"):
         remembered.recognize(remembered.picture, remembered.view, ["cup", name])

@@ -174,6 +174,22 @@ def test_the_world_changes_when_its_time_has_come(apartment, simulate):
     assert ann.x == pytest.approx(1.0 + 0.5 * 1.6, abs=0.05)
 
 
+def test_a_door_that_waits_holds_nothing_else_up(apartment, simulate):
+    door = apartment.doors[0]
+    middle = Pose((door.start[0] + door.end[0]) / 2, (door.start[1] + door.end[1]) / 2)
+    thing = apartment.furniture[0]
+    there = Pose(thing.pose.x + 0.01, thing.pose.y)
+    events = [
+        DoorEvent(0.1, door.name, False),
+        DoorEvent(0.2, door.name, True),
+        MoveEvent(0.2, thing.name, there),
+    ]
+    simulation = simulate(middle, world=dataclasses.replace(apartment, events=events))
+    run(simulation, 0.5)
+    assert simulation.scene.furniture[thing.name].pose == there
+    assert simulation.scene.is_there(thing.name) and not simulation.scene.is_there(door.name)
+
+
 def test_a_door_waits_for_a_robot_and_a_polite_person_stops(apartment, simulate):
     world = dataclasses.replace(
         apartment,

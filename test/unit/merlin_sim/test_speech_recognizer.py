@@ -55,3 +55,11 @@ def test_an_utterance_is_cut_out_of_a_stream():
     found = detector.feed(np.zeros(16000, dtype=np.int16))
     assert len(tone) <= len(found) <= len(tone) + 0.7 * 16000
     assert detector.finish() is None
+
+
+def test_noise_that_does_not_end_is_cut_off():
+    detector = UtteranceDetector(longest=2.0)
+    noise = (8000 * np.sin(np.arange(16000) / 5)).astype(np.int16)
+    assert detector.feed(noise) is None
+    found = detector.feed(noise)
+    assert len(found) == 2 * 16000 and not detector.speaking

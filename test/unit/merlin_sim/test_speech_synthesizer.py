@@ -76,6 +76,17 @@ def test_files_are_played_at_the_common_rate(tmp_path):
     assert peak * RATE / len(sound.samples) == pytest.approx(440, abs=2)
 
 
+def test_of_a_file_that_was_cut_off_the_rest_is_played(tmp_path):
+    file = tmp_path / "half.wav"
+    with wave.open(str(file), "wb") as out:
+        out.setnchannels(2)
+        out.setsampwidth(2)
+        out.setframerate(RATE)
+        out.writeframes(bytes(4000))
+    file.write_bytes(file.read_bytes()[:-2001])
+    assert len(read_wave(str(file)).samples) == 499
+
+
 def test_files_that_are_no_sound(tmp_path):
     file = tmp_path / "text.wav"
     file.write_text("hello")
@@ -87,6 +98,8 @@ def test_files_that_are_no_sound(tmp_path):
         out.setframerate(RATE)
     with pytest.raises(SoundError, match="contains no sound"):
         read_wave(str(file))
+    with pytest.raises(SoundError, match="no WAV file"):
+        read_wave("a\0b")
     with pytest.raises(SoundError, match="No such file"):
         read_wave(str(tmp_path / "none.wav"))
 

@@ -218,6 +218,8 @@ def test_the_same_calls_at_the_same_times_make_the_same_world(room):
         (Placing("table", pose=Pose(1, 3)), "cannot be moved"),
         (Placing("wall_4_0", kind="cup", pose=Pose(1, 3)), "part of the building"),
         (Placing("chair", pose=Pose(1, 2)), "ann is there"),
+        (Placing("chair", pose=Pose(1, 4)), "box is there"),
+        (Placing("ann", pose=Pose(1, 4)), "box is there"),
         (Placing("can", on="shelf"), "no such furniture or robot"),
         (Placing("can", on="table", pose=Pose(0.6, 0)), "beside table"),
         (Placing("can", on="robot", pose=Pose(0.3, 0)), "fall off the tray"),
@@ -238,6 +240,12 @@ def test_what_cannot_be_is_refused_and_changes_nothing(room, what, words):
     assert words in str(refused.value)
     after = simulation.physics.place_of("cup"), person(simulation, "ann").pose, len(simulation.control.people)
     assert before == after and not simulation.scene.objects["can"].there
+
+
+def test_where_somebody_is_not_is_not_looked_at(room):
+    simulation = room()
+    simulation.control.place(Placing("ann", absent=True, on="shelf", pose=Pose(math.nan, 9), z=5.0))
+    assert person(simulation, "ann").state is State.ABSENT
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,10 @@ GOOD = {
 }
 
 
+SELF = []
+SELF.append(SELF)
+
+
 def changed(**fields):
     data = copy.deepcopy(GOOD)
     data.update(fields)
@@ -64,6 +68,13 @@ def test_doors_are_openings_of_their_own_width():
         (changed(doors=[{"name": "d", "from": [1, 1], "to": [2, 1]}]), ["d lies in no wall"]),
         (changed(furniture=[*GOOD["furniture"], *GOOD["furniture"]]), ["table is used twice"]),
         (changed(furniture=[{"name": "t", "at": [1, 1]}]), ["furniture[0]"]),
+        (changed(doors=[{"name": "d", "from": [1, 0], "to": [1, 0], "open": False}]), ["d has no width"]),
+        (changed(furniture=[{"name": "wall_0_0", "at": [1, 1], "box": [1, 1, 1]}]), ["wall_0_0", "own"]),
+        (changed(people=[{"name": "robot", "path": [[1, 1]]}]), ["robot", "own"]),
+        (changed(people=[{"name": "ann", "path": [[1, 1], [9, 1]]}]), ["people.ann", "(9, 1)", "outside"]),
+        (changed(events=[{"at": 1, "move": "table", "to": [2, -1]}]), ["events", "table", "outside"]),
+        (changed(resolution=10**400), ["resolution", "not a finite number"]),
+        (changed(walls=SELF), ["contains itself"]),
         (changed(events=[{"at": 1, "door": "gate", "open": True}]), ["no door gate"]),
         (changed(events=[{"at": -1, "door": "exit", "open": True}]), ["events[0]"]),
         (changed(people=[{"name": "ann", "path": []}]), ["people[0].path"]),

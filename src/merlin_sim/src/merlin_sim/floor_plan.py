@@ -15,12 +15,12 @@ from merlin_sim.occupancy_grid import OccupancyGrid, map_of
 from merlin_sim.path_planner import PathPlanner
 from merlin_sim.world import Pose, World
 from merlin_sim.world_file import parse_world
+from merlin_sim.world_places import CLEARANCE, ROBOT_RADIUS
 
 DOOR = 1.0  # m wide
 CORNER = 0.5  # m between a door and the nearest corner
 LEAST = 2.6  # m; no room is narrower
 MOST = 200.0  # m of a side
-RADIUS, CLEARANCE = 0.25, 0.05  # m, of the robot that has to get everywhere
 TRIES = 60  # positions that are tried for one wall or one piece of furniture
 
 FURNITURE = (  # name, size x, y, height (m), colour
@@ -161,19 +161,19 @@ class FloorPlan:
             places = self._places(grid)
         except ValueError:
             return False
-        room = PathPlanner(grid, RADIUS, CLEARANCE).distance >= RADIUS + CLEARANCE
+        room = PathPlanner(grid, ROBOT_RADIUS, CLEARANCE).distance >= ROBOT_RADIUS + CLEARANCE
         _, labels = cv2.connectedComponents(room.astype(np.uint8), connectivity=4)
         return len({labels[cell] for cell in map(grid.cell, places) if cell is not None}) == 1
 
     def _places(self, grid: OccupancyGrid) -> List[Tuple[float, float]]:
         """The roomiest spot of each room."""
-        planner = PathPlanner(grid, RADIUS, CLEARANCE)
+        planner = PathPlanner(grid, ROBOT_RADIUS, CLEARANCE)
         places = []
         for room in self.rooms:
             low, high = grid.cell((room.left, room.bottom)), grid.cell((room.right, room.top))
             assert low is not None and high is not None
             part = planner.distance[low[0] : high[0], low[1] : high[1]]
-            if part.max() < RADIUS + CLEARANCE:
+            if part.max() < ROBOT_RADIUS + CLEARANCE:
                 raise ValueError("a room is full")
             row, column = np.unravel_index(int(np.argmax(part)), part.shape)
             x, y = grid.point(low[0] + int(row), low[1] + int(column))

@@ -13,7 +13,7 @@ from merlin_sim.recognizer_process import RecognizerLost, RecognizerProcess
 from merlin_sim.ros_clock import RosClock
 from merlin_sim.speech_recognizer import THRESHOLD, GrammarError, UtteranceDetector
 from merlin_sm.action_server import ServerGoal
-from merlin_sm.health import OK, WARN, Health, HealthReporter
+from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_sm.node import run_node
 from merlin_sm.parameters import number
 from merlin_sm.serial_action_server import SerialActionServer
@@ -34,8 +34,9 @@ class ListenNode:
         self._clock = RosClock()
         self._news = threading.Event()  # sound came, or somebody wants it to stop
         self._sound: Deque[np.ndarray] = deque(maxlen=1000)
-        self._listening = False
+        self._listening = self._speaking = False
         self._heard = self._understood = 0  # utterances
+        self._trouble = ""  # what became of the recogniser in the last goal
         self._server = SerialActionServer("listen", ListenAction, self._execute, self._cancel)
         self._subscriber = rospy.Subscriber(
             "audio/microphone", AudioData, self._receive, tcp_nodelay=True, queue_size=50
@@ -45,19 +46,24 @@ class ListenNode:
         self._server.start()
 
     def health(self) -> Health:
-        """Whether there is a microphone to hear with."""
+        """Whether there is a microphone to hear with, and a recogniser that works."""
         values = {"utterances": self._heard, "understood": self._understood}
+        if self._trouble:
+            return Health(ERROR, self._trouble, values)
         if not self._subscriber.get_num_connections():
             return Health(WARN, f"nobody publishes {self._subscriber.name}: there is nothing to hear", values)
         return Health(OK, "listening" if self._listening else "ready", values)
 
     def _receive(self, message: AudioData) -> None:
         if self._listening:
-            self._sound.append(np.frombuffer(message.data, dtype="<i2"))
+            whole = len(message.data) // 2 * 2
+            self._sound.append(np.frombuffer(message.data[:whole], dtype="<i2"))
             self._news.set()
             self._clock.wake()
 
-    def _cancel(self, _: ServerGoal) -> None:
+    def _cancel(self, goal: ServerGoal) -> None:
+        # At once: decoding takes a second, and its result is not wanted any more.
+        goal.cancelled(ListenResult(heard=self._speaking), "cancelled")
         self._news.set()
         self._clock.wake()
 
@@ -68,15 +74,17 @@ class ListenNode:
             return
         try:
             self._recognizer.use(goal.goal.grammar)
-        except (GrammarError, RecognizerLost) as error:
-            goal.abort(ListenResult(), str(error))
-            return
-        self._sound.clear()
-        self._listening = True
-        try:
+            self._sound.clear()
+            self._listening = True
             self._listen(goal)
+            self._trouble = ""
+        except GrammarError as error:
+            goal.abort(ListenResult(), str(error))
+        except RecognizerLost as error:
+            self._trouble = str(error)
+            goal.abort(ListenResult(heard=self._speaking), str(error))
         finally:
-            self._listening = False
+            self._listening = self._speaking = False
 
     def _listen(self, goal: ServerGoal) -> None:
         timeout = goal.goal.timeout.to_sec() or self._timeout
@@ -90,24 +98,19 @@ class ListenNode:
                 left = 0.0
             self._news.clear()
             if goal.cancel_requested:
-                goal.cancelled(ListenResult(heard=detector.speaking), "cancelled")
                 return
-            spoke = detector.speaking
             while self._sound and utterance is None:
                 left = 1.0
                 utterance = detector.feed(self._sound.popleft())
-            if detector.speaking != spoke:
+            if detector.speaking != self._speaking:
+                self._speaking = detector.speaking
                 goal.feedback(ListenFeedback(speech=detector.speaking))
             if left <= 0.0 and utterance is None:
                 utterance = detector.finish()
                 if utterance is None:
                     goal.succeed(ListenResult(), f"nobody spoke within {timeout:.1f} s")
                     return
-        try:
-            said = self._recognizer.understand(utterance)
-        except RecognizerLost as error:
-            goal.abort(ListenResult(heard=True), str(error))
-            return
+        said = self._recognizer.understand(utterance)
         self._heard += 1
         self._understood += bool(said.text)
         text = f"understood: {said.text}" if said.text else "somebody spoke, but was not understood"

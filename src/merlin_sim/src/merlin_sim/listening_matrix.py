@@ -2,13 +2,14 @@
 
 import argparse
 import itertools
+import sys
 from typing import Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from merlin_sim.noise import draw
 from merlin_sim.speech_recognizer import SpeechRecognizer
-from merlin_sim.speech_synthesizer import RATE, SpeechSynthesizer
+from merlin_sim.speech_synthesizer import RATE, SoundError, SpeechSynthesizer
 
 VOICES = ("en-us", "en-us+f3", "en-gb", "en-us+m3")
 ROOM = 30.0  # of 32767: RMS of the noise around a sentence, as person_voice has it
@@ -104,7 +105,11 @@ def main(arguments: Optional[List[str]] = None) -> int:
     rows = []
     voices = [options.voice] if options.voice else VOICES
     for question, voice in itertools.product(QUESTIONS, voices):
-        rows.append(tuple(tallies(question, voice, recognizer, options.seed)))
+        try:
+            rows.append(tuple(tallies(question, voice, recognizer, options.seed)))
+        except SoundError as error:
+            print(f"listening_matrix: {error}", file=sys.stderr)
+            return 1
         allowed, others = rows[-1]
         print(f"| {question.name} | {voice} | {allowed.row()} | {others.row()} |", flush=True)
     allowed, others = (Tally(*map(sum, zip(*column))) for column in zip(*rows))

@@ -15,6 +15,7 @@ from std_srvs.srv import Empty, EmptyResponse
 from tf2_msgs.msg import TFMessage
 
 from merlin_sim.navigation_goal import bad_rotation
+from merlin_sim.occupancy_grid import FREE
 from merlin_sim.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_sim.prompt_publisher import PromptPublisher
 from merlin_sim.robot_state import HISTORY, odometry_at, rays_of
@@ -47,7 +48,7 @@ class LocalizationNode:
         self._localizer: Optional[Localizer] = None
         self._odometry: Deque[Odometry] = deque(maxlen=HISTORY)
         self._mount: Optional[Pose] = None
-        self._updated: Optional[rospy.Time] = None  # when the last scan was used
+        self._scanned: Optional[rospy.Time] = None  # of the last scan
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer)
         self._tf = PromptPublisher("/tf", TFMessage)
@@ -69,7 +70,7 @@ class LocalizationNode:
                 return Health(ERROR, f"there is no map on {rospy.resolve_name(self._map_topic)}")
             if not self._odometry:
                 return Health(ERROR, f"there is no odometry on {rospy.resolve_name('odom')}")
-            if self._updated is None or (rospy.Time.now() - self._updated).to_sec() > SILENCE:
+            if self._scanned is None or (rospy.Time.now() - self._scanned).to_sec() > SILENCE:
                 return Health(ERROR, f"no scan that can be used on {rospy.resolve_name('scan')}")
             covariance = self._localizer.filter.estimate()[1]
         spread = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
@@ -84,6 +85,8 @@ class LocalizationNode:
     def _receive_map(self, message: OccupancyGrid) -> None:
         try:
             grid = grid_of(message)
+            if not (grid.cells == FREE).any():
+                raise ValueError("no cell of the map is free: there is nowhere a robot could be")
         except ValueError as error:
             rospy.logerr(f"localization: {error}")
             return
@@ -113,8 +116,11 @@ class LocalizationNode:
             rospy.logwarn(f"localization: an initial pose is ignored: its rotation {reason}")
             return
         with self._lock:
-            outside = self._localizer is not None and self._localizer.filter.grid.cell(point) is None
-        if outside:
+            localizer = self._localizer
+        if localizer is None:
+            rospy.logwarn("localization: an initial pose is ignored: there is no map yet")
+            return
+        if localizer.filter.grid.cell(point) is None:
             rospy.logwarn(f"localization: an initial pose is ignored: {point} lies outside the map")
             return
         covariance = np.nan_to_num(message.pose.covariance, nan=0.0, posinf=SURE_OF_NOTHING)
@@ -122,9 +128,8 @@ class LocalizationNode:
         xy = max(0.05, np.sqrt(max(covariance[0], covariance[7])))
         yaw = max(0.05, np.sqrt(covariance[35]))
         with self._lock:
-            if self._localizer is not None:
-                self._localizer.filter.believe(pose_of(message.pose.pose), xy, yaw)
-                self._localizer.restart()
+            self._localizer.filter.believe(pose_of(message.pose.pose), xy, yaw)
+            self._localizer.restart()
 
     def _scatter(self, _: object) -> EmptyResponse:
         with self._lock:
@@ -156,7 +161,7 @@ class LocalizationNode:
                     return
             odometry = odometry_at(list(self._odometry), message.header.stamp.to_sec())
             updated = self._localizer.update(odometry, self._mount, *rays_of(message))
-            self._updated = message.header.stamp
+            self._scanned = message.header.stamp
             self._publish(message.header.stamp, last.header.frame_id, odometry, updated)
 
     def _publish(self, stamp: rospy.Time, odom_frame: str, odometry: Pose, updated: bool) -> None:

@@ -8,7 +8,7 @@ from typing import Iterator, List, Optional, Tuple
 from merlin_sim.navigation_cases import Case, cases
 from merlin_sim.navigator import NavigationSettings
 from merlin_sim.path_follower import Cruise
-from merlin_sim.trial import Trial, TrialResult
+from merlin_sim.trial import Trial, TrialResult, trials
 from merlin_sim.world import World
 from merlin_sim.world_drawing import find_world
 from merlin_sim.world_file import WorldError, load_world
@@ -32,7 +32,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     parser = argparse.ArgumentParser(prog="navigation_matrix", description=__doc__)
     parser.add_argument("--world", default="apartment", help="name or file of a world (default apartment)")
     parser.add_argument("--speed", type=float, default=0.3, help="cruising speed, m/s (default 0.3)")
-    parser.add_argument("--seeds", type=int, default=3, help="trials per case and leg (default 3)")
+    parser.add_argument("--seeds", type=trials, default=3, help="trials per case and leg (default 3)")
     parser.add_argument("--case", help="only the cases whose name contains this")
     options = parser.parse_args(arguments)
     try:
@@ -40,12 +40,15 @@ def main(arguments: Optional[List[str]] = None) -> int:
     except WorldError as error:
         print(f"navigation_matrix: {error}", file=sys.stderr)
         return 1
+    chosen = [case for case in cases(world.name) if (options.case or "") in case.name]
+    if not chosen:
+        parser.error(f"no case of {world.name} contains {options.case!r}")
+    if not options.speed > 0.0:
+        parser.error(f"a speed of {options.speed:g} m/s gets nowhere")
     wrong = []
     print("| case | as it should | collisions | time, s (median) | distance, m (median) | waited, s (mean) |")
     print("|---|---|---|---|---|---|")
-    for case in cases(world.name):
-        if options.case and options.case not in case.name:
-            continue
+    for case in chosen:
         results = list(run(world, case, options.seeds, options.speed))
         right = [result.outcome is case.expected and not result.collisions for _, result in results]
         wrong += [

@@ -19,7 +19,7 @@ from merlin_sim.path_planner import NoPath, PathPlanner
 from merlin_sim.robot_state import RobotState, StateError, velocity_of
 from merlin_sim.ros_messages import grid_of, path_message, pose_of, stamped
 from merlin_sim.velocity_gate import VelocityGate
-from merlin_sim.world import Point, Pose
+from merlin_sim.world import Point, Pose, wrap
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.deadline import Deadline
 from merlin_sm.health import ERROR, Health, HealthReporter
@@ -31,6 +31,7 @@ START_TIMEOUT = 10.0  # s of running time for map, odometry, scan and transforms
 SILENCE = 3.0  # s of running time without odometry after which driving is given up
 SCAN_AGE = 1.0  # s of ROS time after which a scan is too old to drive by
 JUMP, JUMP_SPEED = 0.3, 2.0  # m and m/s; no base of this kind moves further between two odometries
+JUMP_TURN, JUMP_TURN_SPEED = 0.5, 4.0  # rad and rad/s
 FEEDBACK_EVERY = 4  # control steps
 
 
@@ -235,7 +236,8 @@ def _refuse_jump(last: Odometry, odometry: Odometry) -> None:
     """Raises StateError when the wheels cannot have made the way between two odometries."""
     before, after = pose_of(last.pose.pose), pose_of(odometry.pose.pose)
     elapsed = abs((odometry.header.stamp - last.header.stamp).to_sec())
-    if before.distance(after) > JUMP + JUMP_SPEED * elapsed:
+    turned = abs(wrap(after.yaw - before.yaw))
+    if before.distance(after) > JUMP + JUMP_SPEED * elapsed or turned > JUMP_TURN + JUMP_TURN_SPEED * elapsed:
         raise StateError(
             f"{NO_CONTROL_TEXT} The odometry jumped from ({before.x:.2f}, {before.y:.2f}) to "
             f"({after.x:.2f}, {after.y:.2f}): the base was restarted, or the simulator reset."

@@ -21,7 +21,6 @@ from merlin_sim.world import Point, Pose, wrap
 REACHED_TEXT = "Goal reached."
 NO_PLAN_TEXT = "Failed to find a valid plan. Even after executing recovery behaviors."
 NO_CONTROL_TEXT = "Failed to find a valid control. Even after executing recovery behaviors."
-OSCILLATION_TEXT = "Robot is oscillating. Even after executing recovery behaviors."
 
 AHEAD = 2.0  # m of path that is watched for obstacles
 STOP_GAP = 0.25  # m before the place where an obstacle would be too close at which the robot waits

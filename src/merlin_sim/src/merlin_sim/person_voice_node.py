@@ -44,7 +44,7 @@ class PersonVoice:
         self._stopped = threading.Event()
         self._changed = threading.Condition()  # guards the fields below and the listeners' answers
         self._hearer: Optional[Listener] = None  # who heard the last sound of the robot
-        self._question = ""
+        self._question = self._saying = ""  # the last that was requested, and that was begun
         self._asked: Optional[Tuple[Listener, str]] = None
         self._robot: Optional[Point] = None
         self._people: Optional[Dict[str, Point]] = None  # who is there, by name
@@ -138,7 +138,7 @@ class PersonVoice:
                 return
 
     def _hear(self, message: AudioData) -> None:
-        samples = np.frombuffer(message.data, dtype="<i2").astype(float)
+        samples = np.frombuffer(message.data[: len(message.data) // 2 * 2], dtype="<i2").astype(float)
         if not len(samples) or math.sqrt(float(np.mean(samples**2))) <= HEARD:
             return
         with self._changed:
@@ -152,8 +152,10 @@ class PersonVoice:
 
     def _notice(self, message: Bool) -> None:
         with self._changed:
-            if not message.data and self._hearer is not None:
-                self._asked, self._hearer = (self._hearer, self._question), None
+            if message.data:
+                self._saying = self._question
+            elif self._hearer is not None:
+                self._asked, self._hearer = (self._hearer, self._saying), None
                 self._changed.notify_all()
 
     def _see(self, message: Odometry) -> None:

@@ -20,6 +20,7 @@ from merlin_sim.drive import DriveGeometry
 from merlin_sim.object_classes import PERSON
 from merlin_sim.world import Pose, Solid, World, WorldObject
 
+PhysicsError = pybullet.error
 WHEEL_TORQUE = 12.0  # Nm
 LIGHT = (-1.0, -0.6, 2.0)  # where it comes from
 BURIED = -50.0  # m; where things are that are not there at the moment
@@ -32,7 +33,6 @@ class RobotBody:
     def __init__(self, engine: Any, urdf: str, start: Pose, geometry: DriveGeometry) -> None:
         self._engine = engine
         self._held: Optional[Tuple[float, float]] = None  # wheel angles while it stands
-        self._ride_height = geometry.wheel_radius
         with NamedTemporaryFile("w", suffix=".urdf") as file:
             file.write(urdf)
             file.flush()
@@ -52,6 +52,7 @@ class RobotBody:
             engine.changeDynamics(
                 self.body, index, lateralFriction=grip, rollingFriction=0.0, restitution=0.0
             )
+        self._ride_height = geometry.wheel_radius
         self.place(start)
 
     def place(self, pose: Pose) -> None:

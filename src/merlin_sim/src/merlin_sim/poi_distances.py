@@ -11,8 +11,7 @@ from merlin_sim.path_planner import NoPath, PathPlanner
 from merlin_sim.world import World
 from merlin_sim.world_drawing import find_world
 from merlin_sim.world_file import WorldError, load_world
-
-RADIUS, CLEARANCE = 0.25, 0.05  # of the robot and of its plans, m
+from merlin_sim.world_places import CLEARANCE, ROBOT_RADIUS
 
 
 def poi_distances(world: World) -> Dict[Tuple[str, str], float]:
@@ -20,7 +19,7 @@ def poi_distances(world: World) -> Dict[Tuple[str, str], float]:
 
     :raises NoPath: two of them are not connected.
     """
-    planner = PathPlanner(map_of(world), RADIUS, CLEARANCE)
+    planner = PathPlanner(map_of(world), ROBOT_RADIUS, CLEARANCE)
     found = {}
     for (first, start), (second, end) in itertools.combinations(world.points_of_interest.items(), 2):
         path = planner.plan(start.point, end.point)
@@ -42,7 +41,10 @@ def main(arguments: Optional[List[str]] = None) -> int:
     try:
         world = load_world(find_world(options.world))
         for name in options.without:
-            world.points_of_interest.pop(name, None)
+            if world.points_of_interest.pop(name, None) is None:
+                raise WorldError(f"--without: world {world.name} has no point of interest {name!r}")
+        if len(world.points_of_interest) < 2:
+            raise WorldError(f"world {world.name}: there are no two points of interest left")
         found = poi_distances(world)
     except (WorldError, NoPath, OSError) as error:
         print(f"poi_distances: {error}", file=sys.stderr)

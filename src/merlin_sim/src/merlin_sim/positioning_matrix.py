@@ -3,6 +3,7 @@
 import argparse
 import math
 import statistics
+import sys
 from typing import Iterator, List, Optional, Tuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from merlin_sim.drive import OdometryNoise
 from merlin_sim.occupancy_grid import map_of
 from merlin_sim.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_sim.simulation import PHYSICS_RATE, RobotSpec, Simulation
-from merlin_sim.trial import SCAN_EVERY, URDF, Trial
+from merlin_sim.trial import SCAN_EVERY, URDF, Trial, trials
 from merlin_sim.world import Pose, World, wrap
 from merlin_sim.world_drawing import find_world
 from merlin_sim.world_file import load_world
@@ -32,6 +33,10 @@ TOUR = ("kitchen", "bathroom", "dorm_room")
 LASER = Pose(0.0, 0.0)  # on the robot
 FOUND = 0.25  # m and rad of error from which a robot counts as found
 KNOWN = (0.15, 0.10)  # m, rad: how well a start is known
+
+
+class GoalMissed(Exception):
+    """A drive that ended elsewhere; the text says why."""
 
 
 class Follower:
@@ -86,7 +91,10 @@ def odometry_errors(world: World, noise: OdometryNoise, seed: int) -> Tuple[floa
 
 
 def tour(world: World, noise: OdometryNoise, seed: int, believed: Optional[Pose], leads: bool) -> Follower:
-    """Drives from the main door over three rooms, with a filter that begins with a belief."""
+    """Drives from the main door over three rooms, with a filter that begins with a belief.
+
+    :raises GoalMissed: the robot that drives by it does not arrive.
+    """
     start = world.points_of_interest["main_door"]
     trial = Trial(world, start, seed, odometry=noise)
     try:
@@ -94,7 +102,7 @@ def tour(world: World, noise: OdometryNoise, seed: int, believed: Optional[Pose]
         for name in TOUR if leads else TOUR[:1]:
             result = trial.drive(world.points_of_interest[name])
             if leads and not result.reached:
-                raise RuntimeError(f"seed {seed}: {name} was not reached: {result.text}")
+                raise GoalMissed(f"seed {seed}: {name} was not reached: {result.text}")
         return follower
     finally:
         trial.close()
@@ -143,14 +151,19 @@ def particle_rows(world: World, seeds: int) -> Iterator[str]:
 def main(arguments: Optional[List[str]] = None) -> int:
     """The command ``positioning_matrix``; returns its exit code."""
     parser = argparse.ArgumentParser(prog="positioning_matrix", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=3, help="runs per row (default 3)")
+    parser.add_argument("--seeds", type=trials, default=3, help="runs per row (default 3)")
     parser.add_argument("--part", choices=["odometry", "particles"], help="only this part")
     options = parser.parse_args(arguments)
     world = load_world(find_world("apartment"))
     parts = {"odometry": odometry_rows, "particles": particle_rows}
     for name, rows in parts.items():
-        if options.part in (None, name):
+        if options.part not in (None, name):
+            continue
+        try:
             for row in rows(world, options.seeds):
                 print(row, flush=True)
-            print()
+        except GoalMissed as error:
+            print(f"positioning_matrix: {error}", file=sys.stderr)
+            return 1
+        print()
     return 0

@@ -30,6 +30,8 @@ from merlin_sm.node import run_node
 from merlin_sm.parameters import ParameterError, number
 from merlin_sm.serial_action_server import SerialActionServer
 
+DISTORTIONS = ("plumb_bob", "rational_polynomial")  # those that OpenCV has
+
 
 class RecognitionNode:
     """Serves the action ``recognize``.
@@ -112,10 +114,17 @@ class RecognitionNode:
         except CvBridgeError as error:
             raise NoPicture(f"the camera image cannot be read: {error}") from error
         matrix = np.array(info.K).reshape(3, 3)
-        if matrix[0, 0] <= 0.0 or matrix[1, 1] <= 0.0:
+        if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0 and np.isfinite(matrix).all()):
             raise NoPicture("the camera is not calibrated: its camera_info has no focal length")
         if any(info.D):
-            pixels = cv2.undistort(pixels, matrix, np.array(info.D))
+            if info.distortion_model not in ("", *DISTORTIONS):
+                raise NoPicture(
+                    f"the camera's distortion is {info.distortion_model!r}; known: {', '.join(DISTORTIONS)}"
+                )
+            try:
+                pixels = cv2.undistort(pixels, matrix, np.array(info.D))
+            except cv2.error as error:
+                raise NoPicture(f"the camera's distortion cannot be used: {list(info.D)}") from error
         return pixels, matrix
 
 

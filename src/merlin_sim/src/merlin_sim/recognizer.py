@@ -66,6 +66,9 @@ class Recognizer:
         ]
 
 
+TAGS = frozenset(f"{TAG}_{number}" for number in range(50))
+
+
 def known_classes() -> List[str]:
     """The names that can be asked for."""
     return [*OBJECT_CLASSES, PERSON, TAG]
@@ -77,8 +80,7 @@ def check_classes(classes: Sequence[str]) -> None:
     :raises UnknownClass: names the first, and the known ones.
     """
     for name in classes:
-        kind, _, number = name.partition("_")
-        if name not in known_classes() and not (kind == TAG and number.isdigit() and int(number) < 50):
+        if name not in known_classes() and name not in TAGS:
             raise UnknownClass(
                 f"unknown class {name!r}; known: {', '.join(known_classes())}, {TAG}_0 to {TAG}_49"
             )

@@ -7,7 +7,6 @@ machine the clients of the node would take it for dead.
 
 import os
 import pickle
-import signal
 import subprocess
 import sys
 import threading
@@ -72,7 +71,10 @@ class RecognizerProcess:
 
     def _start(self) -> subprocess.Popen:
         command = [sys.executable, "-m", "merlin_sim.recognizer_process", str(self._threshold)]
-        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        # In a session of its own, where no Ctrl-C reaches it: whoever started it ends it.
+        return subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
 
     def _call(self, request: Any) -> Any:
         if self._closed:
@@ -108,12 +110,14 @@ def serve(requests: BinaryIO, answers: BinaryIO, recognizer: SpeechRecognizer) -
             done = recognizer.use(request) if isinstance(request, str) else recognizer.understand(request)
         except GrammarError as error:
             done = error
-        _write(answers, done)
+        try:
+            _write(answers, done)
+        except BrokenPipeError:
+            return  # nobody waits for it any more
 
 
 def main() -> None:
     """The process: serves its standard input and output."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started it ends it, by closing its input
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no answer
     serve(sys.stdin.buffer, answers, SpeechRecognizer(float(sys.argv[1])))

@@ -12,10 +12,10 @@ from merlin_sim.camera import CameraError
 from merlin_sim.localization import TruthLocalization, map_to_odom
 from merlin_sim.prompt_publisher import PromptPublisher
 from merlin_sim.ros_messages import camera_info, image_message, pose_message, transform
-from merlin_sim.simulation import PHYSICS_RATE, SimulatedRobot, Simulation
+from merlin_sim.simulation import ODOMETRY_EVERY, PHYSICS_RATE, SimulatedRobot, Simulation
 from merlin_sim.world import Pose
+from merlin_sm.publishing import publish
 
-ODOMETRY_PERIOD = 5  # physics steps: 20 Hz
 SCAN_PERIOD = 10  # 10 Hz
 JOINTS_PERIOD = 20  # 5 Hz, for rviz only
 POSE_PERIOD = 50  # 2 Hz, amcl's habit
@@ -64,7 +64,7 @@ class RobotInterface:
     def publish(self, tick: int, stamp: rospy.Time) -> List[TransformStamped]:
         """Publishes what is due at a physics step; returns the transforms to broadcast."""
         transforms: List[TransformStamped] = []
-        if tick % ODOMETRY_PERIOD == 0:
+        if tick % ODOMETRY_EVERY == 0:
             self._publish_odometry(tick, stamp)
             transforms = self._transforms(stamp)
         if tick % SCAN_PERIOD == 0 and self._scan.wanted:
@@ -77,7 +77,7 @@ class RobotInterface:
             joints.header.stamp = stamp
             self._joints.publish(joints)
         if tick % self._camera_period == 0:
-            self._publish_picture(stamp)
+            transforms += self._publish_picture(stamp)
         return transforms
 
     def picture(self, stamp: rospy.Time) -> Tuple[Image, CameraInfo, List[TransformStamped]]:
@@ -92,16 +92,18 @@ class RobotInterface:
         info = camera_info(self._robot.spec.camera, frame, stamp)
         return image_message(pixels, frame, stamp), info, transforms
 
-    def _publish_picture(self, stamp: rospy.Time) -> None:
+    def _publish_picture(self, stamp: rospy.Time) -> List[TransformStamped]:
+        """Publishes it when somebody looks; returns the transforms that nobody has broadcast yet."""
         if not self._image.get_num_connections():
-            return
+            return []
         try:
-            image, info, _ = self.picture(stamp)
+            image, info, transforms = self.picture(stamp)
         except CameraError as error:
             rospy.logwarn_once(f"merlin_sim: {error}")
-            return
-        self._image.publish(image)
-        self._info.publish(info)
+            return []
+        publish(self._image, image)
+        publish(self._info, info)
+        return transforms
 
     def _publish_odometry(self, tick: int, stamp: rospy.Time) -> None:
         odometry = self._robot.odometry
@@ -123,7 +125,7 @@ class RobotInterface:
         """Where the robot is now, as far as the simulator knows."""
         tick = self._placed_at = self._simulation.tick
         speed, turn = self._robot.odometry.velocity
-        late = tick % ODOMETRY_PERIOD / PHYSICS_RATE  # s since the encoders were read
+        late = tick % ODOMETRY_EVERY / PHYSICS_RATE  # s since the encoders were read
         odometry = self._robot.odometry.pose.compose(Pose(speed * late, 0.0, turn * late))
         odom_frame = self._prefix + "odom"
         transforms = [transform(odometry, odom_frame, self._prefix + "base_footprint", stamp)]

@@ -76,11 +76,13 @@ def grid_message(grid: OccupancyGrid, frame: str, stamp: rospy.Time) -> GridMess
 def grid_of(message: GridMessage) -> OccupancyGrid:
     """A map from a message.
 
-    :raises ValueError: when it is rotated, empty or does not hold what it announces.
+    :raises ValueError: when it is rotated, empty, without a resolution, or does not hold what it announces.
     """
     info = message.info
     if info.width * info.height == 0 or len(message.data) != info.width * info.height:
         raise ValueError(f"the map announces {info.width} x {info.height} cells and has {len(message.data)}")
+    if not (math.isfinite(info.resolution) and info.resolution > 0.0):
+        raise ValueError(f"the map's cells are {info.resolution:g} m wide")
     if abs(yaw_of(info.origin.orientation)) > 1e-6 and info.origin.orientation.w != 0.0:
         raise ValueError("the map is rotated, which is not supported")
     cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)

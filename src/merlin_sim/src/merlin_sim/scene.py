@@ -13,7 +13,7 @@ from merlin_sim.world import Point, Pose, Solid, World, WorldObject, wrap
 from merlin_sim.world_places import ROBOT_RADIUS
 
 PUSHED = 0.002  # m and rad that a thing has to move before anybody sees it elsewhere
-ROBOT_HEIGHT = 1.03  # m
+ROBOT_HEIGHT = 1.42  # m, to the top of its camera
 LASER_HEIGHT = 0.33  # m
 ROBOT = "robot"  # what a robot without a namespace is called
 TRAY = Pose(0.08, 0.0)  # its middle, in the robot's frame

@@ -11,6 +11,7 @@ from merlin_sim.camera import CameraModel
 from merlin_sim.drive import DriveLimits, OdometryNoise
 from merlin_sim.lidar import LidarModel
 from merlin_sim.localization import PoseNoise
+from merlin_sim.scene import ROBOT
 from merlin_sim.simulation import RobotSpec
 from merlin_sim.world import Pose, World
 from merlin_sim.world_places import ROBOT_RADIUS, why_no_place
@@ -98,7 +99,7 @@ def read_robots(world: World) -> List[RobotSpec]:
         if reason:
             raise ParameterError(f"parameter ~robots: robot {spec.name!r} cannot start there: {reason}")
     names = [spec.name for spec in specs]
-    if len(set(names)) != len(names):
+    if len({name or ROBOT for name in names}) != len(names):
         raise ParameterError(f"parameter ~robots names a namespace twice: {names}")
     return specs
 
@@ -133,6 +134,8 @@ def _placed(item: Any, starts: Any, world: World) -> Any:
             raise ParameterError(
                 f"parameter ~robots: robot {name!r} needs numbers x and y (and yaw): {error}"
             ) from error
+    if "yaw" in fields:
+        raise ParameterError(f"parameter ~robots: robot {name!r} has a yaw, but no x and y")
     start = next(starts, None)
     if start is None:
         raise ParameterError(

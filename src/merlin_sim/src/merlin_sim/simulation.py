@@ -76,7 +76,6 @@ class Simulation:
         if len(set(names)) != len(names):
             raise ValueError(f"two robots have the same namespace: {names}")
         self.world = world
-        self.seed = seed
         self.tick = 0  # physics steps so far; everything random is indexed by it
         self.physics = Physics(world, 1.0 / PHYSICS_RATE)
         self.robots: Dict[str, SimulatedRobot] = {

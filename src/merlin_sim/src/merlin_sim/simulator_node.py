@@ -5,6 +5,7 @@ import threading
 from functools import partial
 from pathlib import Path
 from typing import Callable, Dict, Optional
+from xml.etree.ElementTree import ParseError
 
 import rospkg
 import rospy
@@ -29,6 +30,7 @@ from merlin_sim.camera import CameraError
 from merlin_sim.localization import TruthLocalization
 from merlin_sim.occupancy_grid import map_of
 from merlin_sim.pacer import Pacer
+from merlin_sim.physics import PhysicsError
 from merlin_sim.prompt_publisher import PromptPublisher
 from merlin_sim.robot_interface import RobotInterface
 from merlin_sim.ros_messages import grid_message
@@ -39,6 +41,7 @@ from merlin_sim.world_services import WorldServices
 from merlin_sm.health import OK, WARN, Health, HealthReporter
 from merlin_sm.node import run_node
 from merlin_sm.parameters import ParameterError
+from merlin_sm.publishing import publish
 
 CLOCK_PERIOD = 2  # physics steps: 50 Hz
 KEPT_UP = 0.9  # share of the factor asked for that counts as reached
@@ -72,7 +75,13 @@ class SimulatorNode:
         self._world = world
         self._world_lock = threading.Lock()  # held by whoever lets the world go on, or begin anew
         self._begun = 0  # physics steps on the clock when this world began
-        self.simulation = Simulation(world, read_robots(world), self._robot_urdf, self._seed)
+        specs = read_robots(world)
+        try:
+            self.simulation = Simulation(world, specs, self._robot_urdf, self._seed)
+        except (ParseError, KeyError, PhysicsError) as error:
+            raise ParameterError(
+                f"parameter ~urdf: {urdf} is no robot that can be driven: {error}"
+            ) from error
         self._robots: Dict[str, RobotInterface] = {}
         for robot in self.simulation.robots.values():
             start = robot.spec.start
@@ -88,19 +97,21 @@ class SimulatorNode:
         self._grid = map_of(world)
         self._map.publish(grid_message(self._grid, "map", _time(1)))
         self._stopped = threading.Event()
+        rospy.on_shutdown(self._stop)
+        # Services come last: whoever waited for one may call it at once.
+        self._world_services = WorldServices(self._world_lock, self._now, self.simulation)
         self._services = [
             rospy.Service("~set_real_time_factor", SetRealTimeFactor, self._set_factor),
             rospy.Service("~pause", Trigger, lambda _: self._set_paused(True)),
             rospy.Service("~resume", Trigger, lambda _: self._set_paused(False)),
-            rospy.Service("~reset", Trigger, lambda _: self._reset()),
-            rospy.Service("~set_seed", SetSeed, self._set_seed),
         ]
         for name in self._robots:
             topic = f"/{name}/camera/capture".replace("//", "/")
             self._services.append(rospy.Service(topic, CaptureImage, partial(self._capture, name)))
-        self._world_services = WorldServices(self._world_lock, self._now)
-        self._world_services.attach(self.simulation)
-        rospy.on_shutdown(self._stop)
+        self._services += [
+            rospy.Service("~reset", Trigger, lambda _: self._reset()),
+            rospy.Service("~set_seed", SetSeed, self._set_seed),
+        ]
         names = ", ".join(robot or "(no namespace)" for robot in self.simulation.robots)
         rospy.loginfo(f"world {world.name}, seed {self._parameters.seed}, robots: {names}")
 
@@ -112,7 +123,8 @@ class SimulatorNode:
             with self._world_lock:
                 self.simulation.step()
                 self._publish(self.simulation.tick)
-        self.simulation.close()
+        with self._world_lock:
+            self.simulation.close()
 
     def _localization(self, robot: str) -> Optional[TruthLocalization]:
         if self._parameters.localization != "truth":
@@ -122,10 +134,12 @@ class SimulatorNode:
     def _begin_anew(self, seed: int) -> None:
         """The world as its file describes it; time goes on, so that nobody's timers or transforms break."""
         with self._world_lock:
-            old, self._seed = self.simulation, seed
-            self._begun += old.tick + old.tick % CLOCK_PERIOD  # the clock keeps its beat
+            old = self.simulation
             specs = [robot.spec for robot in old.robots.values()]
-            self.simulation = Simulation(self._world, specs, self._robot_urdf, seed)
+            new = Simulation(self._world, specs, self._robot_urdf, seed)
+            # The clock keeps its beat.
+            self._begun, self.simulation = self._begun + old.tick + old.tick % CLOCK_PERIOD, new
+            self._seed = seed
             for name, robot in self.simulation.robots.items():
                 self._robots[name].attach(self.simulation, robot, self._localization(name))
             self._world_services.attach(self.simulation)
@@ -200,8 +214,7 @@ class SimulatorNode:
             seed=self._seed,
         )
         status.header.stamp = self._now()
-        if not self._stopped.is_set():
-            self._status.publish(status)
+        publish(self._status, status)
 
     def health(self) -> Health:
         """Whether the machine keeps up with the factor asked for."""

@@ -31,7 +31,7 @@ from merlin_sim.speech_synthesizer import (
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.health import OK, WARN, Health, HealthReporter
 from merlin_sm.node import run_node
-from merlin_sm.parameters import number
+from merlin_sm.parameters import ParameterError, number
 from merlin_sm.publishing import publish
 from merlin_sm.serial_action_server import SerialActionServer
 
@@ -39,15 +39,13 @@ CHUNK = 0.2  # s of sound per message and per feedback
 
 
 class Speaker:
-    """Plays one sound after the other, in ROS time.
-
-    The lock is held while a sound plays; who waits for it is stopped by its own event, never by a time-out.
-    """
+    """Plays one sound after the other, in ROS time; who waits for its turn is stopped as who plays."""
 
     def __init__(self, clock: RosClock, card: SoundCard) -> None:
         self._clock = clock
         self._card = card
-        self._turn = threading.Lock()  # whoever plays holds it
+        self._turn = threading.Condition()  # guards _busy
+        self._busy = False
         self._audio = rospy.Publisher("audio/speaker", AudioData, queue_size=20)
         self._info = rospy.Publisher("audio/speaker_info", AudioInfo, queue_size=1, latch=True)
         self._speaking = rospy.Publisher("sound_play/is_speaking", Bool, queue_size=5, latch=True)
@@ -64,26 +62,44 @@ class Speaker:
         :param heard: told the time played so far, s, every CHUNK.
         """
         with self._turn:
-            self._speaking.publish(Bool(True))
-            self._card.play(sound)
-            played = 0.0
-            begin = rospy.get_time()
-            try:
-                size = round(CHUNK * RATE)
-                for first in range(0, len(sound.samples), size):
-                    part = sound.samples[first : first + size]
-                    heard(played)
-                    # Published when it begins: a listener that measures loudness hears it as it is said.
-                    self._audio.publish(AudioData(data=part.astype("<i2").tobytes()))
-                    # Until the part's own end on the clock: what one wait is late must not add up.
-                    left = begin + played + len(part) / RATE - rospy.get_time()
-                    if stop.is_set() or not self._clock.wait(max(left, 0.0), stop):
-                        break
-                    played += len(part) / RATE
-            finally:
-                self._card.stop()
-                publish(self._speaking, Bool(False))
-            return played
+            self._turn.wait_for(lambda: not self._busy or stop.is_set())
+            if stop.is_set():
+                return 0.0
+            self._busy = True
+        try:
+            return self._play(sound, stop, heard)
+        finally:
+            with self._turn:
+                self._busy = False
+                self._turn.notify_all()
+
+    def wake(self) -> None:
+        """Lets who plays and who waits look at its stop event."""
+        self._clock.wake()
+        with self._turn:
+            self._turn.notify_all()
+
+    def _play(self, sound: Sound, stop: threading.Event, heard: Callable[[float], None]) -> float:
+        publish(self._speaking, Bool(True))
+        self._card.play(sound)
+        played = 0.0
+        begin = rospy.get_time()
+        try:
+            size = round(CHUNK * RATE)
+            for first in range(0, len(sound.samples), size):
+                part = sound.samples[first : first + size]
+                heard(played)
+                # Published when it begins: a listener that measures loudness hears it as it is said.
+                publish(self._audio, AudioData(data=part.astype("<i2").tobytes()))
+                # Until the part's own end on the clock: what one wait is late must not add up.
+                left = begin + played + len(part) / RATE - rospy.get_time()
+                if stop.is_set() or not self._clock.wait(max(left, 0.0), stop):
+                    break
+                played += len(part) / RATE
+        finally:
+            self._card.stop()
+            publish(self._speaking, Bool(False))
+        return played
 
 
 class SpeechNode:
@@ -97,6 +113,10 @@ class SpeechNode:
             voice=str(rospy.get_param("~default_voice", "en-us")),
             speed=round(number("~words_per_minute", 160, 40)),
         )
+        phrases = rospy.get_param("~phrases", [])
+        self._phrases = [phrases] if isinstance(phrases, str) else phrases
+        if not isinstance(self._phrases, list):
+            raise ParameterError(f"parameter ~phrases is {phrases!r}, not a list of sentences")
         self._clock = RosClock()
         self._card = SoundCard(str(rospy.get_param("~device", "")))
         self._trouble = ""  # why the last sound could not be made
@@ -111,6 +131,7 @@ class SpeechNode:
             "robotsound", SoundRequest, self._receive, tcp_nodelay=True, queue_size=50
         )
         rospy.on_shutdown(self._server.shutdown)
+        rospy.on_shutdown(self._silence)
         self._server.start()
         threading.Thread(target=self._rehearse, name="speech phrases", daemon=True).start()
         rospy.loginfo(
@@ -125,8 +146,7 @@ class SpeechNode:
 
     def _rehearse(self) -> None:
         """Synthesises what will be said often, so that the first time is no slower than the others."""
-        phrases = rospy.get_param("~phrases", [])
-        for phrase in [phrases] if isinstance(phrases, str) else list(phrases):
+        for phrase in self._phrases:
             try:
                 self._synthesizer.say(str(phrase))
             except SoundError as error:
@@ -163,7 +183,7 @@ class SpeechNode:
         making = self._making
         if making is not None and making[0] is goal:
             making[1].set()
-        self._clock.wake()
+        self._speaker.wake()
 
     def _receive(self, request: SoundRequest) -> None:
         if request.command == SoundRequest.PLAY_STOP:
@@ -181,7 +201,7 @@ class SpeechNode:
             )
             if self._playing is not None and (only is None or _same(self._playing[0], only)):
                 self._playing[1].set()
-        self._clock.wake()
+        self._speaker.wake()
 
     def _work(self) -> None:
         while not rospy.is_shutdown():

@@ -104,10 +104,14 @@ class UtteranceDetector:
 
     :param silence: s of quiet that end it.
     :param loud: RMS of a frame, of 32767, that counts as speech.
+    :param longest: s after which it ends although it is not quiet, as beside a fan.
     """
 
-    def __init__(self, silence: float = 0.6, loud: float = 400.0, rate: int = 16000) -> None:
+    def __init__(
+        self, silence: float = 0.6, loud: float = 400.0, rate: int = 16000, longest: float = 15.0
+    ) -> None:
         self._frame = rate // 50
+        self._most_frames = round(longest * 50)
         self._quiet_frames = round(silence * 50)
         self._loud = loud
         self._rest = np.zeros(0, dtype=np.int16)
@@ -127,7 +131,7 @@ class UtteranceDetector:
             if self.speaking:
                 self._frames.append(frame)
                 self._quiet += not loud
-                if self._quiet >= self._quiet_frames:
+                if self._quiet >= self._quiet_frames or len(self._frames) >= self._most_frames:
                     return self.finish()
         return None
 

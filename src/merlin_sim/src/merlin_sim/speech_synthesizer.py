@@ -143,12 +143,16 @@ def read_wave(path: str) -> Sound:
         with wave.open(path) as file:
             if file.getsampwidth() != 2:
                 raise SoundError(f"{path}: {8 * file.getsampwidth()}-bit samples; only 16-bit WAV is played")
-            data = np.frombuffer(file.readframes(file.getnframes()), dtype="<i2")
             rate, channels = file.getframerate(), file.getnchannels()
+            content = file.readframes(file.getnframes())
     except OSError as error:
         raise SoundError(f"{path}: {error.strerror}") from error
-    except (wave.Error, EOFError) as error:
-        raise SoundError(f"{path} is no WAV file: {error}") from error
+    except (wave.Error, EOFError, ValueError) as error:
+        raise SoundError(f"{path!r} is no WAV file: {error}") from error
+    if rate <= 0:
+        raise SoundError(f"{path}: {rate} samples per second")
+    # A file that was cut off ends anywhere.
+    data = np.frombuffer(content[: len(content) // (2 * channels) * (2 * channels)], dtype="<i2")
     if not len(data):
         raise SoundError(f"{path} contains no sound")
     mono = data.reshape(-1, channels).mean(axis=1)

@@ -3,6 +3,7 @@
 For tests, for figures, and for whoever changes worlds or navigation and wants to see what becomes of it.
 """
 
+import argparse
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +22,16 @@ from merlin_sim.world import Point, Pose, World
 SCAN_EVERY = 10  # physics steps
 AT_SPEED = 0.05  # m/s from which touching something is a collision
 URDF = Path(__file__).resolve().parents[2] / "urdf" / "rb1.urdf"
+
+
+def trials(text: str) -> int:
+    """Reads how many trials there are to be, one or more.
+
+    :raises argparse.ArgumentTypeError: it is no such number.
+    """
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of trials: give 1 or more")
+    return int(text)
 
 
 @dataclass

@@ -72,6 +72,8 @@ class WorldControl:
 
         :raises Refused: it is unknown, cannot be moved, or cannot be there; nothing has changed then.
         """
+        if what.absent:
+            what = replace(what, on="", pose=NOWHERE, z=0.0)
         for value in (what.pose.x, what.pose.y, what.pose.yaw, what.z):
             if not math.isfinite(value):
                 raise Refused(f"{what.name}: {value} is no place")
@@ -226,7 +228,7 @@ class WorldControl:
     def _clash(self, solid: Solid, passable: Sequence[str], everybody: bool = False) -> str:
         """What a body that stands on the floor would be in.
 
-        :param everybody: people and robots, who may go away, count as well.
+        :param everybody: people, robots and objects, which may go away, count as well.
         """
         others = list(self._scene.standing())
         if everybody:
@@ -235,6 +237,16 @@ class WorldControl:
             skip = other.name == solid.name or other.name in passable
             if not skip and (everybody or other.name not in self._people) and collide(solid, other):
                 return other.name
+        if everybody:
+            own = {solid.name, *passable, *self._scene.robots}
+            for placed in self._scene.objects.values():
+                thing = placed.thing
+                if (
+                    placed.there
+                    and placed.support not in own
+                    and collide(solid, thing.solid, 0.0, thing.bottom)
+                ):
+                    return thing.name
         return ""
 
     def _seats(self, place: Pose) -> List[str]:

@@ -105,7 +105,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
 def find_world(name: str) -> Path:
     """The file of a world given as a path, or as the name of one of this package's worlds."""
     path = Path(name)
-    if path.exists():
+    if path.is_file():
         return path
     own = _own_worlds() / (path.name if path.suffix else f"{path.name}.yaml")
     return own if own.exists() and path.parent == Path(".") else path

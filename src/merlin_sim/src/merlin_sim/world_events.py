@@ -3,7 +3,7 @@
 Everything happens at moments of simulated time; only a door waits, as it does not close on a robot.
 """
 
-from typing import Callable, List
+from typing import Callable, List, Set
 
 from merlin_sim.path_follower import Path
 from merlin_sim.world import DoorEvent, MoveEvent, Point, Solid, World, WorldEvent
@@ -26,10 +26,13 @@ class WorldEvents:
 
     def step(self, now: float, robots: List[Point], robot_radius: float) -> None:
         """Does what is due at a time, s."""
-        while self._pending and self._pending[0].at <= now:
-            if not self._happen(self._pending[0], robots, robot_radius):
-                break
-            self._pending.pop(0)
+        waiting: Set[str] = set()  # doors, whose later events wait as well
+        for event in [event for event in self._pending if event.at <= now]:
+            door = event.door if isinstance(event, DoorEvent) else ""
+            if door not in waiting and self._happen(event, robots, robot_radius):
+                self._pending.remove(event)
+            elif door:
+                waiting.add(door)
 
     def _happen(self, event: WorldEvent, robots: List[Point], robot_radius: float) -> bool:
         """Plays an event; False when a robot is in its way."""

@@ -1,6 +1,7 @@
 """Reads world files and says clearly what is wrong with one."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Set, Tuple, Union
 
@@ -24,6 +25,8 @@ from merlin_sim.world_places import OVERLAP, why_no_place
 from merlin_sim.world_schema import SCHEMA
 
 REPORTED = 5  # errors told at once
+RESERVED = re.compile(r"wall_\d+_\d+\Z|robot\Z")  # names of walls and of a robot without a namespace
+LARGEST = 10**15  # whole number that is surely a mistake
 MAX_CELLS = 25_000_000  # of the map: 250 m x 250 m at 0.05 m
 
 
@@ -45,7 +48,10 @@ def parse_world(data: Any, source: str = "world") -> World:
     :param source: what error texts call it.
     :raises WorldError: as in :func:`load_world`.
     """
-    infinite = [f"{_place(path)}: {value} is not a finite number" for path, value in _infinite(data)]
+    try:
+        infinite = [f"{_place(path)}: {value} is not a finite number" for path, value in _infinite(data)]
+    except RecursionError as error:
+        raise WorldError(_told(source, ["something in it contains itself"])) from error
     if infinite:
         raise WorldError(_told(source, infinite))
     errors = sorted(
@@ -101,7 +107,9 @@ def _told(source: str, problems: List[str]) -> str:
 
 def _infinite(data: Any, path: Tuple[Any, ...] = ()) -> Iterator[Tuple[Tuple[Any, ...], float]]:
     """The numbers that are none (.nan and .inf are YAML), and where they are."""
-    if isinstance(data, float) and not math.isfinite(data):
+    if isinstance(data, int) and abs(data) > LARGEST:
+        yield path, math.inf
+    elif isinstance(data, float) and not math.isfinite(data):
         yield path, data
     elif isinstance(data, dict):
         for key, value in data.items():
@@ -167,10 +175,15 @@ def _nonsense(world: World) -> Iterator[str]:
             if name in seen:
                 yield f"{kind}: the name {name} is used twice"
             seen.add(name)
+    for name in seen:
+        if RESERVED.match(name):
+            yield f"{name} is a name of the simulator's own"
+    narrow = [door.name for door in world.doors if door.start == door.end]
+    if narrow:
+        yield f"doors: {narrow[0]} has no width"
+        return
     for door in world.doors:
-        if door.start == door.end:
-            yield f"doors: {door.name} has no width"
-        elif all(span_on(wall, door) is None for wall in world.walls):
+        if all(span_on(wall, door) is None for wall in world.walls):
             yield f"doors: {door.name} lies in no wall"
     doors = {door.name for door in world.doors}
     things = {solid.name for solid in world.furniture + world.unmapped}
@@ -180,6 +193,13 @@ def _nonsense(world: World) -> Iterator[str]:
         elif isinstance(event, MoveEvent) and event.thing not in things:
             yield f"events: there is no furniture {event.thing}"
     left, bottom, right, top = world.bounds()
+    places = [(f"people.{person.name}", point) for person in world.people for point in person.path]
+    places += [
+        (f"events: {event.thing}", event.to.point) for event in world.events if isinstance(event, MoveEvent)
+    ]
+    for what, (x, y) in places:
+        if not (left < x < right and bottom < y < top):
+            yield f"{what}: ({x:g}, {y:g}) lies outside the walls"
     if (right - left) * (top - bottom) / world.resolution**2 > MAX_CELLS:
         yield (
             f"walls: {right - left:g} m x {top - bottom:g} m are too large for a map "

@@ -1,7 +1,7 @@
 """The ROS side of what an application does to the simulated world: ``~place``, ``~walk`` and ``~people``."""
 
 import threading
-from typing import Callable, Optional
+from typing import Callable
 
 import rospy
 from merlin_msgs.msg import SimPeople, SimPerson
@@ -28,14 +28,15 @@ class WorldServices:
 
     :param lock: held while the world goes on; the services take it, who calls the methods holds it.
     :param now: the time on the clock.
+    :param simulation: of the world as it begins.
     """
 
-    def __init__(self, lock: threading.Lock, now: Callable[[], rospy.Time]) -> None:
+    def __init__(self, lock: threading.Lock, now: Callable[[], rospy.Time], simulation: Simulation) -> None:
         self._lock = lock
         self._now = now
-        self._simulation: Optional[Simulation] = None
         self._told = -1  # changes of the people when they were last published
         self._people = rospy.Publisher("~people", SimPeople, queue_size=10, latch=True)
+        self.attach(simulation)
         self._services = [
             rospy.Service("~place", PlaceThing, self._place),
             rospy.Service("~walk", WalkPerson, self._walk),
@@ -48,7 +49,6 @@ class WorldServices:
 
     def publish(self, tick: int, stamp: rospy.Time) -> None:
         """Publishes the people when it is time to."""
-        assert self._simulation is not None
         control = self._simulation.control
         due = tick % STANDING_PERIOD == 0
         if tick % WALKING_PERIOD == 0 and not due:
@@ -57,7 +57,6 @@ class WorldServices:
             self._publish(stamp)
 
     def _publish(self, stamp: rospy.Time) -> None:
-        assert self._simulation is not None
         control = self._simulation.control
         self._told = control.changes
         message = SimPeople(people=[_person(walker) for walker in control.people])

@@ -5,6 +5,7 @@ import threading
 from typing import Any, Callable, Optional, Type
 
 import rospy
+from rospy.core import is_shutdown_requested
 
 from merlin_sm.parameters import ParameterError
 
@@ -44,8 +45,10 @@ def run_node(name: str, start: Callable[[], Optional[Callable[[], None]]], *erro
             rospy.logfatal(f"{rospy.get_name()}: {error}")
             rospy.signal_shutdown(str(error))
             return 1
-    except rospy.ROSInterruptException:
-        pass
+    except rospy.ROSException:
+        # rospy closes topics, and interrupts who waits, before `rospy.is_shutdown` says so.
+        if not is_shutdown_requested():
+            raise
     return 0
 
 
