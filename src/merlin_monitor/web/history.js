@@ -10,11 +10,12 @@ const MOST = 3000; // events on the page; the export has them all
 const FEW = 30; // rows that need not be scrolled
 const SPAN = 180; // s of the timeline
 const SHORTEST = 60;
+const LATE = 2; // s that the clock of the state may be behind
 const LANES = ["goal", "action"];
 
 export function showHistory(store) {
   const shown = new Set(KINDS.filter((kind) => !QUIET.has(kind)));
-  const kept = new Map(); // id → event: those of the state, those that left it, and older ones of the shown kinds
+  const kept = new Map(); // id → event, of the shown kinds and the timeline: those of the state, and older ones
   let exhausted = false;
   let loading = false;
 
@@ -44,7 +45,9 @@ export function showHistory(store) {
   }
 
   function events() {
-    for (const event of Object.values((store.state.history || {}).events || {})) kept.set(event.id, event);
+    for (const event of Object.values((store.state.history || {}).events || {})) {
+      if (shown.has(event.kind) || LANES.includes(event.kind)) kept.set(event.id, event);
+    }
     const all = [...kept.values()].sort((a, b) => b.id - a.id);
     for (const event of all.splice(MOST)) kept.delete(event.id);
     return all;
@@ -98,9 +101,10 @@ export function showHistory(store) {
   byId("timeline").append(lanes);
   function drawTimeline(all) {
     const current = (store.state.meta || {}).run;
-    const bars = all.filter((event) => event.run === current && event.detail && event.detail.ended !== undefined);
+    const now = (store.state.meta || {}).time || 0; // after the simulator began anew, bars of before are of no time
+    const bars = all.filter((event) => event.run === current && event.detail && event.detail.ended !== undefined && event.detail.began <= now + LATE);
     const running = Object.values((store.state.plan || {}).steps || {}).filter((step) => step.state === "running" && step.began);
-    const end = Math.max((store.state.meta || {}).time || 0, ...bars.map((event) => event.detail.ended));
+    const end = Math.max(now, ...bars.map((event) => Math.min(event.detail.ended, now + LATE)));
     const width = byId("timeline").clientWidth || 500;
     const left = 46;
     const begin = Math.max(end - SPAN, Math.min(end - SHORTEST, ...all.filter((event) => event.run === current && event.at).map((event) => event.at)));

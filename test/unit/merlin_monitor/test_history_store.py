@@ -1,5 +1,6 @@
 """The history survives restarts, stays bounded, and answers page by page."""
 
+import contextlib
 import sqlite3
 from pathlib import Path
 from typing import Any, List
@@ -58,6 +59,27 @@ def test_the_oldest_events_go_first(tmp_path: Path) -> None:
             store.page(limit=1).result(5)  # waits until what came before is written
     kept = store.export().result(5)
     assert 100 <= len(kept) < 1400 and kept[-1]["text"] == "2299"
+    store.close()
+
+
+def test_many_short_runs_are_bounded_too(tmp_path: Path) -> None:
+    for run in range(5):
+        store = HistoryStore(tmp_path / "h", 100)
+        for number in range(60):
+            store.add(Event("plan", f"{run} {number}", 0.0))
+        store.close()
+    store = HistoryStore(tmp_path / "h", 100)
+    assert len(store.export().result(5)) <= 160
+    store.close()
+
+
+@pytest.mark.parametrize("kinds", [("\udcff",), ("pl'an",)])
+def test_a_strange_question_does_not_end_it(tmp_path: Path, kinds: Any) -> None:
+    store = HistoryStore(tmp_path / "h", 100)
+    with contextlib.suppress(HistoryError):
+        assert store.page(kinds=kinds).result(5) == []
+    store.add(Event("plan", "later", 0.0))
+    assert texts(store.page().result(5)) == ["later"]
     store.close()
 
 

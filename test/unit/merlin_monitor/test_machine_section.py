@@ -2,6 +2,7 @@
 
 import base64
 import pickle
+import queue
 from typing import List, Tuple
 
 from hypothesis import given
@@ -9,7 +10,8 @@ from hypothesis import strategies as st
 from messages import Told, status, structure
 
 from merlin_monitor.graph_layout import layout
-from merlin_monitor.machine_graph import machine_graph
+from merlin_monitor.layout_thread import LayoutThread
+from merlin_monitor.machine_graph import Graph, machine_graph, plan_graph
 from merlin_monitor.machine_section import MachineSection, container_key
 from merlin_monitor.state_tree import StateTree
 
@@ -48,6 +50,38 @@ def test_a_nested_machine_runs() -> None:
     assert container["outcome"] == "done" and container["last"]["SUB"] == ["done"]
     assert told.texts == ["M: in A", "M: in SUB", "M: ended with done"]
     assert machines.active_leaf("m") == ""
+
+
+def test_a_structure_that_is_being_taken_in_is_not_drawn_yet() -> None:
+    tree, machines, _, _ = section()
+    tree.set("machines", "containers", KEY, "path", "/M")
+    tree.set("machines", "containers", KEY, "children", ["A"])
+    assert machines.containers_below(KEY) == {}
+
+
+def test_a_path_without_a_slash_is_drawn_too() -> None:
+    _, machines, _, _ = section()
+    machines.structure("/m", structure("SM_ROOT", ["A"], [("ok", "A", "None")], ["ok"]), 0.0)
+    graph = machine_graph(machines.containers_below(container_key("/m", "SM_ROOT")), "SM_ROOT")
+    assert [cluster.text for cluster in graph.clusters] == ["SM_ROOT"]
+
+
+def test_a_machine_that_cannot_be_drawn_does_not_end_the_pictures() -> None:
+    drawn: queue.Queue[tuple] = queue.Queue()
+    layouts = LayoutThread(lambda *picture: drawn.put(picture))
+    layouts.start()
+
+    def broken() -> Graph:
+        raise KeyError("outcomes")
+
+    layouts.ask("broken", broken)
+    layouts.ask("whole", lambda: plan_graph({"0": {"text": "(go)"}}, []))
+    pictures = {
+        name: (picture, reason) for name, picture, reason in (drawn.get(timeout=30), drawn.get(timeout=30))
+    }
+    layouts.stop()
+    assert pictures["broken"] == (None, "KeyError: 'outcomes'")
+    assert pictures["whole"][0] is not None
 
 
 def test_machines_of_two_servers_with_one_path_stay_apart() -> None:

@@ -33,6 +33,29 @@ def section() -> Tuple[StateTree, NowSection, PlanSection, Told]:
     return tree, now, plan, told
 
 
+def test_a_request_of_somebody_else_is_not_the_missions() -> None:
+    tree, now, _, _ = section()
+    now.mission(MissionStatus(mission="mission 1", state=MissionStatus.RUNNING), 0.0, "/mission")
+    for request, who in ((REQUEST, "mission 1"), ("/merlin_monitor-1-13.0", "/merlin_monitor")):
+        now.executor(
+            executor(ExecutorStatus.RUNNING, request=request, goals=["(checked hall)"], stage="PLAN"), 1.0
+        )
+        assert tree.get("now", "because") == f"because (checked hall) was requested by {who}"
+
+
+def test_a_request_that_is_gone_on_with_began_when_it_began() -> None:
+    _, now, _, told = section()
+    for request, at in ((REQUEST, 1.0), ("", 5.0), ("/other-1-5.0", 6.0), ("", 7.0), (REQUEST, 8.0)):
+        state = ExecutorStatus.RUNNING if request else ExecutorStatus.IDLE
+        goals = ["(checked kitchen)"] if request else []
+        now.executor(executor(state, request=request, goals=goals, stage="PLAN" if request else ""), at)
+    result = ExecuteActionResult(result=ExecuteResult(outcome=ExecuteResult.SUCCEEDED))
+    result.status = GoalStatus(goal_id=GoalID(id=REQUEST))
+    now.result(result, 11.0)
+    texts = [event.text for event in told]
+    assert texts[-2:] == ["(checked kitchen) gone on with", "(checked kitchen): succeeded after 10.0 s"]
+
+
 def test_what_why_and_which_step() -> None:
     tree, now, plan, _ = section()
     now.mission(MissionStatus(mission="mission 1", state=MissionStatus.RUNNING, task=2, tasks=6), 0.0)

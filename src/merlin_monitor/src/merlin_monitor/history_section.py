@@ -11,7 +11,7 @@ NEWEST = 200  # events in the state
 
 
 class HistorySection:
-    """Keeps the section ``history`` of the state. :meth:`add` is called by the history's thread only."""
+    """Keeps the section ``history`` of the state."""
 
     def __init__(self, tree: StateTree) -> None:
         self._tree = tree

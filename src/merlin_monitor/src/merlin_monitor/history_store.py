@@ -52,7 +52,7 @@ class HistoryStore:
         self._on_events = on_events
         self._jobs: queue.Queue[Any] = queue.Queue(WAITING)
         self._lost = 0
-        self._written = 0
+        self._written = PRUNE_EVERY  # many short runs are looked at too
         try:
             if make_folder:
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -93,7 +93,7 @@ class HistoryStore:
             answer.set_exception(HistoryError("the history is closed"))
             return answer
         try:
-            self._jobs.put((question, answer), timeout=1.0)
+            self._jobs.put_nowait((question, answer))
         except queue.Full:
             answer.set_exception(HistoryError("the history is busy; ask again"))
         return answer
@@ -106,7 +106,7 @@ class HistoryStore:
                     jobs.append(self._jobs.get_nowait())
             try:
                 self._write([job for job in jobs if job is not None and isinstance(job[1], Event)])
-            except sqlite3.Error as error:  # a full disk must not end the monitor
+            except Exception as error:  # a full disk, or a strange event, must not end the monitor
                 self._on_events([_lost_event(f"the history could not be written: {error}")])
             for job in jobs:
                 if job is not None and isinstance(job[1], Future):
@@ -216,7 +216,7 @@ def _begin(connection: sqlite3.Connection) -> int:
 def _answer(question: Callable[[], Any], answer: "Future") -> None:
     try:
         answer.set_result(question())
-    except sqlite3.Error as error:
+    except Exception as error:  # told to who asked; the history goes on
         answer.set_exception(HistoryError(f"the history could not be read: {error}"))
 
 

@@ -130,6 +130,8 @@ class KnowledgeListener:
                     return
                 self._read_at = None
                 self._reading = True
+                # Of a knowledge base that may be no more, or contained in what is read now.
+                self._held.clear()
                 by, self._by = self._by, ""
             try:
                 contents, domain = self._read(), self._domain()

@@ -48,19 +48,25 @@ class LayoutThread:
                     return
                 name = next(iter(self._waiting))
                 make = self._waiting.pop(name)
-            graph = make()
-            if graph is None or not graph.nodes:
-                self._done(name, None, "")
-                continue
-            known = self._last.get(name)
-            if known is not None and known[0] == graph:
-                self._done(name, known[1], known[2])
-                continue
-            picture: Optional[Dict[str, Any]] = None
-            reason = ""
             try:
-                picture = layout(graph)
-            except LayoutError as error:
-                reason = str(error)
-            self._last[name] = graph, picture, reason
+                picture, reason = self._draw(name, make)
+            except Exception as error:  # one strange machine does not end all pictures
+                picture, reason = None, f"{type(error).__name__}: {error}"
             self._done(name, picture, reason)
+
+    def _draw(self, name: str, make: Callable[[], Optional[Graph]]) -> Tuple[Optional[Dict[str, Any]], str]:
+        graph = make()
+        if graph is None or not graph.nodes:
+            self._last.pop(name, None)
+            return None, ""
+        known = self._last.get(name)
+        if known is not None and known[0] == graph:
+            return known[1], known[2]
+        picture: Optional[Dict[str, Any]] = None
+        reason = ""
+        try:
+            picture = layout(graph)
+        except LayoutError as error:
+            reason = str(error)
+        self._last[name] = graph, picture, reason
+        return picture, reason

@@ -56,7 +56,7 @@ def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> Graph:
     clusters: List[Cluster] = []
     for path, container in containers.items():
         parent = path.rsplit("/", 1)[0] if path != root else ""
-        clusters.append(Cluster(path, path.rsplit("/", 1)[1], parent))
+        clusters.append(Cluster(path, path.rsplit("/", 1)[-1], parent))
         inside = path.rstrip("/")
         nodes += [
             Node(f"{inside}/{child}", child, "state", path)

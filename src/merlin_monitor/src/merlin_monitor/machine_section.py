@@ -18,7 +18,8 @@ class MachineSection:
 
     A container is known by its server and its path, so that machines of two nodes with one path stay apart.
 
-    :param structure_changed: called with the key of the root container whose picture is out of date.
+    :param structure_changed: called with the key of the root container whose picture is out of date, or that
+        is no more.
     """
 
     def __init__(self, tree: StateTree, tell: Tell, structure_changed: Callable[[str], None]) -> None:
@@ -74,9 +75,7 @@ class MachineSection:
             fields["outcome"] = ""
             fields["last"] = {}
         if known and (active != before or ended):
-            fields["last"] = _last_edges(
-                known if active or ended else known, fields, before, active, ended and ended.group(1)
-            )
+            fields["last"] = _last_edges(known, fields, before, active, ended and ended.group(1))
             fields["since"] = at
         self._set(key, fields)
         self._is_seen(key, wall)
@@ -94,6 +93,7 @@ class MachineSection:
                 self._tree.remove(SECTION, "layouts", key)
                 self._seen.pop(key, None)
                 self._local_data.pop(key, None)
+                self._structure_changed(key)
 
     def check_silence(self, wall: float, paused: bool) -> None:
         """Marks containers that have not been heard of for long."""
@@ -121,7 +121,8 @@ class MachineSection:
         while waiting:
             key = waiting.pop()
             container = self._tree.get(SECTION, "containers", key)
-            if container is None or "children" not in container or key in seen:
+            # Of a structure that is being taken in, the outcomes come last.
+            if container is None or "outcomes" not in container or key in seen:
                 continue
             seen.add(key)
             found[container["path"]] = container

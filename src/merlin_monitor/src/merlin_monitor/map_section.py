@@ -12,6 +12,7 @@ SECTION = "map"
 LONGEST_PATH = 300  # points that are shown
 MOST_PEOPLE = 200
 ABSENT = 0  # state of a simulated person who is not there
+SHOWN = 0  # action of a marker that is not to be deleted
 _INK = {"free": 0, "unknown": 40, "occupied": 255}  # opacity
 
 
@@ -78,7 +79,7 @@ class MapSection:
             ("markers", lambda marker: marker.pose.position),
         ):
             for item in getattr(message, attribute, ()):
-                if getattr(item, "state", None) == ABSENT:
+                if getattr(item, "state", None) == ABSENT or getattr(item, "action", SHOWN) != SHOWN:
                     continue
                 where = position(item)
                 people.append([round(where.x, 2), round(where.y, 2)])

@@ -18,7 +18,7 @@ class MissionListener:
     def __init__(self, state: MonitorState, executor: str) -> None:
         now, put = state.now, state.inbox.put
         self._subscribers = [
-            _subscribe("merlin/mission", MissionStatus, lambda m: put(now.mission, m, _time(m))),
+            _subscribe("merlin/mission", MissionStatus, lambda m: put(now.mission, m, _time(m), _sent_by(m))),
             _subscribe("merlin/status", ExecutorStatus, lambda m: put(now.executor, m, _time(m))),
             _subscribe("merlin/queue", GoalQueue, lambda m: put(now.queue, m)),
             _subscribe(f"{executor}/result", ExecuteActionResult, lambda m: put(now.result, m, _time(m))),
@@ -27,6 +27,10 @@ class MissionListener:
 
 def _subscribe(topic: str, message_class: type, receive: Any) -> rospy.Subscriber:
     return rospy.Subscriber(topic, message_class, receive, queue_size=100, tcp_nodelay=True)
+
+
+def _sent_by(message: Any) -> str:
+    return str(message._connection_header.get("callerid", ""))
 
 
 def _time(message: Any) -> float:

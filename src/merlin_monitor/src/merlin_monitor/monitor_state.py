@@ -1,12 +1,13 @@
 """Everything that is shown, without ROS: the tree and the sections that keep it."""
 
+import concurrent.futures
 from pathlib import Path
 from typing import Any, Dict, List, Optional
 
 from merlin_monitor.events import Event, Tell
 from merlin_monitor.health_section import HealthSection
 from merlin_monitor.history_section import NEWEST, HistorySection
-from merlin_monitor.history_store import HistoryStore
+from merlin_monitor.history_store import HistoryError, HistoryStore
 from merlin_monitor.inbox import Inbox
 from merlin_monitor.knowledge_section import KnowledgeSection
 from merlin_monitor.layout_thread import LayoutThread
@@ -20,10 +21,12 @@ from merlin_monitor.state_tree import StateTree
 
 SECTIONS = ("meta", "now", "queue", "knowledge", "plan", "machines", "map", "history", "health")
 PLAN_PICTURE = "plan"
+STARTUP = 10.0  # s of wall time for the history's first answer
 
 
 class MonitorState:
-    """The model. Its sections are changed in the thread of `inbox` only; the tree is read from anywhere.
+    """The model. Its sections are changed in the thread of `inbox` only, but for the pictures, which come
+    from the layout's thread, and the history, which comes from its own; the tree is read from anywhere.
 
     :param inbox: takes the changes in.
     :param history: file of the history; None: it is not kept.
@@ -55,9 +58,15 @@ class MonitorState:
             self.history = HistoryStore(history, history_limit, self._history.add, make_folder)
 
     def start(self) -> None:
-        """Begins to take messages in and to draw; shows what earlier runs left in the history."""
+        """Begins to take messages in and to draw; shows what earlier runs left in the history.
+
+        :raises HistoryError: the history's file cannot be read.
+        """
         if self.history is not None:
-            self._history.add(self.history.page(limit=NEWEST).result(10.0))
+            try:
+                self._history.add(self.history.page(limit=NEWEST).result(STARTUP))
+            except concurrent.futures.TimeoutError as error:
+                raise HistoryError(f"the history did not answer within {STARTUP:.0f} s") from error
             self.tree.set("meta", "run", self.history.run)
         self._layouts.start()
         self.inbox.start()

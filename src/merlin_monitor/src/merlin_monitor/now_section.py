@@ -51,6 +51,7 @@ class NowSection:
         self._plan = plan
         self._machines = machines
         self._mission: Dict[str, Any] = {}
+        self._mission_node = ""
         self._executor: Dict[str, Any] = {}
         self._request_began: Dict[str, Tuple[float, List[str]]] = {}
         self._task_began = 0.0
@@ -58,8 +59,12 @@ class NowSection:
         tree.set(QUEUE, "waiting", [])
         self.refresh()
 
-    def mission(self, message: Any, at: float) -> None:
-        """Takes a message with the fields of merlin_msgs/MissionStatus."""
+    def mission(self, message: Any, at: float, node: str = "") -> None:
+        """Takes a message with the fields of merlin_msgs/MissionStatus.
+
+        :param node: that sent it; with its name a request of somebody else is told from the mission's.
+        """
+        self._mission_node = node
         state = _word(MISSION_STATES, message.state)
         before = self._mission
         self._mission = {
@@ -102,10 +107,10 @@ class NowSection:
         if message.request != before.get("request"):
             self._plan.request_changed()
             if message.request:
-                self._request_began[message.request] = at, list(message.goals)
-                self._tell(
-                    Event("goal", f"{listed(message.goals) or 'a request'} asked for by {self._who()}", at)
-                )
+                resumed = message.request in self._request_began
+                self._request_began.setdefault(message.request, (at, list(message.goals)))
+                what = "gone on with" if resumed else f"asked for by {self._who()}"
+                self._tell(Event("goal", f"{listed(message.goals) or 'a request'} {what}", at))
         elif message.replans > before.get("replans", 0):
             self._plan.replanned(message.reason, at)
         self._tree.set(NOW, "executor", self._executor)
@@ -208,9 +213,10 @@ class NowSection:
         return f"step {number} of {total}"
 
     def _who(self) -> str:
-        if self._mission.get("state") in LIVE:
+        sender = _sender(self._executor.get("request", ""))
+        if self._mission.get("state") in LIVE and self._mission_node in ("", sender):
             return self._mission["name"]
-        return _sender(self._executor.get("request", ""))
+        return sender
 
     def _chain(self) -> List[List[str]]:
         mission, executor = self._mission, self._executor

@@ -39,7 +39,8 @@ def lines(state: Dict[str, Any], changed: Any = ()) -> List[Line]:
     """
     now = state.get("now", {})
     meta = state.get("meta", {})
-    shown = [Line(_headline(meta), "soft"), Line(str(now.get("doing", "")).capitalize(), "title")]
+    doing = str(now.get("doing", ""))
+    shown = [Line(_headline(meta), "soft"), Line(doing[:1].upper() + doing[1:], "title")]
     why = " · ".join(part for part in (now.get("because"), now.get("step")) if part)
     if why:
         shown.append(Line(why))

@@ -43,9 +43,9 @@ class TopicWatch:
             if topics is not None:
                 try:
                     self._look(topics)
-                except rospy.ROSException as error:
+                except Exception as error:  # the master may be gone at any call; the next look sees
                     if not rospy.is_shutdown():
-                        rospy.logwarn_throttle(30.0, f"monitor: {error}")
+                        rospy.logwarn_throttle(30.0, f"monitor: {type(error).__name__}: {error}")
             self._stopped.wait(PERIOD)
 
     def _published(self) -> Optional[Dict[str, str]]:

@@ -3,6 +3,7 @@
 import hmac
 import ipaddress
 import re
+import socket
 from typing import FrozenSet, Iterable, Optional
 from urllib.parse import urlsplit
 
@@ -38,14 +39,10 @@ class WebAccess:
     """
 
     def __init__(self, host: str, names: Iterable[str] = (), token: str = "") -> None:
-        self._names: FrozenSet[str] = _LOCAL | {name.lower() for name in (host, *names) if name}
         self._any_address = not _is_loopback(host)
+        own = (socket.gethostname(), socket.getfqdn()) if self._any_address else ()
+        self._names: FrozenSet[str] = _LOCAL | {name.lower() for name in (host, *own, *names) if name}
         self._token = token
-
-    @property
-    def can_control(self) -> bool:
-        """Whether there is a token."""
-        return bool(self._token)
 
     def check_host(self, host: Optional[str]) -> None:
         """Refuses requests meant for another name: a foreign page that had its name point here.
@@ -66,8 +63,12 @@ class WebAccess:
         """
         if origin is None:
             return
-        parts = urlsplit(origin)
-        if parts.scheme not in ("http", "https") or parts.netloc.lower() != (host or "").lower():
+        try:
+            parts = urlsplit(origin)
+            own = parts.scheme in ("http", "https") and parts.netloc.lower() == (host or "").lower()
+        except ValueError:
+            own = False
+        if not own:
             raise Refused("Requests from pages of other sites are refused.")
 
     def check_token(self, token: Optional[str]) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import logging
 import socket
 import threading
 from pathlib import Path
@@ -16,7 +17,7 @@ from merlin_monitor.monitor_state import MonitorState
 from merlin_monitor.web_access import HEADERS, TOKEN_HEADER, Refused, WebAccess
 
 PORTS_TRIED = 20  # from the wanted one on
-FILES = (".html", ".css", ".js", ".svg", ".json")
+FILES = (".html", ".css", ".js", ".svg")
 GOODBYE = 0.5  # s for a page to answer when it is closed
 PING = 20.0  # s between two signs of life of a page
 LONGEST_REQUEST = 64 * 1024  # bytes
@@ -128,6 +129,9 @@ class WebServer:
         except web.HTTPException as error:
             error.headers.update(HEADERS)
             raise
+        except Exception as error:  # told without a traceback to who asked, and with the headers
+            logging.getLogger(__name__).exception("%s %s", request.method, request.path)
+            response = web.Response(status=500, text=f"The monitor failed: {type(error).__name__}.\n")
         if not response.prepared:
             response.headers.update(HEADERS)
         return response
@@ -195,7 +199,7 @@ class WebServer:
             fields = json.loads(await request.text() or "{}")
             if not isinstance(fields, dict):
                 raise ValueError("no object")
-        except (ValueError, RecursionError):
+        except (ValueError, LookupError, RecursionError):
             return web.json_response({"error": "The request is no JSON object."}, status=400)
         control, what = self._control, request.match_info["what"]
         try:
