@@ -35,6 +35,16 @@ def test_other_sentences_are_rejected(recognizer, synthesizer, text):
     assert recognizer.understand(synthesizer.say(text).samples).text == ""
 
 
+def test_an_answer_accounts_for_all_that_was_said(recognizer, synthesizer):
+    # The words that the grammar lacks could pass for silence before an answer.
+    recognizer.use("#JSGF V1.0; grammar g; public <answer> = (yes | no) [please | thank you];")
+    try:
+        assert recognizer.understand(synthesizer.say("no please", "en-gb").samples).text == "no please"
+        assert recognizer.understand(synthesizer.say("bring me a coffee", "en-gb").samples).text == ""
+    finally:
+        recognizer.use(GRAMMAR)
+
+
 def test_noise_is_no_sentence(recognizer):
     noise = (1000 * np.random.default_rng(1).standard_normal(16000)).astype(np.int16)
     assert recognizer.understand(noise).text == ""

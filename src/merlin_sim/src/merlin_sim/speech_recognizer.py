@@ -2,7 +2,7 @@
 
 import threading
 from dataclasses import dataclass
-from typing import Any, Optional, Tuple
+from typing import Any, List, Optional, Tuple
 
 import numpy as np
 from pocketsphinx import Config, Decoder, get_model_path
@@ -12,6 +12,10 @@ from pocketsphinx import Config, Decoder, get_model_path
 # docs/simulation.md), nine of ten good sentences lie above this, and all but a few of the others below.
 THRESHOLD = 0.00002
 CERTAIN = 0.0006  # margin over the threshold from which an answer counts as certain
+# What a grammar has no words for, the decoder also likes to take for silence.
+UNEXPLAINED = 0.2  # share of the loud frames that the best sentence may leave to silence
+LOUD = 0.15  # of the loudest twentieth of the frames, from which a frame is loud
+FRAME = 160  # samples of one frame of the decoder
 DITHER = 20.0  # standard deviation of the noise that is added, of 32767
 PADDING = 0.25  # s of silence around an utterance; the decoder wants some
 
@@ -68,13 +72,17 @@ class SpeechRecognizer:
 
         :raises GrammarError: when no grammar was set.
         """
-        text, margin = self.hypothesis(samples)
-        if not text or margin < self._threshold:
+        text, margin, unexplained = self.hypothesis(samples)
+        if not text or margin < self._threshold or unexplained > UNEXPLAINED:
             return Understanding("", 0.0)
         return Understanding(text, min(1.0, 0.5 + 0.5 * (margin - self._threshold) / CERTAIN))
 
-    def hypothesis(self, samples: np.ndarray) -> Tuple[str, float]:
-        """The sentence that fits best, and how much better it does than mere phones, per frame."""
+    def hypothesis(self, samples: np.ndarray) -> Tuple[str, float, float]:
+        """The sentence that fits best, and how well.
+
+        Returns it with how much better it does than mere phones, per frame, and the share of what is loud
+        that it does not account for.
+        """
         silence = np.zeros(round(PADDING * 16000))
         audio = np.concatenate([silence, samples, silence])
         # Digital silence has no spectrum to take the logarithm of.
@@ -85,11 +93,17 @@ class SpeechRecognizer:
                 raise GrammarError("there is no grammar")
             said, frames = self._search("grammar", data)
             if said is None or not said.hypstr:
-                return "", 0.0
+                return "", 0.0, 1.0
+            silent = [
+                (segment.start_frame, segment.end_frame + 1)
+                for segment in self._decoder.seg()
+                if segment.word.startswith(("<", "[", "+"))
+            ]
             phones, _ = self._search("phones", data)
         if phones is None:
-            return "", 0.0
-        return str(said.hypstr), (said.score - phones.score) / max(frames, 1)
+            return "", 0.0, 1.0
+        margin = (said.score - phones.score) / max(frames, 1)
+        return str(said.hypstr), margin, _unexplained(audio, silent)
 
     def _search(self, name: str, audio: bytes) -> Tuple[Any, int]:
         self._decoder.activate_search(name)
@@ -97,6 +111,17 @@ class SpeechRecognizer:
         self._decoder.process_raw(audio, no_search=False, full_utt=True)
         self._decoder.end_utt()
         return self._decoder.hyp(), self._decoder.n_frames()
+
+
+def _unexplained(audio: np.ndarray, silent: List[Tuple[int, int]]) -> float:
+    """Share of the loud frames that lie in spans, in frames, which are taken for silent."""
+    frames = audio[: len(audio) // FRAME * FRAME].reshape(-1, FRAME)
+    levels = np.sqrt(np.mean(np.square(frames), axis=1))
+    loud = levels > LOUD * np.percentile(levels, 95)
+    inside = np.zeros(len(loud), dtype=bool)
+    for first, end in silent:
+        inside[first:end] = True
+    return float(np.mean(inside[loud])) if loud.any() else 0.0
 
 
 class UtteranceDetector:
