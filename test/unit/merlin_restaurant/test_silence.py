@@ -31,3 +31,12 @@ def test_an_answer_that_never_comes_does_not_silence_the_room() -> None:
     silence = Silence()
     silence.asked(100.0)
     assert silence.quiet(100.1 + ANSWER_DUE)
+
+
+def test_a_voice_that_falls_into_the_robots_speech_does_not_end_it() -> None:
+    silence = Silence()
+    silence.robot(100.0, True)
+    silence.sound(101.0)
+    assert not silence.quiet(1000.0), "the robot still speaks"
+    silence.robot(1000.0, False)
+    assert silence.quiet(1000.1 + QUIET)

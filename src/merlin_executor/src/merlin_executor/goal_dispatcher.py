@@ -143,7 +143,7 @@ class MissionSM(MerlinSM):
     def run(self) -> str:
         """Shows the machine, runs it to its end and reports that; returns its outcome."""
         server = show(f"MISSION_{self.name.upper()}", self)
-        rospy.on_shutdown(self.request_preempt)
+        rospy.on_shutdown(self.cancel)  # also before the run has begun
         try:
             with self._pause:
                 outcome = str(self.execute())

@@ -37,11 +37,6 @@ class MissionPause:
             service.shutdown("the mission has ended")
         self._services = []
 
-    @property
-    def paused(self) -> bool:
-        """Whether the mission is paused."""
-        return self._paused
-
     def wait(self, stopped: Callable[[], bool]) -> None:
         """Returns when the mission is not paused, or stopped, or the node shuts down.
 

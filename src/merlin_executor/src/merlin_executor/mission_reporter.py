@@ -1,9 +1,12 @@
 """Tells what a mission does, on ``merlin/mission``."""
 
+import threading
+
 import rospy
 from merlin_msgs.msg import MissionStatus
 
 from merlin_executor.mission_pause import PAUSED
+from merlin_sm.publishing import publish
 
 
 class MissionReporter:
@@ -15,26 +18,33 @@ class MissionReporter:
 
     def __init__(self, mission: str, tasks: int = 0) -> None:
         self._status = MissionStatus(mission=mission, tasks=tasks)
-        self._described = ""
+        self._lock = threading.RLock()  # guards all the fields
+        self._doing = "starting"
+        self._paused = False
         self._publisher = rospy.Publisher("merlin/mission", MissionStatus, latch=True, queue_size=10)
-        self.report(MissionStatus.STARTING, description="starting")
+        self.report(MissionStatus.STARTING, self._doing)
 
     def task(self, description: str) -> None:
-        """A next task begins."""
-        self._status.task += 1
-        self.report(MissionStatus.RUNNING, description)
+        """A next task begins; a paused mission tells of it when it goes on."""
+        with self._lock:
+            self._status.task += 1
+            self._doing = description
+            if not self._paused:
+                self.report(MissionStatus.RUNNING, description)
 
     def paused(self, paused: bool) -> None:
         """The mission was paused, or goes on."""
-        if paused:
-            self._described = self._status.description
-        self.report(
-            MissionStatus.PAUSED if paused else MissionStatus.RUNNING, PAUSED if paused else self._described
-        )
+        with self._lock:
+            self._paused = paused
+            if paused:
+                self.report(MissionStatus.PAUSED, PAUSED)
+            else:
+                self.report(MissionStatus.RUNNING, self._doing)
 
     def report(self, state: int, description: str) -> None:
         """Publishes a state, a constant of MissionStatus, and a sentence."""
-        self._status.state = state
-        self._status.description = description
-        self._status.header.stamp = rospy.Time.now()
-        self._publisher.publish(self._status)
+        with self._lock:
+            self._status.state = state
+            self._status.description = description
+            self._status.header.stamp = rospy.Time.now()
+            publish(self._publisher, self._status)

@@ -15,11 +15,11 @@ from merlin_msgs.srv import SetRealTimeFactor
 from nav_msgs.msg import OccupancyGrid
 
 from merlin_executor.goal_check import GoalError
-from merlin_executor.mission_pause import PAUSED, MissionPause
+from merlin_executor.mission_pause import MissionPause
+from merlin_executor.mission_reporter import MissionReporter
 from merlin_executor.readiness import missing_servers
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.node import init_node
-from merlin_sm.publishing import publish
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 from .executor_robot import ExecutorRobot
@@ -52,7 +52,7 @@ class MissionNode:
         self._settings = settings
         self._tasks = settings.make_list()
         self._view = ProgressView()
-        self._status = rospy.Publisher("merlin/mission", MissionStatus, latch=True, queue_size=10)
+        self._reporter = MissionReporter(f"home mission {settings.mission}", len(self._tasks))
         self._set_factor_service: Optional[ServiceProxy] = None
         self._trajectory = Trajectory()
         self._robot = ExecutorRobot(self._trajectory, self._action_starts)
@@ -70,8 +70,7 @@ class MissionNode:
             self._task_changed,
             lambda stopped: self._pause.wait(stopped),
         )
-        self._pause = MissionPause(self._paused)
-        self._described = ""
+        self._pause = MissionPause(self._reporter.paused)
         self._truth = GroundTruth(self._trajectory, self._watch)
         self._simulator = rospy.Subscriber("/merlin_sim/status", SimStatus, self._judge_factor)
 
@@ -79,7 +78,7 @@ class MissionNode:
         """Runs the mission; returns the exit code."""
         settings = self._settings
         rospy.on_shutdown(self._stop)
-        self._publish(MissionStatus.STARTING, "waiting for the robot")
+        self._reporter.report(MissionStatus.STARTING, "waiting for the robot")
         began = time.monotonic()
         run = RunRecord(settings.columns(), self._mission.records, versions=versions())
         code = 0
@@ -97,7 +96,7 @@ class MissionNode:
             code = EXIT_INTERRUPTED if run.ended == "interrupted" else EXIT_STOPPED
             self._view.line(f"mission: {run.ended}")
             if self._mission.start is None:
-                self._publish(MissionStatus.FAILED, run.ended)
+                self._reporter.report(MissionStatus.FAILED, run.ended)
                 return code
         run.wall = time.monotonic() - began
         self._finish(run, None if code == EXIT_INTERRUPTED else grid)
@@ -106,12 +105,6 @@ class MissionNode:
     def _stop(self) -> None:
         self._mission.stop()
         self._pause.wake()
-
-    def _paused(self, paused: bool) -> None:
-        if paused:
-            self._publish(MissionStatus.PAUSED, PAUSED)
-        else:
-            self._publish(MissionStatus.RUNNING, self._described)
 
     def _wait_for_robot(self) -> OccupancyGrid:
         timeout = self._settings.startup
@@ -147,7 +140,7 @@ class MissionNode:
         state = MissionStatus.SUCCEEDED if run.right else MissionStatus.FAILED
         if run.ended == "interrupted":
             state = MissionStatus.CANCELLED
-        self._publish(state, "every task ended as listed" if run.right else run.ended)
+        self._reporter.report(state, "every task ended as listed" if run.right else run.ended)
 
     def _headline(self) -> str:
         settings = self._settings
@@ -174,10 +167,8 @@ class MissionNode:
         if record.outcome:
             self._factor.task_starts()
             self._view.line(ended_line(record, count))
-        else:
-            self._described = f"check {record.task.poi}"
-            if not self._pause.paused:  # it is, while the task under way is cancelled or ends
-                self._publish(MissionStatus.RUNNING, self._described, record.task.number)
+        elif record.cancel_sent is None:
+            self._reporter.task(f"check {record.task.poi}")
 
     def _length_of_question(self) -> float:
         try:
@@ -209,18 +200,6 @@ class MissionNode:
         metres = self._trajectory.distance(sent, sample.time)
         doing = self._robot.doing
         self._view.live(live_line(record, len(self._tasks), doing, sample.time - sent, metres))
-
-    def _publish(self, state: int, description: str, task: Optional[int] = None) -> None:
-        number = task if task is not None else len(self._mission.records)
-        message = MissionStatus(
-            mission=f"home mission {self._settings.mission}",
-            state=state,
-            task=number,
-            tasks=len(self._tasks),
-            description=description,
-        )
-        message.header.stamp = rospy.Time.now()
-        publish(self._status, message)
 
 
 def main() -> int:

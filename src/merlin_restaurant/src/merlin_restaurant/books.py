@@ -4,10 +4,26 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Dict, Iterable, List, Optional, Sequence, Tuple
 
+from merlin_restaurant.menu import listed
+
 CAME, SEATED, CALLED, ORDERED, SERVED, LEFT, CLEARED, DISTURBED, CLOSED = range(9)
 """Kinds of events, as in merlin_msgs/GuestEvent."""
 WAITED = "waited too long"
 """Reasons to leave that begin so are the robot's fault."""
+COLUMNS = (
+    "guest",
+    "table",
+    "came_s",
+    "waited_for_table_s",
+    "waited_for_waiter_s",
+    "waited_for_order_s",
+    "ordered",
+    "served",
+    "calls",
+    "outcome",
+    "errors",
+)
+"""Of the table per guest."""
 
 Items = Tuple[str, ...]
 
@@ -124,10 +140,10 @@ class Books:
         believed = Counter((table, items) for _, table, items in self.deliveries)
         for (table, items), count in (believed - given).items():
             found.append(
-                f"the robot believes it brought {_listed(items)} to {table} {count} time(s) more than it did"
+                f"the robot believes it brought {_named(items)} to {table} {count} time(s) more than it did"
             )
         for (table, items), count in (given - believed).items():
-            found.append(f"{_listed(items)} came to {table} {count} time(s) more than the robot knows")
+            found.append(f"{_named(items)} came to {table} {count} time(s) more than the robot knows")
         for table, state in sorted(self._knowledge.items()):
             if state != self.truth(table):
                 found.append(
@@ -137,23 +153,24 @@ class Books:
         return found
 
     def rows(self) -> List[Dict[str, object]]:
-        """One row per guest."""
-        return [
-            {
-                "guest": account.name,
-                "table": account.table,
-                "came_s": account.came,
-                "waited_for_table_s": _span(account.came, account.seated),
-                "waited_for_waiter_s": _span(account.seated, account.ordered),
-                "waited_for_order_s": _span(account.ordered, account.served),
-                "ordered": " ".join(account.ordered_items),
-                "served": " ".join(account.served_items),
-                "calls": account.calls,
-                "outcome": account.outcome,
-                "errors": "; ".join(account.errors),
-            }
-            for account in self.guests.values()
-        ]
+        """One row of COLUMNS per guest."""
+        return [dict(zip(COLUMNS, _cells(account))) for account in self.guests.values()]
+
+
+def _cells(account: GuestAccount) -> Sequence[object]:
+    return (
+        account.name,
+        account.table,
+        account.came,
+        _span(account.came, account.seated),
+        _span(account.seated, account.ordered),
+        _span(account.ordered, account.served),
+        " ".join(account.ordered_items),
+        " ".join(account.served_items),
+        account.calls,
+        account.outcome,
+        "; ".join(account.errors),
+    )
 
 
 def _account_problems(account: GuestAccount) -> List[str]:
@@ -163,7 +180,7 @@ def _account_problems(account: GuestAccount) -> List[str]:
             return [f"{name} was neither served nor is there a reason"]
         return [f"{name} {account.reason}"] if account.reason.startswith(WAITED) else []
     if account.served_items != account.ordered_items:
-        return [f"{name} ordered {_listed(account.ordered_items)} and got {_listed(account.served_items)}"]
+        return [f"{name} ordered {_named(account.ordered_items)} and got {_named(account.served_items)}"]
     return []
 
 
@@ -171,5 +188,5 @@ def _span(start: Optional[float], end: Optional[float]) -> Optional[float]:
     return None if start is None or end is None else max(0.0, round(end - start, 1))
 
 
-def _listed(items: Sequence[str]) -> str:
-    return " and ".join(items) or "nothing"
+def _named(items: Sequence[str]) -> str:
+    return listed(items) or "nothing"

@@ -12,22 +12,9 @@ import matplotlib.pyplot as plt
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from merlin_restaurant.books import Books, GuestAccount
+from merlin_restaurant.books import COLUMNS, Books, GuestAccount
 from merlin_restaurant.robot_watch import Deed
 
-COLUMNS = (
-    "guest",
-    "table",
-    "came_s",
-    "waited_for_table_s",
-    "waited_for_waiter_s",
-    "waited_for_order_s",
-    "ordered",
-    "served",
-    "calls",
-    "outcome",
-    "errors",
-)
 COLORS = {
     "navigate": "#9bb7d4",
     "check_table": "#d9b44a",

@@ -15,7 +15,8 @@ from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 BEHIND = 1.9  # m of distance at which the robot waits
 CLOSE = 1.4  # m at which it goes on
 GONE = 3.6  # m: nobody who follows is that far away
-UNSEEN = 3.0  # s after which somebody who is not seen counts as lost
+UNSEEN = 3.0  # s of scans after which somebody who is not seen in them counts as lost
+SILENT = 10.0  # s without a scan after which the same holds; more, because a busy computer's scans come late
 LOST = "lost"
 
 
@@ -26,7 +27,7 @@ class FollowerWatch:
         self.changed = threading.Condition()  # guards all below
         self._tracker = PersonTracker()
         self._pose: Optional[Tuple[float, float, float]] = None
-        self._now = self._begun = 0.0
+        self._now = self._begun = 0.0  # times of the last scan that was used, and of the beginning, s
         self._subscribers: list = []
 
     def begin(self, *_: Any) -> None:
@@ -48,8 +49,10 @@ class FollowerWatch:
 
     @property
     def lost(self) -> bool:
-        """Whether the person is gone: not seen for a while, or too far away."""
-        return self._now - max(self._begun, self._tracker.seen) > UNSEEN or self._tracker.distance > GONE
+        """Whether the person is gone: not seen for a while, by a lidar that works or not, or too far away."""
+        unseen = self._now - max(self._begun, self._tracker.seen)
+        silent = rospy.get_time() - self._now
+        return unseen > UNSEEN or silent > SILENT or self._tracker.distance > GONE
 
     @property
     def distance(self) -> float:
@@ -66,7 +69,8 @@ class FollowerWatch:
         ranges = np.asarray(scan.ranges)
         angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
         valid = (ranges >= scan.range_min) & (ranges <= scan.range_max)
-        points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)[valid]
+        ranges, angles = ranges[valid], angles[valid]
+        points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
         with self.changed:
             if self._pose is not None:
                 self._now = scan.header.stamp.to_sec()

@@ -1,7 +1,7 @@
 """Node `mission`: the evening in the restaurant, with its live log, its books and its timeline.
 
-Exit code: 0 when the books balance, 1 when they do not, 2 when the evening could not begin or go on, 130 when
-it was interrupted.
+Exit code: 0 when the books balance, 1 when they do not, 2 when the evening could not begin or go on or its
+results not be written, 130 when it was interrupted.
 """
 
 import sys
@@ -11,6 +11,7 @@ from typing import List, Optional
 
 import rospy
 from merlin_msgs.msg import GuestEvent
+from rospy.core import is_shutdown_requested
 
 from merlin_executor.readiness import missing_interfaces, missing_servers
 from merlin_restaurant.books import Books
@@ -18,6 +19,8 @@ from merlin_restaurant.evening import Evening
 from merlin_restaurant.robot_watch import RobotWatch
 from merlin_restaurant.table_state import STATES
 from merlin_sm.node import init_node
+from merlin_sm.parameters import ParameterError, number
+from merlin_sm.service_proxy import ServiceError
 from merlin_sm.states.merlin_state import SUCCEEDED
 
 EXIT_UNBALANCED, EXIT_STOPPED, EXIT_INTERRUPTED = 1, 2, 130
@@ -32,8 +35,8 @@ BALANCED = (
 )
 
 
-class NotReady(RuntimeError):
-    """Something that the mission needs is not there; the text says what."""
+class EveningStopped(RuntimeError):
+    """The evening could not begin or end; the text says why."""
 
 
 class EveningNode:
@@ -51,11 +54,15 @@ class EveningNode:
         rospy.Subscriber("restaurant/guests", GuestEvent, self._guest, queue_size=100)
 
     def run(self) -> int:
-        """Runs the evening; returns the exit code."""
+        """Runs the evening; returns the exit code.
+
+        :raises EveningStopped: something is missing at the beginning, or the results cannot be written.
+        :raises ServiceError: the knowledge base is gone.
+        """
         self._wait_for_robot()
         self._start = rospy.get_time()
         outcome = self._evening.run()
-        if rospy.is_shutdown():
+        if is_shutdown_requested():
             return EXIT_INTERRUPTED
         robot = self._evening
         states = {
@@ -75,27 +82,32 @@ class EveningNode:
         with self._books_lock:
             problems += self._books.problems()
             print("\n" + "\n".join(guest_table(self._books)) + "\n")
-            write_guests(self._results / "guests.csv", self._books)
-            plot_timeline(self._results / "timeline.png", self._watch.deeds, self._books, self._begun)
         for problem in problems:
             print(f"NOT BALANCED: {problem}")
         if not problems:
             print(BALANCED)
-        print(
-            f"written: {self._results / 'guests.csv'}\nwritten: {self._results / 'timeline.png'}", flush=True
-        )
+        table, timeline = self._results / "guests.csv", self._results / "timeline.png"
+        try:
+            with self._books_lock:
+                write_guests(table, self._books)
+                plot_timeline(timeline, self._watch.deeds, self._books, self._begun)
+        except OSError as error:
+            raise EveningStopped(f"the results cannot be written: {error}") from error
+        print(f"written: {table}\nwritten: {timeline}", flush=True)
         return EXIT_UNBALANCED if problems else 0
 
     def _wait_for_robot(self) -> None:
         timeout = self._startup
         if not self._evening.knowledge.wait(timeout):
-            raise NotReady(f"no knowledge base after {timeout:.0f} s")
+            raise EveningStopped(f"no knowledge base after {timeout:.0f} s")
         missing = missing_interfaces(self._evening.knowledge, timeout)
         if missing:
-            raise NotReady(f"no action interface for {', '.join(missing)} after {timeout:.0f} s")
+            raise EveningStopped(f"no action interface for {', '.join(missing)} after {timeout:.0f} s")
         missing = missing_servers(SERVERS, timeout)
         if missing:
-            raise NotReady(f"no action server {', '.join(missing)} after {timeout:.0f} s; is it launched?")
+            raise EveningStopped(
+                f"no action server {', '.join(missing)} after {timeout:.0f} s; is it launched?"
+            )
 
     @property
     def _begun(self) -> float:
@@ -144,12 +156,20 @@ def _told(event: GuestEvent) -> str:
 def main() -> int:
     """Entry point of the node; returns the exit code."""
     init_node("mission")
-    results = Path(str(rospy.get_param("~results", "results/restaurant")))
     try:
-        results.mkdir(parents=True, exist_ok=True)
-        return EveningNode(results, float(rospy.get_param("~startup_timeout", 90.0))).run()
-    except NotReady as error:
+        startup = number("~startup_timeout", 90.0, 1.0)
+        return EveningNode(_results(), startup).run()
+    except (ParameterError, EveningStopped, ServiceError) as error:
+        if is_shutdown_requested():  # otherwise it is no error that something was not found
+            return EXIT_INTERRUPTED
         print(f"mission: {error}", file=sys.stderr)
-    except OSError as error:
-        print(f"mission: no folder for the results: {error}; give another one, results:=…", file=sys.stderr)
     return EXIT_STOPPED
+
+
+def _results() -> Path:
+    folder = Path(str(rospy.get_param("~results", "results/restaurant")))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ParameterError(f"no folder for the results: {error}; give another one, results:=…") from error
+    return folder

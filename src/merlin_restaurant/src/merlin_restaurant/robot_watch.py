@@ -13,7 +13,7 @@ from sound_play.msg import SoundRequestActionGoal
 from merlin_sm.pddl_text import action_text, to_pddl
 from merlin_sm.states.recognition import recognized
 
-PLANNER = "rosplan_plan_dispatcher"
+DISPATCHER = "rosplan_plan_dispatcher"
 
 
 class Deed(NamedTuple):
@@ -56,8 +56,8 @@ class RobotWatch:
         self._known_requests: Set[str] = set()
         for topic, kind, receive in (
             ("merlin/status", ExecutorStatus, self._pursued),
-            (f"{PLANNER}/action_dispatch", ActionDispatch, self._dispatched),
-            (f"{PLANNER}/action_feedback", ActionFeedback, self._answered),
+            (f"{DISPATCHER}/action_dispatch", ActionDispatch, self._dispatched),
+            (f"{DISPATCHER}/action_feedback", ActionFeedback, self._answered),
             ("rosplan_knowledge_base/changes", KnowledgeChanges, self._learned),
             ("sound_play/goal", SoundRequestActionGoal, self._spoke),
             ("listen/result", ListenActionResult, self._heard),

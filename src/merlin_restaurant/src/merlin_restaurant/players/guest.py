@@ -5,6 +5,7 @@ import math
 import re
 from typing import Dict, Optional, Sequence
 
+import rospy
 from merlin_msgs.msg import GuestEvent
 
 from merlin_restaurant.menu import call_from, listed
@@ -17,6 +18,7 @@ CALL_EVERY = 25.0  # s between two calls for the robot
 PATIENCE = 900.0  # s that a guest waits for a table, for the waiter or for the order
 KEPT = 0.9  # m that who follows keeps from the robot
 LOOK = 0.6  # s between two looks at where the robot is now
+SAID_AGAIN = 30.0  # s after which it is said again that somebody cannot come in
 STRANDED = 40.0  # s without the robot moving on after which who follows goes back to the entrance
 MUMBLED = ("the weather was lovely by the lake", "my uncle has seven little dogs")
 ASKED = "what would you like"
@@ -66,18 +68,15 @@ class Guest:
 
     def _come_in(self) -> None:
         stage, places = self._stage, self._places
-        while not self._appear(places.door):
+        while True:
+            try:
+                stage.put_person(self._name, places.door)
+                break
+            except StageError as error:
+                rospy.logwarn_throttle(SAID_AGAIN, f"players: {self._name} cannot come in yet: {error}")
             stage.wait(LOOK)
         self._tell(GuestEvent.CAME)
         self._go_to_waiting_place()
-
-    def _appear(self, at: Point) -> bool:
-        """Stands somewhere; False: something is in the way."""
-        try:
-            self._stage.put_person(self._name, at)
-        except StageError:
-            return False
-        return True
 
     def _go_to_waiting_place(self) -> None:
         stage, places = self._stage, self._places
@@ -113,16 +112,24 @@ class Guest:
         """Walks behind the robot until it offers a seat; False: it does not go on."""
         stage, name = self._stage, self._name
         moved, last = stage.now(), stage.robot()
-        joined = len(stage.trail())
+        joined = max(0, stage.trail_length() - 1)
+        before: Optional[Point] = None
+        stuck = False
         while not stage.hear(name, "please take a seat", LOOK):
             here, robot = stage.position(name), stage.robot()
             if math.dist(robot, last) > 0.1:
                 moved, last = stage.now(), robot
             elif stage.now() - moved > limit:
                 return False
-            if math.dist(here, robot) > KEPT + 0.1:
-                steps = [point for point in stage.trail()[joined - 1 :] if math.dist(point, robot) > KEPT]
-                self._walk_as_far(_not_yet_walked(steps, here) or self._places.way_near(here, robot, KEPT))
+            if math.dist(here, robot) <= KEPT + 0.1:
+                before, stuck = None, False
+                continue
+            # Where the robot has just passed a table, a person may not: then round it, until it is reached.
+            stuck = stuck or here == before
+            before = here
+            steps = [point for point in stage.trail(joined) if math.dist(point, robot) > KEPT]
+            ahead = [] if stuck else _not_yet_walked(steps, here)
+            self._walk_as_far(ahead or self._places.way_near(here, robot, KEPT))
         return True
 
     def _walk_as_far(self, way: Sequence[Point]) -> None:

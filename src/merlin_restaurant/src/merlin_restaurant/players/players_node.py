@@ -1,5 +1,6 @@
 """Node `players`: guests and barman of the simulated restaurant, who live by a seeded schedule."""
 
+import math
 import sys
 import threading
 import traceback
@@ -7,6 +8,7 @@ from typing import Dict, List, Optional, Union
 
 import rospy
 from merlin_msgs.msg import GuestEvent
+from rospy.core import is_shutdown_requested
 
 from merlin_restaurant.players.barman import NAME as BARMAN
 from merlin_restaurant.players.barman import Barman
@@ -19,8 +21,11 @@ from merlin_sim.world import World
 from merlin_sim.world_drawing import find_world
 from merlin_sim.world_file import WorldError, load_world
 from merlin_sm.node import init_node
+from merlin_sm.parameters import ParameterError, number
+from merlin_sm.service_proxy import ServiceError
 
 STARTUP = 60.0  # s of wall time for the simulator and the voices
+LISTENED = 20.0  # s of running time for who keeps the books
 
 
 class Players:
@@ -45,13 +50,18 @@ class Players:
     def run(self) -> int:
         """Plays the evening; returns the exit code."""
         rospy.on_shutdown(self._stage.close)
-        missing = self._stage.ready(STARTUP)
-        if missing:
-            rospy.logfatal(f"players: {missing}")
-            return 1
         try:
+            missing = self._stage.ready(STARTUP)
+            if missing:
+                raise StageError(missing)
+            if not self._stage.heard_of(LISTENED):
+                rospy.logwarn(
+                    f"players: nobody listens to restaurant/guests after {LISTENED:g} s; begins anyway"
+                )
             self._clear_the_room()
-        except StageError as error:
+        except (StageError, ServiceError) as error:
+            if is_shutdown_requested():
+                return 0
             rospy.logfatal(f"players: {error}")
             return 1
         barman = self._start(self._barman, BARMAN)
@@ -73,6 +83,8 @@ class Players:
             except Closed:
                 pass
             except Exception as error:  # a play that goes on without one of its players would never end well
+                if is_shutdown_requested():
+                    return  # who ends the evening takes services and topics away
                 self._failure = f"{name}: {error}"
                 why = error if isinstance(error, StageError) else traceback.format_exc()
                 rospy.logfatal(f"players: {name} cannot go on: {why}")
@@ -95,24 +107,44 @@ class Players:
         return there.get(table)
 
 
-def _disturbances(given: object) -> Union[int, List[str]]:
-    """How many, or which: ``leaves,chair``."""
-    return given if isinstance(given, int) else str(given).replace(",", " ").split()
+def _disturbances() -> Union[int, List[str]]:
+    """How many, or which: ``leaves,chair`` or a list."""
+    given = rospy.get_param("~disturbances", len(DISTURBANCES))
+    if isinstance(given, (bool, int, float)):
+        return _whole("~disturbances", len(DISTURBANCES))
+    return [str(kind) for kind in given] if isinstance(given, list) else str(given).replace(",", " ").split()
+
+
+def _whole(name: str, default: int) -> int:
+    value = number(name, default, -math.inf)
+    if value != round(value):
+        raise ParameterError(f"parameter {name} is {value:g}, not a whole number")
+    return round(value)
+
+
+def _share(name: str, default: float) -> float:
+    value = number(name, default, 0.0)
+    if value > 1.0:
+        raise ParameterError(f"parameter {name} is {value:g}, more than 1")
+    return value
+
+
+def _world() -> World:
+    name = str(rospy.get_param("~world", ""))
+    if not name:
+        raise ParameterError("parameter ~world is missing: a world file, or the name of one of merlin_sim")
+    return load_world(find_world(name))
 
 
 def main() -> int:
     """Entry point of the node; returns the exit code."""
     init_node("players")
     try:
-        world = load_world(find_world(str(rospy.get_param("~world"))))
-        seed = int(rospy.get_param("~seed", 1))
-        plans = make_schedule(
-            int(rospy.get_param("~guests", 6)),
-            seed,
-            _disturbances(rospy.get_param("~disturbances", len(DISTURBANCES))),
-            float(rospy.get_param("~haste", 1.0)),
-        )
-    except (ScheduleError, WorldError, KeyError, ValueError) as error:
+        world, seed = _world(), _whole("~seed", 1)
+        wrong_share = _share("~wrong_share", 0.25)
+        haste = number("~haste", 1.0, 0.0)
+        plans = make_schedule(_whole("~guests", 6), seed, _disturbances(), haste)
+    except (ParameterError, ScheduleError, WorldError) as error:
         print(f"players: {error}", file=sys.stderr)
         return 2
-    return Players(world, plans, seed, float(rospy.get_param("~wrong_share", 0.25))).run()
+    return Players(world, plans, seed, wrong_share).run()

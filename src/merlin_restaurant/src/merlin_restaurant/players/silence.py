@@ -1,7 +1,5 @@
 """Tells when it is quiet enough to call across the room."""
 
-import math
-
 QUIET = 6.0  # s that nobody has spoken
 ANSWER_DUE = 20.0  # s in which who was asked begins to answer
 
@@ -11,6 +9,7 @@ class Silence:
 
     def __init__(self) -> None:
         self._last_sound = 0.0
+        self._robot_speaks = False
         self._answer_due = 0.0
 
     def sound(self, now: float) -> None:
@@ -19,7 +18,7 @@ class Silence:
 
     def robot(self, now: float, speaking: bool) -> None:
         """The robot begins or ends to speak; while it does it is not quiet, however long that takes."""
-        self._last_sound = math.inf if speaking else now
+        self._robot_speaks, self._last_sound = speaking, now
 
     def asked(self, now: float) -> None:
         """The robot has asked somebody who will answer; nobody else speaks first."""
@@ -27,4 +26,4 @@ class Silence:
 
     def quiet(self, now: float) -> bool:
         """Whether somebody may call."""
-        return now - self._last_sound > QUIET and now > self._answer_due
+        return not self._robot_speaks and now - self._last_sound > QUIET and now > self._answer_due

@@ -18,6 +18,7 @@ from merlin_restaurant.players.places import Point
 from merlin_restaurant.players.silence import Silence
 from merlin_sim.ros_clock import RosClock
 from merlin_sim.speech_synthesizer import RATE, SpeechSynthesizer
+from merlin_sm.deadline import Deadline
 from merlin_sm.service_proxy import ServiceProxy
 
 CHUNK = 0.2  # s of sound per message
@@ -34,6 +35,18 @@ class StageError(RuntimeError):
 
 class Closed(Exception):
     """The evening is over, or ROS shuts down: whoever waits goes home."""
+
+
+class _Listener(rospy.SubscribeListener):
+    """Notices that a topic has a subscriber."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.there = threading.Event()
+
+    def peer_subscribe(self, *_: object) -> None:
+        """Called by rospy."""
+        self.there.set()
 
 
 class Stage:
@@ -53,7 +66,10 @@ class Stage:
         self._place = ServiceProxy("/merlin_sim/place", PlaceThing, timeout=CALL_LIMIT)
         self._walk = ServiceProxy("/merlin_sim/walk", WalkPerson, timeout=CALL_LIMIT)
         self._answers = ServiceProxy("person_voice/set_answers", SetAnswers, timeout=CALL_LIMIT)
-        self._events = rospy.Publisher("restaurant/guests", GuestEvent, queue_size=100, latch=True)
+        self._listener = _Listener()
+        self._events = rospy.Publisher(
+            "restaurant/guests", GuestEvent, self._listener, latch=True, queue_size=100
+        )
         self._microphone = rospy.Publisher("audio/microphone", AudioData, queue_size=50)
         rospy.Subscriber("/merlin_sim/people", SimPeople, self._see_people, tcp_nodelay=True)
         rospy.Subscriber("person_voice/heard", PersonHeard, self._hear, tcp_nodelay=True)
@@ -72,6 +88,13 @@ class Stage:
             if not self._changed.wait_for(lambda: bool(self._people) and self._robot is not None, timeout):
                 return f"nobody on /merlin_sim/people, or no ground_truth, after {timeout:.0f} s"
         return ""
+
+    def heard_of(self, timeout: float) -> bool:
+        """Waits until somebody listens to what happens, who would miss what was told before.
+
+        :param timeout: s of running time.
+        """
+        return Deadline(timeout).wait_event(self._listener.there)
 
     def now(self) -> float:
         """Simulated time, s."""
@@ -173,10 +196,18 @@ class Stage:
             assert self._robot is not None
             return self._robot[:2]
 
-    def trail(self) -> List[Point]:
-        """Where the robot has been, the newest last."""
+    def trail_length(self) -> int:
+        """How many places of the robot are remembered."""
         with self._changed:
-            return list(self._trail[-400:])
+            return len(self._trail)
+
+    def trail(self, since: int) -> List[Point]:
+        """Where the robot has been, the newest last.
+
+        :param since: number of the first of these places; the first of all is 0.
+        """
+        with self._changed:
+            return self._trail[since:]
 
     # --- speech --------------------------------------------------------------------------------------------
 

@@ -1,0 +1,97 @@
+"""What ``merlin/mission`` tells while a mission is paused, and how a mission ends that hardly began."""
+
+from typing import Any, Callable, List, Tuple
+
+import pytest
+import rospy
+from merlin_msgs.msg import MissionStatus
+from rospy import core
+
+from merlin_executor import goal_dispatcher, mission_reporter
+from merlin_executor.mission_pause import PAUSED
+from merlin_executor.mission_reporter import MissionReporter
+from merlin_sm.states.function_state import FunctionState
+
+RUNNING = MissionStatus.RUNNING
+
+
+class Topic:
+    """A publisher that keeps what it was given."""
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        self.told: List[Tuple[int, int, str]] = []
+        self.closed = False
+
+    def publish(self, status: MissionStatus) -> None:
+        if self.closed:
+            raise rospy.ROSException("publish() to a closed topic")
+        self.told.append((status.state, status.task, status.description))
+
+
+@pytest.fixture()
+def topic(monkeypatch: pytest.MonkeyPatch) -> Topic:
+    made = Topic()
+    monkeypatch.setattr(mission_reporter.rospy, "Publisher", lambda *_, **__: made)
+    monkeypatch.setattr(mission_reporter.rospy.Time, "now", rospy.Time)
+    return made
+
+
+def test_a_mission_that_goes_on_tells_its_task_again(topic: Topic) -> None:
+    reporter = MissionReporter("round", 2)
+    reporter.task("(checked kitchen)")
+    reporter.paused(True)
+    reporter.paused(False)
+    assert topic.told == [
+        (MissionStatus.STARTING, 0, "starting"),
+        (RUNNING, 1, "(checked kitchen)"),
+        (MissionStatus.PAUSED, 1, PAUSED),
+        (RUNNING, 1, "(checked kitchen)"),
+    ]
+
+
+def test_a_task_that_is_reached_while_paused_does_not_look_as_if_it_ran(topic: Topic) -> None:
+    reporter = MissionReporter("evening")
+    reporter.task("TABLES")
+    reporter.paused(True)
+    reporter.task("SERVE")
+    assert topic.told[-1][::2] == (MissionStatus.PAUSED, PAUSED)
+    reporter.paused(False)
+    assert topic.told[-1] == (RUNNING, 2, "SERVE")
+
+
+def test_the_last_words_of_a_node_that_goes_down_may_be_lost(
+    topic: Topic, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reporter = MissionReporter("round")
+    topic.closed = True
+    monkeypatch.setattr(core, "_in_shutdown", True)
+    reporter.report(MissionStatus.CANCELLED, "cancelled")
+
+
+def test_a_mission_whose_node_goes_down_before_it_begins_does_nothing(
+    topic: Topic, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran: List[str] = []
+
+    class Mission(goal_dispatcher.MissionSM):
+        def build(self) -> None:
+            self.add("ACT", FunctionState(lambda userdata: ran.append("ACT")))
+
+    class Server:
+        def stop(self) -> None:
+            pass
+
+    def down(hook: Callable[[], None]) -> None:
+        hook()  # as rospy does once it has shut down
+
+    monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", lambda: None)
+    monkeypatch.setattr(goal_dispatcher, "show", lambda *_: Server())
+    monkeypatch.setattr("merlin_executor.mission_pause.rospy.Service", lambda *_: _Service())
+    monkeypatch.setattr(goal_dispatcher.rospy, "on_shutdown", down)
+    assert Mission().run() == "preempted"
+    assert ran == []
+
+
+class _Service:
+    def shutdown(self, reason: str) -> None:
+        pass

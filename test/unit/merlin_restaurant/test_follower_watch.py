@@ -1,0 +1,92 @@
+"""Who guides a client notices that nobody follows, also when the lidar does not work any more."""
+
+import math
+import threading
+from typing import List
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
+
+from merlin_restaurant import follower_watch
+from merlin_restaurant.follower_watch import GONE, LOST, SILENT, UNSEEN, FollowerWatch, WatchState
+from smach import UserData
+
+LONG = 20.0
+
+
+class Clock:
+    """ROS time that the test moves."""
+
+    now = 100.0
+
+
+@pytest.fixture()
+def watch(monkeypatch: pytest.MonkeyPatch) -> FollowerWatch:
+    Clock.now = 100.0
+    monkeypatch.setattr(follower_watch.rospy, "get_time", lambda: Clock.now)
+    monkeypatch.setattr(follower_watch.rospy, "Subscriber", lambda *_, **__: _Nothing())
+    watching = FollowerWatch()
+    watching.begin()
+    watching._move(Odometry())
+    return watching
+
+
+class _Nothing:
+    def unregister(self) -> None:
+        pass
+
+
+def see(watch: FollowerWatch, distance: float) -> None:
+    """A scan of a person ahead; 0: of an empty room."""
+    ranges: List[float] = []
+    for angle in np.radians(np.arange(360)):
+        off = distance * abs(math.sin(angle))
+        there = distance and math.cos(angle) > 0 and off < 0.2
+        ranges.append(distance * math.cos(angle) - math.sqrt(0.04 - off**2) if there else math.inf)
+    scan = LaserScan(
+        angle_min=0.0, angle_increment=math.radians(1.0), range_min=0.05, range_max=10.0, ranges=ranges
+    )
+    scan.header.stamp = follower_watch.rospy.Time.from_sec(Clock.now)
+    watch._see(scan)
+
+
+def test_who_is_seen_is_not_lost_and_who_is_not_seen_any_more_is(watch: FollowerWatch) -> None:
+    see(watch, 1.5)
+    assert abs(watch.distance - 1.5) < 0.1
+    assert not watch.lost
+    Clock.now += UNSEEN + 0.1
+    see(watch, 0.0)
+    assert watch.lost
+
+
+def test_who_is_too_far_away_is_lost(watch: FollowerWatch) -> None:
+    for distance in np.arange(1.5, GONE - 0.05, 0.1):
+        Clock.now += 0.1
+        see(watch, float(distance))
+        assert not watch.lost
+    Clock.now += 0.1
+    see(watch, GONE + 0.1)
+    assert watch.lost
+
+
+@pytest.mark.parametrize("seen_before", (True, False))
+def test_a_robot_whose_lidar_falls_silent_does_not_lead_on_for_ever(
+    watch: FollowerWatch, seen_before: bool
+) -> None:
+    if seen_before:
+        see(watch, 1.5)
+    state = WatchState(watch, lambda distance: False)  # as the robot leads: without a limit
+    outcomes: List[str] = []
+    leads = threading.Thread(target=lambda: outcomes.append(state.execute(UserData())), daemon=True)
+    leads.start()
+    Clock.now += SILENT + 0.1
+    leads.join(LONG)
+    assert outcomes == [LOST]
+
+
+def test_a_scan_that_comes_late_is_none_that_never_comes(watch: FollowerWatch) -> None:
+    see(watch, 1.5)
+    Clock.now += UNSEEN + 1.0
+    assert not watch.lost

@@ -1,0 +1,171 @@
+"""The players' node: what it is told, how it begins, and how it ends."""
+
+import threading
+from typing import Any, Callable, Dict, List
+
+import pytest
+
+from merlin_restaurant.players import players_node
+from merlin_restaurant.players.players_node import Players
+from merlin_restaurant.players.stage import Closed
+from merlin_sm.service_proxy import ServiceError
+
+LONG = 20.0
+
+
+@pytest.fixture()
+def told(monkeypatch: pytest.MonkeyPatch) -> Dict[str, Any]:
+    """The node's parameters; the evening itself ends at once, with what it would be."""
+    parameters: Dict[str, Any] = {"~world": "restaurant"}
+    monkeypatch.setattr(players_node, "init_node", lambda name: None)
+    monkeypatch.setattr(players_node.rospy, "get_param", lambda name, default: parameters.get(name, default))
+    monkeypatch.setattr(Players, "__init__", lambda self, *given: setattr(self, "given", given))
+    monkeypatch.setattr(Players, "run", lambda self: parameters.update(given=self.given) or 0)
+    return parameters
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("~wrong_share", "x", "parameter ~wrong_share is 'x', not a number"),
+        ("~wrong_share", 25, "parameter ~wrong_share is 25, more than 1"),
+        ("~wrong_share", -0.1, "parameter ~wrong_share is -0.1, less than 0"),
+        ("~guests", 2.9, "parameter ~guests is 2.9, not a whole number"),
+        ("~guests", [2], "parameter ~guests is [2], not a number"),
+        ("~guests", 12, "12 guests cannot be"),
+        ("~seed", "x", "parameter ~seed is 'x', not a number"),
+        ("~haste", {}, "parameter ~haste is {}, not a number"),
+        ("~disturbances", True, "parameter ~disturbances is True, not a number"),
+        ("~disturbances", 1.5, "parameter ~disturbances is 1.5, not a whole number"),
+        ("~disturbances", ["leaves", "fire"], "'fire' cannot be"),
+        ("~world", "", "parameter ~world is missing"),
+        ("~world", "/nowhere.yaml", "/nowhere.yaml"),
+    ],
+)
+def test_a_parameter_that_cannot_be_is_named(
+    told: Dict[str, Any], capsys: pytest.CaptureFixture, name: str, value: object, text: str
+) -> None:
+    told[name] = value
+    assert players_node.main() == 2
+    assert text in capsys.readouterr().err
+    assert "given" not in told
+
+
+@pytest.mark.parametrize("disturbances", ("leaves,chair", "leaves chair", ["leaves", "chair"]))
+def test_disturbances_can_be_named(told: Dict[str, Any], disturbances: object) -> None:
+    told.update({"~disturbances": disturbances, "~guests": 3.0, "~wrong_share": 1})
+    assert players_node.main() == 0
+    _, plans, _, wrong_share = told["given"]
+    assert sorted(kind for plan in plans for kind in plan.disturbances) == ["chair", "leaves"]
+    assert (len(plans), wrong_share) == (3, 1.0)
+
+
+class Stand:
+    """A stage of which only beginning and end are there."""
+
+    def __init__(self) -> None:
+        self.missing = ""
+        self.listened = True
+        self.told: List[int] = []
+        self.closed = threading.Event()
+
+    def ready(self, timeout: float) -> str:
+        return self.missing
+
+    def heard_of(self, timeout: float) -> bool:
+        return self.listened
+
+    def people(self) -> List[str]:
+        return []
+
+    def tell(self, event: int, *_: object) -> None:
+        self.told.append(event)
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+class Player:
+    """Plays what a test wants."""
+
+    def __init__(self, play: Callable[[], None]) -> None:
+        self.play = play
+        self.plan = type("Plan", (), {"name": "ann"})
+
+
+class Log:
+    """What is logged, and whether the node is going down."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.lines: Dict[str, List[str]] = {"logwarn": [], "logfatal": []}
+        self.down = False
+        for level, lines in self.lines.items():
+            patch.setattr(players_node.rospy, level, lines.append)
+        patch.setattr(players_node.rospy, "on_shutdown", lambda close: None)
+        patch.setattr(players_node.rospy, "is_shutdown", lambda: self.down)
+        patch.setattr(players_node.rospy, "spin", lambda: None)
+        patch.setattr(players_node, "is_shutdown_requested", lambda: self.down)
+
+
+@pytest.fixture()
+def log(monkeypatch: pytest.MonkeyPatch) -> Log:
+    return Log(monkeypatch)
+
+
+def evening(guest: Callable[[], None] = lambda: None) -> Players:
+    players = Players.__new__(Players)
+    stand = Stand()
+
+    def serve() -> None:
+        assert stand.closed.wait(LONG)
+        raise Closed
+
+    players.__dict__.update(
+        _stage=stand,
+        _world=type("World", (), {"objects": []}),
+        _guests=[Player(guest)],
+        _barman=Player(serve),
+        _failure="",
+    )
+    return players
+
+
+def test_the_evening_closes_when_all_guests_have_left(log: Log) -> None:
+    players = evening()
+    assert players.run() == 0
+    assert players._stage.told == [players_node.GuestEvent.CLOSED]
+    assert log.lines == {"logwarn": [], "logfatal": []}
+
+
+def test_an_evening_of_which_nobody_keeps_the_books_begins_with_a_warning(log: Log) -> None:
+    players = evening()
+    players._stage.listened = False
+    assert players.run() == 0
+    assert "nobody listens to restaurant/guests" in log.lines["logwarn"][0]
+
+
+def test_a_player_who_fails_ends_the_evening_with_the_reason(log: Log) -> None:
+    def fail() -> None:
+        raise ServiceError("service /merlin_sim/walk does not answer")
+
+    assert evening(fail).run() == 1
+    assert "ann cannot go on" in log.lines["logfatal"][0]
+
+
+def test_what_fails_because_the_node_goes_down_is_no_failure(log: Log) -> None:
+    def interrupted() -> None:
+        log.down = True
+        players._stage.close()
+        raise ServiceError("service /merlin_sim/walk does not answer")
+
+    players = evening(interrupted)
+    assert players.run() == 0
+    assert log.lines["logfatal"] == []
+
+
+@pytest.mark.parametrize("down", (True, False))
+def test_a_stage_that_is_not_there_is_a_failure_only_while_the_node_lives(log: Log, down: bool) -> None:
+    players, log.down = evening(), down
+    players._stage.missing = "no service /merlin_sim/place after 60 s"
+    assert players.run() == (0 if down else 1)
+    assert log.lines["logfatal"] == ([] if down else ["players: no service /merlin_sim/place after 60 s"])
