@@ -30,7 +30,6 @@ class Room(Stage):
         self._changed = contextlib.nullcontext()
         self._time = 0.0
         self._way: List[Point] = []
-        self.waits_for_guest = False
         self.guest: Point = (trail[joined][0] - KEPT, trail[joined][1])
         self.walked = [self.guest]
         self.refused = 0
@@ -58,12 +57,13 @@ class Room(Stage):
     def hear(self, name: str, text: object, seconds: float) -> str:
         """Time passes: both move. A robot that has arrived waits for the guest, and then offers a seat."""
         self._time += seconds
-        behind = math.dist(self.guest, self.robot())
         last = len(self._drive) - 1
-        if self._at < last and behind < 1.9:
+        arrived = self._at >= last
+        if math.dist(self.guest, self.robot()) < 1.9:
             self._at = min(float(last), self._at + PACE * seconds / STEP)
         self._go(PACE * seconds)
-        return "this is table 1. please take a seat." if self._at >= last and behind < 1.4 else ""
+        near = math.dist(self.guest, self.robot()) < 1.4
+        return "this is table 1. please take a seat." if arrived and near else ""
 
     def _go(self, distance: float) -> None:
         while self._way and distance > 0.0:
@@ -121,10 +121,10 @@ def test_who_follows_walks_where_the_robot_went_however_far_it_has_driven_that_e
 
 
 def test_where_the_robot_stands_too_near_a_table_the_guest_comes_as_near_as_there_is_room() -> None:
-    room = Room(line(3.6), 0, lambda place: place[0] < 2.4)
+    room = Room(line(3.75), 0, lambda place: place[0] < 2.5)
     assert follow(room)
     assert room.refused
-    assert room.guest[0] > 2.4 - STEP - LOOK * PACE
+    assert room.guest[0] > 2.5 - STEP
 
 
 def test_where_the_robot_passed_a_table_closer_than_people_can_the_guest_goes_round_it() -> None:

@@ -24,8 +24,8 @@ class Conversation(TakeOrder):
         heard = next(said for begin, said in self.said.items() if args[0].startswith(begin))
 
         def answer(userdata: Any) -> str:
-            userdata.heard = heard.pop(0) if heard else ""
-            return "" if userdata.heard else "misunderstood"
+            said = userdata.heard = heard.pop(0) if heard else ""
+            return "" if said else "misunderstood"
 
         return FunctionState(answer, outputs=["heard"], outcomes=["misunderstood"])
 
