@@ -210,6 +210,14 @@ def _where_time_goes(analysis: Analysis) -> str:
                 f"- {APPROACH_NAMES[approach]}: {means['deliberating']:.3f} s from a goal to its first "
                 f"action, {means['stopping']:.2f} s from a cancel to idle, on average over all missions."
             )
+    lost = analysis.beyond_oracle("merlin")
+    if lost is not None:
+        driving = lost["time"] - lost["deliberating"] - lost["between"]
+        notes.append(
+            f"- A completed task takes MERLIN {lost['time']:.2f} s longer than the oracle: "
+            f"{lost['deliberating']:.2f} s until its first action, {lost['between']:.2f} s between actions, "
+            f"and {driving:.2f} s of driving and speaking, on a way of {lost['distance_m']:.2f} m more."
+        )
     header = "mission | approach | all | driving | speaking | deliberating | between actions | after cancel"
     method = "Mean simulated seconds of a run. *After cancel* lies within the others: from a cancel to idle."
     return section("Where the time goes", method, table(header, rows), "\n".join(notes))
