@@ -49,6 +49,17 @@ def run(simulation, seconds, *commands):
     return max(abs(b - a) / 0.1 for a, b in zip(speeds, speeds[10:]))
 
 
+def test_it_begins_on_its_wheels(simulate):
+    simulation = simulate(Pose(0.6, 3.4))
+    body = simulation.robots["r0"].body
+    before = body.camera_pose().position
+    run(simulation, 1.0)
+    after = body.camera_pose().position
+    assert after[2] == pytest.approx(before[2], abs=0.002)
+    assert after == pytest.approx(before, abs=0.006)  # it leans on its casters by a hair
+    assert before[2] == pytest.approx(1.40, abs=0.002)
+
+
 def test_it_drives_as_told_within_its_limits(simulate):
     simulation = simulate(Pose(0.6, 3.4))
     robot = simulation.robots["r0"]

@@ -4,6 +4,7 @@ Both sides read this table: the renderer paints things after it, the detector lo
 detector brings its own.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Dict, Optional, Tuple
 
@@ -16,6 +17,7 @@ SHOULDERS = 1.44  # m above the floor: the body ends here
 HEAD_RADIUS = 0.13  # m
 CLOTHES = "#b04a7a"
 SKIN = "#e6b48c"
+HEADING_STEP = math.radians(15.0)  # a box looks the same within half of it
 DARK = "#140c08"  # coffee, and what is left on a plate
 
 
@@ -47,6 +49,15 @@ class ObjectClass:
             return 2 * self.radius
         assert self.size is not None
         return sum(self.size) * 0.6366  # 2/pi: the mean of |cos| over all headings
+
+    @property
+    def headings(self) -> Tuple[float, ...]:
+        """Those that it can look different at, rad; a cylinder has one."""
+        if self.size is None:
+            return (0.0,)
+        turn = math.pi / 2 if self.size[0] == self.size[1] else math.pi
+        count = round(turn / HEADING_STEP)
+        return tuple(turn * index / count for index in range(count))
 
 
 _CUP, _GLASS, _PLATE = (0.04, 0.10), (0.035, 0.13), (0.11, 0.02)

@@ -15,7 +15,7 @@ import numpy as np
 
 from merlin_sim.camera_view import Box, CameraView, area, overlap
 from merlin_sim.object_classes import OBJECT_CLASSES, ObjectClass
-from merlin_sim.object_placement import beside, outline, placed
+from merlin_sim.object_placement import beside, outline, placed, silhouette
 from merlin_sim.sighting import Sighting
 
 HUE_TOLERANCE = 6  # of OpenCV's 180
@@ -131,28 +131,52 @@ class ObjectDetector:
         """The one thing, or the two, that a patch shows."""
         whole = self._best(kinds, box, view, dark)
         stands = whole is not None and whole.depth_from == "support"
-        least = whole.score if whole is not None and stands else 0.0
-        if whole is None or not stands or _likeness(whole, view) < DOUBTFUL:
-            ways = itertools.product(self._supports, ((0, 2), (3, 1)))
-            pair = max((_pair(kinds, box, shape, view, dark, *way) for way in ways), key=_least_score)
-            if _least_score(pair) > least:
-                return pair
-        return [whole] if whole is not None else []
+        if whole is not None and stands and _likeness(whole, view) >= DOUBTFUL:
+            return [whole]
+        ways = itertools.product(self._supports, ((0, 2), (3, 1)))
+        pair = max((_pair(kinds, box, shape, view, dark, *way) for way in ways), key=_least_score)
+        if whole is None:
+            return pair
+        if not pair or (stands and _least_score(pair) <= whole.score):
+            return [whole]
+        # One thing may have the rectangle of two; but where they would meet, its outline has no step.
+        singles = [whole, self._best(kinds, box, view, dark, [None])]
+        one = max(_explains([single], box, shape, view) for single in singles if single is not None)
+        return pair if _explains(pair, box, shape, view) > one else [whole]
 
     def _best(
-        self, kinds: List[ObjectClass], box: Box, view: CameraView, dark: np.ndarray
+        self,
+        kinds: List[ObjectClass],
+        box: Box,
+        view: CameraView,
+        dark: np.ndarray,
+        heights: Optional[Sequence[Optional[float]]] = None,
     ) -> Optional[Sighting]:
-        fits = [self._whole(kind, box, view, dark) for kind in kinds]
+        """The thing that fits a rectangle best.
+
+        :param heights: of what it may stand on, m; None among them: it may hang anywhere.
+        """
+        heights = [*self._supports, None] if heights is None else heights
+        fits = [self._whole(kind, box, view, dark, heights) for kind in kinds]
         return max((fit for fit in fits if fit is not None), key=lambda fit: fit.score, default=None)
 
-    def _whole(self, kind: ObjectClass, box: Box, view: CameraView, dark: np.ndarray) -> Optional[Sighting]:
+    def _whole(
+        self,
+        kind: ObjectClass,
+        box: Box,
+        view: CameraView,
+        dark: np.ndarray,
+        heights: Sequence[Optional[float]],
+    ) -> Optional[Sighting]:
         likeness, place, support = 0.0, None, None
-        for height in [*self._supports, None]:
-            for edge in (3, 1):  # the bottom may be hidden or outside the picture, or the top
-                here = placed(kind, box, view, height, edge)
+        for height in heights:
+            # The bottom may be hidden or outside the picture, or the top.
+            for edge, yaw in itertools.product((3, 1), kind.headings):
+                here = placed(kind, box, view, height, edge, yaw)
                 if here is None:
                     continue
-                like = overlap(view.box(outline(kind, here)), box) * (HANGING if height is None else 1.0)
+                like = overlap(view.box(outline(kind, here, yaw=yaw)), box)
+                like *= HANGING if height is None else 1.0
                 if like > likeness + 0.01:
                     likeness, place, support = like, here, height
         if place is None:
@@ -181,11 +205,12 @@ def _pair(
     for side in sides:
         fits = []
         for kind in kinds:
-            half = beside(kind, box, shape, view, height, side)
-            if half is not None and _within(half[2], box):
-                place, part, expected = half
-                likeness = overlap(expected, part) * _darkness(kind, place, view, dark)
-                fits.append((likeness, kind, place, expected))
+            for yaw in kind.headings:
+                half = beside(kind, box, shape, view, height, side, yaw)
+                if half is not None and _within(half[2], box):
+                    place, part, expected = half
+                    likeness = overlap(expected, part) * _darkness(kind, place, view, dark)
+                    fits.append((likeness, kind, place, expected))
         likeness, kind, place, expected = max(fits, key=lambda fit: fit[0], default=(0.0, None, None, box))
         if likeness < LEAST_HALF:
             return []
@@ -212,9 +237,27 @@ def _within(inner: Box, outer: Box) -> bool:
 
 def _likeness(sighting: Sighting, view: CameraView) -> float:
     """Of the patch's rectangle and the thing's; a dark part where it has to be counts too."""
+    like = overlap(view.box(_points(sighting, view)), sighting.box)
+    return like + (DARK_COUNTS if OBJECT_CLASSES[sighting.name].dark_height else 0.0)
+
+
+def _points(sighting: Sighting, view: CameraView) -> np.ndarray:
+    """Around a thing that was seen; a box at the heading that fits best."""
     kind = OBJECT_CLASSES[sighting.name]
     place = np.array(sighting.position) - (0.0, 0.0, sighting.size[2] / 2)
-    return overlap(view.box(outline(kind, place)), sighting.box) + (DARK_COUNTS if kind.dark_height else 0.0)
+    return max(
+        (outline(kind, place, yaw=yaw) for yaw in kind.headings),
+        key=lambda points: overlap(view.box(points), sighting.box),
+    )
+
+
+def _explains(things: Sequence[Sighting], box: Box, shape: np.ndarray, view: CameraView) -> float:
+    """How well the outlines of things, seen as one, fit a patch, 0..1."""
+    rim = math.ceil(max(shape.shape) / 4)
+    window = (box[0] - rim, box[1] - rim, box[2] + rim, box[3] + rim)
+    seen = np.pad(shape, rim)
+    shown = np.bitwise_or.reduce([silhouette(view, _points(thing, view), window) for thing in things])
+    return float((seen & shown).sum() / (seen | shown).sum())
 
 
 def _least_score(sightings: List[Sighting]) -> float:

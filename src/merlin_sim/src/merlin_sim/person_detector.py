@@ -53,7 +53,9 @@ class PersonDetector:
     def _sighting(self, box: Box, rows: np.ndarray, skin: np.ndarray, view: CameraView) -> Optional[Sighting]:
         sides = _sides(rows, box[0] <= 0, box[2] >= view.width)
         place, origin = None, "size"
-        if box[3] < view.height:
+        # Cut at a side, the rectangle's middle and its bottom are not the body's: where it reaches
+        # farthest down may lie outside the picture, and how wide it is tells only where both sides show.
+        if box[0] > 0 and box[2] < view.width and box[3] < view.height:
             feet = _by_feet(box, view)
             if feet is not None and overlap(view.box(_body(feet)), box) > STANDS:
                 place, origin = feet, "support"

@@ -52,7 +52,9 @@ class RobotBody:
             engine.changeDynamics(
                 self.body, index, lateralFriction=grip, rollingFriction=0.0, restitution=0.0
             )
-        self._ride_height = geometry.wheel_radius
+        # The engine places the centre of mass, not the link's origin.
+        rise = engine.getDynamicsInfo(self.body, -1)[3][2]
+        self._ride_height = geometry.wheel_radius + rise
         self.place(start)
 
     def place(self, pose: Pose) -> None:
