@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """recognize as its clients use it: what stands where, cancels, and why there is no answer."""
 
+import threading
 import time
 import unittest
 
@@ -114,12 +115,15 @@ class Recognition(unittest.TestCase):
             goal = self.look(server=server)
             self.assertEqual(goal.status, GoalStatus.ABORTED, server)
             self.assertIn(words, goal.text)
-        for _ in range(50):
-            told = rospy.wait_for_message("/diagnostics", DiagnosticArray, timeout=LONG).status
-            if any("nothing came on /nobody/image_raw" in status.message for status in told):
-                break
-        else:
-            self.fail("the diagnostics tell of a recogniser without a camera")
+        told = threading.Event()
+
+        def receive(message):
+            if any("nothing came on /nobody/image_raw" in status.message for status in message.status):
+                told.set()
+
+        diagnostics = rospy.Subscriber("/diagnostics", DiagnosticArray, receive)
+        self.addCleanup(diagnostics.unregister)
+        self.assertTrue(told.wait(LONG), "the diagnostics tell of a recogniser without a camera")
 
     def test_a_cancel_ends_a_look_that_waits(self):
         goal = self.clients["silent"].send(RecognizeGoal())
