@@ -41,7 +41,7 @@ def run_node(name: str, start: Callable[[], Optional[Callable[[], None]]], *erro
         run = start()
         (run or rospy.spin)()
     except (ParameterError, *errors) as error:
-        if not rospy.is_shutdown():  # otherwise it is no error that something was not found
+        if not is_shutdown_requested():  # otherwise it is no error that something was not found
             rospy.logfatal(f"{rospy.get_name()}: {error}")
             rospy.signal_shutdown(str(error))
             return 1

@@ -1,0 +1,48 @@
+"""Messages that cannot be used are told apart from those that can."""
+
+import math
+
+import pytest
+import rospy
+from nav_msgs.msg import OccupancyGrid, Odometry
+
+from merlin_sim.navigation_node import _refuse_jump
+from merlin_sim.robot_state import StateError
+from merlin_sim.ros_messages import grid_of, pose_message
+from merlin_sim.world import Pose
+
+
+@pytest.mark.parametrize("resolution", [0.0, -0.05, math.nan, math.inf])
+def test_a_map_needs_cells_of_a_width(resolution: float) -> None:
+    message = OccupancyGrid(data=[0, 0, 100, -1])
+    message.info.width = message.info.height = 2
+    message.info.resolution = 0.05
+    assert grid_of(message).cells.shape == (2, 2)
+    message.info.resolution = resolution
+    with pytest.raises(ValueError, match="m wide"):
+        grid_of(message)
+
+
+def odometry(pose: Pose, at: float) -> Odometry:
+    message = Odometry()
+    message.header.stamp = rospy.Time.from_sec(at)
+    message.pose.pose = pose_message(pose)
+    return message
+
+
+@pytest.mark.parametrize(
+    ("after", "jumps"),
+    [
+        (Pose(1.02, 1.0, 3.1), False),
+        (Pose(1.0, 1.0, -3.1), False),  # a hair further round
+        (Pose(1.6, 1.0, 3.0), True),
+        (Pose(1.0, 1.0, 0.0), True),  # where it began, but turned back
+    ],
+)
+def test_odometry_that_wheels_cannot_make_is_a_jump(after: Pose, jumps: bool) -> None:
+    before = odometry(Pose(1.0, 1.0, 3.0), 5.0)
+    if jumps:
+        with pytest.raises(StateError, match="jumped"):
+            _refuse_jump(before, odometry(after, 5.05))
+    else:
+        _refuse_jump(before, odometry(after, 5.05))
