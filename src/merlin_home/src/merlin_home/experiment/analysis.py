@@ -76,21 +76,19 @@ class Analysis:
                 result[mission, approach] = sums
         return result
 
-    def beyond_oracle(self, approach: str) -> Optional[Dict[str, float]]:
+    def beyond_oracle(self, approach: str) -> Dict[str, Optional[float]]:
         """Means of what completed tasks took beyond the oracle, s, and what of it was no driving; `_m`: m."""
         done = [
-            task for task in self.tasks if task["approach"] == approach and task["outcome"] == "SUCCEEDED"
+            task
+            for task in self.tasks
+            if task["approach"] == approach and task["outcome"] == "SUCCEEDED" and not task["cancelled"]
         ]
-        done = [task for task in done if not task["cancelled"]]
-        if not done:
-            return None
         parts = ("deliberating_s", "navigating_s", "speaking_s")
         return {
-            "time": sum(task["time_s"] - task["oracle_time_s"] for task in done) / len(done),
-            "deliberating": sum(task["deliberating_s"] or 0.0 for task in done) / len(done),
-            "between": sum(task["time_s"] - sum(task[name] or 0.0 for name in parts) for task in done)
-            / len(done),
-            "distance_m": sum(task["distance_m"] - task["oracle_distance_m"] for task in done) / len(done),
+            "time": _mean([task["time_s"] - task["oracle_time_s"] for task in done]),
+            "deliberating": _mean([task["deliberating_s"] or 0.0 for task in done]),
+            "between": _mean([task["time_s"] - sum(task[name] or 0.0 for name in parts) for task in done]),
+            "distance_m": _mean([task["distance_m"] - task["oracle_distance_m"] for task in done]),
         }
 
     def task_means(self, approach: str) -> Dict[str, Optional[float]]:

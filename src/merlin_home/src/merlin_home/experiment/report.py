@@ -211,7 +211,7 @@ def _where_time_goes(analysis: Analysis) -> str:
                 f"action, {means['stopping']:.2f} s from a cancel to idle, on average over all missions."
             )
     lost = analysis.beyond_oracle("merlin")
-    if lost is not None:
+    if lost["time"] is not None:
         driving = lost["time"] - lost["deliberating"] - lost["between"]
         notes.append(
             f"- A completed task takes MERLIN {lost['time']:.2f} s longer than the oracle: "
