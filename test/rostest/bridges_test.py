@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseActionResult
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
+from rosplan_knowledge_msgs.msg import DomainFormula
 from sound_play.msg import SoundRequestActionGoal
 
 import rostest
@@ -43,12 +44,21 @@ class Bridges(unittest.TestCase):
         cls.health = {}
         rospy.Subscriber("/diagnostics", DiagnosticArray, cls.receive_health)
         cls.number = 0
-        with cls.changed:
-            cls.changed.wait_for(cls.connected, LONG)
+        announced = set()
 
-    @classmethod
-    def connected(cls):
-        return cls.dispatches.get_num_connections() and cls.feedback.get_num_connections()
+        def announce(formula):
+            with cls.changed:
+                announced.add(formula.name)
+                cls.changed.notify_all()
+
+        # Until then a bridge takes a latched dispatch for an old one.
+        rospy.Subscriber("rosplan_knowledge_base/pddl_action_parameters", DomainFormula, announce)
+        with cls.changed:
+            if not cls.changed.wait_for(lambda: {"navigate", "ask"} <= announced, LONG):
+                raise AssertionError(f"no bridges but {announced}")
+
+    def connected(self):
+        return self.dispatches.get_num_connections() and self.feedback.get_num_connections()
 
     @classmethod
     def receive(cls, message):
@@ -84,8 +94,7 @@ class Bridges(unittest.TestCase):
             return self.health[name].message
 
     def setUp(self):
-        while not self.connected():
-            rospy.rostime.wallsleep(0.02)
+        self.wait_for_connections()
         self.machines = None
         self.put_robot_into_kitchen()
 
@@ -93,10 +102,17 @@ class Bridges(unittest.TestCase):
         if self.machines is not None:
             self.kill()
 
+    def wait_for_connections(self):
+        while not self.connected():
+            rospy.rostime.wallsleep(0.02)
+
+    def start(self, node, *arguments):
+        command = ["rosrun", "merlin_actions", node, f"_actions:={ACTIONS}", *arguments]
+        self.machines = subprocess.Popen(command, start_new_session=True)
+
     def serve(self):
         """Starts the machines and dispatches until they, which start in another process, answer."""
-        command = ["rosrun", "merlin_actions", "fsm_host", f"_actions:={ACTIONS}"]
-        self.machines = subprocess.Popen(command, start_new_session=True)
+        self.start("fsm_host")
         while self.final(self.go()).status == ActionFeedback.ACTION_FAILED:
             pass
         self.put_robot_into_kitchen()
@@ -108,6 +124,16 @@ class Bridges(unittest.TestCase):
         os.killpg(self.machines.pid, signal.SIGKILL)
         self.machines.wait()
         self.machines = None
+
+    def end_machines(self):
+        """Tells the machines' node to end while the robot drives, and waits until both have ended."""
+        Bridges.base_result = None
+        os.killpg(self.machines.pid, signal.SIGINT)
+        self.assertEqual(self.machines.wait(LONG), 0)
+        self.machines = None
+        # A base whose goal is only forgotten drives on.
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(lambda: self.base_result is not None, LONG))
 
     def dispatch(self, name, number=None, **parameters):
         if number is None:
@@ -226,14 +252,20 @@ class Bridges(unittest.TestCase):
         self.serve()
         dispatch = self.go()
         self.driving()
-        Bridges.base_result = None
-        os.killpg(self.machines.pid, signal.SIGINT)
-        self.assertEqual(self.machines.wait(LONG), 0)
-        self.machines = None
+        self.end_machines()
         self.reason(self.final(dispatch))
-        # A base whose goal is only forgotten drives on.
-        with self.changed:
-            self.assertTrue(self.changed.wait_for(lambda: self.base_result is not None, LONG))
+        self.assertEqual(self.base_result.status.status, GoalStatus.PREEMPTED)
+        self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
+
+    def test_a_node_of_naive_actions_that_is_told_to_end_stops_the_robot_first(self):
+        # Topics of its own: the bridges would answer too.
+        self.dispatches = rospy.Publisher("naive_dispatch", ActionDispatch, queue_size=10)
+        self.addCleanup(self.dispatches.unregister)
+        self.start("naive_actions", "rosplan_plan_dispatcher/action_dispatch:=naive_dispatch")
+        self.wait_for_connections()
+        dispatch = self.go()
+        self.driving()
+        self.end_machines()
         self.assertEqual(self.base_result.status.status, GoalStatus.PREEMPTED)
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
 

@@ -5,12 +5,14 @@ The state machine runs directly inside the action interface, in the thread that 
 effects are true and are applied, and the dispatcher stops before the next action (paper, section 3.2.3).
 """
 
+import threading
 from typing import Any
 
 import rospy
 
 from merlin_actions.action_interface import ActionInterface, wait_for_knowledge_base
 from merlin_actions.execution import Ending, Execution
+from merlin_actions.merlin_action_server import SHUTDOWN_WAIT
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.names import load_class, ros_name
 from merlin_sm.introspection import show
@@ -31,6 +33,7 @@ class NaiveAction(ActionInterface):
     def __init__(self, machine: MerlinActionSM, **options: Any) -> None:
         super().__init__(machine.operator_name(), **options)
         self.machine = machine
+        self._running = threading.Lock()  # held while an action is carried out
         machine.check_signature([parameter.key for parameter in self.formula.typed_parameters])
 
     def run(self, execution: Execution) -> Ending:
@@ -40,8 +43,16 @@ class NaiveAction(ActionInterface):
             return Ending(True)
         return Ending(False, self.machine.reason or f"the machine ended with {outcome}")
 
+    def shutdown(self) -> None:
+        """Preempts what runs, waits until it has stopped, at most ``SHUTDOWN_WAIT``, and stops serving."""
+        super().shutdown()
+        self.machine.cancel()
+        if self._running.acquire(timeout=SHUTDOWN_WAIT):
+            self._running.release()
+
     def _spawn(self, execution: Execution) -> None:
-        self._carry_out(execution)
+        with self._running:
+            self._carry_out(execution)
 
     def _declared(self, key: str) -> list:
         return list(getattr(self.machine, key))
@@ -59,6 +70,7 @@ def _start() -> None:
         NaiveAction(load_class(path)(), knowledge_base=knowledge_base) for path in rospy.get_param("~actions")
     ]
     for action in actions:
-        rospy.on_shutdown(show(ros_name(action.operator).upper(), action.machine).stop)
         action.start()
+        rospy.on_shutdown(action.shutdown)
+        rospy.on_shutdown(show(ros_name(action.operator).upper(), action.machine).stop)
     rospy.loginfo(f"naive actions: {', '.join(action.operator for action in actions)}")
