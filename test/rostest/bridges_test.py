@@ -263,7 +263,7 @@ class Bridges(unittest.TestCase):
         self.addCleanup(self.dispatches.unregister)
         self.start("naive_actions", "rosplan_plan_dispatcher/action_dispatch:=naive_dispatch")
         self.wait_for_connections()
-        dispatch = self.go()
+        self.go()
         self.driving()
         self.end_machines()
         self.assertEqual(self.base_result.status.status, GoalStatus.PREEMPTED)

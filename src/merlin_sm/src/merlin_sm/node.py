@@ -5,6 +5,7 @@ import threading
 from typing import Any, Callable, Optional, Type
 
 import rospy
+from rosgraph import get_master_uri
 from rospy.core import is_shutdown_requested
 
 from merlin_sm.parameters import ParameterError
@@ -19,8 +20,13 @@ def init_node(name: str, **options: Any) -> None:
 
     :param name: unless ``__name`` is given on the command line.
     :param options: of `rospy.init_node`.
+    :raises SystemExit: with a text, when parameters are given and no master takes them.
     """
-    rospy.init_node(name, **options)
+    try:
+        rospy.init_node(name, **options)
+    except OSError as error:
+        # Without parameters rospy waits for its master, and says so.
+        raise SystemExit(f"{name}: no master at {get_master_uri()}: {error}; is roscore running?") from error
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _end)
 

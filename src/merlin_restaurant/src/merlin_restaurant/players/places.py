@@ -9,6 +9,7 @@ from merlin_sim.world import World
 
 Point = Tuple[float, float]
 
+ENTRANCE_DOOR = "entrance_door"
 BODY, ROOM = 0.25, 0.05  # m, radius of who walks and what is kept free besides
 SEAT = 0.85  # m from the middle of a table, on the side away from its point of interest
 DOOR_STEP = 0.45  # m from the door's middle to where people come in
@@ -25,13 +26,13 @@ TABLE_AHEAD = 0.9  # m ahead of a table's point of interest
 class Places:
     """Places and ways of people.
 
-    :param world: of the restaurant, with tables' points of interest and a door named entrance_door.
+    :param world: of the restaurant, with tables' points of interest and a door named ``ENTRANCE_DOOR``.
     """
 
     def __init__(self, world: World) -> None:
         self._pois = world.points_of_interest
         self._planner = PathPlanner(map_of(world), BODY, ROOM)
-        door = next(door for door in world.doors if door.name == "entrance_door")
+        door = next(door for door in world.doors if door.name == ENTRANCE_DOOR)
         middle = ((door.start[0] + door.end[0]) / 2, (door.start[1] + door.end[1]) / 2)
         inside = self._ahead("entrance", WAITING)
         self.queue = [self._ahead("entrance", ahead, aside) for ahead, aside in QUEUE]

@@ -15,11 +15,11 @@ from merlin_restaurant.players.barman import Barman
 from merlin_restaurant.players.guest import Guest
 from merlin_restaurant.players.house import BAR, House
 from merlin_restaurant.players.places import Places
+from merlin_restaurant.players.restaurant_world import restaurant_world
 from merlin_restaurant.players.schedule import DISTURBANCES, GuestPlan, ScheduleError, make_schedule
 from merlin_restaurant.players.stage import Closed, Stage, StageError
 from merlin_sim.world import World
-from merlin_sim.world_drawing import find_world
-from merlin_sim.world_file import WorldError, load_world
+from merlin_sim.world_file import WorldError
 from merlin_sm.node import init_node
 from merlin_sm.parameters import ParameterError, number
 from merlin_sm.service_proxy import ServiceError
@@ -133,7 +133,7 @@ def _world() -> World:
     name = str(rospy.get_param("~world", ""))
     if not name:
         raise ParameterError("parameter ~world is missing: a world file, or the name of one of merlin_sim")
-    return load_world(find_world(name))
+    return restaurant_world(name)
 
 
 def main() -> int:
