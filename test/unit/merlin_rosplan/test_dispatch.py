@@ -17,7 +17,7 @@ from merlin_rosplan.dispatch_outside import (
 )
 from merlin_rosplan.dispatch_schedule import GraphSchedule, PlannedAction, SequentialSchedule
 from merlin_rosplan.operator_model import Atom, Conditions, Effects, Operator
-from merlin_rosplan.plan_graph import build_graph
+from merlin_rosplan.plan_graph_builder import build_graph
 from merlin_rosplan.plan_text import PlanStep
 
 LONG = 10.0

@@ -20,7 +20,7 @@ from merlin_rosplan.dispatch_outside import (
 )
 from merlin_rosplan.dispatch_schedule import GraphSchedule, PlanError, PlannedAction, SequentialSchedule
 from merlin_rosplan.operator_model import Conditions, Operator
-from merlin_rosplan.plan_graph import build_graph
+from merlin_rosplan.plan_graph_builder import build_graph
 from merlin_rosplan.plan_graph_messages import graph_from_message, graph_to_dot
 from merlin_rosplan.plan_text import PlanStep
 from merlin_rosplan.planner_command import PlannerCommandError, parse_command

@@ -16,7 +16,8 @@ from merlin_rosplan.operator_model import (
     Operator,
     over_all_before_start,
 )
-from merlin_rosplan.plan_graph import MIN_BOUND, NO_BOUND, EdgeType, PlanGraph, TimedLiteral, build_graph
+from merlin_rosplan.plan_graph import MIN_BOUND, NO_BOUND, EdgeType, PlanGraph, TimedLiteral
+from merlin_rosplan.plan_graph_builder import build_graph
 from merlin_rosplan.plan_text import PlanStep
 
 

@@ -14,7 +14,7 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 from merlin_rosplan.component import Component, ComponentError, run_component
 from merlin_rosplan.handover import Handover, digest_service
 from merlin_rosplan.operator_model import BindingError, Operator
-from merlin_rosplan.plan_graph import build_graph
+from merlin_rosplan.plan_graph_builder import build_graph
 from merlin_rosplan.plan_graph_messages import graph_to_message
 from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.plan_text import PlanStep, PlanTextError, parse_plan
