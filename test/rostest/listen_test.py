@@ -3,12 +3,16 @@
 
 import unittest
 
+import numpy as np
 import rospy
 from actionlib_msgs.msg import GoalStatus
+from audio_common_msgs.msg import AudioData
+from diagnostic_msgs.msg import DiagnosticArray
 from merlin_msgs.msg import ListenAction, ListenGoal
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
 import rostest
+from merlin_sim.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_sm.action_client import ActionClient
 
 LONG = 40.0  # s of wall time
@@ -40,6 +44,23 @@ class Listen(unittest.TestCase):
         self.assertEqual(goal.result.text, "bring me a coffee please")
         self.assertTrue(goal.result.heard)
         self.assertGreater(goal.result.confidence, 0.5)
+
+    def test_sound_with_a_byte_too_many_is_understood(self):
+        microphone = rospy.Publisher("audio/microphone", AudioData, queue_size=50)
+        self.addCleanup(microphone.unregister)
+        quiet = np.zeros(RATE, dtype=np.int16)
+        said = SpeechSynthesizer().say("bring me the tea", "").samples
+        noise = np.random.default_rng(1).normal(0.0, 30.0, len(said) + 2 * len(quiet))
+        sound = (np.concatenate([quiet, said, quiet]) + noise).astype("<i2")
+        goal = self.hear(ORDERS)
+        listening = False
+        while not (listening and microphone.get_num_connections()):
+            health = rospy.wait_for_message("/diagnostics", DiagnosticArray, LONG)
+            listening = any(status.message == "listening" for status in health.status)
+        for part in np.array_split(sound, 20):
+            microphone.publish(AudioData(data=part.tobytes() + b"?"))
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual((goal.status, goal.result.text), (GoalStatus.SUCCEEDED, "bring me the tea"))
 
     def test_what_the_grammar_does_not_allow_is_not_understood(self):
         goal = self.hear(ANSWERS)

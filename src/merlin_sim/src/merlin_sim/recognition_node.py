@@ -3,12 +3,11 @@
 import time
 from typing import List, Tuple, Union
 
-import cv2
 import numpy as np
 import rospy
-from cv_bridge import CvBridge, CvBridgeError
+from cv_bridge import CvBridge
 from merlin_msgs.msg import RecognizeAction, RecognizeResult
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithPose
 
 from merlin_sim.camera_placement import CameraPlacement, NotPlaced
@@ -22,6 +21,7 @@ from merlin_sim.recognizer import (
     annotated,
     check_classes,
 )
+from merlin_sim.rectification import rectified
 from merlin_sim.sighting import Sighting
 from merlin_sim.tag_card import TAG
 from merlin_sm.action_server import ServerGoal
@@ -29,8 +29,6 @@ from merlin_sm.health import OK, WARN, Health, HealthReporter
 from merlin_sm.node import run_node
 from merlin_sm.parameters import ParameterError, number
 from merlin_sm.serial_action_server import SerialActionServer
-
-DISTORTIONS = ("plumb_bob", "rational_polynomial")  # those that OpenCV has
 
 
 class RecognitionNode:
@@ -97,7 +95,7 @@ class RecognitionNode:
         optical = self._placement.at(
             image.header.frame_id, image.header.stamp, lambda: bool(goal.cancel_requested)
         )
-        pixels, matrix = self._rectified(image, info)
+        pixels, matrix = rectified(self._bridge, image, info)
         view = CameraView(matrix, optical, image.width, image.height)
         sightings = self._recognizer.recognize(
             pixels, view, goal.goal.classes, lambda: bool(goal.cancel_requested)
@@ -106,26 +104,6 @@ class RecognitionNode:
         drawing.header = image.header
         self._drawn.publish(drawing)
         return rospy.Header(stamp=image.header.stamp, frame_id=self._frame), sightings
-
-    def _rectified(self, image: Image, info: CameraInfo) -> Tuple[np.ndarray, np.ndarray]:
-        """The picture without distortion, RGB, and its intrinsic matrix."""
-        try:
-            pixels = self._bridge.imgmsg_to_cv2(image, "rgb8")
-        except CvBridgeError as error:
-            raise NoPicture(f"the camera image cannot be read: {error}") from error
-        matrix = np.array(info.K).reshape(3, 3)
-        if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0 and np.isfinite(matrix).all()):
-            raise NoPicture("the camera is not calibrated: its camera_info has no focal length")
-        if any(info.D):
-            if info.distortion_model not in ("", *DISTORTIONS):
-                raise NoPicture(
-                    f"the camera's distortion is {info.distortion_model!r}; known: {', '.join(DISTORTIONS)}"
-                )
-            try:
-                pixels = cv2.undistort(pixels, matrix, np.array(info.D))
-            except cv2.error as error:
-                raise NoPicture(f"the camera's distortion cannot be used: {list(info.D)}") from error
-        return pixels, matrix
 
 
 def _supports() -> List[float]:

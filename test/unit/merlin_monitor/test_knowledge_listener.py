@@ -1,0 +1,142 @@
+"""The monitor follows a knowledge base without missing a change, and goes on looking after a failure."""
+
+import queue
+import threading
+from types import SimpleNamespace
+from typing import Any, Callable, Dict, List, Tuple
+
+import pytest
+import rosgraph
+import rospy
+from merlin_msgs.msg import KnowledgeChanges
+
+from merlin_monitor import knowledge_listener, topic_watch
+from merlin_monitor.knowledge_listener import KnowledgeListener
+from merlin_monitor.topic_watch import TopicWatch
+
+LONG = 30.0
+NAME = "/knowledge"
+
+
+class Client:
+    """A knowledge base that is empty and is read as slowly as the test wants."""
+
+    def __init__(self) -> None:
+        self.name = NAME
+        self.begun: queue.Queue[None] = queue.Queue()
+        self.go_on = threading.Semaphore(0)
+
+    def types(self) -> List[str]:
+        self.begun.put(None)
+        assert self.go_on.acquire(timeout=LONG)
+        return []
+
+    def instances(self, *_: Any) -> List[str]:
+        return []
+
+    propositions = functions = goals = instances
+
+    def predicates(self) -> Dict[str, Any]:
+        return {}
+
+    operators = function_signatures = predicates
+
+    def read(self) -> None:
+        """Waits for a reading and lets it end: the domain's types are read once more."""
+        self.begun.get(timeout=LONG)
+        self.go_on.release(2)
+        self.begun.get(timeout=LONG)
+
+
+class Followed:
+    """A listener, whose topics and inbox the test holds."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.client = Client()
+        self.told: queue.Queue[Tuple[str, Any]] = queue.Queue()
+        callbacks: Dict[str, Callable[[Any], None]] = {}
+        monkeypatch.setattr(knowledge_listener, "KnowledgeClient", lambda name: self.client)
+        monkeypatch.setattr(
+            knowledge_listener,
+            "ServiceProxy",
+            lambda *args, **options: lambda: SimpleNamespace(domain_name="home"),
+        )
+        monkeypatch.setattr(
+            rospy, "Subscriber", lambda topic, kind, receive, **options: callbacks.update({topic: receive})
+        )
+        monkeypatch.setattr(rospy, "get_time", lambda: 1.0)
+        names = ("source", "domain", "replace", "changed")
+        section = SimpleNamespace(**{name: name for name in names})
+        inbox = SimpleNamespace(put=lambda what, *arguments: self.told.put((what, arguments[0])))
+        self.listener = KnowledgeListener(SimpleNamespace(knowledge=section, inbox=inbox), NAME)  # type: ignore
+        self.changed = callbacks[f"{NAME}/changes"]
+        self.listener.start()
+        watch = SimpleNamespace(address_of=lambda service: "rosrpc://here:1")
+        self.listener.look({f"{NAME}/changes": "merlin_msgs/KnowledgeChanges"}, watch)  # type: ignore
+
+    def next(self) -> Tuple[str, Any]:
+        return self.told.get(timeout=LONG)
+
+    def change(self, version: int) -> KnowledgeChanges:
+        message = KnowledgeChanges(version=version)
+        message.header.stamp = rospy.Time(1)
+        self.changed(message)
+        return message
+
+
+@pytest.fixture
+def followed(monkeypatch: pytest.MonkeyPatch) -> Any:
+    made = Followed(monkeypatch)
+    yield made
+    made.listener.stop()
+
+
+def test_what_changes_while_all_is_read_is_told_behind_it(followed: Followed) -> None:
+    assert followed.next()[0] == "source"
+    followed.client.begun.get(timeout=LONG)
+    held = [followed.change(7), followed.change(8)]
+    followed.client.go_on.release(2)
+    followed.client.begun.get(timeout=LONG)
+    assert [followed.next()[0] for _ in range(2)] == ["domain", "replace"]
+    assert [followed.next() for _ in range(2)] == [("changed", message) for message in held]
+    after = followed.change(9)
+    assert followed.next() == ("changed", after)
+
+
+def test_a_change_that_was_missed_makes_it_read_everything_again(followed: Followed) -> None:
+    assert followed.next()[0] == "source"
+    followed.client.read()
+    assert [followed.next()[0] for _ in range(2)] == ["domain", "replace"]
+    first = followed.change(3)
+    assert followed.next() == ("changed", first)
+    followed.change(5)
+    followed.client.read()
+    assert [followed.next()[0] for _ in range(2)] == ["domain", "replace"]
+
+
+def test_the_watch_goes_on_after_a_look_that_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    master = SimpleNamespace(
+        getSystemState=lambda: ([("/tick", ["/node"]), ("/mute", [])], [], []),
+        getTopicTypes=lambda: [["/tick", "std_msgs/Empty"], ["/mute", "std_msgs/Empty"]],
+    )
+    monkeypatch.setattr(rosgraph, "Master", lambda name: master)
+    monkeypatch.setattr(topic_watch, "PERIOD", 0.01)
+    monkeypatch.setattr(rospy, "logwarn_throttle", lambda period, text: complaints.append(text))
+    complaints: List[str] = []
+    seen: List[Dict[str, str]] = []
+    again = threading.Event()
+
+    def look(topics: Dict[str, str]) -> None:
+        seen.append(topics)
+        if len(seen) == 1:
+            raise OSError("the master has gone")
+        again.set()
+
+    watch = TopicWatch(look)
+    watch.start()
+    try:
+        assert again.wait(LONG)
+    finally:
+        watch.stop()
+    assert seen[0] == seen[1] == {"/tick": "std_msgs/Empty"}
+    assert complaints == ["monitor: OSError: the master has gone"]
