@@ -1,7 +1,7 @@
 """The figures of the report."""
 
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 import matplotlib
 
@@ -129,7 +129,7 @@ def draw_cancelled_task(path: Path, tracks: Dict[str, Tuple[Path, Row]]) -> None
 def draw_sweep(
     path: Path, points: Dict[str, List[Tuple[float, Ratio]]], oracle: List[Tuple[float, float]], label: str
 ) -> None:
-    """Ratios MERLIN / Naive over a setting.
+    """Ratios MERLIN / Naive over a setting, with those of the single pairs.
 
     Parameters:
         path: the PNG.
@@ -141,19 +141,15 @@ def draw_sweep(
     for (name, entries), color in zip(points.items(), ("tab:blue", "tab:purple")):
         x = [value for value, _ in entries]
         y = [ratio.value for _, ratio in entries]
-        reach = [_reach(ratio) for _, ratio in entries]
-        axes.errorbar(x, y, yerr=reach, capsize=3, marker="o", color=color, label=name)
+        axes.plot(x, y, marker="o", color=color, label=name)
+        for value, ratio in entries:
+            axes.plot([value] * ratio.pairs, ratio.each, ".", markersize=4, alpha=0.6, color=color)
     axes.plot(*zip(*oracle), "--", color=COLORS["oracle"], label="oracle / Naive, time")
     axes.axhline(1.0, color="black", linewidth=0.6)
     axes.set_xlabel(label)
     axes.set_ylabel("MERLIN / Naive")
     axes.legend(frameon=False)
     _save(figure, path)
-
-
-def _reach(ratio: Ratio) -> float:
-    high: Optional[float] = ratio.high
-    return 0.0 if high is None else high - ratio.value
 
 
 def _save(figure: "plt.Figure", path: Path) -> None:

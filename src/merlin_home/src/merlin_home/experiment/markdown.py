@@ -54,3 +54,8 @@ def ratio_cell(ratio: Ratio) -> str:
     if ratio.low is None or ratio.high is None:
         return f"{ratio.value:.3f} (one pair)"
     return f"{ratio.value:.3f} ({ratio.low:.3f} to {ratio.high:.3f})"
+
+
+def spread_cell(ratio: Ratio) -> str:
+    """A ratio with the least and the largest of its pairs: of few pairs an interval says little."""
+    return f"{ratio.value:.3f} ({min(ratio.each):.3f} to {max(ratio.each):.3f})"

@@ -3,7 +3,7 @@
 import math
 import statistics
 from dataclasses import dataclass
-from typing import Optional, Sequence
+from typing import Optional, Sequence, Tuple
 
 from scipy import stats
 
@@ -46,13 +46,18 @@ class Ratio:
         value: mean of the first over mean of the second.
         low: lower end of the confidence interval; None: fewer than two pairs.
         high: its upper end.
-        pairs: how many.
+        each: the ratio of every pair.
     """
 
     value: float
     low: Optional[float]
     high: Optional[float]
-    pairs: int
+    each: Tuple[float, ...]
+
+    @property
+    def pairs(self) -> int:
+        """How many."""
+        return len(self.each)
 
     @classmethod
     def of(cls, first: Sequence[float], second: Sequence[float]) -> "Ratio":
@@ -70,9 +75,10 @@ class Ratio:
             raise ValueError(f"{count} and {len(second)} values are no pairs")
         below = statistics.fmean(second)
         ratio = statistics.fmean(first) / below
+        each = tuple(a / b for a, b in zip(first, second))
         if count == 1:
-            return cls(ratio, None, None, 1)
+            return cls(ratio, None, None, each)
         residuals = [a - ratio * b for a, b in zip(first, second)]
         error = math.sqrt(sum(r * r for r in residuals) / (count - 1) / count) / below
         reach = float(stats.t.ppf(0.5 + CONFIDENCE / 2, count - 1)) * error
-        return cls(ratio, ratio - reach, ratio + reach, count)
+        return cls(ratio, ratio - reach, ratio + reach, each)
