@@ -10,6 +10,7 @@ from smach_msgs.msg import SmachContainerStructure
 from std_srvs.srv import Trigger
 
 import rostest
+import smach
 from merlin_executor.goal_dispatcher import GoalDispatcher, MissionFailed, MissionSM
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
@@ -26,6 +27,16 @@ class Round(GoalDispatcher):
 class Impossible(GoalDispatcher):
     def run(self):
         self.achieve("(checked moon)")
+
+
+class Broken(GoalDispatcher):
+    def run(self):
+        raise KeyError("hallway")
+
+
+class BrokenMachine(MissionSM):
+    def build(self):
+        self.goals("KITCHEN", lambda userdata: {}["hallway"], {"nothing": "succeeded"})
 
 
 class Evening(MissionSM):
@@ -83,6 +94,15 @@ class GoalDispatchers(unittest.TestCase):
         self.assertFalse(Impossible().execute())
         self.wait(lambda: self.missions and self.missions[-1][1] == MissionStatus.FAILED)
         self.assertIn("moon", self.missions[-1][3])
+
+    def test_a_mission_whose_own_code_fails_is_told_of_before_it_ends(self):
+        for mission, error in ((Broken, KeyError), (BrokenMachine, smach.InvalidUserCodeError)):
+            made = mission()
+            with self.assertRaises(error):
+                made.run() if mission is BrokenMachine else made.execute()
+            self.wait(lambda name=mission.__name__: self.missions and self.missions[-1][0] == name)
+            self.wait(lambda: self.missions[-1][1] == MissionStatus.FAILED)
+            self.assertIn("hallway", self.missions[-1][3])
 
     def test_a_cancelled_mission_stops_and_sends_nothing_more(self):
         mission = Round()

@@ -61,7 +61,8 @@ class GoalDispatcher(MerlinROSPlanAssistant):
         raise NotImplementedError(f"{type(self).__name__} has to implement run()")
 
     def execute(self) -> bool:
-        """Runs the mission and reports its end; whether it succeeded."""
+        """Runs the mission and reports its end; whether it succeeded. What :meth:`run` raises besides
+        MissionFailed is reported as a failure, and raised."""
         rospy.on_shutdown(self.cancel)
         try:
             if not self.client.wait_for_executor(EXECUTOR_WAIT):
@@ -73,6 +74,9 @@ class GoalDispatcher(MerlinROSPlanAssistant):
             self.reporter.report(state, str(error))
             rospy.logerr(f"mission {self.name}: {error}")
             return False
+        except Exception as error:  # of the mission's own code: who watches is told before the caller sees it
+            self.reporter.report(MissionStatus.FAILED, f"{type(error).__name__}: {error}")
+            raise
         self.reporter.report(MissionStatus.SUCCEEDED, "done")
         return True
 
@@ -147,6 +151,9 @@ class MissionSM(MerlinSM):
         try:
             with self._pause:
                 outcome = str(self.execute())
+        except Exception as error:  # of a state's own code
+            self.reporter.report(MissionStatus.FAILED, f"{type(error).__name__}: {error}")
+            raise
         finally:
             server.stop()
         self.reporter.report(_FINAL.get(outcome, MissionStatus.FAILED), self.reason or outcome)
