@@ -280,6 +280,22 @@ class Bridges(unittest.TestCase):
         self.assertIn("does not stop", reason)
         self.assertFalse(self.knowledge.holds("(checked kitchen)"))
 
+    def test_without_a_cancel_limit_a_machine_may_take_its_time(self):
+        self.serve()
+        patient = MerlinAction(
+            "ask", cancel_limit=0.0, dispatch_topic="patient_dispatch", feedback_topic="test_feedback"
+        )
+        self.dispatches = rospy.Publisher("patient_dispatch", ActionDispatch, queue_size=10)
+        self.addCleanup(self.dispatches.unregister)
+        patient.start()
+        self.addCleanup(patient.shutdown)
+        self.wait_for_connections()
+        self.speech.clear()
+        dispatch = self.dispatch("ask", p="kitchen")
+        self.assertTrue(self.speech.wait(LONG))
+        self.cancel(dispatch)
+        self.assertNotIn("does not stop (", self.reason(self.final(dispatch)))
+
     def test_a_late_bridge_does_not_run_an_old_dispatch(self):
         old = self.dispatch("ask", p="kitchen")
         self.final(old)

@@ -18,7 +18,7 @@ from merlin_sm.health import ERROR, Health
 class MerlinAction(ActionInterface):
     """Runs an operator on the action server ``actions/<name>``; a cancel reaches the machine while it runs.
 
-    :param server_wait: s of running time to wait for the action server.
+    :param server_wait: s of running time to wait for the action server; zero or less: it has to be there.
     :param cancel_limit: s of running time in which the machine has to stop; zero or less: no limit.
     :param run_limit: s of ROS time in which it has to end; zero or less: no limit.
 
@@ -34,7 +34,7 @@ class MerlinAction(ActionInterface):
         **options: Any,
     ) -> None:
         super().__init__(operator, **options)
-        self._server_wait = server_wait
+        self._server_wait = max(server_wait, 0.001)  # zero would be no limit
         self._cancel_limit = cancel_limit
         self._run_limit = run_limit
         self._client = ActionClient(f"actions/{ros_name(operator)}", RunActionAction)
@@ -69,7 +69,7 @@ class MerlinAction(ActionInterface):
         late = self._wait(ended)
         if late:
             sent.cancel()
-        if not sent.done and not sent.wait(self._cancel_limit):
+        if not sent.done and not sent.wait(self._cancel_limit if self._cancel_limit > 0 else None):
             what = f"still runs after {self._run_limit:g} s" if late else "was cancelled"
             return Ending(
                 False,
