@@ -241,8 +241,9 @@ def test_an_action_may_end_its_own_over_all_condition(world):
     assert run.report().success
 
 
-def test_an_action_whose_own_over_all_condition_goes_without_an_end_fails(world):
-    run = Run(world, SequentialSchedule(actions("light")), over_all_grace=0.05, cancel=0.05)
+@pytest.mark.parametrize("grace", [0.05, 0.0])
+def test_an_action_whose_own_over_all_condition_goes_without_an_end_fails(world, grace):
+    run = Run(world, SequentialSchedule(actions("light")), over_all_grace=grace, cancel=0.05)
     world.wait("action", 0)
     world.facts = {Atom("burning", ("o0",))}
     run.dispatch.put(KnowledgeChanged())

@@ -189,7 +189,7 @@ class Dispatch:
             self._outside.deadline(self._limits.acknowledge),
             self._outside.deadline(self._limits.accept),
             first,
-            self._outside.deadline(self._limits.settle) if self._limits.settle > 0 else _PAST,
+            self._grace(self._limits.settle),
             operator.over_all - first,
             operator.over_all.names,
         )
@@ -267,7 +267,10 @@ class Dispatch:
             self._fail(f"{record.action} cannot go on: {record.broken}", record.action)
         elif record.grace is None:
             # Interfaces apply the end effects before they report the end.
-            record.grace = self._outside.deadline(self._limits.over_all_grace)
+            record.grace = self._grace(self._limits.over_all_grace)
+
+    def _grace(self, seconds: float) -> Any:
+        return self._outside.deadline(seconds) if seconds > 0 else _PAST
 
     def _check_interface(self, record: _Running) -> None:
         action = record.action
@@ -316,9 +319,8 @@ class Dispatch:
             if left <= 0:
                 break
             try:
-                event = self._events.get(
-                    timeout=min(left, 1.0)
-                )  # who dies in silence is noticed every second
+                # Who dies in silence is noticed every second.
+                event = self._events.get(timeout=min(left, 1.0))
             except queue.Empty:
                 event = None
             if isinstance(event, Feedback):

@@ -41,9 +41,10 @@ class DispatchLimits:
 
     Parameters
     ----------
-    acknowledge: an action whose interface has never been heard of must be taken within this time.
-    accept: an action whose interface is alive must be taken within this time.
-    liveness: an interface that announced itself regularly and has been silent this long is dead.
+    acknowledge: an action whose interface has never been heard of must be taken within this time; zero: no
+        limit.
+    accept: an action whose interface is alive must be taken within this time; zero: no limit.
+    liveness: an interface that announced itself regularly and has been silent this long is dead; zero: never.
     cancel: how long a cancelled action's interface may take to answer; zero or less: as long as it takes.
     over_all_grace: an action whose own end effects break its over-all condition reports its end within it.
     settle: within it an interface has applied the start effects of an action it was given; until then a
