@@ -11,6 +11,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
 import rostest
+import smach
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.pddl_text import PDDLSyntaxError
@@ -121,7 +122,7 @@ class States(unittest.TestCase):
         self.assertEqual(sm.execute(), "succeeded")
 
     def test_navigation_says_what_is_wrong_with_a_place(self):
-        for place, reason in (("moon", "kitchen"), ("broken", "numbers")):
+        for place, reason in (("moon", "kitchen"), ("broken", "numbers"), ("nowhere", "numbers")):
             sm = machine(create("navigation", place))
             self.assertEqual(sm.execute(), "aborted")
             self.assertIn(reason, sm.reason)
@@ -179,6 +180,16 @@ class States(unittest.TestCase):
         sm = machine(state)
         self.assertEqual(sm.execute(), "aborted")
         self.assertIn("/news", sm.reason)
+
+    def test_code_of_users_that_fails_ends_the_state(self):
+        publisher = rospy.Publisher("numbers", String, latch=True, queue_size=1)
+        publisher.publish("one")
+        with self.assertRaisesRegex(smach.InvalidUserCodeError, "invalid literal"):
+            machine(create("topic", "numbers", String, lambda ud, message: int(message.data))).execute()
+        service = rospy.Service("ask_me", Trigger, lambda request: TriggerResponse(True, "yes"))
+        self.addCleanup(service.shutdown)
+        with self.assertRaises(smach.InvalidUserCodeError):
+            machine(create("service", "ask_me", Trigger, request=String("of another type"))).execute()
 
     def test_knowledge(self):
         sm = machine(create("knowledge", add=["(checked {room})"], keys=["room"]), room="kitchen")

@@ -26,6 +26,8 @@ def point_of_interest(name: str) -> PoseStamped:
         )
     try:
         x, y, yaw = (float(points[name][key]) for key in ("x", "y", "yaw"))
+        if not all(map(math.isfinite, (x, y, yaw))):
+            raise ValueError(name)
     except (KeyError, TypeError, ValueError):
         raise ValueError(f"point of interest {name!r} needs numbers x, y (m) and yaw (rad)") from None
     pose = PoseStamped()

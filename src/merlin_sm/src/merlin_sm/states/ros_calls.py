@@ -51,7 +51,7 @@ class ServiceCallState(MerlinState):
                 if not self._proxy.wait(self._wait):
                     raise ServiceError(f"no service {self._proxy.name} within {self._wait:g} s")
                 answers.append(self._proxy() if request is None else self._proxy(request))
-            except ServiceError as error:
+            except Exception as error:  # besides a ServiceError: a request of another type
                 answers.append(error)
             ended.set()
 
@@ -63,6 +63,8 @@ class ServiceCallState(MerlinState):
             return PREEMPTED
         if isinstance(answers[0], ServiceError):
             return self.fail(str(answers[0]))
+        if isinstance(answers[0], Exception):
+            raise answers[0]
         return (self._on_response(userdata, answers[0]) if self._on_response else None) or SUCCEEDED
 
 
@@ -97,7 +99,10 @@ class TopicState(MerlinState):
         accepted: List[Any] = []
 
         def receive(message: Any) -> None:
-            answer = self._accept(userdata, message)
+            try:
+                answer = self._accept(userdata, message)
+            except Exception as error:  # rospy would log it, and the state would wait on
+                answer = error
             if answer:
                 accepted.append(answer)
                 ended.set()
@@ -107,9 +112,12 @@ class TopicState(MerlinState):
         Deadline(self._timeout).wait_event(ended)
         self.interruptible(None)
         subscriber.unregister()
+        if accepted and isinstance(accepted[0], Exception):
+            raise accepted[0]
         if accepted:
             return str(accepted[0]) if isinstance(accepted[0], str) else SUCCEEDED
         if self.preempt_requested():
             return PREEMPTED
         topic = rospy.resolve_name(self._topic)
-        return self.fail(f"nothing fitting arrived on {topic} within {self._timeout:g} s")
+        limit = f"within {self._timeout:g} s" if self._timeout else "before the node ended"
+        return self.fail(f"nothing fitting arrived on {topic} {limit}")
