@@ -225,6 +225,24 @@ class Bridges(unittest.TestCase):
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
         self.assertEqual(self.velocities[-1], Twist())
 
+    def test_what_is_declared_holds_while_it_runs_and_no_longer(self):
+        self.serve()
+        rospy.set_param("actions/navigate/while_running", ["(checked ?to)"])
+        for end in (lambda dispatch: None, self.cancel):
+            dispatch = self.go()
+            self.driving()
+            self.assertTrue(self.knowledge.holds("(checked bathroom)"))
+            end(dispatch)
+            self.final(dispatch)
+            self.assertFalse(self.knowledge.holds("(checked bathroom)"))
+            self.put_robot_into_kitchen()
+
+    def test_a_declaration_that_cannot_be_applied_fails_the_action_and_leaves_the_knowledge_true(self):
+        self.serve()
+        rospy.set_param("actions/navigate/while_running", ["(flying ?to)"])
+        self.assertIn("while it runs", self.reason(self.final(self.go())))
+        self.assertEqual(self.robot_at(), ["(robot_at kitchen)"])
+
     def test_a_cancel_for_another_action_is_ignored(self):
         self.serve()
         dispatch = self.go()

@@ -36,6 +36,7 @@ CANCEL_ACTION = "cancel_action"
 ANNOUNCE_PERIOD = 1.0  # s of wall time between two announcements on pddl_action_parameters
 LATCH_GRACE = 0.3  # s after connecting to a dispatcher in which its latched, perhaps old, message arrives
 CONNECTION_LOOK = 0.02  # s between two looks for that connection, which rospy announces to nobody
+_KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError)
 
 
 class ActionInterface:
@@ -166,29 +167,48 @@ class ActionInterface:
             self._answer(execution.dispatch, ActionFeedback.ACTION_FAILED, ending.reason)
 
     def _run_with_effects(self, execution: Execution) -> Ending:
+        meanwhile = self._declared("while_running")
         try:
             self._effects.start(execution.parameters, execution.token)
-            self._change(self._declared("while_running"), execution)
-        except (KnowledgeError, ServiceError, ValueError) as error:
+        except _KNOWLEDGE_ERRORS as error:
             return Ending(False, f"the start effects could not be applied: {error}")
         try:
-            ending = self.run(execution)
+            self._change(meanwhile, execution)
+        except _KNOWLEDGE_ERRORS as error:
+            ending = Ending(False, f"what holds while it runs could not be applied: {error}", begun=False)
+            meanwhile = []
+        else:
+            ending = self._run_guarded(execution)
+        wrong: List[str] = []
+        for update in (
+            lambda: self._change(meanwhile, execution, undo=True),
+            lambda: self._conclude(execution, ending),
+        ):
+            try:
+                update()
+            except _KNOWLEDGE_ERRORS as error:
+                rospy.logerr(f"{execution.text}: {error}")
+                wrong.append(str(error))
+        if not wrong:
+            return ending
+        return Ending(
+            False, f"{ending.reason or 'it ran'}, and the knowledge could not be updated: {'; '.join(wrong)}"
+        )
+
+    def _run_guarded(self, execution: Execution) -> Ending:
+        try:
+            return self.run(execution)
         except Exception as error:  # user code may raise anything; the dispatcher still gets its answer
             rospy.logerr(f"{execution.text}: {traceback.format_exc()}")
-            ending = Ending(False, f"{type(error).__name__}: {error}")
-        execution.interruptible(None)
-        try:
-            self._change(self._declared("while_running"), execution, undo=True)
-            if ending.succeeded:
-                self._effects.end(execution.parameters, execution.token)
-            else:
-                self._put_right(execution, ending)
-        except (KnowledgeError, ServiceError, ValueError) as error:
-            rospy.logerr(f"{execution.text}: {error}")
-            return Ending(
-                False, f"{ending.reason or 'it ran'}, and the knowledge could not be updated: {error}"
-            )
-        return ending
+            return Ending(False, f"{type(error).__name__}: {error}")
+        finally:
+            execution.interruptible(None)
+
+    def _conclude(self, execution: Execution, ending: Ending) -> None:
+        if ending.succeeded:
+            self._effects.end(execution.parameters, execution.token)
+        else:
+            self._put_right(execution, ending)
 
     def _put_right(self, execution: Execution, ending: Ending) -> None:
         """After an interruption: what the action declares for this case, else as it was before."""
