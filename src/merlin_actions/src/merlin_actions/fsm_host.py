@@ -4,38 +4,33 @@ from typing import List
 
 import rospy
 
+from merlin_actions.action_classes import read_machines
 from merlin_actions.action_interface import wait_for_knowledge_base
 from merlin_actions.merlin_action_server import MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_actions.names import by_ros_name, load_class
+from merlin_actions.names import by_ros_name
 from merlin_sm.health import HealthReporter
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError, knowledge_client
 from merlin_sm.node import run_node
 from merlin_sm.parameters import number
 
 
-def make_servers(paths: List[str], knowledge_base: str) -> List[MerlinActionServer]:
-    """Makes the servers of the given classes and compares each with its operator.
+def make_servers(machines: List[MerlinActionSM], knowledge_base: str) -> List[MerlinActionServer]:
+    """Makes the servers of machines and compares each with its operator.
 
-    :param paths: ``package.module:Class`` each.
-    :raises ValueError: for a path without a fitting class, an unknown operator or different parameters.
+    :raises ValueError: for an unknown operator, or different parameters.
     """
     operators = knowledge_client(knowledge_base).operators()
-    servers = []
-    for path in paths:
-        action_class = load_class(path)
-        if not issubclass(action_class, MerlinActionSM):
-            raise ValueError(f"{path} is no MerlinActionSM")
-        machine = action_class()
+    for machine in machines:
         name = machine.operator_name()
         if name not in operators:
             raise ValueError(
-                f"{path}: the domain has no operator {name!r}, only {', '.join(operators) or 'none'}"
+                f"{type(machine).__name__}: the domain has no operator {name!r}, only "
+                f"{', '.join(operators) or 'none'}"
             )
         machine.check_signature([parameter.key for parameter in operators[name].typed_parameters])
-        servers.append(MerlinActionServer(machine))
-    by_ros_name(server.operator for server in servers)
-    return servers
+    by_ros_name(machine.operator_name() for machine in machines)
+    return [MerlinActionServer(machine) for machine in machines]
 
 
 def main() -> int:
@@ -45,13 +40,9 @@ def main() -> int:
 
 def _start() -> None:
     knowledge_base = rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
-    paths = rospy.get_param("~actions", [])
-    if not isinstance(paths, list) or not paths:
-        raise ValueError(
-            f"parameter {rospy.resolve_name('~actions')} has to be a list of package.module:Class"
-        )
+    machines = read_machines()
     wait_for_knowledge_base(knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
-    servers = make_servers(paths, knowledge_base)
+    servers = make_servers(machines, knowledge_base)
     for server in servers:
         server.start()
         rospy.on_shutdown(server.shutdown)

@@ -10,11 +10,12 @@ from typing import Any
 
 import rospy
 
+from merlin_actions.action_classes import read_machines
 from merlin_actions.action_interface import ActionInterface, wait_for_knowledge_base
 from merlin_actions.execution import Ending, Execution
 from merlin_actions.merlin_action_server import SHUTDOWN_WAIT
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_actions.names import load_class, ros_name
+from merlin_actions.names import ros_name
 from merlin_sm.introspection import show
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError
 from merlin_sm.node import run_node
@@ -60,15 +61,14 @@ class NaiveAction(ActionInterface):
 
 def main() -> int:
     """Runs a node with the naive actions of an application; returns the exit code."""
-    return run_node("naive_actions", _start, KnowledgeError, ValueError, KeyError, rospy.ServiceException)
+    return run_node("naive_actions", _start, KnowledgeError, ValueError, rospy.ServiceException)
 
 
 def _start() -> None:
     knowledge_base = rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
+    machines = read_machines()
     wait_for_knowledge_base(knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
-    actions = [
-        NaiveAction(load_class(path)(), knowledge_base=knowledge_base) for path in rospy.get_param("~actions")
-    ]
+    actions = [NaiveAction(machine, knowledge_base=knowledge_base) for machine in machines]
     for action in actions:
         action.start()
         rospy.on_shutdown(action.shutdown)

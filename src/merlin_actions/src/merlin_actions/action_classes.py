@@ -1,0 +1,37 @@
+"""The action classes of an application, as its launch file names them."""
+
+from typing import List, Sequence
+
+import rospy
+
+from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_actions.names import load_class
+
+
+def read_machines(parameter: str = "~actions") -> List[MerlinActionSM]:
+    """Makes the machines that a parameter names.
+
+    :param parameter: its value is a list of ``package.module:Class``.
+    :raises ValueError: when it is none, or one of them is no class of actions.
+    """
+    paths = rospy.get_param(parameter, [])
+    if not isinstance(paths, list) or not paths or not all(isinstance(path, str) for path in paths):
+        raise ValueError(
+            f"parameter {rospy.resolve_name(parameter)} has to be a list of package.module:Class"
+        )
+    return make_machines(paths)
+
+
+def make_machines(paths: Sequence[str]) -> List[MerlinActionSM]:
+    """Makes a machine of each class.
+
+    :param paths: ``package.module:Class`` each.
+    :raises ValueError: when one of them is no class of actions.
+    """
+    machines = []
+    for path in paths:
+        action_class = load_class(path)
+        if not issubclass(action_class, MerlinActionSM):
+            raise ValueError(f"{path} is no MerlinActionSM")
+        machines.append(action_class())
+    return machines
