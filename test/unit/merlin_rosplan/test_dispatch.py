@@ -392,6 +392,22 @@ def test_a_knowledge_base_that_does_not_answer_ends_the_dispatch(world):
     assert report.state == DispatchState.FAILED and "does not answer" in report.reason
 
 
+def test_after_a_mistake_of_the_world_what_runs_is_stopped(world):
+    def send(action):
+        if action.id == 1:
+            raise RuntimeError("no room on the wire")
+
+    world.on_send = send
+    run = Run(world, parallel(["work", "work"]), cancel=LONG)
+    world.wait("cancel", 0)
+    world.wait("cancel", 1)
+    for action_id in (0, 1):
+        run.feedback(action_id, FeedbackStatus.FAILED, reason="cancelled")
+    report = run.report()
+    assert (report.state, report.reason) == (DispatchState.FAILED, "RuntimeError: no room on the wire")
+    assert not report.unanswered and world.published[-1] == ("tombstone", 1)
+
+
 def test_an_answer_in_the_middle_of_sending_is_not_lost(world):
     holder = []
     world.on_send = lambda action: holder[0].feedback(action.id, FeedbackStatus.SUCCEEDED)

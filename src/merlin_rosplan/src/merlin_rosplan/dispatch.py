@@ -4,6 +4,7 @@ One thread runs a dispatch and decides; everybody else only puts events into its
 no decision is made with a lock held.
 """
 
+import logging
 import math
 import queue
 import threading
@@ -24,6 +25,8 @@ from merlin_rosplan.dispatch_outside import (
 )
 from merlin_rosplan.dispatch_schedule import PlannedAction, Schedule
 from merlin_rosplan.operator_model import Conditions, Operator, broken_by_own_end, over_all_before_start
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass
@@ -112,6 +115,9 @@ class Dispatch:
             self._loop()
         except DispatchError as error:
             self._fail(str(error))
+        except Exception as error:  # whatever it was, what runs is stopped and the caller gets an answer
+            _log.exception("dispatch %d", self.plan_id)
+            self._fail(f"{type(error).__name__}: {error}")
         try:
             if self._failure is not None:
                 self._stop_running()

@@ -2,6 +2,7 @@
 
 import dataclasses
 import threading
+import traceback
 from typing import Any, Dict, Optional, Tuple, Type
 
 import rospy
@@ -197,6 +198,9 @@ class PlanDispatcher(Component):
                 report = self._run_plan()
             except PlanError as error:
                 report = DispatchReport(DispatchState.FAILED, str(error))
+            except Exception as error:  # the caller gets its answer, and the dispatcher goes on
+                rospy.logerr("%s: %s", self.scope, traceback.format_exc())
+                report = DispatchReport(DispatchState.FAILED, f"{type(error).__name__}: {error}")
             unmet = self._unmet_goals()
             told = dataclasses.replace(report, reason=unmet) if report.success else report
             self._topics.tell_status(told)
