@@ -65,6 +65,12 @@ class Actions(unittest.TestCase):
             self.assertEqual((sent.status, sent.text), (GoalStatus.SUCCEEDED, "done"))
             self.assertTrue(sent.result.success)
 
+    def test_no_time_to_wait_is_one_look(self):
+        client = ActionClient("never_there", Action)
+        self.addCleanup(client.shutdown)
+        self.assertFalse(client.wait_for_server(0.0))
+        self.assertFalse(client.send(Goal()).wait(0.0))
+
     def test_a_cancel_in_the_same_instant_as_its_goal_is_not_lost(self):
         def execute(goal):
             goal.cancel_event.wait(LONG)

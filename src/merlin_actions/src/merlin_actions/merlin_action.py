@@ -34,7 +34,7 @@ class MerlinAction(ActionInterface):
         **options: Any,
     ) -> None:
         super().__init__(operator, **options)
-        self._server_wait = max(server_wait, 0.001)  # zero would be no limit
+        self._server_wait = server_wait
         self._cancel_limit = cancel_limit
         self._run_limit = run_limit
         self._client = ActionClient(f"actions/{ros_name(operator)}", RunActionAction)

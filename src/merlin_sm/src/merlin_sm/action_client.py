@@ -77,7 +77,9 @@ class ClientGoal:
         :param timeout: s of running time; None: as long as the server lives.
         :return: whether it has ended.
         """
-        return Deadline(timeout).wait_event(self._ended) if timeout != 0 else self.done
+        if timeout is not None and timeout <= 0.0:
+            return self.done
+        return Deadline(timeout).wait_event(self._ended)
 
     def _finish(self, status: int, text: str, result: Any) -> None:
         """Called once, without the client's lock."""
@@ -138,6 +140,8 @@ class ActionClient:
 
         :param timeout: s of running time; None: until ROS shuts down.
         """
+        if timeout is not None and timeout <= 0.0:
+            return self.alive
         deadline = Deadline(timeout)
         with self._changed:
             while not self.alive:
