@@ -1,12 +1,15 @@
 import threading
+import time
 
 import pytest
+import rospy
 
+from merlin_rosplan import timed_knowledge
 from merlin_rosplan.domain_reader import parse_domain
 from merlin_rosplan.formula import Atom, Comparison, Fluent, Not, Number
 from merlin_rosplan.knowledge import Fact, FunctionValue, Goal, Instance, Metric
 from merlin_rosplan.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge_store import Journal, KnowledgeStore
+from merlin_rosplan.knowledge_store import Journal, JournalError, KnowledgeStore
 from merlin_rosplan.problem_reader import parse_problem
 
 DOMAIN = parse_domain(
@@ -285,18 +288,64 @@ def test_problem_that_does_not_fit_leaves_nothing(store):
     assert "a" not in store.instances("poi")
 
 
-def test_journal_that_fails_takes_the_change_back(clock):
-    class Full(Journal):
-        def load(self):
-            return 0, []
+class Disk(Journal):
+    """A journal that can be full."""
 
-        def commit(self, steps, version):
+    full = True
+
+    def load(self):
+        return 0, []
+
+    def commit(self, steps, version):
+        if self.full:
             raise OSError("no space left on device")
 
-    store = KnowledgeStore(DOMAIN, clock=clock, journal=Full())
+
+def test_journal_that_fails_takes_the_change_back(clock):
+    store = KnowledgeStore(DOMAIN, clock=clock, journal=Disk())
     with pytest.raises(KnowledgeError, match="no space left"):
         add(store, Fact("idle", ()))
     assert store.facts() == [] and store.version == 0
+
+
+def test_what_is_due_while_the_journal_fails_comes_true_afterwards(clock):
+    disk = Disk()
+    disk.full = False
+    store = KnowledgeStore(DOMAIN, clock=clock, journal=disk)
+    add(store, Instance("poi", "hall"))
+    add(store, Fact("idle", ()), at=2_000)
+    add(store, Fact("checked", ("hall",)), at=2_000)
+    remove(store, Instance("poi", "hall"))
+    clock.now, disk.full = 2_000, True
+    for _ in range(2):
+        with pytest.raises(JournalError, match="no space left"):
+            store.fire_due()
+        assert store.facts() == [] and store.next_due() == 2_000
+    disk.full = False
+    assert "unknown object 'hall'" in store.fire_due()[0]
+    assert texts(store.facts()) == ["(idle)"] and store.next_due() is None
+
+
+def test_timed_knowledge_outlives_a_full_disk(monkeypatch):
+    monkeypatch.setattr(timed_knowledge, "RETRY", 0.01)
+    monkeypatch.setattr(rospy, "logerr_throttle", lambda period, text: said.append(text))
+    monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
+    rospy.rostime.switch_to_wallclock()
+    disk, said, fired = Disk(), [], threading.Event()
+    disk.full = False
+    store = KnowledgeStore(DOMAIN, clock=time.time_ns, journal=disk)
+    add(store, Fact("idle", ()), at=time.time_ns() + 50_000_000)
+    disk.full = True
+    store.listen(lambda change: fired.set())
+    watch = timed_knowledge.TimedKnowledge(store, "/kb")
+    try:
+        while not said:
+            assert not fired.wait(0.01)
+        disk.full = False
+        assert fired.wait(30.0)
+    finally:
+        watch.shutdown()
+    assert texts(store.facts()) == ["(idle)"] and "no space left" in said[0]
 
 
 def test_readers_never_see_half_a_transaction(store):

@@ -19,6 +19,10 @@ from merlin_rosplan.problem import Problem
 from merlin_rosplan.transaction import Change, Item, Step, Transaction
 
 
+class JournalError(KnowledgeError):
+    """A change is refused because the journal cannot be written, a full disk for example."""
+
+
 class Journal:
     """Keeps what a store is told, beyond the life of the process."""
 
@@ -95,7 +99,8 @@ class KnowledgeStore:
 
         Raises
         ------
-        KnowledgeError: an update is refused, or the journal cannot be written; nothing is changed.
+        KnowledgeError: an update is refused; nothing is changed.
+        JournalError: the journal cannot be written; nothing is changed.
         """
         with self._lock:
             transaction = Transaction(self._state, self._checks, self._clock(), self._next_order)
@@ -105,7 +110,7 @@ class KnowledgeStore:
                     self._journal.commit(transaction.steps, self.version + 1)
             except OSError as error:
                 transaction.undo()
-                raise KnowledgeError(f"the state file cannot be written: {error}") from error
+                raise JournalError(f"the state file cannot be written: {error}") from error
             except BaseException:
                 transaction.undo()
                 raise
@@ -160,21 +165,34 @@ class KnowledgeStore:
             return self._due[0][0] if self._due else None
 
     def fire_due(self, client: str = "") -> List[str]:
-        """Lets every timed item become true whose time has come; returns why some could not."""
+        """Lets every timed item become true whose time has come; returns why some could not.
+
+        Raises
+        ------
+        JournalError: the journal cannot be written; what is due stays due.
+        """
         refused: List[str] = []
         while True:
             row: Optional[Timed] = None
             try:
-                with self.transaction(client) as transaction:
-                    row = self._take_due(transaction.now)
-                    if row is None:
-                        return refused
-                    transaction.fire(row)
-            except KnowledgeError as error:
+                try:
+                    with self.transaction(client) as transaction:
+                        row = self._take_due(transaction.now)
+                        if row is None:
+                            return refused
+                        transaction.fire(row)
+                except JournalError:
+                    raise
+                except KnowledgeError as error:
+                    assert row is not None
+                    with self.transaction(client) as transaction:
+                        transaction.drop(self._state.timed, row.key)
+                    refused.append(f"the timed item {row.item.text()} is dropped: {error}")
+            except JournalError:
                 assert row is not None
-                refused.append(f"the timed item {row.item.text()} is dropped: {error}")
-                with self.transaction(client) as transaction:
-                    transaction.drop(self._state.timed, row.key)
+                with self._lock:
+                    self._queue_timed([row])
+                raise
 
     def _take_due(self, now: int) -> Optional[Timed]:
         at = self.next_due()

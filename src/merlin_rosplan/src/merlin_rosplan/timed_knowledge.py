@@ -1,13 +1,16 @@
 """Lets timed knowledge become true on time."""
 
 import threading
+import time
 from typing import Optional
 
 import rospy
 from rospy.rostime import get_rostime_cond, is_wallclock
 
-from merlin_rosplan.knowledge_store import KnowledgeStore
+from merlin_rosplan.knowledge_store import JournalError, KnowledgeStore
 from merlin_rosplan.transaction import Change
+
+RETRY = 1.0  # s of wall time before a state file that could not be written is tried again
 
 
 class TimedKnowledge:
@@ -48,8 +51,13 @@ class TimedKnowledge:
         while not self._ended:
             with self._time:
                 self._changed = False
-            for reason in self._store.fire_due(self._client):
-                rospy.logwarn("%s: %s", self._client, reason)
+            try:
+                for reason in self._store.fire_due(self._client):
+                    rospy.logwarn("%s: %s", self._client, reason)
+            except JournalError as error:
+                rospy.logerr_throttle(60.0, f"{self._client}: what is due has to wait: {error}")
+                self._pause(RETRY)
+                continue
             # asked outside of the condition, which rospy's clock thread must get at any time
             self._due = due = self._store.next_due()
             with self._time:
@@ -59,3 +67,9 @@ class TimedKnowledge:
                         break
                     # a simulated clock may be slower or faster, or jump: it wakes us at every step
                     self._time.wait(remaining if remaining is not None and is_wallclock() else None)
+
+    def _pause(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        with self._time:
+            while not self._ended and time.monotonic() < end:
+                self._time.wait(end - time.monotonic())
