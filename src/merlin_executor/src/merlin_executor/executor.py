@@ -236,7 +236,7 @@ class Executor:
     def _remove_left_goals(self) -> None:
         try:
             texts = self._own.remove_left()
-        except (KnowledgeError, ServiceError) as error:
+        except (KnowledgeError, ServiceError, OSError) as error:
             rospy.logerr(f"goals of an earlier executor stay in the knowledge base: {error}")
             return
         if texts:

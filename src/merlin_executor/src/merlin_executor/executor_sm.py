@@ -188,7 +188,7 @@ class _AddGoals(MerlinState):
                 return ALREADY_TRUE
             present = {to_pddl(goal).lower() for goal in self._knowledge.goals()}
             self._own.add([item for item in items if to_pddl(item).lower() not in present])
-        except (KnowledgeError, ServiceError) as error:
+        except (KnowledgeError, ServiceError, OSError) as error:
             return self.fail(str(error))
         return SUCCEEDED
 
@@ -240,4 +240,6 @@ class _RemoveGoals(smach.State):
             self._own.remove()
         except (KnowledgeError, ServiceError) as error:
             rospy.logerr(f"the goals of the request stay in the knowledge base: {error}")
+        except OSError as error:
+            rospy.logerr(f"that the goals of the request are removed cannot be noted: {error}")
         return self._verdict()

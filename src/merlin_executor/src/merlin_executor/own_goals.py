@@ -9,7 +9,7 @@ import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update
-from merlin_sm.pddl_text import parse_goal, to_pddl
+from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal, to_pddl
 
 PARAMETER = "~added_goals"
 
@@ -38,9 +38,10 @@ class OwnGoals:
 
         :raises KnowledgeError: when the knowledge base refuses.
         :raises ServiceError: when it does not answer.
+        :raises OSError: when they cannot be noted; they are not added then.
         """
+        self._note([*self._items, *items])
         self._items += items
-        self._note()
         self._knowledge.update([Update(ADD_GOAL, item) for item in items])
 
     def remove(self) -> None:
@@ -48,26 +49,34 @@ class OwnGoals:
 
         :raises KnowledgeError: when the knowledge base refuses.
         :raises ServiceError: when it does not answer.
+        :raises OSError: when they are removed, but that cannot be noted.
         """
         if self._items:
             self._knowledge.update([Update(REMOVE_GOAL, item) for item in self._items])
             self._items = []
-            self._note()
+            self._note([])
 
     def remove_left(self) -> List[str]:
-        """Removes what an Executor that was killed has left.
+        """Removes what an Executor that was killed has left. What is noted and no goal is ignored.
 
         :return: the goals, as PDDL text.
         :raises KnowledgeError: when the knowledge base refuses.
         :raises ServiceError: when it does not answer.
+        :raises OSError: when the notes cannot be read or written.
         """
-        texts = self._noted()
-        self._items = [item for text in texts for item in parse_goal(text)]
+        texts = []
+        for text in self._noted():
+            try:
+                self._items += parse_goal(text)
+            except PDDLSyntaxError as error:
+                rospy.logerr(f"noted as a goal, but none: {error}")
+            else:
+                texts.append(text)
         self.remove()
         return texts
 
-    def _note(self) -> None:
-        texts = [to_pddl(item) for item in self._items]
+    def _note(self, items: List[KnowledgeItem]) -> None:
+        texts = [to_pddl(item) for item in items]
         if self._path is None:
             rospy.set_param(PARAMETER, texts)
             return
@@ -77,10 +86,14 @@ class OwnGoals:
 
     def _noted(self) -> List[str]:
         if self._path is None:
-            return list(rospy.get_param(PARAMETER, []))
-        text = self._path.read_text()
+            noted = rospy.get_param(PARAMETER, [])
+            return list(map(str, noted)) if isinstance(noted, list) else []
+        text = self._path.read_text(errors="replace")
         try:
-            return [str(goal) for goal in json.loads(text)] if text else []
-        except (ValueError, TypeError):
+            noted = json.loads(text) if text else []
+            if not isinstance(noted, list):
+                raise ValueError(noted)
+            return list(map(str, noted))
+        except ValueError:
             rospy.logerr(f"{self._path} is no list of goals and is ignored: {text[:80]!r}")
             return []
