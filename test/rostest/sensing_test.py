@@ -8,10 +8,10 @@ import rospy
 from merlin_msgs.msg import KnowledgeChanges
 from rosplan_knowledge_msgs.srv import GetDomainPredicateDetailsService
 from std_msgs.msg import Bool, Float32, String
-from std_srvs.srv import Trigger, TriggerResponse
+from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 
 import rostest
-from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, knowledge_client
+from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, instance, knowledge_client
 from merlin_sm.service_proxy import ServiceProxy
 
 LONG = 20.0
@@ -84,6 +84,24 @@ class Sensing(unittest.TestCase):
         self.eventually(lambda: self.battery() == 33.0)
         self.publishers["/place"].publish("bench")
         self.eventually(lambda: self.holds("at", "ann", "bench"))
+
+    def test_what_the_knowledge_base_refuses_does_not_keep_the_rest(self):
+        # In one batch: the place that nobody knows, and the change of the battery.
+        self.publishers["/place"].publish("moon")
+        self.publishers["/battery"].publish(44.0)
+        self.eventually(lambda: self.battery() == 44.0)
+        self.publishers["/battery"].publish(45.0)
+        self.eventually(lambda: self.battery() == 45.0)
+        self.knowledge.update([Update(ADD, instance("place", "moon"))])
+        self.eventually(lambda: self.holds("at", "ann", "moon"))
+        self.publishers["/place"].publish("bench")
+        self.eventually(lambda: self.holds("at", "ann", "bench") and not self.holds("at", "ann", "moon"))
+        self.knowledge.update([Update(REMOVE, instance("place", "moon"))])
+
+    def test_a_request_that_cannot_be_made_is_tried_again(self):
+        service = rospy.Service("/look", SetBool, lambda request: SetBoolResponse(request.data, ""))
+        self.addCleanup(service.shutdown)
+        self.eventually(lambda: self.holds("painted", "seat"))
 
     def test_a_service_is_asked_again_and_again(self):
         painted = threading.Event()

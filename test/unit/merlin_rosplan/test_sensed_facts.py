@@ -1,5 +1,6 @@
 """Results of sensing functions as facts."""
 
+import numpy as np
 import pytest
 
 from merlin_rosplan.sensed_facts import SensedFacts, SensingError, facts_of, parameter_choices
@@ -30,7 +31,19 @@ def test_a_list_names_its_objects():
     assert facts_of("powered", [("", True)], []) == {("powered", ()): True}
 
 
-@pytest.mark.parametrize("result", ["yes", {"a": 1}, [("ann", True)], [("a:b", "yes")], ["a:b"], object()])
+def test_bools_and_numbers_of_numpy_count():
+    (value,) = facts_of("powered", np.float64(3.0) > 2.0, []).values()
+    assert value is True
+    assert facts_of("battery", [("ann", np.int64(3)), ("bob", np.float32(0.5))], [[]]) == {
+        ("battery", ("ann",)): 3,
+        ("battery", ("bob",)): 0.5,
+    }
+
+
+@pytest.mark.parametrize(
+    "result",
+    [np.zeros(2), np.array(["a"]), "yes", {"a": 1}, [("ann", True)], [("a:b", "yes")], ["a:b"], object()],
+)
 def test_results_that_make_no_sense_are_refused(result):
     with pytest.raises(SensingError):
         facts_of("at", result, [["ann"], ["hall"]])

@@ -49,8 +49,8 @@ def facts_of(predicate: str, result: Any, choices: Sequence[Sequence[str]]) -> D
 
     Parameters
     ----------
-    result: a bool or a number for the only possible combination of objects, or for all of them; a list of
-        ``("arg1:arg2", value)``; None for nothing.
+    result: a bool or a number, numpy's too, for the only possible combination of objects, or for all of them;
+        a list of ``("arg1:arg2", value)``; None for nothing.
     choices: of :func:`parameter_choices`.
 
     Raises
@@ -59,6 +59,7 @@ def facts_of(predicate: str, result: Any, choices: Sequence[Sequence[str]]) -> D
     """
     if result is None:
         return {}
+    result = _plain(result)
     if isinstance(result, (bool, int, float)):
         return {(predicate, arguments): result for arguments in itertools.product(*choices)}
     if not isinstance(result, (list, tuple)):
@@ -69,7 +70,7 @@ def facts_of(predicate: str, result: Any, choices: Sequence[Sequence[str]]) -> D
     for entry in result:
         if not isinstance(entry, (list, tuple)) or len(entry) != 2:
             raise SensingError(f"{entry!r} in the result is no pair ('object:object', value)")
-        names, value = entry
+        names, value = entry[0], _plain(entry[1])
         arguments = tuple(str(names).split(":")) if str(names) else ()
         if len(arguments) != len(choices):
             raise SensingError(f"'{names}' in the result names {len(arguments)} objects, not {len(choices)}")
@@ -77,6 +78,11 @@ def facts_of(predicate: str, result: Any, choices: Sequence[Sequence[str]]) -> D
             raise SensingError(f"the value of '{names}' is {value!r}, expected a bool or a number")
         facts[predicate, arguments] = value
     return facts
+
+
+def _plain(value: Any) -> Any:
+    """numpy's bools and numbers are none of Python's."""
+    return value.item() if type(value).__module__ == "numpy" and not getattr(value, "shape", True) else value
 
 
 class SensedFacts:

@@ -1,9 +1,9 @@
 """ROSPlan's sensing interface: keeps facts and function values as topics and services tell them."""
 
 import importlib.util
+import inspect
+import math
 import re
-import threading
-import time
 from types import ModuleType
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
@@ -11,19 +11,18 @@ import roslib.message
 import rospkg
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
-from rosplan_knowledge_msgs.msg import StatusUpdate
+from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
 from rosplan_knowledge_msgs.srv import SetNamedBool
 
 from merlin_rosplan.component import Component, ComponentError, run_component
 from merlin_rosplan.ros_alarm import RosAlarm
-from merlin_rosplan.sensed_facts import SensedFacts, Value, facts_of, is_wildcard, parameter_choices
-from merlin_sm.knowledge_client import ADD, KnowledgeError, Update, fact, function_value, knowledge_client
+from merlin_rosplan.sensed_facts import facts_of, is_wildcard, parameter_choices
+from merlin_rosplan.sensed_teller import LOG_PERIOD, SensedTeller
+from merlin_sm.knowledge_client import knowledge_client
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 SCOPE = "rosplan_sensing_interface"
 KNOWLEDGE_BASE_WAIT = 30.0  # s of wall time
-LOG_PERIOD = 5.0  # s between two log lines about the same sensor
-RETRY = 1.0  # s of wall time after the knowledge base did not take an update
 
 
 class Sensor:
@@ -58,10 +57,7 @@ class SensingInterface(Component):
 
     def __init__(self, scope: str = SCOPE) -> None:
         super().__init__(scope)
-        self._period = 1.0 / self.number("main_rate", 10.0, 0.001)
-        self._changed = threading.Condition()  # guards the facts and the flag
-        self._facts = SensedFacts()
-        self._news = False
+        period = 1.0 / self.number("main_rate", 10.0, 0.001)
         self._knowledge = knowledge_client(self.knowledge_base)
         if not self._knowledge.wait(KNOWLEDGE_BASE_WAIT):
             raise ComponentError(f"no knowledge base {self.knowledge_base} after {KNOWLEDGE_BASE_WAIT:g} s")
@@ -71,8 +67,7 @@ class SensingInterface(Component):
             raise ComponentError(str(error)) from error
         self._script = self._load_script()
         self._mark_sensed()
-        self._teller = threading.Thread(target=self._tell, name=f"teller of {self.scope}", daemon=True)
-        self._teller.start()
+        self._teller = SensedTeller(self._knowledge, period, self.scope)
         self._changes = self.subscriber(
             f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes
         )
@@ -86,8 +81,7 @@ class SensingInterface(Component):
 
     def on_shutdown(self) -> None:
         """Ends the thread that tells."""
-        with self._changed:
-            self._changed.notify_all()
+        self._teller.close()
 
     # --- configuration ------------------------------------------------------------------------------
 
@@ -150,6 +144,11 @@ class SensingInterface(Component):
             if name.lower() == predicate.lower()
         )
         given = entry.get("params", [])
+        if not isinstance(given, list) or len(given) not in (0, len(types)):
+            raise ComponentError(
+                f"the sensor of '{predicate}': params is {given!r}, expected a list of {len(types)}, "
+                "one for each parameter, or none"
+            )
         operation = entry.get("operation")
         if operation is not None:
             code = self._compile(predicate, str(operation))
@@ -165,8 +164,7 @@ class SensingInterface(Component):
             raise ComponentError(
                 f"the sensor of '{predicate}' has no operation, and no function of that name is in the script"
             )
-        wants_topic = variable == "msg" and function.__code__.co_argcount > 2
-        if wants_topic:
+        if variable == "msg" and _takes_topic(function):
             return Sensor(predicate, given, function, types)
         return Sensor(predicate, given, lambda message, choices, topic: function(message, choices), types)
 
@@ -202,14 +200,17 @@ class SensingInterface(Component):
         if service_class is None:
             raise ComponentError(f"the sensor of '{predicate}': there is no service type {type_name}")
         request = self._request(predicate, entry, service_class)
-        period = float(self._required(predicate, entry, "time_between_calls"))
+        period = self._required(predicate, entry, "time_between_calls")
+        if isinstance(period, bool) or not isinstance(period, (int, float)) or not math.isfinite(period):
+            raise ComponentError(f"the sensor of '{predicate}': time_between_calls is {period!r}, no number")
         proxy = ServiceProxy(str(self._required(predicate, entry, "service")), service_class, timeout=10.0)
 
         def call() -> None:
             try:
                 self._sense(sensor, proxy(request()), proxy.name)
-            except ServiceError as error:
-                rospy.logwarn_throttle(LOG_PERIOD, f"{self.scope}: '{predicate}': {error}")
+            except Exception as error:  # the request is user code too; the service is asked again
+                reason = str(error) if isinstance(error, ServiceError) else f"{type(error).__name__}: {error}"
+                rospy.logwarn_throttle(LOG_PERIOD, f"{self.scope}: '{predicate}': {reason}")
             if not self.closed:
                 alarm.set(rospy.get_time() + max(period, 0.001))
 
@@ -243,16 +244,7 @@ class SensingInterface(Component):
                 LOG_PERIOD, f"{self.scope}: sensing '{sensor.predicate}': {type(error).__name__}: {error}"
             )
             return
-        with self._changed:
-            if self._facts.sense(facts):
-                self._news = True
-                self._changed.notify_all()
-
-    def _tell_again(self, names: Sequence[str] = ()) -> None:
-        with self._changed:
-            if self._facts.forget_told(names):
-                self._news = True
-                self._changed.notify_all()
+        self._teller.sense(facts)
 
     def _receive_changes(self, message: KnowledgeChanges) -> None:
         if message.client == rospy.get_name():
@@ -260,45 +252,23 @@ class SensingInterface(Component):
         items = [*message.added, *message.removed, *message.changed]
         names = {item.attribute_name for item in items if item.attribute_name}
         if message.cleared:
-            self._tell_again()
+            self._teller.tell_again()
         elif names:
-            self._tell_again(sorted(names))
+            self._teller.tell_again(sorted(names))
+        if any(item.knowledge_type == KnowledgeItem.INSTANCE for item in message.added):
+            self._teller.objects_appeared()
 
     def _receive_update(self, message: StatusUpdate) -> None:
         # A knowledge base that publishes the changes themselves says more there.
         if message.last_update_client != rospy.get_name() and self._changes.get_num_connections() == 0:
-            self._tell_again()
-
-    def _tell(self) -> None:
-        while not self.closed and not rospy.is_shutdown():
-            with self._changed:
-                self._changed.wait_for(lambda: self._news or self.closed, timeout=1.0)
-                if not self._news or self.closed:
-                    continue
-                self._news = False
-                news = self._facts.take_news()
-            began = time.monotonic()
-            pause = self._period
-            try:
-                self._knowledge.update(
-                    [_update(name, objects, value) for (name, objects), value in news.items()]
-                )
-            except (KnowledgeError, ServiceError) as error:
-                rospy.logerr_throttle_identical(LOG_PERIOD, f"{self.scope}: {error}")
-                pause = RETRY
-                with self._changed:
-                    self._facts.keep_news(news)
-                    self._news = True
-            left = pause - (time.monotonic() - began)
-            if left > 0:
-                with self._changed:
-                    self._changed.wait_for(lambda: self.closed, timeout=left)
+            self._teller.tell_again()
 
 
-def _update(name: str, objects: Sequence[str], value: Value) -> Update:
-    if isinstance(value, bool):
-        return Update(ADD, fact(name, *objects, negative=not value))
-    return Update(ADD, function_value(name, objects, float(value)))
+def _takes_topic(function: Callable[..., Any]) -> bool:
+    try:
+        return len(inspect.signature(function).parameters) > 2
+    except (TypeError, ValueError):  # some builtins do not tell
+        return False
 
 
 def main() -> None:
