@@ -1,6 +1,7 @@
 """An alarm at a ROS time: woken by the clock that ROS uses, wall or simulated, also when it jumps back."""
 
 import threading
+import traceback
 from typing import Callable, Optional
 
 import rospy
@@ -71,7 +72,10 @@ class RosAlarm:
                 elif rospy.rostime.is_wallclock():
                     self._changed.wait(left)
             if due:
-                self._callback()
+                try:
+                    self._callback()
+                except Exception:  # the alarm is set again, by whatever else happens
+                    rospy.logerr("%s: %s", self._name, traceback.format_exc())
             elif not rospy.rostime.is_wallclock():
                 condition = rospy.rostime.get_rostime_cond()
                 with condition:
