@@ -106,6 +106,11 @@ def test_a_file_that_is_missing_is_named(tmp_path):
     assert outcome.state == PlannerState.INVALID and "nowhere.pddl" in outcome.reason
 
 
+def test_a_path_that_is_none_is_refused():
+    outcome = plan("problem\0.pddl")
+    assert outcome.state == PlannerState.INVALID and "null byte" in outcome.reason
+
+
 def test_an_external_planner_gets_both_files(problem, script, tmp_path):
     folder = tmp_path / "a folder with PROBLEM in its name"
     folder.mkdir()

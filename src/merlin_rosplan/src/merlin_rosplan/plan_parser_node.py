@@ -82,8 +82,9 @@ class PlanParser(Component):
             with open(request.plan_path, errors="replace") as file:
                 text = file.read()
             self._parse(text, request.plan_path)
-        except OSError as error:
-            rospy.logerr("%s: cannot read %s: %s", self.scope, request.plan_path, error.strerror)
+        except (OSError, ValueError) as error:  # ValueError: a path with a null byte
+            reason = getattr(error, "strerror", None) or error
+            rospy.logerr("%s: cannot read %r: %s", self.scope, request.plan_path, reason)
             return ParsingServiceResponse(plan_parsed=False)
         except rospy.ServiceException:  # it is in the log
             return ParsingServiceResponse(plan_parsed=False)

@@ -96,6 +96,13 @@ class Planning:
             problem = self._problem.read_text(errors="replace")
         except OSError as error:
             return PlannerState.INVALID, f"cannot read {error.filename}: {error.strerror}", "", planner
+        except ValueError as error:  # a path with a null byte
+            return (
+                PlannerState.INVALID,
+                f"cannot read {self._domain!s} and {self._problem!s}: {error}",
+                "",
+                planner,
+            )
         try:
             command = self._command()
         except PlannerCommandError as error:
