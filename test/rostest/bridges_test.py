@@ -298,21 +298,34 @@ class Bridges(unittest.TestCase):
         self.assertIn("does not stop", reason)
         self.assertFalse(self.knowledge.holds("(checked kitchen)"))
 
+    def bridge(self, operator, **options):
+        """A bridge of this process, with dispatches of its own."""
+        bridge = MerlinAction(
+            operator, dispatch_topic="own_dispatch", feedback_topic="test_feedback", **options
+        )
+        self.dispatches = rospy.Publisher("own_dispatch", ActionDispatch, queue_size=10)
+        self.addCleanup(self.dispatches.unregister)
+        bridge.start()
+        self.addCleanup(bridge.shutdown)
+        self.wait_for_connections()
+
     def test_without_a_cancel_limit_a_machine_may_take_its_time(self):
         self.serve()
-        patient = MerlinAction(
-            "ask", cancel_limit=0.0, dispatch_topic="patient_dispatch", feedback_topic="test_feedback"
-        )
-        self.dispatches = rospy.Publisher("patient_dispatch", ActionDispatch, queue_size=10)
-        self.addCleanup(self.dispatches.unregister)
-        patient.start()
-        self.addCleanup(patient.shutdown)
-        self.wait_for_connections()
+        self.bridge("ask", cancel_limit=0.0)
         self.speech.clear()
         dispatch = self.dispatch("ask", p="kitchen")
         self.assertTrue(self.speech.wait(LONG))
         self.cancel(dispatch)
         self.assertNotIn("does not stop (", self.reason(self.final(dispatch)))
+
+    def test_a_cancel_ends_the_wait_for_a_machine(self):
+        self.bridge("navigate", server_wait=10 * LONG)
+        dispatch = self.go()
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(lambda: self.answers_to(dispatch), LONG))
+        self.cancel(dispatch)
+        self.assertEqual(self.reason(self.final(dispatch)), "cancelled")
+        self.assertEqual(self.robot_at(), ["(robot_at kitchen)"])
 
     def test_a_late_bridge_does_not_run_an_old_dispatch(self):
         old = self.dispatch("ask", p="kitchen")

@@ -47,7 +47,9 @@ class MerlinAction(ActionInterface):
 
     def run(self, execution: Execution) -> Ending:
         """Sends the goal and waits for the machine's end."""
-        if not self._client.wait_for_server(self._server_wait):
+        if not self._client.wait_for_server(self._server_wait, execution.cancelled.is_set):
+            if execution.cancelled.is_set():
+                return Ending(False, "cancelled", begun=False)
             reason = f"no action server {self._client.name} within {self._server_wait:g} s"
             return Ending(False, reason, begun=False)
         ended = threading.Event()

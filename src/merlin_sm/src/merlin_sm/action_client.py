@@ -135,10 +135,13 @@ class ActionClient:
         last = self._last_status
         return last is not None and self._connected() and running_time() - last < CONNECTED_SILENCE
 
-    def wait_for_server(self, timeout: Optional[float] = None) -> bool:
+    def wait_for_server(
+        self, timeout: Optional[float] = None, unless: Callable[[], bool] = lambda: False
+    ) -> bool:
         """Waits until a server is connected both ways.
 
         :param timeout: s of running time; None: until ROS shuts down.
+        :param unless: ends the wait when it is true.
         """
         if timeout is not None and timeout <= 0.0:
             return self.alive
@@ -146,7 +149,7 @@ class ActionClient:
         with self._changed:
             while not self.alive:
                 left = deadline.remaining()
-                if left <= 0.0 or rospy.is_shutdown() or self._stopped:
+                if left <= 0.0 or rospy.is_shutdown() or self._stopped or unless():
                     return False
                 # rospy announces a connection of our publishers, but not one of our subscribers.
                 self._changed.wait(min(left, 0.01))

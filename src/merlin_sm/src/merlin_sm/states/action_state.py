@@ -67,7 +67,7 @@ class ActionState(MerlinState):
             goal = self._goal(userdata) if callable(self._goal) else self._goal
         except (ValueError, LookupError) as error:
             return self.fail(str(error))
-        if not self._client.alive and not self._wait_for_server():
+        if not self._client.wait_for_server(self._server_wait, self.preempt_requested):
             if self.preempt_requested():
                 return PREEMPTED
             return self.fail(f"no action server {self._client.name} within {self._server_wait:g} s")
@@ -86,14 +86,6 @@ class ActionState(MerlinState):
         if cancelled.is_set() and not sent.wait(self._cancel_limit):
             return self.fail(f"{self._client.name} did not stop within {self._cancel_limit:g} s")
         return self._outcome(userdata, sent)
-
-    def _wait_for_server(self) -> bool:
-        # Short waits, because a preempt ends this one too and a server that appears announces itself to the
-        # client's condition only.
-        for _ in range(max(1, round(self._server_wait / 0.1))):
-            if self.preempt_requested() or self._client.wait_for_server(0.1):
-                break
-        return self._client.alive and not self.preempt_requested()
 
     def _outcome(self, userdata: Any, sent: ClientGoal) -> str:
         if sent.status == GoalStatus.SUCCEEDED:
