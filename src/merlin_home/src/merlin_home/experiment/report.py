@@ -34,7 +34,12 @@ speaks in a task that was cancelled on the way."""
 
 
 def write_report(
-    results: Path, planned: Sequence[Run], run_rows: List[Row], task_rows: List[Row], command: str
+    results: Path,
+    planned: Sequence[Run],
+    run_rows: List[Row],
+    task_rows: List[Row],
+    command: str,
+    note: str = "",
 ) -> Path:
     """Writes the report and its figures.
 
@@ -44,13 +49,14 @@ def write_report(
         run_rows: of the finished ones; at least one.
         task_rows: of their tasks.
         command: that made it.
+        note: on the conditions, such as what else the machine did.
 
     Returns:
         The path of report.md.
     """
     everything = Analysis(run_rows, task_rows)
     main = everything.only(set="main")
-    parts = [_head(planned, everything, command)]
+    parts = [_head(planned, everything, command, note)]
     if main.runs:
         parts += [_table_1(main), _ratios(main), _efficiency(main), _where_time_goes(main)]
         parts += [figures_section(results, main)]
@@ -67,12 +73,13 @@ def write_report(
     return path
 
 
-def _head(planned: Sequence[Run], analysis: Analysis, command: str) -> str:
+def _head(planned: Sequence[Run], analysis: Analysis, command: str, note: str) -> str:
     first = analysis.runs[0]
+    conditions = f"\n\n{note}" if note else ""
     return f"""# The paper's experiment
 
 Made by `{command}`: {len(analysis.runs)} of {len(planned)} runs finished; {os.cpu_count()} processor cores,
-{platform.machine()}; {first["versions"]}.
+{platform.machine()}; {first["versions"]}.{conditions}
 
 Settings, fixed before any run: four points of interest; lists of 6, 20 and 120 of them with different
 neighbours; exactly half of the tasks marked; a marked task is cancelled {first["cancel_after"]:g} s after it
@@ -210,14 +217,16 @@ def _where_time_goes(analysis: Analysis) -> str:
                 f"- {APPROACH_NAMES[approach]}: {means['deliberating']:.3f} s from a goal to its first "
                 f"action, {means['stopping']:.2f} s from a cancel to idle, on average over all missions."
             )
-    lost = analysis.beyond_oracle("merlin")
-    if lost["time"] is not None:
-        driving = lost["time"] - lost["deliberating"] - lost["between"]
-        notes.append(
-            f"- A completed task takes MERLIN {lost['time']:.2f} s longer than the oracle: "
-            f"{lost['deliberating']:.2f} s until its first action, {lost['between']:.2f} s between actions, "
-            f"and {driving:.2f} s of driving and speaking, on a way of {lost['distance_m']:.2f} m more."
-        )
+    for mission in sorted({int(row["mission"]) for row in analysis.runs}):
+        lost = analysis.only(mission=mission).beyond_oracle("merlin")
+        if lost["time"] is not None:
+            driving = lost["time"] - lost["deliberating"] - lost["between"]
+            notes.append(
+                f"- A completed task of Mission {mission} takes MERLIN {lost['time']:.2f} s longer than the "
+                f"oracle: {lost['deliberating']:.2f} s until its first action, {lost['between']:.2f} s "
+                f"between actions, and {driving:.2f} s of driving and speaking, on a way of "
+                f"{lost['distance_m']:.2f} m more."
+            )
     header = "mission | approach | all | driving | speaking | deliberating | between actions | after cancel"
     method = "Mean simulated seconds of a run. *After cancel* lies within the others: from a cancel to idle."
     return section("Where the time goes", method, table(header, rows), "\n".join(notes))
