@@ -175,30 +175,23 @@ class KnowledgeStore:
         while True:
             row: Optional[Timed] = None
             try:
-                try:
-                    with self.transaction(client) as transaction:
-                        row = self._take_due(transaction.now)
-                        if row is None:
-                            return refused
-                        transaction.fire(row)
-                except JournalError:
-                    raise
-                except KnowledgeError as error:
-                    assert row is not None
-                    with self.transaction(client) as transaction:
-                        transaction.drop(self._state.timed, row.key)
-                    refused.append(f"the timed item {row.item.text()} is dropped: {error}")
+                with self.transaction(client) as transaction:
+                    row = self._next_due_row(transaction.now)
+                    if row is None:
+                        return refused
+                    transaction.fire(row)
             except JournalError:
-                assert row is not None
-                with self._lock:
-                    self._queue_timed([row])
                 raise
+            except KnowledgeError as error:
+                assert row is not None
+                with self.transaction(client) as transaction:
+                    transaction.drop(self._state.timed, row.key)
+                refused.append(f"the timed item {row.item.text()} is dropped: {error}")
 
-    def _take_due(self, now: int) -> Optional[Timed]:
+    def _next_due_row(self, now: int) -> Optional[Timed]:
+        # It stays on the heap: a transaction that is taken back leaves it due.
         at = self.next_due()
-        if at is None or at > now:
-            return None
-        return self._state.timed.rows[heapq.heappop(self._due)[1]]
+        return None if at is None or at > now else self._state.timed.rows[self._due[0][1]]
 
     # --- reading --------------------------------------------------------------------------------
 
