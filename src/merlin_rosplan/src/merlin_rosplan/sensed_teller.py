@@ -2,7 +2,7 @@
 
 import threading
 import time
-from typing import Any, Dict, Sequence
+from typing import Any, Dict, Sequence, Set
 
 import rospy
 
@@ -32,7 +32,7 @@ class SensedTeller:
         self._changed = threading.Condition()  # guards the fields below
         self._facts = SensedFacts()
         self._news = False
-        self._refused: Dict[Fact, Value] = {}
+        self._refused: Set[Fact] = set()
         self._retry_at = 0.0  # monotonic, s
         self._patience = RETRY
         self._closed = False
@@ -77,11 +77,11 @@ class SensedTeller:
                     continue
                 if self._due():
                     self._facts.keep_news(self._refused)
-                    self._refused = {}
+                    self._refused = set()
                 self._news = False
                 news = self._facts.take_news()
             began = time.monotonic()
-            self._take_back(self._tell(news))
+            self._note(news, self._tell(news))
             with self._changed:
                 left = self._period - (time.monotonic() - began)
                 self._changed.wait_for(lambda: self._closed, max(0.0, left))
@@ -93,9 +93,9 @@ class SensedTeller:
         """Seconds until something may be due; bounded, because a shutdown notifies nobody."""
         return min(1.0, max(0.001, self._retry_at - time.monotonic())) if self._refused else 1.0
 
-    def _take_back(self, left: Dict[Fact, Value]) -> None:
+    def _note(self, news: Dict[Fact, Value], left: Dict[Fact, Value]) -> None:
         with self._changed:
-            self._refused.update(left)
+            self._refused = (self._refused - news.keys()) | left.keys()
             if left:
                 self._retry_at = time.monotonic() + self._patience
                 self._patience = min(2 * self._patience, LONGEST_RETRY)
