@@ -150,7 +150,8 @@ def test_the_report_says_what_the_tables_say(tmp_path: Path) -> None:
     assert len(rows) == len(runs)
     paths = write_joined(tmp_path, rows, tasks)
     assert len(read_table(paths[1])) == sum(run.tasks for run in runs)
-    report = write_report(tmp_path, runs, rows, tasks, "the command", "Two runs at a time.").read_text()
+    (tmp_path / "note.md").write_text("Two runs at a time.\n")
+    report = write_report(tmp_path, runs, rows, tasks, "the command").read_text()
     assert "\n\nTwo runs at a time.\n\n" in report
     table = {(row["mission"], row["approach"]): row for row in cells(report, "Table 1")}
     # Naive, Mission 1: 3 * (30 + seed) + 3 * 25 = 168, 171, 174

@@ -38,7 +38,6 @@ def parse(words: Optional[List[str]] = None) -> argparse.Namespace:
     parser.add_argument("--results", type=Path, default=Path("results/experiment"))
     parser.add_argument("--report-only", action="store_true", help="no runs: report on what there is")
     parser.add_argument("--docs", type=Path, help="also copy report, figures and runs.csv into this folder")
-    parser.add_argument("--note", default="", help="a remark on the conditions, for the report")
     arguments = parser.parse_args(words)
     if arguments.runs is not None and (len(arguments.runs) not in (1, 3) or min(arguments.runs) < 1):
         parser.error("--runs: give one number, or three (of Missions 1, 2 and 3), each 1 or more")
@@ -80,9 +79,8 @@ def main() -> int:
         print(f"experiment: no finished run below {results}", file=sys.stderr)
         return code or EXIT_FAILED_RUNS
     paths = write_joined(results, run_rows, task_rows)
-    words = [word for word in sys.argv[1:] if word not in ("--note", arguments.note)]
-    command = " ".join(["rosrun merlin_home experiment", *words])
-    paths.append(write_report(results, runs, run_rows, task_rows, command, arguments.note))
+    command = " ".join(["rosrun merlin_home experiment", *sys.argv[1:]])
+    paths.append(write_report(results, runs, run_rows, task_rows, command))
     if arguments.docs:
         paths += publish(results, arguments.docs.absolute())
     for path in paths:

@@ -34,29 +34,25 @@ speaks in a task that was cancelled on the way."""
 
 
 def write_report(
-    results: Path,
-    planned: Sequence[Run],
-    run_rows: List[Row],
-    task_rows: List[Row],
-    command: str,
-    note: str = "",
+    results: Path, planned: Sequence[Run], run_rows: List[Row], task_rows: List[Row], command: str
 ) -> Path:
     """Writes the report and its figures.
 
     Parameters:
-        results: folder.
+        results: folder; what its file ``note.md`` says of the conditions, if there is one, is part of the
+            report.
         planned: the runs that were asked for.
         run_rows: of the finished ones; at least one.
         task_rows: of their tasks.
         command: that made it.
-        note: on the conditions, such as what else the machine did.
 
     Returns:
         The path of report.md.
     """
     everything = Analysis(run_rows, task_rows)
     main = everything.only(set="main")
-    parts = [_head(planned, everything, command, note)]
+    note = results / "note.md"
+    parts = [_head(planned, everything, command, note.read_text().strip() if note.is_file() else "")]
     if main.runs:
         parts += [_table_1(main), _ratios(main), _efficiency(main), _where_time_goes(main)]
         parts += [figures_section(results, main)]
