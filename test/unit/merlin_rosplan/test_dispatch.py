@@ -4,166 +4,22 @@ import threading
 import time
 
 import pytest
+from dispatch_world import GUARDED, LIGHT, LONG, PLAN_ID, WORK, Run, World, actions, parallel
 
 from merlin_rosplan.dispatch import Dispatch
 from merlin_rosplan.dispatch_outside import (
-    DispatchError,
     DispatchLimits,
     DispatchState,
-    Feedback,
     FeedbackStatus,
     KnowledgeChanged,
-    Outside,
 )
-from merlin_rosplan.dispatch_schedule import GraphSchedule, PlannedAction, SequentialSchedule
-from merlin_rosplan.operator_model import Atom, Conditions, Effects, Operator
-from merlin_rosplan.plan_graph_builder import build_graph
-from merlin_rosplan.plan_text import PlanStep
-
-LONG = 10.0
-PLAN_ID = 7
-
-
-class TestDeadline:
-    __test__ = False
-
-    def __init__(self, seconds):
-        self._end = time.monotonic() + seconds if seconds > 0 else float("inf")
-
-    def remaining(self):
-        return max(0.0, self._end - time.monotonic())
-
-
-class World(Outside):
-    """Facts that hold, operators by name, and a record of everything that was published."""
-
-    def __init__(self, *operators):
-        self.operators = {operator.name: operator for operator in operators}
-        self.facts = set()
-        self.published = []
-        self.reports = []
-        self.answers = []
-        self.silences = {}
-        self.young_operators = set()
-        self.changed_event = threading.Condition()
-        self.on_send = lambda action: None
-        self.broken = False
-
-    def note(self, kind, action):
-        with self.changed_event:
-            self.published.append((kind, action.id))
-            self.changed_event.notify_all()
-
-    def wait(self, *entry):
-        with self.changed_event:
-            assert self.changed_event.wait_for(lambda: entry in self.published, LONG), self.published
-
-    def now(self):
-        return time.monotonic()
-
-    def deadline(self, seconds):
-        return TestDeadline(seconds)
-
-    def send(self, action):
-        self.note("action", action)
-        self.on_send(action)
-
-    def send_cancel(self, action):
-        self.note("cancel", action)
-
-    def close(self, action):
-        self.note("tombstone", action)
-
-    def tell(self, action, status):
-        self.note(f"own {int(status)}", action)
-
-    def operator(self, action):
-        operator = self.operators[action.name]
-        return operator.ground(operator.bind([value for _, value in action.parameters]))
-
-    def false_of(self, action, conditions):
-        if self.broken:
-            raise DispatchError("the knowledge base does not answer")
-        answer = Conditions(
-            tuple(atom for atom in conditions.positive if atom not in self.facts),
-            tuple(atom for atom in conditions.negative if atom in self.facts),
-        )
-        with self.changed_event:
-            self.answers.append(answer)
-            self.changed_event.notify_all()
-        return answer
-
-    def wait_answers(self, count):
-        with self.changed_event:
-            assert self.changed_event.wait_for(lambda: len(self.answers) >= count, LONG)
-
-    def silence(self, operator):
-        return self.silences.get(operator)
-
-    def young(self, operator):
-        return operator in self.young_operators
-
-    def wake_at(self, when):
-        pass
-
-    def changed(self, report):
-        with self.changed_event:
-            self.reports.append(report)
-            self.changed_event.notify_all()
-
-
-WORK = Operator("work", ("x",))
-GUARDED = Operator(
-    "guarded",
-    ("x",),
-    at_start=Conditions(positive=(Atom("free", ("x",)),), negative=(Atom("blocked", ("x",)),)),
-    over_all=Conditions(positive=(Atom("safe", ("x",)),)),
-)
-#: makes its own over-all condition true at its start and false at its end
-LIGHT = Operator(
-    "light",
-    ("x",),
-    over_all=Conditions(positive=(Atom("burning", ("x",)),)),
-    start_effects=Effects(add=(Atom("burning", ("x",)),)),
-    end_effects=Effects(delete=(Atom("burning", ("x",)),)),
-)
-
-
-def actions(*names):
-    return [PlannedAction(i, name, (("x", f"o{i}"),), 1.0, float(i)) for i, name in enumerate(names)]
-
-
-class Run:
-    """A dispatch in a thread of its own."""
-
-    def __init__(self, world, schedule, **limits):
-        self.dispatch = Dispatch(schedule, world, DispatchLimits(**limits), PLAN_ID)
-        self._report = None
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self):
-        self._report = self.dispatch.run()
-
-    def feedback(self, action_id, status, plan_id=PLAN_ID, reason=""):
-        self.dispatch.put(Feedback(action_id, int(status), plan_id, reason))
-
-    def report(self):
-        self._thread.join(LONG)
-        assert not self._thread.is_alive(), "the dispatch does not end"
-        return self._report
+from merlin_rosplan.dispatch_schedule import SequentialSchedule
+from merlin_rosplan.operator_model import Atom
 
 
 @pytest.fixture
 def world():
     return World(WORK, GUARDED, LIGHT)
-
-
-def parallel(names):
-    steps = [PlanStep(0.0, name, (f"o{i}",), 1.0) for i, name in enumerate(names)]
-    return GraphSchedule(
-        build_graph(steps, [WORK.ground({"x": f"o{i}"}) for i, _ in enumerate(names)]), actions(*names)
-    )
 
 
 def test_actions_run_in_order_and_a_tombstone_closes_the_dispatch(world):
