@@ -1,12 +1,9 @@
 #!/usr/bin/env python3
 """What a plan dispatcher promises to action interfaces and to its callers, over ROS."""
 
-import contextlib
-import tempfile
 import threading
 import unittest
 
-import rosnode
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import KeyValue
@@ -19,7 +16,7 @@ from rosplan_dispatch_msgs.msg import (
     EsterelPlan,
     NonBlockingDispatchGoal,
 )
-from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
+from rosplan_dispatch_msgs.srv import DispatchService
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_msgs.msg import String
 
@@ -371,34 +368,6 @@ class EsterelDispatching(Dispatching, unittest.TestCase):
 
 class DispatchingOfItsOwnProcess(Expressions, unittest.TestCase):
     kind = "outer"
-
-
-class Shutdown(unittest.TestCase):
-    def test_a_dispatcher_that_is_told_to_end_cancels_what_runs_and_is_gone(self):
-        dispatcher = "/ending_dispatcher"
-        dispatch = ServiceProxy(f"{dispatcher}/dispatch_plan", DispatchService)
-        self.assertTrue(dispatch.wait(LONG))
-        interfaces = Interfaces(dispatcher)
-        self.addCleanup(interfaces.close)
-        interfaces.answers.update({"paint": [(1,)], "on_cancel": (10, "cancelled")})
-        parse = ServiceProxy("/simple_parser/parse_plan_from_file", ParsingService)
-        with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
-            file.write("0.0: (paint ann leg) [5.0]\n")
-            file.flush()
-            self.assertTrue(parse(plan_path=file.name).plan_parsed)
-        ended = threading.Event()
-
-        def call():
-            with contextlib.suppress(ServiceError):
-                dispatch()
-            ended.set()
-
-        threading.Thread(target=call, daemon=True).start()
-        interfaces.wait(named("paint"))
-        rosnode.kill_nodes([dispatcher])
-        interfaces.wait(named("cancel_action"))
-        self.assertTrue(ended.wait(LONG))
-        self.assertFalse(dispatch.available())
 
 
 if __name__ == "__main__":
