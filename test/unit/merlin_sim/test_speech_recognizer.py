@@ -45,6 +45,15 @@ def test_an_answer_accounts_for_all_that_was_said(recognizer, synthesizer):
         recognizer.use(GRAMMAR)
 
 
+def test_the_beginning_of_a_sentence_is_no_sentence(recognizer, synthesizer):
+    drinks = [f"bring me a {drink}{end}" for drink in ("coffee", "tea") for end in ("", " please")]
+    sound = synthesizer.say("bring me a coffee please", "en-us").samples
+    pause = np.zeros(4000, dtype=np.int16)
+    for share in np.linspace(0.25, 0.6, 15):
+        cut = np.concatenate([sound[: int(share * len(sound))], pause])
+        assert recognizer.understand(cut).text in ("", *drinks)
+
+
 def test_noise_is_no_sentence(recognizer):
     noise = (1000 * np.random.default_rng(1).standard_normal(16000)).astype(np.int16)
     assert recognizer.understand(noise).text == ""

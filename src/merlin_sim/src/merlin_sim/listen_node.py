@@ -13,12 +13,13 @@ from merlin_sim.recognizer_process import RecognizerLost, RecognizerProcess
 from merlin_sim.ros_clock import RosClock
 from merlin_sim.speech_recognizer import THRESHOLD, GrammarError, UtteranceDetector
 from merlin_sm.action_server import ServerGoal
+from merlin_sm.deadline import Deadline
 from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_sm.node import run_node
 from merlin_sm.parameters import number
 from merlin_sm.serial_action_server import SerialActionServer
 
-BROKEN_OFF = 1.0  # s of ROS time without sound after which who spoke has stopped
+BROKEN_OFF = 1.0  # s without sound, both of ROS time and of running time, after which who spoke has stopped
 
 
 class ListenNode:
@@ -73,9 +74,10 @@ class ListenNode:
             goal.abort(ListenResult(), f"the time-out {timeout:g} s is negative; 0: {self._timeout:g} s")
             return
         try:
-            self._recognizer.use(goal.goal.grammar)
             self._sound.clear()
             self._listening = True
+            goal.feedback(ListenFeedback(speech=False))
+            self._recognizer.use(goal.goal.grammar)
             self._listen(goal)
             self._trouble = ""
         except GrammarError as error:
@@ -96,6 +98,9 @@ class ListenNode:
             left = BROKEN_OFF if detector.speaking else end - rospy.get_time()
             if left > 0.0 and self._clock.wait(left, self._news):
                 left = 0.0
+                if detector.speaking:
+                    # Fast simulated time gives a busy machine no time to deliver what was said in it.
+                    Deadline(BROKEN_OFF).wait_event(self._news)
             self._news.clear()
             if goal.cancel_requested:
                 return

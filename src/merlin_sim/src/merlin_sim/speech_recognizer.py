@@ -92,7 +92,8 @@ class SpeechRecognizer:
             if self._grammar is None:
                 raise GrammarError("there is no grammar")
             said, frames = self._search("grammar", data)
-            if said is None or not said.hypstr:
+            # Of an utterance that breaks off, the decoder returns the beginning of a sentence.
+            if said is None or not self._decoder.get_fsg("grammar").accept(said.hypstr):
                 return "", 0.0, 1.0
             silent = [
                 (segment.start_frame, segment.end_frame + 1)
