@@ -59,7 +59,7 @@ class Guests(unittest.TestCase):
     def ask(self, text):
         """Asks aloud; returns what was understood of the answer, and what was heard by whom."""
         self.heard.clear()
-        hearing = self.listen.send(ListenGoal(grammar=ORDERS, timeout=rospy.Duration(8.0)))
+        hearing = self.listen.send(ListenGoal(grammar=ORDERS, timeout=rospy.Duration(100.0)))
         request = SoundRequest(sound=SoundRequest.SAY, command=SoundRequest.PLAY_ONCE, volume=1.0, arg=text)
         self.speak.send(SoundRequestGoal(sound_request=request))
         self.assertTrue(hearing.wait(LONG))

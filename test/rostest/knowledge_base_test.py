@@ -288,7 +288,7 @@ class KnowledgeBaseTest(unittest.TestCase):
     def test_timed_knowledge_fires(self):
         changes = Received(f"{KB}/changes", KnowledgeChanges)
         self.addCleanup(changes.close)
-        soon = rospy.get_time() + 0.3
+        soon = rospy.get_time() + 1.0
         later = rospy.get_time() + 1000.0
         items = [fact("checked", "kitchen", at=soon), fact("checked", "bathroom", at=later)]
         self.assertTrue(self.update([0, 0], items))

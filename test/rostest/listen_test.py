@@ -44,7 +44,7 @@ class Listen(unittest.TestCase):
         )
         self.speak.send(SoundRequestGoal(sound_request=request))
 
-    def hear(self, grammar, timeout=10.0):
+    def hear(self, grammar, timeout=100.0):
         return self.listen.send(ListenGoal(grammar=grammar, timeout=rospy.Duration(timeout)))
 
     def test_an_answer_is_understood(self):

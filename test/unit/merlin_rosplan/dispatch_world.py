@@ -23,7 +23,7 @@ class TestDeadline:
     __test__ = False
 
     def __init__(self, seconds):
-        self._end = time.monotonic() + seconds if seconds > 0 else float("inf")
+        self._end = float("inf") if seconds is None else time.monotonic() + seconds
 
     def remaining(self):
         return max(0.0, self._end - time.monotonic())

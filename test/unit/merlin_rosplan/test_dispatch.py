@@ -179,7 +179,7 @@ def test_cancel_waits_for_the_answer(world):
 
 
 def test_a_cancelled_action_that_succeeds_is_the_last_one(world):
-    run = Run(world, SequentialSchedule(actions("work", "work")), cancel=0)
+    run = Run(world, SequentialSchedule(actions("work", "work")), cancel=None)
     world.wait("action", 0)
     run.dispatch.cancel()
     world.wait("cancel", 0)

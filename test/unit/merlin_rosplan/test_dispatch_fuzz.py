@@ -128,7 +128,7 @@ def test_every_dispatch_ends_and_leaves_nothing_running(block):
         rng = random.Random(seed)
         world = Chaos(rng)
         plan = schedule(rng)
-        world.dispatch = dispatch = Dispatch(plan, world, DispatchLimits(cancel=0), PLAN_ID)
+        world.dispatch = dispatch = Dispatch(plan, world, DispatchLimits(cancel=None), PLAN_ID)
         reports = []
         thread = threading.Thread(target=lambda d=dispatch, r=reports: r.append(d.run()), daemon=True)
         thread.start()

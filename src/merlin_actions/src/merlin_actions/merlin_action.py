@@ -12,6 +12,7 @@ from merlin_actions.action_interface import ActionInterface
 from merlin_actions.execution import Ending, Execution
 from merlin_actions.names import ros_name
 from merlin_sm.action_client import ActionClient, ClientGoal
+from merlin_sm.deadline import limit
 from merlin_sm.health import ERROR, Health
 
 
@@ -71,7 +72,7 @@ class MerlinAction(ActionInterface):
         late = self._wait(ended)
         if late:
             sent.cancel()
-        if not sent.done and not sent.wait(self._cancel_limit if self._cancel_limit > 0 else None):
+        if not sent.done and not sent.wait(limit(self._cancel_limit)):
             what = f"still runs after {self._run_limit:g} s" if late else "was cancelled"
             return Ending(
                 False,

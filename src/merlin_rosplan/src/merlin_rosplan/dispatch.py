@@ -48,16 +48,6 @@ class _Running:
     broken: str = ""
 
 
-class _Past:
-    """A deadline that has passed."""
-
-    def remaining(self) -> float:
-        return 0.0
-
-
-_PAST = _Past()
-
-
 @dataclass
 class _Failure:
     state: DispatchState
@@ -195,7 +185,7 @@ class Dispatch:
             self._outside.deadline(self._limits.acknowledge),
             self._outside.deadline(self._limits.accept),
             first,
-            self._grace(self._limits.settle),
+            self._outside.deadline(self._limits.settle),
             operator.over_all - first,
             operator.over_all.names,
         )
@@ -273,10 +263,7 @@ class Dispatch:
             self._fail(f"{record.action} cannot go on: {record.broken}", record.action)
         elif record.grace is None:
             # Interfaces apply the end effects before they report the end.
-            record.grace = self._grace(self._limits.over_all_grace)
-
-    def _grace(self, seconds: float) -> Any:
-        return self._outside.deadline(seconds) if seconds > 0 else _PAST
+            record.grace = self._outside.deadline(self._limits.over_all_grace)
 
     def _check_interface(self, record: _Running) -> None:
         action = record.action
@@ -304,7 +291,8 @@ class Dispatch:
 
     def _dead(self, record: _Running, silence: Optional[float]) -> bool:
         """Whether an interface that announced itself has stopped; taking an action is a sign of life too."""
-        if silence is None or not silence > self._limits.liveness > 0:
+        liveness = self._limits.liveness
+        if silence is None or liveness is None or silence <= liveness:
             return False
         return record.alive is None or record.alive.remaining() <= 0
 

@@ -37,24 +37,23 @@ class DispatchError(Exception):
 
 @dataclass(frozen=True)
 class DispatchLimits:
-    """Patience of a dispatcher, s, on the monotonic clock less the time the simulator is paused.
+    """Patience of a dispatcher, s, on the monotonic clock less the simulator's pauses; None: no limit.
 
     Parameters
     ----------
-    acknowledge: an action whose interface has never been heard of must be taken within this time; zero: no
-        limit.
-    accept: an action whose interface is alive must be taken within this time; zero: no limit.
-    liveness: an interface that announced itself regularly and has been silent this long is dead; zero: never.
-    cancel: how long a cancelled action's interface may take to answer; zero or less: as long as it takes.
+    acknowledge: an action whose interface has never been heard of must be taken within this time.
+    accept: an action whose interface is alive must be taken within this time.
+    liveness: an interface that announced itself regularly and has been silent this long is dead.
+    cancel: how long a cancelled action's interface may take to answer.
     over_all_grace: an action whose own end effects break its over-all condition reports its end within it.
     settle: within it an interface has applied the start effects of an action it was given; until then a
         parallel action whose conditions do not hold yet is not refused.
     """
 
-    acknowledge: float = 2.0
-    accept: float = 10.0
-    liveness: float = 5.0
-    cancel: float = 5.0
+    acknowledge: Optional[float] = 2.0
+    accept: Optional[float] = 10.0
+    liveness: Optional[float] = 5.0
+    cancel: Optional[float] = 5.0
     over_all_grace: float = 1.0
     settle: float = 2.0
 
@@ -85,8 +84,8 @@ class Outside(abc.ABC):
         """ROS time, s."""
 
     @abc.abstractmethod
-    def deadline(self, seconds: float) -> Any:
-        """A deadline with ``remaining()``; zero or less means never."""
+    def deadline(self, seconds: Optional[float]) -> Any:
+        """A deadline with ``remaining()``; None means never."""
 
     @abc.abstractmethod
     def send(self, action: PlannedAction) -> None:

@@ -94,9 +94,9 @@ class DispatchTopics(Outside):
         """ROS time, s."""
         return float(rospy.get_time())
 
-    def deadline(self, seconds: float) -> Deadline:
+    def deadline(self, seconds: Optional[float]) -> Deadline:
         """A deadline that stands still while the simulator is paused."""
-        return Deadline(SHUTDOWN_DEADLINE if self._component.closed and seconds <= 0 else seconds)
+        return Deadline(SHUTDOWN_DEADLINE if self._component.closed and seconds is None else seconds)
 
     def send(self, action: PlannedAction) -> None:
         """Publishes the action."""

@@ -43,6 +43,7 @@ from merlin_rosplan.plan_graph_drawer import PlanGraphDrawer
 from merlin_rosplan.plan_graph_messages import graph_from_message
 from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError, goals_text
 from merlin_sm.action_server import ActionServer, ServerGoal
+from merlin_sm.deadline import limit
 from merlin_sm.health import OK, WARN, Health
 
 SCOPE = "rosplan_plan_dispatcher"
@@ -69,10 +70,10 @@ class PlanDispatcher(Component):
         self._busy = False
         self._goal: Optional[ServerGoal] = None
         self._limits = DispatchLimits(
-            acknowledge=self.number("ack_timeout", 2.0, 0.0),
-            accept=self.number("accept_timeout", 10.0, 0.0),
-            liveness=self.number("liveness_timeout", 5.0, 0.0),
-            cancel=self.number("cancel_deadline", 5.0),
+            acknowledge=limit(self.number("ack_timeout", 2.0, 0.0)),
+            accept=limit(self.number("accept_timeout", 10.0, 0.0)),
+            liveness=limit(self.number("liveness_timeout", 5.0, 0.0)),
+            cancel=limit(self.number("cancel_deadline", 5.0)),
             over_all_grace=self.number("over_all_grace", 1.0, 0.0),
             settle=self.number("settle_time", 2.0, 0.0),
         )

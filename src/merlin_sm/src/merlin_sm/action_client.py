@@ -77,8 +77,6 @@ class ClientGoal:
         :param timeout: s of running time; None: as long as the server lives.
         :return: whether it has ended.
         """
-        if timeout is not None and timeout <= 0.0:
-            return self.done
         return Deadline(timeout).wait_event(self._ended)
 
     def _finish(self, status: int, text: str, result: Any) -> None:
@@ -143,8 +141,6 @@ class ActionClient:
         :param timeout: s of running time; None: until ROS shuts down.
         :param unless: ends the wait when it is true.
         """
-        if timeout is not None and timeout <= 0.0:
-            return self.alive
         deadline = Deadline(timeout)
         with self._changed:
             while not self.alive:

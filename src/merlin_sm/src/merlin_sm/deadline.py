@@ -62,14 +62,19 @@ def running_time() -> float:
     return time.monotonic() - _pause_watch.paused_time()
 
 
+def limit(seconds: float) -> Optional[float]:
+    """What a parameter of which zero or less means "no limit" is to a :class:`Deadline`."""
+    return seconds if seconds > 0 else None
+
+
 class Deadline:
     """A point in running time.
 
-    :param seconds: from now, s; None, zero or less means never.
+    :param seconds: from now, s; zero or less: it has passed; None: never.
     """
 
     def __init__(self, seconds: Optional[float]) -> None:
-        self.seconds = seconds if seconds is not None and seconds > 0 else math.inf
+        self.seconds = math.inf if seconds is None else max(0.0, seconds)
         self._end = running_time() + self.seconds
 
     def remaining(self) -> float:

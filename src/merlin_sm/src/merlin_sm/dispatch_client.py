@@ -10,7 +10,7 @@ from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_srvs.srv import Empty
 
-from merlin_sm.deadline import Deadline
+from merlin_sm.deadline import Deadline, limit
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
 from merlin_sm.pddl_text import action_text
 from merlin_sm.planning_client import Interruptible
@@ -178,12 +178,13 @@ class DispatchClient:
             if self._ended:
                 return True
             # A cancel sent before the dispatcher runs would be lost, or stop ROSPlan's next dispatch instead.
-            deadline = Deadline(self.cancel_deadline)
+            patience = limit(self.cancel_deadline)
+            deadline = Deadline(patience)
             if not deadline.wait(self._changed, lambda: self._ended or self._seen()):
                 return False
         self._send_cancel()
         # The dispatcher keeps the same deadline and names who did not answer; it gets a moment longer.
-        slack = Deadline(self.cancel_deadline + 1.0 if self.cancel_deadline > 0 else None)
+        slack = Deadline(None if patience is None else patience + 1.0)
         with self._changed:
             return slack.wait(self._changed, lambda: self._ended)
 
