@@ -216,6 +216,18 @@ class Services(unittest.TestCase):
         self.addCleanup(lambda: offered[0].shutdown())
         self.assertEqual(ask().message, "here")
 
+    def test_a_refusal_is_told_in_the_words_of_the_server(self):
+        def refuse(_):
+            raise rospy.ServiceException("battery of 'anna' is \"flat\", naïve")
+
+        service = rospy.Service("refuses", Trigger, refuse)
+        self.addCleanup(service.shutdown)
+        with self.assertRaises(ServiceError) as caught:
+            ServiceProxy("refuses", Trigger)()
+        self.assertEqual(
+            str(caught.exception), "service /refuses failed: battery of 'anna' is \"flat\", naïve"
+        )
+
     def test_a_missing_service_is_named(self):
         with self.assertRaises(ServiceError) as caught:
             ServiceProxy("nowhere", Trigger)()

@@ -1,5 +1,6 @@
 """The service proxy of MERLIN: persistent, shared between threads, aware of a server that restarted."""
 
+import ast
 import contextlib
 import select
 import socket
@@ -62,10 +63,7 @@ class ServiceProxy:
             except (rospy.ServiceException, ROSException, TransportException, OSError) as error:
                 self._close()
                 if "responded with an error" in str(error):
-                    reason = str(error).split("responded with an error:", 1)[-1].strip(" b'\"")
-                    raise ServiceError(
-                        f"service {self.name} failed: {reason or 'no reason given'}"
-                    ) from error
+                    raise ServiceError(f"service {self.name} failed: {_reason(str(error))}") from error
                 raise ServiceError(f"service {self.name} does not answer: {error}") from error
             finally:
                 if limit is not None:
@@ -136,3 +134,14 @@ class ServiceProxy:
             self._proxy.close()
             self._proxy = None
             self._nodelay = False
+
+
+def _reason(text: str) -> str:
+    """The server's own words in rospy's report of them, which shows them as the bytes that came."""
+    said = text.split("responded with an error:", 1)[-1].strip()
+    with contextlib.suppress(ValueError, SyntaxError):
+        value = ast.literal_eval(said)
+        said = value.decode(errors="replace") if isinstance(value, bytes) else said
+    for opening in ("service cannot process request:", "error processing request:"):
+        said = said[len(opening) :] if said.startswith(opening) else said
+    return said.strip() or "no reason given"
