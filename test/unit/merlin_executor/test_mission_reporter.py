@@ -1,18 +1,19 @@
 """What ``merlin/mission`` tells while a mission is paused, and how a mission ends that hardly began."""
 
-from typing import Any, Callable, List, Tuple
+from typing import Any, Callable, Dict, List, Tuple
 
 import pytest
 import rospy
 from merlin_msgs.msg import MissionStatus
 from rospy import core
 
-from merlin_executor import goal_dispatcher, mission_reporter
-from merlin_executor.mission_pause import PAUSED
+from merlin_executor import goal_dispatcher, mission_pause, mission_reporter
+from merlin_executor.mission_pause import PAUSED, MissionPause
 from merlin_executor.mission_reporter import MissionReporter
 from merlin_sm.states.function_state import FunctionState
 
 RUNNING = MissionStatus.RUNNING
+Services = Dict[str, Callable[[Any], Any]]
 
 
 class Topic:
@@ -34,6 +35,21 @@ def topic(monkeypatch: pytest.MonkeyPatch) -> Topic:
     monkeypatch.setattr(mission_reporter.rospy, "Publisher", lambda *_, **__: made)
     monkeypatch.setattr(mission_reporter.rospy.Time, "now", rospy.Time)
     return made
+
+
+@pytest.fixture()
+def services(monkeypatch: pytest.MonkeyPatch) -> Services:
+    offered: Services = {}
+
+    class Service:
+        def __init__(self, name: str, _: Any, handler: Callable[[Any], Any]) -> None:
+            offered[name] = handler
+
+        def shutdown(self, reason: str) -> None:
+            pass
+
+    monkeypatch.setattr(mission_pause.rospy, "Service", Service)
+    return offered
 
 
 def test_a_mission_that_goes_on_tells_its_task_again(topic: Topic) -> None:
@@ -68,8 +84,43 @@ def test_the_last_words_of_a_node_that_goes_down_may_be_lost(
     reporter.report(MissionStatus.CANCELLED, "cancelled")
 
 
+def test_a_mission_that_was_cancelled_sends_no_goal(
+    topic: Topic, services: Services, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Client:
+        sent: List[str] = []
+
+        def wait_for_executor(self, timeout: float) -> bool:
+            return True
+
+        def send(self, goals: str) -> None:
+            self.sent.append(goals)
+
+    class Mission(goal_dispatcher.GoalDispatcher):
+        def run(self) -> None:
+            self.cancel()
+            self.achieve("(checked kitchen)")
+
+    monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", Client)
+    monkeypatch.setattr(goal_dispatcher.rospy, "on_shutdown", lambda hook: None)
+    assert Mission().execute() is False
+    assert Client.sent == []
+    assert topic.told[-1][0] == MissionStatus.CANCELLED
+
+
+def test_a_mission_that_has_ended_is_not_paused(services: Services) -> None:
+    told: List[bool] = []
+    with MissionPause(told.append) as pause:
+        assert services["merlin/mission/pause"](None).success
+    answers = [service(None) for service in services.values()]
+    assert [(answer.success, answer.message) for answer in answers] == [(False, "The mission has ended.")] * 2
+    assert told == [True]
+    with pause:  # again, from the beginning
+        pause.wait(lambda: False)
+
+
 def test_a_mission_whose_node_goes_down_before_it_begins_does_nothing(
-    topic: Topic, monkeypatch: pytest.MonkeyPatch
+    topic: Topic, services: Services, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ran: List[str] = []
 
@@ -86,12 +137,6 @@ def test_a_mission_whose_node_goes_down_before_it_begins_does_nothing(
 
     monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", lambda: None)
     monkeypatch.setattr(goal_dispatcher, "show", lambda *_: Server())
-    monkeypatch.setattr("merlin_executor.mission_pause.rospy.Service", lambda *_: _Service())
     monkeypatch.setattr(goal_dispatcher.rospy, "on_shutdown", down)
     assert Mission().run() == "preempted"
     assert ran == []
-
-
-class _Service:
-    def shutdown(self, reason: str) -> None:
-        pass

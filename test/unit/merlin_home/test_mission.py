@@ -10,6 +10,7 @@ from merlin_home.mission_list import Task, make_mission
 from merlin_home.real_time_factor import RealTimeFactor
 from merlin_home.task_record import TaskRecord
 from merlin_home.trajectory import Sample, Trajectory
+from merlin_sm.service_proxy import ServiceError
 
 POINTS = ["dorm_room", "bathroom", "kitchen", "main_door"]
 
@@ -135,6 +136,20 @@ def test_a_stopped_mission_cancels_and_sends_no_more() -> None:
     mission = Mission(make_mission(POINTS, 6, 3), robot, cancel_after=100.0)
     robot.call_after(30.0, mission.stop)
     with pytest.raises(MissionStopped):
+        mission.run()
+    assert 0 < len(mission.records) < 6
+    assert all(record.outcome for record in mission.records)
+
+
+def test_a_task_that_cannot_be_sent_is_no_data() -> None:
+    class Refusing(FakeRobot):
+        def send(self, poi: str) -> FakeRobot:
+            if self.time > 30.0:
+                raise ServiceError("the knowledge base does not answer")
+            return super().send(poi)
+
+    mission = Mission(make_mission(POINTS, 6, 3), Refusing(), cancel_after=100.0)
+    with pytest.raises(ServiceError):
         mission.run()
     assert 0 < len(mission.records) < 6
     assert all(record.outcome for record in mission.records)

@@ -69,7 +69,7 @@ class GoalDispatcher(MerlinROSPlanAssistant):
                 raise MissionFailed(f"no executor within {EXECUTOR_WAIT:g} s")
             with self._pause:
                 self.run()
-        except (MissionFailed, ValueError, rospy.ServiceException) as error:
+        except (MissionFailed, ValueError, rospy.ServiceException, rospy.ROSInterruptException) as error:
             state = MissionStatus.CANCELLED if self._cancelled else MissionStatus.FAILED
             self.reporter.report(state, str(error))
             rospy.logerr(f"mission {self.name}: {error}")
@@ -89,6 +89,8 @@ class GoalDispatcher(MerlinROSPlanAssistant):
         """
         text = goals if isinstance(goals, str) else " ".join(map(str, goals))
         self._pause.wait(lambda: self._cancelled)
+        if self._cancelled:
+            raise MissionFailed(f"{text}: not sent, the mission was cancelled")
         self.reporter.task(text)
         request = self.client.send(goals, **options)
         self._current = request

@@ -16,16 +16,19 @@ class MissionPause:
 
     Use it as a context manager around the mission: the services are there that long.
 
-    :param on_change: called with whether the mission is paused now, in the service's thread.
+    :param on_change: called with whether the mission is paused now, in the service's thread and in the order
+        of the changes; never after the context has ended. It must not block.
     """
 
     def __init__(self, on_change: Callable[[bool], None]) -> None:
         self._on_change = on_change
-        self._changed = threading.Condition()  # guards _paused
+        self._changed = threading.Condition()  # guards the two fields below, and the order of the calls
         self._paused = False
+        self._over = False
         self._services: List[rospy.Service] = []
 
     def __enter__(self) -> "MissionPause":
+        self._paused = self._over = False
         self._services = [
             rospy.Service("merlin/mission/pause", Trigger, self._pause),
             rospy.Service("merlin/mission/resume", Trigger, self._resume),
@@ -33,6 +36,8 @@ class MissionPause:
         return self
 
     def __exit__(self, *_: object) -> None:
+        with self._changed:
+            self._over = True
         for service in self._services:
             service.shutdown("the mission has ended")
         self._services = []
@@ -58,9 +63,11 @@ class MissionPause:
 
     def _set(self, paused: bool, done: str, refused: str) -> TriggerResponse:
         with self._changed:
+            if self._over:
+                return TriggerResponse(False, "The mission has ended.")
             if self._paused == paused:
                 return TriggerResponse(False, refused)
             self._paused = paused
             self._changed.notify_all()
-        self._on_change(paused)
+            self._on_change(paused)
         return TriggerResponse(True, done)

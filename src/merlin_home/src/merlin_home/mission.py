@@ -118,7 +118,7 @@ class Mission:
             record = TaskRecord(task)
             try:
                 self._carry_out(record)
-            except MissionStopped:
+            except Exception:
                 if record in self.records:
                     self.records.remove(record)  # half a task is no data
                 raise

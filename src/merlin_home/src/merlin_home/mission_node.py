@@ -96,7 +96,7 @@ class MissionNode:
             code = EXIT_INTERRUPTED if run.ended == "interrupted" else EXIT_STOPPED
             self._view.line(f"mission: {run.ended}")
             if self._mission.start is None:
-                self._reporter.report(MissionStatus.FAILED, run.ended)
+                self._report_end(run)
                 return code
         run.wall = time.monotonic() - began
         self._finish(run, None if code == EXIT_INTERRUPTED else grid)
@@ -137,10 +137,18 @@ class MissionNode:
             lines = closing_lines(run, write_run(self._settings.results, run).values())
         for line in lines:
             self._view.line(line)
-        state = MissionStatus.SUCCEEDED if run.right else MissionStatus.FAILED
-        if run.ended == "interrupted":
-            state = MissionStatus.CANCELLED
-        self._reporter.report(state, "every task ended as listed" if run.right else run.ended)
+        self._report_end(run)
+
+    def _report_end(self, run: RunRecord) -> None:
+        if run.right:
+            self._reporter.report(MissionStatus.SUCCEEDED, "every task ended as listed")
+        elif run.ended == "complete":
+            wrong = sum(not record.right for record in run.tasks)
+            self._reporter.report(MissionStatus.FAILED, f"{wrong} of {len(run.tasks)} tasks not as listed")
+        elif run.ended == "interrupted":
+            self._reporter.report(MissionStatus.CANCELLED, run.ended)
+        else:
+            self._reporter.report(MissionStatus.FAILED, run.ended)
 
     def _headline(self) -> str:
         settings = self._settings
@@ -158,9 +166,15 @@ class MissionNode:
             self._set_factor_service = ServiceProxy(
                 "/merlin_sim/set_real_time_factor", SetRealTimeFactor, timeout=5.0
             )
-        answer = self._set_factor_service(factor)
-        if not answer.success:
-            raise MissionStopped(f"the simulator refused real-time factor {factor:g}: {answer.message}")
+        try:
+            answer = self._set_factor_service(factor)
+            trouble = "" if answer.success else f"the simulator refused it: {answer.message}"
+        except ServiceError as error:
+            trouble = str(error)
+        if trouble and self._mission.start is None:
+            raise MissionStopped(f"no real-time factor {factor:g}: {trouble}")
+        if trouble:  # said, not raised: timers and callbacks set factors too
+            self._view.line(f"mission: no real-time factor {factor:g}: {trouble}")
 
     def _task_changed(self, record: TaskRecord) -> None:
         count = len(self._tasks)
