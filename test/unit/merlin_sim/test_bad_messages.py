@@ -5,9 +5,10 @@ import math
 import pytest
 import rospy
 from nav_msgs.msg import OccupancyGrid, Odometry
+from sensor_msgs.msg import LaserScan
 
 from merlin_sim.navigation_node import _refuse_jump
-from merlin_sim.robot_state import StateError
+from merlin_sim.robot_state import StateError, rays_of, unusable
 from merlin_sim.ros_messages import grid_of, pose_message
 from merlin_sim.world import Pose
 
@@ -21,6 +22,27 @@ def test_a_map_needs_cells_of_a_width(resolution: float) -> None:
     message.info.resolution = resolution
     with pytest.raises(ValueError, match="m wide"):
         grid_of(message)
+
+
+@pytest.mark.parametrize(
+    ("ranges", "angle_min", "increment"),
+    [([], 0.0, 0.1), ([1.0], 0.0, 0.1), ([1.0, 2.0], 0.0, 0.0), ([1.0, 2.0], math.nan, 0.1)],
+)
+def test_a_scan_needs_rays(ranges: list, angle_min: float, increment: float) -> None:
+    message = LaserScan(ranges=ranges, angle_min=angle_min, angle_increment=increment, range_max=10.0)
+    assert f"it has {len(ranges)} ranges" in unusable(message)
+
+
+def test_a_laser_upside_down_sees_the_same() -> None:
+    sweep = LaserScan(ranges=[1.0, 2.0, math.nan, 30.0], angle_min=-1.0, angle_increment=0.5, range_max=10.0)
+    back = LaserScan(
+        ranges=sweep.ranges[::-1], angle_min=0.5, angle_increment=-0.5, range_min=0.0, range_max=10.0
+    )
+    for scan in (sweep, back):
+        assert unusable(scan) == ""
+        angles, ranges = rays_of(scan)
+        assert angles.tolist() == [-1.0, -0.5, 0.0, 0.5]
+        assert ranges.tolist() == [1.0, 2.0, math.inf, math.inf]
 
 
 def odometry(pose: Pose, at: float) -> Odometry:

@@ -18,7 +18,7 @@ from merlin_sim.navigation_goal import bad_rotation
 from merlin_sim.occupancy_grid import FREE
 from merlin_sim.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_sim.prompt_publisher import PromptPublisher
-from merlin_sim.robot_state import HISTORY, odometry_at, rays_of
+from merlin_sim.robot_state import HISTORY, odometry_at, rays_of, unusable
 from merlin_sim.ros_messages import grid_of, pose_message, pose_of, pose_of_transform, transform
 from merlin_sim.world import Pose
 from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
@@ -145,6 +145,10 @@ class LocalizationNode:
             self._odometry.append(message)
 
     def _receive_scan(self, message: LaserScan) -> None:
+        reason = unusable(message)
+        if reason:
+            rospy.logwarn_throttle(10.0, f"localization: {reason}")
+            return
         with self._lock:
             if self._localizer is None or not self._odometry:
                 return

@@ -144,15 +144,29 @@ class RobotState:
             self.changed.notify_all()
 
     def _receive_scan(self, message: LaserScan) -> None:
+        reason = unusable(message)
+        if reason:
+            rospy.logwarn_throttle(10.0, f"navigation: {reason}")
+            return
         with self.changed:
             self._scan = message
 
 
+def unusable(message: LaserScan) -> str:
+    """Why a scan cannot be used, as a sentence; empty when it can."""
+    first, step, count = message.angle_min, message.angle_increment, len(message.ranges)
+    if count > 1 and math.isfinite(first) and math.isfinite(step) and step != 0.0:
+        return ""
+    return f"a scan is ignored: it has {count} ranges, from {first:g} rad in steps of {step:g} rad"
+
+
 def rays_of(message: LaserScan) -> Tuple[np.ndarray, np.ndarray]:
-    """The angles (rad) and ranges (m) of a scan, infinite where nothing was hit."""
+    """The angles (rad, ascending) and ranges (m) of a usable scan, infinite where nothing was hit."""
     ranges = np.array(message.ranges, dtype=float)
     ranges[~((ranges >= message.range_min) & (ranges <= message.range_max))] = math.inf
-    return message.angle_min + message.angle_increment * np.arange(len(ranges)), ranges
+    angles = message.angle_min + message.angle_increment * np.arange(len(ranges))
+    # A laser that hangs upside down sweeps the other way round.
+    return (angles, ranges) if message.angle_increment > 0.0 else (angles[::-1], ranges[::-1])
 
 
 def velocity_of(message: Odometry) -> Tuple[float, float]:
