@@ -57,16 +57,33 @@ class Listen(unittest.TestCase):
         self.assertGreater(goal.result.confidence, 0.5)
 
     def test_sound_with_a_byte_too_many_is_understood(self):
-        self.assertEqual(self.say("bring me the tea", extra=b"?"), (GoalStatus.SUCCEEDED, "bring me the tea"))
+        self.assertEqual(self.understood("bring me the tea", extra=b"?"), "bring me the tea")
 
     def test_sound_that_a_busy_machine_delivers_late_is_understood(self):
-        self.assertEqual(self.say("bring me the tea", late=1.1), (GoalStatus.SUCCEEDED, "bring me the tea"))
+        self.assertEqual(self.understood("bring me the tea", late=1.1), "bring me the tea")
 
-    def say(self, text, extra=b"", late=0.0):
-        """What the robot understands when it hears this.
+    def test_a_cancel_while_it_thinks_about_what_was_said_ends_it(self):
+        thinking = threading.Event()
+        goal = self.say(" and ".join(3 * ["bring me the tea"]), on_silence=thinking.set)
+        self.assertTrue(thinking.wait(LONG))
+        goal.cancel()
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual(goal.status, GoalStatus.PREEMPTED)
+        self.assertEqual((goal.result.text, goal.result.heard), ("", True))
+
+    def understood(self, text, **how):
+        """What the robot understands when it hears this."""
+        goal = self.say(text, **how)
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual(goal.status, GoalStatus.SUCCEEDED)
+        return goal.result.text
+
+    def say(self, text, extra=b"", late=0.0, on_silence=lambda: None):
+        """Lets the robot listen, and says something to it; returns its goal.
 
         :param extra: bytes after each part of the sound.
         :param late: s of ROS time by which the second half of the sound comes late.
+        :param on_silence: called when the robot has noticed that the sentence is over.
         """
         connected = Connected()
         microphone = rospy.Publisher("audio/microphone", AudioData, connected, queue_size=50)
@@ -79,7 +96,12 @@ class Listen(unittest.TestCase):
         listening, speaking = threading.Event(), threading.Event()
 
         def note(_, feedback):
-            (speaking if feedback.speech else listening).set()
+            if feedback.speech:
+                speaking.set()
+            elif speaking.is_set():
+                on_silence()
+            else:
+                listening.set()
 
         timeout = rospy.Duration(1000.0)
         goal = self.listen.send(ListenGoal(grammar=ORDERS, timeout=timeout), on_feedback=note)
@@ -91,8 +113,7 @@ class Listen(unittest.TestCase):
         rospy.sleep(late)
         for part in parts[10:]:
             microphone.publish(AudioData(data=part.tobytes() + extra))
-        self.assertTrue(goal.wait(LONG))
-        return goal.status, goal.result.text
+        return goal
 
     def test_what_the_grammar_does_not_allow_is_not_understood(self):
         goal = self.hear(ANSWERS)

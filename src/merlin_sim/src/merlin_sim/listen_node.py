@@ -35,7 +35,8 @@ class ListenNode:
         self._clock = RosClock()
         self._news = threading.Event()  # sound came, or somebody wants it to stop
         self._sound: Deque[np.ndarray] = deque(maxlen=1000)
-        self._listening = self._speaking = False
+        self._listening = False
+        self._spoke = False  # somebody, since the goal began
         self._heard = self._understood = 0  # utterances
         self._trouble = ""  # what became of the recogniser in the last goal
         self._server = SerialActionServer("listen", ListenAction, self._execute, self._cancel)
@@ -64,7 +65,7 @@ class ListenNode:
 
     def _cancel(self, goal: ServerGoal) -> None:
         # At once: decoding takes a second, and its result is not wanted any more.
-        goal.cancelled(ListenResult(heard=self._speaking), "cancelled")
+        goal.cancelled(ListenResult(heard=self._spoke), "cancelled")
         self._news.set()
         self._clock.wake()
 
@@ -84,14 +85,15 @@ class ListenNode:
             goal.abort(ListenResult(), str(error))
         except RecognizerLost as error:
             self._trouble = str(error)
-            goal.abort(ListenResult(heard=self._speaking), str(error))
+            goal.abort(ListenResult(heard=self._spoke), str(error))
         finally:
-            self._listening = self._speaking = False
+            self._listening = self._spoke = False
 
     def _listen(self, goal: ServerGoal) -> None:
         timeout = goal.goal.timeout.to_sec() or self._timeout
         end = rospy.get_time() + timeout
         detector = UtteranceDetector(loud=self._loud)
+        speaking = False
         utterance: Optional[np.ndarray] = None
         while utterance is None:
             # Who has begun to speak may finish.
@@ -107,9 +109,10 @@ class ListenNode:
             while self._sound and utterance is None:
                 left = 1.0
                 utterance = detector.feed(self._sound.popleft())
-            if detector.speaking != self._speaking:
-                self._speaking = detector.speaking
-                goal.feedback(ListenFeedback(speech=detector.speaking))
+            self._spoke = self._spoke or detector.speaking or utterance is not None
+            if detector.speaking != speaking:
+                speaking = detector.speaking
+                goal.feedback(ListenFeedback(speech=speaking))
             if left <= 0.0 and utterance is None:
                 utterance = detector.finish()
                 if utterance is None:
