@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merlin_sim.occupancy_grid import map_of
+from merlin_sim.occupancy_grid import OCCUPIED, OccupancyGrid, map_of
 from merlin_sim.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_sim.ray_casting import Outlines
 from merlin_sim.world import Pose, wrap
@@ -82,3 +82,9 @@ def test_a_standing_robot_changes_nothing(world, outlines):
     assert not localizer.update(Pose(0.01, 0.0), LASER, ANGLES, ranges)
     localizer.restart()
     assert localizer.update(Pose(0.01, 0.0), LASER, ANGLES, ranges)
+
+
+def test_a_map_without_free_cells_is_refused():
+    nowhere = OccupancyGrid(np.full((4, 4), OCCUPIED, dtype=np.int8), 0.05, (0.0, 0.0))
+    with pytest.raises(ValueError, match="no cell of the map is free"):
+        ParticleFilter(nowhere, FilterSettings(), 1, "test")

@@ -15,7 +15,6 @@ from std_srvs.srv import Empty, EmptyResponse
 from tf2_msgs.msg import TFMessage
 
 from merlin_sim.navigation_goal import bad_rotation
-from merlin_sim.occupancy_grid import FREE
 from merlin_sim.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_sim.prompt_publisher import PromptPublisher
 from merlin_sim.robot_state import HISTORY, odometry_at, rays_of, unusable
@@ -85,12 +84,10 @@ class LocalizationNode:
     def _receive_map(self, message: OccupancyGrid) -> None:
         try:
             grid = grid_of(message)
-            if not (grid.cells == FREE).any():
-                raise ValueError("no cell of the map is free: there is nowhere a robot could be")
+            particles = ParticleFilter(grid, self._settings, self._seed, rospy.get_namespace())
         except ValueError as error:
             rospy.logerr(f"localization: {error}")
             return
-        particles = ParticleFilter(grid, self._settings, self._seed, rospy.get_namespace())
         start = rospy.get_param("~initial_pose", rospy.get_param("start_pose", None))
         if start is not None:
             try:

@@ -43,6 +43,7 @@ class ParticleFilter:
     """Believes in poses. Used by one thread at a time.
 
     :param grid: unknown cells tell nothing.
+    :raises ValueError: no cell of it is free.
     """
 
     def __init__(self, grid: OccupancyGrid, settings: FilterSettings, seed: int, name: str) -> None:
@@ -53,6 +54,8 @@ class ParticleFilter:
             (grid.cells != OCCUPIED).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
         ) * np.float32(grid.resolution)
         self._free = np.argwhere(grid.cells == FREE)
+        if not len(self._free):
+            raise ValueError("no cell of the map is free: there is nowhere a robot could be")
         self._draws = 0
         self._usual_fit = 0.0  # slow average of how well the scans fit, per beam
         self._recent_fit = 0.0  # fast average
