@@ -6,6 +6,7 @@ from typing import Any, Callable, Optional, Type
 
 import rospy
 from rosgraph import get_master_uri
+from rosgraph.network import parse_http_host_and_port
 from rospy.core import is_shutdown_requested
 
 from merlin_sm.parameters import ParameterError
@@ -20,8 +21,15 @@ def init_node(name: str, **options: Any) -> None:
 
     :param name: unless ``__name`` is given on the command line.
     :param options: of `rospy.init_node`.
-    :raises SystemExit: with a text, when parameters are given and no master takes them.
+    :raises SystemExit: with a text, when the master's address is none, or parameters are given and no master
+        takes them.
     """
+    try:
+        parse_http_host_and_port(get_master_uri())
+    except ValueError:
+        raise SystemExit(
+            f"{name}: ROS_MASTER_URI is '{get_master_uri()}'; it has to be like http://localhost:11311"
+        ) from None
     try:
         rospy.init_node(name, **options)
     except OSError as error:
