@@ -15,7 +15,7 @@ from hypothesis import settings
 settings.register_profile("merlin", deadline=None)
 settings.load_profile("merlin")
 
-LIMIT = 280.0  # s, below pytest's own limit, so that the suite's processes are ended here
+LIMIT = 450.0  # s, below pytest's own limit, so that the suite's processes are ended here
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "RosTestFile":
