@@ -21,7 +21,7 @@ import rostest
 from merlin_actions.merlin_action import MerlinAction
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
-LONG = 30.0
+LONG = 60.0
 DISPATCHER = "planning_system: rosplan_plan_dispatcher"
 ACTIONS = "[merlin_actions.actions.navigate:Navigate, merlin_home.actions.ask:Ask]"
 FINAL = (ActionFeedback.ACTION_FAILED, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)

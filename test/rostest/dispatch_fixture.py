@@ -23,7 +23,7 @@ from merlin_sm.knowledge_client import (
 )
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
-LONG = 20.0
+LONG = 60.0
 KNOWLEDGE_BASE = "/rosplan_knowledge_base"
 
 

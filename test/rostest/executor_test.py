@@ -15,7 +15,7 @@ from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_
 from merlin_executor.goal_check import GoalError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
-LONG = 30.0
+LONG = 60.0
 DORM_ROOM = "world/points_of_interest/dorm_room"
 
 

@@ -14,7 +14,7 @@ import smach
 from merlin_executor.goal_dispatcher import GoalDispatcher, MissionFailed, MissionSM
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
-LONG = 30.0
+LONG = 60.0
 POIS = ("kitchen", "bathroom", "dorm_room", "main_door")
 
 

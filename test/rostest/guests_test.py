@@ -14,7 +14,7 @@ import rostest
 from merlin_sm.action_client import ActionClient
 from merlin_sm.service_proxy import ServiceProxy
 
-LONG = 40.0  # s of wall time
+LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
 
 

@@ -32,7 +32,7 @@ from std_srvs.srv import Empty
 
 import rostest
 
-LONG = 20.0
+LONG = 60.0
 KB = "rosplan_knowledge_base"
 LENIENT = "lenient_knowledge_base"
 

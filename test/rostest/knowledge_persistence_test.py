@@ -29,7 +29,7 @@ from std_srvs.srv import Empty
 
 import rostest
 
-LONG = 30.0
+LONG = 60.0
 KB = "/rosplan_knowledge_base"
 
 

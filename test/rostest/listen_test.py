@@ -15,7 +15,7 @@ import rostest
 from merlin_sim.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_sm.action_client import ActionClient
 
-LONG = 40.0  # s of wall time
+LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
 ANSWERS = "#JSGF V1.0; grammar answer; public <answer> = (seven | eleven) of them;"
 

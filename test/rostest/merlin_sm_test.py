@@ -18,7 +18,7 @@ from merlin_sm.pddl_text import PDDLSyntaxError
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import MerlinState
 
-LONG = 20.0
+LONG = 60.0
 OUTCOMES = ["succeeded", "aborted", "preempted"]
 create = MerlinStateFactory.create
 

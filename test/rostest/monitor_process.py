@@ -10,7 +10,7 @@ from pathlib import Path
 
 import rospy
 
-LONG = 30.0
+LONG = 60.0
 
 
 class Latest:

@@ -13,7 +13,7 @@ import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
-LONG = 30.0
+LONG = 60.0
 
 
 class Naive(unittest.TestCase):

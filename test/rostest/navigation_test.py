@@ -17,7 +17,7 @@ import rostest
 from merlin_sm.action_client import ActionClient
 from merlin_sm.service_proxy import ServiceProxy
 
-LONG = 40.0  # s of wall time
+LONG = 60.0  # s of wall time
 
 
 def pose(x, y, yaw=0.0, frame="map"):

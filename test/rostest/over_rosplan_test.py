@@ -12,7 +12,7 @@ import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
-LONG = 40.0
+LONG = 60.0
 
 
 class OverROSPlan(unittest.TestCase):

@@ -22,7 +22,7 @@ import rostest
 from merlin_sm.action_client import ActionClient
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
-LONG = 20.0
+LONG = 60.0
 NODE = "/rosplan_planner_interface"
 
 

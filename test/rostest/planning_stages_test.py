@@ -14,7 +14,7 @@ import rostest
 from merlin_sm.knowledge_client import ADD, ADD_GOAL, REMOVE, REMOVE_GOAL, Update, fact, knowledge_client
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
-LONG = 30.0
+LONG = 60.0
 
 
 class Latched:

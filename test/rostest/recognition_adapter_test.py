@@ -16,7 +16,7 @@ from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithP
 import rostest
 from merlin_sm.action_client import ActionClient
 
-LONG = 30.0  # s of wall time
+LONG = 60.0  # s of wall time
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "real-robot.md"
 CUP, PERSON = 0, 2
 

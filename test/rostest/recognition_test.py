@@ -18,7 +18,7 @@ from merlin_sm.action_client import ActionClient
 from merlin_sm.service_proxy import ServiceProxy
 from merlin_sm.state_factory import MerlinStateFactory
 
-LONG = 40.0  # s of wall time
+LONG = 60.0  # s of wall time
 TRUTH = {
     "cup": (1.5, 0.4, 0.80),
     "coffee": (1.7, -0.35, 0.80),

@@ -16,7 +16,7 @@ from std_srvs.srv import Empty
 
 import rostest
 
-LONG = 30.0
+LONG = 60.0
 
 
 class RosplanLaunchFilesTest(unittest.TestCase):

@@ -14,7 +14,7 @@ import rostest
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, instance, knowledge_client
 from merlin_sm.service_proxy import ServiceProxy
 
-LONG = 20.0
+LONG = 60.0
 
 
 class Sensing(unittest.TestCase):

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 import rostest
 from merlin_sm.service_proxy import ServiceProxy
 
-LONG = 20.0  # s of wall time
+LONG = 60.0  # s of wall time
 
 
 class Latest:

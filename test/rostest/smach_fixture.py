@@ -4,7 +4,7 @@ import threading
 
 import smach
 
-LONG = 30.0
+LONG = 60.0
 
 
 class Run(threading.Thread):

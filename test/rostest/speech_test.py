@@ -16,7 +16,7 @@ from merlin_sim.speech_synthesizer import SpeechSynthesizer
 from merlin_sm.action_client import ActionClient
 from merlin_sm.service_proxy import ServiceProxy
 
-LONG = 30.0  # s of wall time
+LONG = 60.0  # s of wall time
 SENTENCE = "Good morning. Do you need anything from the kitchen or from anywhere else?"
 
 

@@ -11,7 +11,7 @@ from rosgraph_msgs.msg import Clock
 import rostest
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, knowledge_client
 
-LONG = 30.0
+LONG = 60.0
 
 
 class TimedKnowledgeTest(unittest.TestCase):

@@ -24,7 +24,7 @@ from merlin_sm.action_server import ActionServer
 from merlin_sm.serial_action_server import SerialActionServer
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
-LONG = 20.0
+LONG = 60.0
 
 
 def start_victim() -> subprocess.Popen:

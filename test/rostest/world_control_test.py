@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 import rostest
 from merlin_sm.service_proxy import ServiceProxy
 
-LONG = 30.0  # s of wall time
+LONG = 60.0  # s of wall time
 
 
 class WorldControl(unittest.TestCase):

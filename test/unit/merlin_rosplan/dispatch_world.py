@@ -15,7 +15,7 @@ from merlin_rosplan.operator_model import Atom, Conditions, Effects, Operator
 from merlin_rosplan.plan_graph_builder import build_graph
 from merlin_rosplan.plan_text import PlanStep
 
-LONG = 10.0
+LONG = 30.0
 PLAN_ID = 7
 
 

@@ -20,7 +20,7 @@ from merlin_rosplan.planning_outcome import PlannerState
 DOMAIN = Path(__file__).parents[3] / "pddl" / "home" / "domain.pddl"
 PROBLEM = (DOMAIN.parent / "problem.pddl").read_text()
 PLAN = "0.000: (navigate anywhere kitchen)  [25.000]\n25.000: (ask kitchen)  [5.000]\n"
-LONG = 10.0
+LONG = 30.0
 
 needs_kairos = pytest.mark.skipif(not pddl_check.available(), reason="kairos needs Python 3.10")
 
