@@ -165,6 +165,16 @@ def test_each_change_is_told() -> None:
     assert told == [(1, ""), (1, ""), (1, "CANCELLED"), (2, ""), (2, "SUCCEEDED")]
 
 
+class Factors(list):
+    """A simulator that takes factors, unless it is deaf."""
+
+    deaf = False
+
+    def take(self, factor: float) -> bool:
+        self.append(factor)
+        return not self.deaf
+
+
 class Timers:
     """Calls that wait for their time, in the order in which they were asked for."""
 
@@ -182,8 +192,8 @@ class Timers:
 
 
 def test_the_adaptive_factor_is_one_while_the_robot_waits_for_software() -> None:
-    factors, timers = [], Timers()
-    factor = RealTimeFactor("adaptive", 5.0, factors.append, timers.call_after)
+    factors, timers = Factors(), Timers()
+    factor = RealTimeFactor("adaptive", 5.0, factors.take, timers.call_after)
     factor.mission_starts()
     factor.task_starts()
     factor.action_starts()
@@ -205,8 +215,8 @@ def test_the_adaptive_factor_is_one_while_the_robot_waits_for_software() -> None
 
 
 def test_the_adaptive_factor_is_one_when_the_robot_arrives_and_when_the_question_ends() -> None:
-    factors, timers = [], Timers()
-    factor = RealTimeFactor("adaptive", 5.0, factors.append, timers.call_after)
+    factors, timers = Factors(), Timers()
+    factor = RealTimeFactor("adaptive", 5.0, factors.take, timers.call_after)
     factor.task_starts()
     factor.action_starts()
     timers.elapse()
@@ -220,8 +230,8 @@ def test_the_adaptive_factor_is_one_when_the_robot_arrives_and_when_the_question
 
 
 def test_a_machine_that_does_not_keep_up_gets_a_lower_factor() -> None:
-    factors, timers = [], Timers()
-    factor = RealTimeFactor("adaptive", 5.0, factors.append, timers.call_after)
+    factors, timers = Factors(), Timers()
+    factor = RealTimeFactor("adaptive", 5.0, factors.take, timers.call_after)
     factor.action_starts()
     factor.reached(1.0, 0.4)  # a slow machine at factor 1 distorts nothing
     timers.elapse()
@@ -239,9 +249,21 @@ def test_a_machine_that_does_not_keep_up_gets_a_lower_factor() -> None:
     assert factor.lowest == 3.0
 
 
+def test_a_factor_that_was_not_taken_is_set_again() -> None:
+    factors, timers = Factors(), Timers()
+    factor = RealTimeFactor("adaptive", 5.0, factors.take, timers.call_after)
+    factors.deaf = True
+    assert not factor.mission_starts()
+    factor.task_starts()
+    factors.deaf = False
+    assert factor.mission_starts()
+    factor.task_starts()
+    assert factors == [1.0, 1.0, 1.0]
+
+
 def test_a_constant_factor_is_set_once() -> None:
-    factors, timers = [], Timers()
-    factor = RealTimeFactor("constant", 3.0, factors.append, timers.call_after)
+    factors, timers = Factors(), Timers()
+    factor = RealTimeFactor("constant", 3.0, factors.take, timers.call_after)
     for call in (factor.mission_starts, factor.action_starts, factor.cancel_is_near, factor.task_starts):
         call()
     factor.arrival_is_near()
@@ -253,7 +275,7 @@ def test_a_constant_factor_is_set_once() -> None:
 @pytest.mark.parametrize(("policy", "factor"), [("sometimes", 1.0), ("constant", -1.0)])
 def test_bad_factors_are_refused(policy: str, factor: float) -> None:
     with pytest.raises(ValueError, match=policy if policy == "sometimes" else "factor"):
-        RealTimeFactor(policy, factor, lambda value: None, Timers().call_after)
+        RealTimeFactor(policy, factor, lambda value: True, Timers().call_after)
 
 
 def test_stopping_from_another_thread_waits_for_nobody() -> None:

@@ -84,12 +84,12 @@ class MerlinAction(ActionInterface):
 
     def _wait(self, ended: threading.Event) -> bool:
         """Waits for the end or a cancel; True when the run limit passed."""
-        limit = rospy.Duration(self._run_limit) if self._run_limit > 0 else None
+        longest = rospy.Duration(self._run_limit) if self._run_limit > 0 else None
         begin = rospy.Time.now()
         while not ended.wait(1.0):
             if rospy.is_shutdown():
                 return False
-            if limit is not None and rospy.Time.now() - begin > limit:
+            if longest is not None and rospy.Time.now() - begin > longest:
                 return True
         return False
 

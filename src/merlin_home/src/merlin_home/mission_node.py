@@ -88,7 +88,8 @@ class MissionNode:
             if settings.policy == "adaptive":
                 self._speech = self._length_of_question()
             began = time.monotonic()
-            self._factor.mission_starts()
+            if not self._factor.mission_starts():
+                raise MissionStopped("the simulator does not take the real-time factor")
             with self._pause:
                 self._mission.run()
         except (MissionStopped, GoalError, KnowledgeError, ServiceError) as error:
@@ -159,22 +160,21 @@ class MissionNode:
             f"simulated time, real-time factor {settings.factor:g}"
         )
 
-    def _set_factor(self, factor: float) -> None:
+    def _set_factor(self, factor: float) -> bool:
         if not rospy.get_param("/use_sim_time", False):
-            return
+            return True
         if self._set_factor_service is None:
             self._set_factor_service = ServiceProxy(
                 "/merlin_sim/set_real_time_factor", SetRealTimeFactor, timeout=5.0
             )
         try:
             answer = self._set_factor_service(factor)
-            trouble = "" if answer.success else f"the simulator refused it: {answer.message}"
+            trouble = "" if answer.success else answer.message
         except ServiceError as error:
             trouble = str(error)
-        if trouble and self._mission.start is None:
-            raise MissionStopped(f"no real-time factor {factor:g}: {trouble}")
-        if trouble:  # said, not raised: timers and callbacks set factors too
+        if trouble:
             self._view.line(f"mission: no real-time factor {factor:g}: {trouble}")
+        return not trouble
 
     def _task_changed(self, record: TaskRecord) -> None:
         count = len(self._tasks)

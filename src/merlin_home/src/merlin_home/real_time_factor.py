@@ -38,13 +38,14 @@ class RealTimeFactor:
     """
 
     def __init__(
-        self, policy: str, factor: float, set_factor: Callable[[float], None], call_after: CallAfter
+        self, policy: str, factor: float, set_factor: Callable[[float], bool], call_after: CallAfter
     ) -> None:
         """
         Parameters:
             policy: one of POLICIES.
             factor: simulated seconds per second; 0: as fast as possible.
-            set_factor: tells the simulator.
+            set_factor: tells the simulator; returns whether it took the factor. One that it did not take is
+                set again at the next moment that wants it.
             call_after: the timer.
 
         Raises:
@@ -65,10 +66,10 @@ class RealTimeFactor:
         self._moment = 0  # counts what happened; a timer of an earlier moment changes nothing
         self._ending = False
 
-    def mission_starts(self) -> None:
-        """Before the first task."""
+    def mission_starts(self) -> bool:
+        """Before the first task; whether the simulator took the factor."""
         with self._lock:
-            self._set(1.0 if self._adaptive else self._factor)
+            return self._set(1.0 if self._adaptive else self._factor)
 
     def task_starts(self) -> None:
         """Before a goal is sent."""
@@ -134,8 +135,8 @@ class RealTimeFactor:
             if moment == self._moment:
                 self._set(self._fast if fast else 1.0)
 
-    def _set(self, factor: float) -> None:
-        """With the lock held."""
-        if factor != self._current:
-            self._set_factor(factor)
+    def _set(self, factor: float) -> bool:
+        """With the lock held; whether the simulator has this factor now."""
+        if factor != self._current and self._set_factor(factor):
             self._current = factor
+        return factor == self._current
