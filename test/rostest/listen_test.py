@@ -12,26 +12,21 @@ from merlin_msgs.msg import ListenAction, ListenGoal
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
 import rostest
+from merlin_sim.ros_clock import RosClock
 from merlin_sim.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_sm.action_client import ActionClient
+from merlin_sm.publishing import Subscribed
 
 LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
 ANSWERS = "#JSGF V1.0; grammar answer; public <answer> = (seven | eleven) of them;"
 
 
-class Connected(rospy.SubscribeListener):
-    """Notices that a topic has a subscriber."""
-
-    def __init__(self):
-        super().__init__()
-        self.there = threading.Event()
-
-    def peer_subscribe(self, *_):
-        self.there.set()
-
-
 class Listen(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.clock = RosClock()
+
     def setUp(self):
         self.listen = ActionClient("listen", ListenAction)
         self.speak = ActionClient("sound_play", SoundRequestAction)
@@ -85,14 +80,14 @@ class Listen(unittest.TestCase):
         :param late: s of ROS time by which the second half of the sound comes late.
         :param on_silence: called when the robot has noticed that the sentence is over.
         """
-        connected = Connected()
-        microphone = rospy.Publisher("audio/microphone", AudioData, connected, queue_size=50)
+        subscribed = Subscribed()
+        microphone = rospy.Publisher("audio/microphone", AudioData, subscribed, queue_size=50)
         self.addCleanup(microphone.unregister)
         quiet = np.zeros(RATE, dtype=np.int16)
         said = SpeechSynthesizer().say(text, "").samples
         noise = np.random.default_rng(1).normal(0.0, 30.0, len(said) + 2 * len(quiet))
         sound = (np.concatenate([quiet, said, quiet]) + noise).astype("<i2")
-        self.assertTrue(connected.there.wait(LONG))
+        self.assertTrue(subscribed.there.wait(LONG))
         listening, speaking = threading.Event(), threading.Event()
 
         def note(_, feedback):
@@ -110,7 +105,7 @@ class Listen(unittest.TestCase):
         for part in parts[:10]:
             microphone.publish(AudioData(data=part.tobytes() + extra))
         self.assertTrue(speaking.wait(LONG))
-        rospy.sleep(late)
+        self.clock.wait(late, threading.Event())
         for part in parts[10:]:
             microphone.publish(AudioData(data=part.tobytes() + extra))
         return goal

@@ -112,6 +112,7 @@ class Speech(unittest.TestCase):
         for fields, word in (
             ({"arg": "  "}, "no text"),
             ({"arg2": "xx-none"}, "voice"),
+            ({"arg2": "en\0"}, "voice"),
             ({"sound": 77}, "built-in sound"),
             ({"sound": SoundRequest.PLAY_FILE, "arg": "/nowhere.wav"}, "/nowhere.wav"),
             ({"command": 9}, "command"),

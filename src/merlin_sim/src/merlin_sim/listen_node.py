@@ -11,6 +11,7 @@ from merlin_msgs.msg import ListenAction, ListenFeedback, ListenResult
 
 from merlin_sim.recognizer_process import RecognizerLost, RecognizerProcess
 from merlin_sim.ros_clock import RosClock
+from merlin_sim.ros_messages import samples_of
 from merlin_sim.speech_recognizer import THRESHOLD, GrammarError, UtteranceDetector
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.deadline import Deadline
@@ -58,8 +59,7 @@ class ListenNode:
 
     def _receive(self, message: AudioData) -> None:
         if self._listening:
-            whole = len(message.data) // 2 * 2
-            self._sound.append(np.frombuffer(message.data[:whole], dtype="<i2"))
+            self._sound.append(samples_of(message))
             self._news.set()
             self._clock.wake()
 
@@ -96,13 +96,13 @@ class ListenNode:
         speaking = False
         utterance: Optional[np.ndarray] = None
         while utterance is None:
-            # Who has begun to speak may finish.
+            # Who has begun to speak may finish; and fast simulated time gives a busy machine no time to
+            # deliver what was said in it.
+            patience = Deadline(BROKEN_OFF if detector.speaking else 0.0)
             left = BROKEN_OFF if detector.speaking else end - rospy.get_time()
             if left > 0.0 and self._clock.wait(left, self._news):
                 left = 0.0
-                if detector.speaking:
-                    # Fast simulated time gives a busy machine no time to deliver what was said in it.
-                    Deadline(BROKEN_OFF).wait_event(self._news)
+                patience.wait_event(self._news)
             self._news.clear()
             if goal.cancel_requested:
                 return

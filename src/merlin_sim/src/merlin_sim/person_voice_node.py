@@ -17,6 +17,7 @@ from merlin_sim.answers import Answers
 from merlin_sim.listener import Listener, nearest, read_listeners
 from merlin_sim.noise import draw
 from merlin_sim.ros_clock import RosClock
+from merlin_sim.ros_messages import samples_of
 from merlin_sim.speech_synthesizer import RATE, SoundError, SpeechSynthesizer
 from merlin_sim.world import Point
 from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
@@ -138,7 +139,7 @@ class PersonVoice:
                 return
 
     def _hear(self, message: AudioData) -> None:
-        samples = np.frombuffer(message.data[: len(message.data) // 2 * 2], dtype="<i2").astype(float)
+        samples = samples_of(message).astype(float)
         if not len(samples) or math.sqrt(float(np.mean(samples**2))) <= HEARD:
             return
         with self._changed:

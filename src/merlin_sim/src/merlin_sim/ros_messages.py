@@ -5,6 +5,7 @@ from typing import List
 
 import numpy as np
 import rospy
+from audio_common_msgs.msg import AudioData
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
@@ -14,6 +15,11 @@ from sensor_msgs.msg import CameraInfo, Image
 from merlin_sim.camera import CameraModel
 from merlin_sim.occupancy_grid import OccupancyGrid
 from merlin_sim.world import Point, Pose
+
+
+def samples_of(message: AudioData) -> np.ndarray:
+    """The samples (int16) of a piece of sound; half of one at its end is left out."""
+    return np.frombuffer(message.data[: len(message.data) // 2 * 2], dtype="<i2")
 
 
 def quaternion(yaw: float) -> Quaternion:

@@ -220,9 +220,6 @@ class SpeechNode:
                 pass
             except SoundError as error:
                 rospy.logerr(f"robotsound: {error}")
-            except Exception as error:  # whatever it was, the next sound is played
-                if not rospy.is_shutdown():
-                    rospy.logerr(f"robotsound: {type(error).__name__}: {error}")
 
     def _sound(self, request: SoundRequest, stop: StopSound) -> Sound:
         try:

@@ -85,6 +85,8 @@ class SpeechSynthesizer:
         key = (text.strip(), voice or self.voice)
         if not key[0]:
             raise SoundError("there is no text to say")
+        if "\0" in key[1]:
+            raise SoundError(f"{key[1]!r} is no name of a voice")
         with self._lock:
             if key in self._cache:
                 self._cache.move_to_end(key)

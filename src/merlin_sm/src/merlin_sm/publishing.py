@@ -1,9 +1,25 @@
-"""Publishing from threads that outlive a topic for a moment while the node goes down."""
+"""Publishing: to who has subscribed, and while the node goes down."""
 
+import threading
 from typing import Any
 
 import rospy
 from rospy.core import is_shutdown_requested
+
+
+class Subscribed(rospy.SubscribeListener):
+    """Notices that a topic has got a subscriber; for `rospy.Publisher`.
+
+    :ivar there: set from then on.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.there = threading.Event()
+
+    def peer_subscribe(self, *_: object) -> None:
+        """Called by rospy."""
+        self.there.set()
 
 
 def publish(publisher: rospy.Publisher, message: Any) -> None:

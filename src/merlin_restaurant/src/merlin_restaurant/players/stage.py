@@ -17,8 +17,10 @@ from std_msgs.msg import Bool
 from merlin_restaurant.players.places import Point
 from merlin_restaurant.players.silence import Silence
 from merlin_sim.ros_clock import RosClock
+from merlin_sim.ros_messages import samples_of
 from merlin_sim.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_sm.deadline import Deadline
+from merlin_sm.publishing import Subscribed
 from merlin_sm.service_proxy import ServiceProxy
 
 CHUNK = 0.2  # s of sound per message
@@ -35,18 +37,6 @@ class StageError(RuntimeError):
 
 class Closed(Exception):
     """The evening is over, or ROS shuts down: whoever waits goes home."""
-
-
-class _Listener(rospy.SubscribeListener):
-    """Notices that a topic has a subscriber."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.there = threading.Event()
-
-    def peer_subscribe(self, *_: object) -> None:
-        """Called by rospy."""
-        self.there.set()
 
 
 class Stage:
@@ -66,9 +56,9 @@ class Stage:
         self._place = ServiceProxy("/merlin_sim/place", PlaceThing, timeout=CALL_LIMIT)
         self._walk = ServiceProxy("/merlin_sim/walk", WalkPerson, timeout=CALL_LIMIT)
         self._answers = ServiceProxy("person_voice/set_answers", SetAnswers, timeout=CALL_LIMIT)
-        self._listener = _Listener()
+        self._subscribed = Subscribed()
         self._events = rospy.Publisher(
-            "restaurant/guests", GuestEvent, self._listener, latch=True, queue_size=100
+            "restaurant/guests", GuestEvent, self._subscribed, latch=True, queue_size=100
         )
         self._microphone = rospy.Publisher("audio/microphone", AudioData, queue_size=50)
         rospy.Subscriber("/merlin_sim/people", SimPeople, self._see_people, tcp_nodelay=True)
@@ -94,7 +84,7 @@ class Stage:
 
         :param timeout: s of running time.
         """
-        return Deadline(timeout).wait_event(self._listener.there)
+        return Deadline(timeout).wait_event(self._subscribed.there)
 
     def now(self) -> float:
         """Simulated time, s."""
@@ -314,7 +304,7 @@ class Stage:
             self._changed.notify_all()
 
     def _listen(self, message: AudioData) -> None:
-        samples = np.frombuffer(message.data, dtype="<i2").astype(float)
+        samples = samples_of(message).astype(float)
         if len(samples) and math.sqrt(float(np.mean(samples**2))) > HEARD:
             with self._changed:
                 self._silence.sound(self.now())
