@@ -84,27 +84,47 @@ def test_the_last_words_of_a_node_that_goes_down_may_be_lost(
     reporter.report(MissionStatus.CANCELLED, "cancelled")
 
 
-def test_a_mission_that_was_cancelled_sends_no_goal(
-    topic: Topic, services: Services, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Client:
-        sent: List[str] = []
+class Client:
+    """An Executor that is there, and what it was sent."""
 
-        def wait_for_executor(self, timeout: float) -> bool:
-            return True
+    def __init__(self) -> None:
+        self.sent: List[str] = []
 
-        def send(self, goals: str) -> None:
-            self.sent.append(goals)
+    def wait_for_executor(self, timeout: float) -> bool:
+        return True
 
+    def send(self, goals: str) -> None:
+        self.sent.append(goals)
+
+
+@pytest.fixture()
+def client(monkeypatch: pytest.MonkeyPatch) -> Client:
+    made = Client()
+    monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", lambda: made)
+    monkeypatch.setattr(goal_dispatcher.rospy, "on_shutdown", lambda hook: None)
+    return made
+
+
+def test_a_mission_that_was_cancelled_sends_no_goal(topic: Topic, services: Services, client: Client) -> None:
     class Mission(goal_dispatcher.GoalDispatcher):
         def run(self) -> None:
             self.cancel()
             self.achieve("(checked kitchen)")
 
-    monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", Client)
-    monkeypatch.setattr(goal_dispatcher.rospy, "on_shutdown", lambda hook: None)
     assert Mission().execute() is False
-    assert Client.sent == []
+    assert client.sent == []
+    assert topic.told[-1][0] == MissionStatus.CANCELLED
+
+
+def test_a_mission_whose_sleep_is_interrupted_was_cancelled(
+    topic: Topic, services: Services, client: Client
+) -> None:
+    class Mission(goal_dispatcher.GoalDispatcher):
+        def run(self) -> None:
+            self.cancel()
+            raise rospy.ROSInterruptException("ROS shutdown request")
+
+    assert Mission().execute() is False
     assert topic.told[-1][0] == MissionStatus.CANCELLED
 
 
