@@ -43,6 +43,7 @@ class World(Outside):
         self.changed_event = threading.Condition()
         self.on_send = lambda action: None
         self.broken = False
+        self.wakes = []
 
     def note(self, kind, action):
         with self.changed_event:
@@ -99,7 +100,7 @@ class World(Outside):
         return operator in self.young_operators
 
     def wake_at(self, when):
-        pass
+        self.wakes.append(when)
 
     def changed(self, report):
         with self.changed_event:

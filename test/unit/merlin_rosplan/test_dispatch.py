@@ -12,9 +12,13 @@ from merlin_rosplan.dispatch_outside import (
     DispatchState,
     FeedbackStatus,
     KnowledgeChanged,
+    Tick,
 )
-from merlin_rosplan.dispatch_schedule import SequentialSchedule
+from merlin_rosplan.dispatch_schedule import GraphSchedule, SequentialSchedule
 from merlin_rosplan.operator_model import Atom
+from merlin_rosplan.plan_graph import TimedLiteral
+from merlin_rosplan.plan_graph_builder import build_graph
+from merlin_rosplan.plan_text import PlanStep
 
 
 @pytest.fixture
@@ -286,6 +290,7 @@ def test_a_parallel_action_waits_for_the_start_effects_it_builds_on(world):
     world.wait("action", 0)
     run.feedback(0, FeedbackStatus.ENABLED)
     world.wait_answers(2)
+    assert set(world.wakes) <= {None}  # waits for the change, no time is asked for
     world.facts = {Atom("safe", ("o1",)), Atom("free", ("o1",))}  # what the interface of work has applied
     run.dispatch.put(KnowledgeChanged())
     world.wait("action", 1)
@@ -299,3 +304,40 @@ def test_a_parallel_action_whose_condition_stays_false_is_refused(world):
     world.wait("action", 0)
     report = run.report()
     assert report.state == DispatchState.FAILED and "(guarded o1) cannot start" in report.reason
+
+
+def after_a_timed_literal():
+    """A plan of one guarded action whose `free` comes true 1 ms after the start."""
+    graph = build_graph(
+        [PlanStep(0.01, "guarded", ("o0",), 1.0)],
+        [GUARDED.ground({"x": "o0"})],
+        [TimedLiteral(0.001 + 1e-4, Atom("free", ("o0",)))],
+    )
+    return GraphSchedule(graph, actions("guarded"))
+
+
+def started(world, run):
+    """Waits until the time of the literal has come, as an alarm would say, and the action was tried."""
+    while not world.answers:
+        run.dispatch.put(Tick())
+        with world.changed_event:
+            world.changed_event.wait(0.005)
+
+
+def test_a_timed_literal_that_the_knowledge_base_applies_a_little_later_is_waited_for(world):
+    world.facts = {Atom("safe", ("o0",))}
+    run = Run(world, after_a_timed_literal(), settle=LONG)
+    started(world, run)
+    world.facts = {Atom("safe", ("o0",)), Atom("free", ("o0",))}
+    run.dispatch.put(KnowledgeChanged())
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_a_timed_literal_that_does_not_come_is_named(world):
+    world.facts = {Atom("safe", ("o0",))}
+    run = Run(world, after_a_timed_literal(), settle=0.05)
+    started(world, run)
+    report = run.report()
+    assert report.state == DispatchState.FAILED and "(free o0) does not hold" in report.reason

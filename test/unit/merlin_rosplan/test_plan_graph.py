@@ -226,10 +226,19 @@ def test_without_bounds_nothing_is_late_but_timed_literals_are_waited_for():
     graph = build_graph(steps, actions, [TimedLiteral(8.0, at("a"))])
     schedule = GraphSchedule(graph, planned(steps))
     schedule.begin(100.0)
-    assert schedule.ready(107.0) == [] and schedule.wake_time() == 108.0
-    assert len(schedule.ready(108.0)) == 1
+    assert schedule.ready(107.0) == [] and schedule.wake_time(107.0) == 108.0
+    assert len(schedule.ready(108.0)) == 1 and schedule.wake_time(108.0) is None
+    assert schedule.waits_for_time(0)
     schedule.started(0, 200.0)
     assert schedule.late(1e6) is None
+
+
+def test_a_tolerance_of_bounds_does_not_start_an_action_before_its_timed_literal():
+    steps, actions = plan((10, "ask", "a", 5))
+    graph = build_graph(steps, actions, [TimedLiteral(8.0, at("a"))])
+    schedule = GraphSchedule(graph, planned(steps), bounds=True, fraction=0.5)
+    schedule.begin(100.0)
+    assert schedule.ready(107.9) == [] and len(schedule.ready(108.0)) == 1
 
 
 def test_with_bounds_an_action_that_takes_too_long_is_late():
@@ -239,7 +248,9 @@ def test_with_bounds_an_action_that_takes_too_long_is_late():
     assert [a.id for a in schedule.ready(100.1)] == [0]
     schedule.started(0, 100.0)
     assert schedule.late(114.0) is None
-    assert schedule.wake_time() == pytest.approx(115.0)
+    wake = schedule.wake_time(100.0)
+    assert wake == pytest.approx(115.0) and schedule.late(wake)
+    assert not schedule.waits_for_time(0)
     assert "(move a b) should have ended" in schedule.late(115.5)
     schedule.ended(0, 105.0)  # early is fine: the action has ended
     assert [a.id for a in schedule.ready(105.1)] == [1]

@@ -81,7 +81,8 @@ class Dispatch:
         self._done = 0
         self._last: Optional[PlannedAction] = None
         self._unanswered: List[PlannedAction] = []
-        self._unsettled: Set[int] = set()  # actions that wait for the start effects of running ones
+        self._unsettled: Set[int] = set()  # actions whose conditions may be about to come true
+        self._literals: Dict[int, Any] = {}  # deadlines of their timed literals
         self.ended = threading.Event()
 
     # --- from any thread --------------------------------------------------------------------------
@@ -121,10 +122,10 @@ class Dispatch:
 
     def _loop(self) -> None:
         while self._failure is None:
-            self._start_ready()
+            looked = self._start_ready()
             if self._failure is not None or (self._schedule.finished and not self._running):
                 return
-            self._outside.wake_at(self._schedule.wake_time())
+            self._outside.wake_at(self._schedule.wake_time(looked))
             self._handle(self._next_event())
 
     def _next_event(self) -> Optional[Event]:
@@ -145,24 +146,29 @@ class Dispatch:
                 patience = min(patience, 1.0)  # its interface may die in silence
             if record.grace is not None:
                 patience = min(patience, record.grace.remaining())
-            if self._unsettled and record.settle.remaining() > 0:
-                patience = min(patience, record.settle.remaining())
+        for action_id in self._unsettled:
+            patience = min([patience, *self._settling(action_id)])
         return patience
 
-    def _start_ready(self) -> None:
+    def _start_ready(self) -> float:
+        """Starts what may start; returns the ROS time at which it looked last."""
         tried: Set[int] = set()
+        now = self._outside.now()
         while not self._cancelled.is_set():
-            ready = [action for action in self._schedule.ready(self._outside.now()) if action.id not in tried]
+            ready = [action for action in self._schedule.ready(now) if action.id not in tried]
             if not ready:
                 break
             for action in ready:
                 tried.add(action.id)
                 if self._cancelled.is_set() or not self._start(action):
-                    return
-        if not self._running and not self._schedule.finished and not self._cancelled.is_set():
+                    return now
+            now = self._outside.now()
+        idle = not self._running and not self._unsettled and not self._cancelled.is_set()
+        if idle and not self._schedule.finished and self._schedule.wake_time(now) is None:
             waiting = self._schedule.waiting()
-            if self._schedule.wake_time() is None and waiting:
+            if waiting:
                 self._fail(f"the plan cannot go on: nothing runs, and {waiting[0]} waits for what never ends")
+        return now
 
     def _start(self, action: PlannedAction) -> bool:
         operator = self._outside.operator(action)
@@ -171,8 +177,7 @@ class Dispatch:
         unmet = self._outside.false_of(action, needed)
         if self._cancelled.is_set():
             return False
-        if not unmet.empty and any(record.settle.remaining() > 0 for record in self._running.values()):
-            self._unsettled.add(action.id)
+        if not unmet.empty and self._may_settle(action):
             return True
         self._unsettled.discard(action.id)
         if not unmet.empty:
@@ -195,6 +200,20 @@ class Dispatch:
         self._outside.tell(action, FeedbackStatus.ENABLED)
         self._schedule.started(action.id, self._outside.now())
         return True
+
+    def _may_settle(self, action: PlannedAction) -> bool:
+        """Whether what the action needs may be on its way: a timed literal, or start effects of what runs."""
+        if action.id not in self._literals and self._schedule.waits_for_time(action.id):
+            self._literals[action.id] = self._outside.deadline(self._limits.settle)
+        self._unsettled.add(action.id)
+        return bool(self._settling(action.id))
+
+    def _settling(self, action_id: int) -> List[float]:
+        """Seconds that are left for each thing that may make an action's conditions true."""
+        deadlines = [record.settle for record in self._running.values()]
+        if action_id in self._literals:
+            deadlines.append(self._literals[action_id])
+        return [left for left in (deadline.remaining() for deadline in deadlines) if left > 0]
 
     def _handle(self, event: Optional[Event]) -> None:
         if isinstance(event, Cancel):

@@ -46,8 +46,8 @@ class DispatchLimits:
     liveness: an interface that announced itself regularly and has been silent this long is dead.
     cancel: how long a cancelled action's interface may take to answer.
     over_all_grace: an action whose own end effects break its over-all condition reports its end within it.
-    settle: within it an interface has applied the start effects of an action it was given; until then a
-        parallel action whose conditions do not hold yet is not refused.
+    settle: within it an interface has applied the start effects of an action it was given, and a knowledge
+        base a timed literal whose time has come; until then an action that needs them is not refused.
     """
 
     acknowledge: Optional[float] = 2.0

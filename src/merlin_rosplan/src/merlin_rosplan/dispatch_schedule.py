@@ -6,6 +6,8 @@ from typing import Any, Dict, Iterable, List, Optional, Set, Tuple
 
 from merlin_rosplan.plan_graph import MIN_BOUND, NO_BOUND, EdgeType, Node, NodeType, PlanGraph
 
+_PAST = 1e-6  # s after a latest time at which it has passed
+
 
 class PlanError(ValueError):
     """A plan that cannot be dispatched; the text says why."""
@@ -65,9 +67,13 @@ class Schedule(abc.ABC):
     def ended(self, action_id: int, now: float) -> None:
         """An action has succeeded."""
 
-    def wake_time(self) -> Optional[float]:
-        """The next time at which something becomes ready or late by itself; None when nothing does."""
+    def wake_time(self, now: float) -> Optional[float]:
+        """The next time after now at which something becomes ready or late by itself; None when nothing does."""
         return None
+
+    def waits_for_time(self, action_id: int) -> bool:
+        """Whether an action had to wait for a time, as for one that a timed literal needs."""
+        return False
 
     def late(self, now: float) -> Optional[str]:
         """Which time bound is broken, one sentence; None when none is."""
@@ -201,16 +207,19 @@ class GraphSchedule(Schedule):
         self._completed.add(action_id)
         self._happen_if_due(self._end_of[action_id].id, now)
 
-    def wake_time(self) -> Optional[float]:
+    def wake_time(self, now: float) -> Optional[float]:
         """The next bound of a node that waits for nothing else."""
         times: List[float] = []
         for node in self._candidates:
             if self._graph.nodes[node].type == NodeType.ACTION_START:
                 times.append(self._earliest(node))
             if self._bounds:
-                times.append(self._latest(node))
-        future = [time for time in times if time < NO_BOUND]
-        return min(future) if future else None
+                times.append(self._latest(node) + _PAST)
+        return min((time for time in times if now < time < NO_BOUND), default=None)
+
+    def waits_for_time(self, action_id: int) -> bool:
+        """Whether an edge bounds its start from below."""
+        return self._earliest(self._start_of[action_id].id) > 0.0
 
     def late(self, now: float) -> Optional[str]:
         """The first node whose latest time has passed; without bounds nothing is late."""
@@ -253,9 +262,10 @@ class GraphSchedule(Schedule):
             edge = self._graph.edges[edge_id]
             from_start = self._graph.nodes[edge.source].type == NodeType.PLAN_START
             literal = from_start and edge.type == EdgeType.CONDITION and edge.lower > MIN_BOUND
-            if (self._bounds or literal) and edge.lower > MIN_BOUND:
-                widened = edge.lower * (1.0 - self._fraction) if self._bounds else edge.lower
-                earliest = max(earliest, self._time[edge.source] + widened)
+            if literal:  # no tolerance makes the world ready before its time
+                earliest = max(earliest, self._time[edge.source] + edge.lower)
+            elif self._bounds and edge.lower > MIN_BOUND:
+                earliest = max(earliest, self._time[edge.source] + edge.lower * (1.0 - self._fraction))
         return earliest
 
     def _latest(self, node_id: int) -> float:
