@@ -68,7 +68,7 @@ class Schedule(abc.ABC):
         """An action has succeeded."""
 
     def wake_time(self, now: float) -> Optional[float]:
-        """The next time after now at which something becomes ready or late by itself; None when nothing does."""
+        """The next time after now at which something becomes ready or late by itself; None: never."""
         return None
 
     def waits_for_time(self, action_id: int) -> bool:
