@@ -73,6 +73,7 @@ def test_guests_who_are_not_understood_leave_or_walk_off_do_not_stop_the_evening
     ended = next(line for line in done.stdout.splitlines() if goal in line)
     assert f"nobody sits at {ann['table']} any more" in ended, "the goal's end says why"
     assert f"(return_order {ann['table']})" in done.stdout
+    assert "I am sorry, I have lost you." in done.stdout
     assert "does not follow any more" in done.stdout
     assert "the books balance" in done.stdout
 

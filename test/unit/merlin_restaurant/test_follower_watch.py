@@ -2,7 +2,7 @@
 
 import math
 import threading
-from typing import List
+from typing import Callable, List
 
 import numpy as np
 import pytest
@@ -52,6 +52,18 @@ def see(watch: FollowerWatch, distance: float) -> None:
     watch._see(scan)
 
 
+def run(
+    watch: FollowerWatch, until: Callable[[], bool], outcomes: List[str], limit: float = 0.0
+) -> threading.Thread:
+    """A state that has begun to wait."""
+    begun = threading.Event()
+    state = WatchState(watch, lambda: begun.set() or until(), limit)
+    thread = threading.Thread(target=lambda: outcomes.append(state.execute(UserData())), daemon=True)
+    thread.start()
+    assert begun.wait(LONG)
+    return thread
+
+
 def test_who_is_seen_is_not_lost_and_who_is_not_seen_any_more_is(watch: FollowerWatch) -> None:
     see(watch, 1.5)
     assert abs(watch.distance - 1.5) < 0.1
@@ -77,12 +89,33 @@ def test_a_robot_whose_lidar_falls_silent_does_not_lead_on_for_ever(
 ) -> None:
     if seen_before:
         see(watch, 1.5)
-    state = WatchState(watch, lambda distance: False)  # as the robot leads: without a limit
     outcomes: List[str] = []
-    leads = threading.Thread(target=lambda: outcomes.append(state.execute(UserData())), daemon=True)
-    leads.start()
+    leads = run(watch, lambda: watch.behind, outcomes)
     Clock.now += SILENT + 0.1
     leads.join(LONG)
+    assert outcomes == ["succeeded"]
+
+
+def test_a_robot_waits_for_who_is_not_seen_and_goes_on_when_they_come(watch: FollowerWatch) -> None:
+    see(watch, 1.5)
+    outcomes: List[str] = []
+    waits = run(watch, lambda: watch.close, outcomes, 20.0)
+    for _ in range(5):
+        Clock.now += UNSEEN
+        see(watch, 0.0)
+    assert watch.lost and not outcomes
+    see(watch, 1.2)
+    waits.join(LONG)
+    assert outcomes == ["succeeded"]
+
+
+def test_a_robot_does_not_wait_for_ever_for_who_is_gone(watch: FollowerWatch) -> None:
+    see(watch, 1.5)
+    outcomes: List[str] = []
+    waits = run(watch, lambda: watch.close, outcomes, 20.0)
+    Clock.now += 20.1
+    see(watch, 0.0)
+    waits.join(LONG)
     assert outcomes == [LOST]
 
 

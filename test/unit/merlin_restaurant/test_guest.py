@@ -142,6 +142,28 @@ def test_who_follows_gives_up_when_the_robot_does_not_go_on() -> None:
     assert not follow(room)
 
 
+def test_who_is_told_that_the_robot_has_lost_them_gives_up_though_it_drives_on() -> None:
+    room, hear = Room(line(30.0), 5), Room.hear
+
+    def told(name: str, texts: Sequence[str], seconds: float) -> str:
+        hear(room, name, texts, seconds)
+        sorry = "i am sorry, i have lost you. please wait at the entrance."
+        return sorry if room.now() > 5.0 and any(text in sorry for text in texts) else ""
+
+    room.hear = told
+    assert not follow(room)
+    assert room.now() < 6.0
+
+
+def test_who_follows_gives_up_when_the_robot_drives_away() -> None:
+    room = Room(line(30.0), 5, lambda place: False)  # no way after it
+    room.hear = lambda *_: (
+        setattr(room, "_time", room._time + LOOK) or setattr(room, "_at", room._at + 2) or ""
+    )
+    assert not follow(room)
+    assert room._at < len(room._drive) - 1
+
+
 def test_a_guest_who_cannot_come_in_says_so_and_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
     said: List[str] = []
     monkeypatch.setattr(guest_module.rospy, "logwarn_throttle", lambda period, text: said.append(text))

@@ -1,4 +1,4 @@
-"""States that watch, by the lidar, whether the person who is guided still follows."""
+"""Watches, by the lidar, whether the person who is guided still follows, and a state that waits for it."""
 
 import math
 import threading
@@ -59,6 +59,16 @@ class FollowerWatch:
         """From the robot, m."""
         return self._tracker.distance
 
+    @property
+    def behind(self) -> bool:
+        """Whether the robot should wait for the person: too far behind, or not seen any more."""
+        return self.lost or self.distance > BEHIND
+
+    @property
+    def close(self) -> bool:
+        """Whether the person is so near that the robot can go on."""
+        return not self.lost and self.distance < CLOSE
+
     def _move(self, odometry: Odometry) -> None:
         pose = odometry.pose.pose
         yaw = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
@@ -79,15 +89,15 @@ class FollowerWatch:
 
 
 class WatchState(MerlinState):
-    """Waits until the follower is somewhere; further outcome: lost.
+    """Waits until something holds of the follower; further outcome with a limit: lost.
 
     :param watch: it.
-    :param until: tells from the distance (m) whether the wait is over.
-    :param limit: s of ROS time after which the follower counts as lost, too; 0: none.
+    :param until: tells whether the wait is over.
+    :param limit: s of ROS time after which the follower counts as lost; 0: none.
     """
 
-    def __init__(self, watch: FollowerWatch, until: Callable[[float], bool], limit: float = 0.0) -> None:
-        super().__init__([LOST])
+    def __init__(self, watch: FollowerWatch, until: Callable[[], bool], limit: float = 0.0) -> None:
+        super().__init__([LOST] if limit else [])
         self._watch = watch
         self._until = until
         self._limit = limit
@@ -100,9 +110,9 @@ class WatchState(MerlinState):
         self.interruptible(self._stop)
         with watch.changed:
             # The slice is for a lidar that has fallen silent.
-            while not (self._stopped or watch.lost or self._until(watch.distance) or self._late(begun)):
+            while not (self._stopped or self._until() or self._late(begun)):
                 watch.changed.wait(1.0)
-            outcome = LOST if watch.lost or self._late(begun) else SUCCEEDED
+            outcome = SUCCEEDED if self._until() else LOST
         self.interruptible(None)
         return PREEMPTED if self._stopped else outcome
 

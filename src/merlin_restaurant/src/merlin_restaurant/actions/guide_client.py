@@ -3,9 +3,9 @@
 from typing import Any
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_restaurant.follower_watch import BEHIND, CLOSE, FollowerWatch, WatchState
+from merlin_restaurant.follower_watch import FollowerWatch, WatchState
 
-PATIENCE = 20.0  # s that the robot waits for somebody who has fallen behind
+PATIENCE = 20.0  # s that the robot waits for somebody who has fallen behind or is not seen
 
 
 class GuideClient(MerlinActionSM):
@@ -15,17 +15,19 @@ class GuideClient(MerlinActionSM):
     if_interrupted = ["(robot_at anywhere)", "(ready ?t)"]
 
     def build(self) -> None:
-        """INVITE → LEAD → OFFER_SEAT; who falls behind leads to CALL → WAIT, who is gone to GONE."""
+        """INVITE → LEAD → OFFER_SEAT; who falls behind is called (CALL, WAIT) and, if lost, told (SAY_LOST, GONE)."""
         watch = FollowerWatch()
         self.register_start_cb(watch.begin)
         self.register_termination_cb(watch.end)
         self.add_auto("INVITE", self.state("speak", "Please follow me to {t}.", ["t"]), ["succeeded"])
-        behind = WatchState(watch, lambda distance: distance > BEHIND)
+        behind = WatchState(watch, lambda: watch.behind)
         lead = self.state("while", self.state("navigation"), behind, "behind", {"target": "t"})
-        self.add("LEAD", lead, {"succeeded": "OFFER_SEAT", "behind": "CALL", "lost": "GONE"})
+        self.add("LEAD", lead, {"succeeded": "OFFER_SEAT", "behind": "CALL"})
         self.add("CALL", self.state("speak", "I wait for you."), {"succeeded": "WAIT"})
-        wait = WatchState(watch, lambda distance: distance < CLOSE, PATIENCE)
-        self.add("WAIT", wait, {"succeeded": "LEAD", "lost": "GONE"})
+        wait = WatchState(watch, lambda: watch.close, PATIENCE)
+        self.add("WAIT", wait, {"succeeded": "LEAD", "lost": "SAY_LOST"})
+        say_lost = self.state("speak", "I am sorry, I have lost you. Please wait at the entrance.")
+        self.add("SAY_LOST", say_lost, {"succeeded": "GONE", "aborted": "GONE"})
         self.add("GONE", self.state("function", self._gone, ["c"]))
         seat = self.state("speak", "This is {t}. Please take a seat.", ["t"])
         self.add("OFFER_SEAT", seat, {"succeeded": "succeeded"})

@@ -20,6 +20,8 @@ KEPT = 0.9  # m that who follows keeps from the robot
 LOOK = 0.6  # s between two looks at where the robot is now
 SAID_AGAIN = 30.0  # s after which it is said again that somebody cannot come in
 STRANDED = 40.0  # s without the robot moving on after which who follows goes back to the entrance
+FAR, LEFT_BEHIND = 4.0, 15.0  # m from the robot, and s of it, after which the same holds
+SEAT, LOST = "please take a seat", "have lost you"  # what the robot says to who follows
 MUMBLED = ("the weather was lovely by the lake", "my uncle has seven little dogs")
 ASKED = "what would you like"
 TALKING = 90.0  # s after a question in which a guest does not call for who has asked it
@@ -109,14 +111,22 @@ class Guest:
         return False
 
     def _follow(self, limit: float = STRANDED) -> bool:
-        """Walks behind the robot until it offers a seat; False: it does not go on."""
+        """Walks behind the robot until it offers a seat; False: it stands, or guides this guest no more."""
         stage, name = self._stage, self._name
         moved, last = stage.now(), stage.robot()
+        near = moved
         joined = max(0, stage.trail_length() - 1)
         before: Optional[Point] = None
         stuck = False
-        while not stage.hear(name, "please take a seat", LOOK):
+        while True:
+            said = stage.hear(name, (SEAT, LOST), LOOK)
+            if said:
+                return SEAT in said
             here, robot = stage.position(name), stage.robot()
+            if math.dist(here, robot) < FAR:
+                near = stage.now()
+            elif stage.now() - near > LEFT_BEHIND:
+                return False
             if math.dist(robot, last) > 0.1:
                 moved, last = stage.now(), robot
             elif stage.now() - moved > limit:
@@ -130,7 +140,6 @@ class Guest:
             steps = [point for point in stage.trail(joined) if math.dist(point, robot) > KEPT]
             ahead = [] if stuck else _not_yet_walked(steps, here)
             self._walk_as_far(ahead or self._places.way_near(here, robot, KEPT))
-        return True
 
     def _walk_as_far(self, way: Sequence[Point]) -> None:
         """Walks to the last place of a way that is free: the robot passes tables closer than people stand."""
