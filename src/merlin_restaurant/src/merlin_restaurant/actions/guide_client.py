@@ -15,7 +15,7 @@ class GuideClient(MerlinActionSM):
     if_interrupted = ["(robot_at anywhere)", "(ready ?t)"]
 
     def build(self) -> None:
-        """INVITE → LEAD → OFFER_SEAT; who falls behind is called (CALL, WAIT) and, if lost, told (SAY_LOST, GONE)."""
+        """INVITE → LEAD → OFFER_SEAT; who falls behind leads to CALL → WAIT, and being lost to SAY_LOST."""
         watch = FollowerWatch()
         self.register_start_cb(watch.begin)
         self.register_termination_cb(watch.end)
