@@ -51,7 +51,9 @@ class StandIn:
             action.plan_id = 0
 
     def take_feedback(self, message):
-        self.endings[message.action_id] = message.status
+        # Our own feedback comes back over another connection, maybe behind the action's end.
+        if message.status in (SUCCEEDED, FAILED):
+            self.endings[message.action_id] = message.status
 
     def cancel(self, request):
         self.cancelled = True
