@@ -1,22 +1,30 @@
 """The action (guide_client ?c ?t): bring a client to a table, at the client's pace."""
 
-from typing import Any
+from typing import Any, Optional
+
+import rospy
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_restaurant.follower_watch import FollowerWatch, WatchState
+from merlin_restaurant.table_state import people_at
 
 PATIENCE = 20.0  # s that the robot waits for somebody who has fallen behind or is not seen
+SITS_DOWN = 40.0  # s that somebody may take to sit down
 
 
 class GuideClient(MerlinActionSM):
-    """Drives ahead, waits when the client falls behind, and gives up when the client is gone."""
+    """Drives ahead, waits for who falls behind, gives up when the client is gone, and sees who sits down.
+
+    A table that is looked at before its client sits there would be taken for a free one.
+    """
 
     parameters = ["c", "t"]
     if_interrupted = ["(robot_at anywhere)", "(ready ?t)"]
 
     def build(self) -> None:
-        """INVITE → LEAD → OFFER_SEAT; who falls behind leads to CALL → WAIT, and being lost to SAY_LOST."""
+        """INVITE → LEAD → OFFER_SEAT → LOOK → SEATED; who falls behind leads to CALL → WAIT (→ SAY_LOST)."""
         watch = FollowerWatch()
+        self.register_start_cb(self._begin)
         self.register_start_cb(watch.begin)
         self.register_termination_cb(watch.end)
         self.add_auto("INVITE", self.state("speak", "Please follow me to {t}.", ["t"]), ["succeeded"])
@@ -30,7 +38,23 @@ class GuideClient(MerlinActionSM):
         self.add("SAY_LOST", say_lost, {"succeeded": "GONE", "aborted": "GONE"})
         self.add("GONE", self.state("function", self._gone, ["c"]))
         seat = self.state("speak", "This is {t}. Please take a seat.", ["t"])
-        self.add("OFFER_SEAT", seat, {"succeeded": "succeeded"})
+        self.add("OFFER_SEAT", seat, {"succeeded": "LOOK"})
+        self.add("LOOK", self.state("recognize", ["person"]), {"succeeded": "SEATED"})
+        seated = self.state("function", self._seated, ["t", "detections"], outcomes=["not_yet"])
+        self.add("SEATED", seated, {"not_yet": "LOOK"})
+
+    def _begin(self, *_: Any) -> None:
+        self._offered: Optional[float] = None  # ROS time of the first look at the table
+
+    def _seated(self, userdata: Any) -> Optional[str]:
+        now = rospy.get_time()
+        if self._offered is None:
+            self._offered = now
+        if people_at(userdata.t, userdata.detections):
+            return None
+        if now - self._offered > SITS_DOWN:
+            raise ValueError(f"nobody sits down at {userdata.t}")
+        return "not_yet"
 
     def _gone(self, userdata: Any) -> None:
         self.remove_facts(f"(greeted {userdata.c})")
