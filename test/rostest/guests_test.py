@@ -56,12 +56,15 @@ class Guests(unittest.TestCase):
         with cls.changed:
             assert cls.changed.wait_for(predicate, timeout=LONG), f"not within {LONG} s: {cls.health}"
 
+    def say(self, text):
+        request = SoundRequest(sound=SoundRequest.SAY, command=SoundRequest.PLAY_ONCE, volume=1.0, arg=text)
+        return self.speak.send(SoundRequestGoal(sound_request=request))
+
     def ask(self, text):
         """Asks aloud; returns what was understood of the answer, and what was heard by whom."""
         self.heard.clear()
         hearing = self.listen.send(ListenGoal(grammar=ORDERS, timeout=rospy.Duration(100.0)))
-        request = SoundRequest(sound=SoundRequest.SAY, command=SoundRequest.PLAY_ONCE, volume=1.0, arg=text)
-        self.speak.send(SoundRequestGoal(sound_request=request))
+        self.say(text)
         self.assertTrue(hearing.wait(LONG))
         return hearing.result.text, [(m.person, m.question, m.answer) for m in self.heard]
 
@@ -80,6 +83,16 @@ class Guests(unittest.TestCase):
         text, heard = self.ask("Hello?")
         self.assertEqual(heard, [("guest_1", "Hello?", "bring me the tea")])
         self.assertEqual(text, "bring me the tea")
+
+    def test_what_is_said_while_somebody_answers_is_heard_too(self):
+        answer = "bring me a coffee and a tea and a coffee and a tea please"
+        self.assertTrue(self.tell(person="guest_2", patterns=["would you like"], answers=[answer]).success)
+        self.heard.clear()
+        sentences = ["What would you like?", "One.", "Two.", "Three."]
+        for sentence in sentences:
+            self.assertTrue(self.say(sentence).wait(LONG))
+        self.wait(lambda: len(self.heard) == len(sentences))
+        self.assertEqual([(m.person, m.question) for m in self.heard], [("guest_2", s) for s in sentences])
 
     def test_nonsense_is_refused_with_a_sentence(self):
         for answer, words in (

@@ -73,6 +73,22 @@ def test_who_is_seen_is_not_lost_and_who_is_not_seen_any_more_is(watch: Follower
     assert watch.lost
 
 
+def test_a_scan_that_comes_before_the_new_place_of_the_robot_is_not_taken_for_one_at_the_old_place(
+    watch: FollowerWatch,
+) -> None:
+    see(watch, 1.5)
+    watch.begin()
+    see(watch, 1.5)  # the robot is 5 m away by now, but its odometry has not come yet
+    there = Odometry()
+    there.pose.pose.position.x, there.pose.pose.orientation.w = 5.0, 1.0
+    watch._move(there)
+    for _ in range(5):
+        Clock.now += 0.1
+        see(watch, 1.5)
+    assert abs(watch.distance - 1.5) < 0.1 and not watch.lost
+    assert watch._tracker.place is not None and abs(watch._tracker.place[0] - 6.5) < 0.1
+
+
 def test_who_is_too_far_away_is_lost(watch: FollowerWatch) -> None:
     for distance in np.arange(1.5, GONE - 0.05, 0.1):
         Clock.now += 0.1

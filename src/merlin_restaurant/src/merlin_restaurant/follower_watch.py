@@ -35,6 +35,7 @@ class FollowerWatch:
         self.end()
         with self.changed:
             self._tracker = PersonTracker()
+            self._pose = None  # where the robot was when it ended is not where it begins
             self._begun = self._now = rospy.get_time()
         self._subscribers = [
             rospy.Subscriber("odom", Odometry, self._move, tcp_nodelay=True, queue_size=1),

@@ -2,7 +2,8 @@
 
 import math
 import threading
-from typing import Callable, Dict, Optional, Tuple
+from collections import deque
+from typing import Callable, Deque, Dict, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -46,7 +47,7 @@ class PersonVoice:
         self._changed = threading.Condition()  # guards the fields below and the listeners' answers
         self._hearer: Optional[Listener] = None  # who heard the last sound of the robot
         self._question = self._saying = ""  # the last that was requested, and that was begun
-        self._asked: Optional[Tuple[Listener, str]] = None
+        self._asked: Deque[Tuple[Listener, str]] = deque()  # what is still to be answered
         self._robot: Optional[Point] = None
         self._people: Optional[Dict[str, Point]] = None  # who is there, by name
         self._known: Tuple[str, ...] = ()  # to the world, there or not
@@ -74,11 +75,10 @@ class PersonVoice:
         rospy.on_shutdown(self._stop)
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._asked is not None or self._stopped.is_set())
+                self._changed.wait_for(lambda: self._asked or self._stopped.is_set())
                 if self._stopped.is_set():
                     return
-                assert self._asked is not None
-                (listener, question), self._asked = self._asked, None
+                listener, question = self._asked.popleft()
             if self._clock.wait(self._delay, self._stopped):
                 self._answer(listener, question)
 
@@ -156,7 +156,8 @@ class PersonVoice:
             if message.data:
                 self._saying = self._question
             elif self._hearer is not None:
-                self._asked, self._hearer = (self._hearer, self._saying), None
+                self._asked.append((self._hearer, self._saying))
+                self._hearer = None
                 self._changed.notify_all()
 
     def _see(self, message: Odometry) -> None:
