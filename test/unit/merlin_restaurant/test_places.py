@@ -2,13 +2,15 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from merlin_restaurant.players.guest import BLOCKED
-from merlin_restaurant.players.places import BODY, Places, shortened
+from merlin_restaurant.players.places import BODY, FROM_ROBOT, ROBOT_RADIUS, Places, shortened
 from merlin_restaurant.players.schedule import TABLES
 from merlin_sim.occupancy_grid import map_of
 from merlin_sim.path_planner import PathPlanner
+from merlin_sim.world import Person
 from merlin_sim.world_drawing import find_world
 from merlin_sim.world_file import load_world
 
@@ -68,3 +70,16 @@ def test_dishes_stand_on_the_bar_where_the_robot_looks() -> None:
     for number in range(3):
         x, y = PLACES.on_bar(counter.pose.point, number)
         assert abs(x) < counter.size[0] / 2 and abs(y) < counter.size[1] / 2
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_who_was_guided_gets_past_the_robot_to_the_seat(table: str) -> None:
+    robot, (seat, _) = WORLD.points_of_interest[table], PLACES.seat(table)
+    here = (robot.x - 0.95 * math.cos(robot.yaw), robot.y - 0.95 * math.sin(robot.yaw))
+    way = [here, *PLACES.way_round(robot.point, here, seat)]
+    assert math.dist(way[-1], seat) < 0.1
+    kept = ROBOT_RADIUS + Person.radius + FROM_ROBOT  # nearer the world lets nobody walk
+    for start, end in zip(way, way[1:]):
+        for part in np.linspace(0.0, 1.0, 30):
+            place = [a + part * (b - a) for a, b in zip(start, end)]
+            assert math.dist(place, robot.point) > kept

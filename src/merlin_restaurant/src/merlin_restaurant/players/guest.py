@@ -162,7 +162,7 @@ class Guest:
     def _sit_down(self) -> None:
         stage = self._stage
         seat, yaw = self._places.seat(self.table)
-        way = self._places.way(stage.position(self._name), seat)
+        way = self._places.way_round(stage.robot(), stage.position(self._name), seat)
         walk = stage.walk(self._name, way, self.plan.pace, sit=True, yaw=yaw)
         if not stage.arrived(self._name, walk, 60.0):
             stage.put_person(self._name, seat, yaw, sit=True)

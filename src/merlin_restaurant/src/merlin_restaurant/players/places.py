@@ -1,11 +1,16 @@
 """Where people stand, sit and walk in the simulated restaurant, from its world file."""
 
+import contextlib
 import math
 from typing import List, Sequence, Tuple
 
+import numpy as np
+
 from merlin_sim.occupancy_grid import map_of
 from merlin_sim.path_planner import NoPath, PathPlanner
+from merlin_sim.people import ROOM as FROM_ROBOT
 from merlin_sim.world import World
+from merlin_sim.world_places import ROBOT_RADIUS
 
 Point = Tuple[float, float]
 
@@ -62,6 +67,16 @@ class Places:
             return self._planner.plan(start, goal)
         except NoPath:
             return [goal]
+
+    def way_round(self, robot: Point, start: Point, goal: Point) -> List[Point]:
+        """A way that also keeps clear of a robot that stands somewhere; if there is none, as without it."""
+        around = np.linspace(0.0, 2 * math.pi, 60)
+        outline = np.asarray(robot) + (ROBOT_RADIUS + FROM_ROBOT) * np.stack(
+            [np.cos(around), np.sin(around)], 1
+        )
+        with contextlib.suppress(NoPath):
+            return self._planner.plan(start, goal, outline)
+        return self.way(start, goal)
 
     def on_the_way(self, goal: str, start: str, distance: float) -> Point:
         """A place on the robot's way between two points of interest, where it leaves both free.
