@@ -164,6 +164,45 @@ def test_who_follows_gives_up_when_the_robot_drives_away() -> None:
     assert room._at < len(room._drive) - 1
 
 
+def test_who_leaves_walks_round_a_robot_that_comes_into_the_way() -> None:
+    class Hall(Room):
+        """Here a walk ends when it is asked for, unless the robot stands in its way."""
+
+        removed = False
+
+        def walk(self, name: str, path: Sequence[Point], *_: object, **__: object) -> int:
+            self._way = list(path)
+            self._at = 5.0  # the robot drives off while the guest stands up
+            return 1
+
+        def held_up(self, name: str) -> bool:
+            return self.robot() in self._way
+
+        def arrived(self, name: str, walk: int, limit: float = 120.0) -> bool:
+            self._time += limit
+            return not self.held_up(name)
+
+        def remove(self, name: str) -> None:
+            self.removed = True
+
+        def answer(self, *_: object) -> None:
+            pass
+
+        tell = answer
+
+    class Ways:
+        door = (9.0, 0.0)
+
+        def way_round(self, robot: Point, start: Point, goal: Point) -> List[Point]:
+            corner = (robot[0], 1.0) if robot == room._drive[5] else room._drive[5]
+            return [corner, goal]
+
+    room = Hall(line(2.0), 0)
+    house = type("House", (), {"leave_queue": lambda self, name: None})()
+    Guest(make_schedule(1, 1, 0)[0], room, Ways(), house)._leave("content")
+    assert room.removed and room.now() < 10.0
+
+
 def test_a_guest_who_cannot_come_in_says_so_and_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
     said: List[str] = []
     monkeypatch.setattr(guest_module.rospy, "logwarn_throttle", lambda period, text: said.append(text))

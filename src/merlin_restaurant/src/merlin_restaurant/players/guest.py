@@ -3,7 +3,7 @@
 import contextlib
 import math
 import re
-from typing import Dict, Optional, Sequence
+from typing import Any, Dict, Optional, Sequence
 
 import rospy
 from merlin_msgs.msg import GuestEvent
@@ -21,6 +21,7 @@ LOOK = 0.6  # s between two looks at where the robot is now
 SAID_AGAIN = 30.0  # s after which it is said again that somebody cannot come in
 STRANDED = 40.0  # s without the robot moving on after which who follows goes back to the entrance
 FAR, LEFT_BEHIND = 4.0, 15.0  # m from the robot, and s of it, after which the same holds
+HELD_UP = 3.0  # s after which who cannot walk on looks for another way
 SEAT, LOST = "please take a seat", "have lost you"  # what the robot says to who follows
 MUMBLED = ("the weather was lovely by the lake", "my uncle has seven little dogs")
 ASKED = "what would you like"
@@ -81,10 +82,7 @@ class Guest:
         self._go_to_waiting_place()
 
     def _go_to_waiting_place(self) -> None:
-        stage, places = self._stage, self._places
-        way = places.way(stage.position(self._name), self._house.join_queue(self._name))
-        walk = stage.walk(self._name, way, self.plan.pace, yaw=math.pi)
-        stage.arrived(self._name, walk)
+        self._walk_to(self._house.join_queue(self._name), 120.0, yaw=math.pi)
         self._answers({"would you like a table": "yes please"})
 
     def _get_a_table(self) -> bool:
@@ -162,9 +160,7 @@ class Guest:
     def _sit_down(self) -> None:
         stage = self._stage
         seat, yaw = self._places.seat(self.table)
-        way = self._places.way_round(stage.robot(), stage.position(self._name), seat)
-        walk = stage.walk(self._name, way, self.plan.pace, sit=True, yaw=yaw)
-        if not stage.arrived(self._name, walk, 60.0):
+        if not self._walk_to(seat, 60.0, sit=True, yaw=yaw):
             stage.put_person(self._name, seat, yaw, sit=True)
         self._seat()
 
@@ -242,9 +238,31 @@ class Guest:
         self._house.leave_queue(self._name)
         self._tell(GuestEvent.LEFT, reason=reason)
         self._answers({})
-        way = places.way(stage.position(self._name), places.door)
-        stage.arrived(self._name, stage.walk(self._name, way, self.plan.pace), 90.0)
+        self._walk_to(places.door, 90.0)
         stage.remove(self._name)
+
+    def _walk_to(self, goal: Point, limit: float, **manner: Any) -> bool:
+        """Walks somewhere, round a robot that stands in the way.
+
+        :param limit: s for it.
+        :param manner: how to end there, as :meth:`Stage.walk` takes it.
+        :return: whether the guest arrived in time.
+        """
+        stage, name = self._stage, self._name
+        end = stage.now() + limit
+
+        def begin() -> int:
+            way = self._places.way_round(stage.robot(), stage.position(name), goal)
+            return stage.walk(name, way, self.plan.pace, **manner)
+
+        walk = begin()
+        while not stage.arrived(name, walk, min(HELD_UP, end - stage.now())):
+            if stage.now() >= end:
+                return False
+            if stage.held_up(name):
+                with contextlib.suppress(StageError):
+                    walk = begin()
+        return True
 
     def _answers(self, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
         self._stage.answer(self._name, answers, then)

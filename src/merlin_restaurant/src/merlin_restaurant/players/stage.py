@@ -169,6 +169,11 @@ class Stage:
 
         return self.wait_until(there, limit)
 
+    def held_up(self, name: str) -> bool:
+        """Whether something stands in the way of somebody who walks."""
+        with self._changed:
+            return bool(self._people[name].waits_for)
+
     def position(self, name: str) -> Point:
         """Where somebody is, m."""
         with self._changed:
