@@ -164,7 +164,7 @@ def test_who_follows_gives_up_when_the_robot_drives_away() -> None:
     assert room._at < len(room._drive) - 1
 
 
-def test_who_leaves_walks_round_a_robot_that_comes_into_the_way() -> None:
+def test_who_leaves_walks_round_a_robot_that_comes_into_the_way_and_round_a_chair() -> None:
     class Hall(Room):
         """Here a walk ends when it is asked for, unless the robot stands in its way."""
 
@@ -175,12 +175,12 @@ def test_who_leaves_walks_round_a_robot_that_comes_into_the_way() -> None:
             self._at = 5.0  # the robot drives off while the guest stands up
             return 1
 
-        def held_up(self, name: str) -> bool:
-            return self.robot() in self._way
+        def in_the_way(self, name: str) -> Optional[Point]:
+            return next((thing for thing in (self.robot(), chair) if thing in self._way), None)
 
         def arrived(self, name: str, walk: int, limit: float = 120.0) -> bool:
             self._time += limit
-            return not self.held_up(name)
+            return self.in_the_way(name) is None
 
         def remove(self, name: str) -> None:
             self.removed = True
@@ -193,14 +193,15 @@ def test_who_leaves_walks_round_a_robot_that_comes_into_the_way() -> None:
     class Ways:
         door = (9.0, 0.0)
 
-        def way_round(self, robot: Point, start: Point, goal: Point) -> List[Point]:
-            corner = (robot[0], 1.0) if robot == room._drive[5] else room._drive[5]
-            return [corner, goal]
+        def way_round(self, robot: Point, things: Sequence[Point], start: Point, goal: Point) -> List[Point]:
+            through = [] if robot == room._drive[5] else [room._drive[5]]
+            return [*through, *(set() if chair in things else {chair}), goal]
 
+    chair = (3.0, 3.0)
     room = Hall(line(2.0), 0)
     house = type("House", (), {"leave_queue": lambda self, name: None})()
     Guest(make_schedule(1, 1, 0)[0], room, Ways(), house)._leave("content")
-    assert room.removed and room.now() < 10.0
+    assert room.removed and room.now() < 15.0
 
 
 def test_a_guest_who_cannot_come_in_says_so_and_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 import contextlib
 import math
 import re
-from typing import Any, Dict, Optional, Sequence
+from typing import Any, Dict, List, Optional, Sequence
 
 import rospy
 from merlin_msgs.msg import GuestEvent
@@ -242,7 +242,7 @@ class Guest:
         stage.remove(self._name)
 
     def _walk_to(self, goal: Point, limit: float, **manner: Any) -> bool:
-        """Walks somewhere, round a robot that stands in the way.
+        """Walks somewhere, round the robot and round what turns out to be in the way.
 
         :param limit: s for it.
         :param manner: how to end there, as :meth:`Stage.walk` takes it.
@@ -250,16 +250,19 @@ class Guest:
         """
         stage, name = self._stage, self._name
         end = stage.now() + limit
+        found: List[Point] = []
 
         def begin() -> int:
-            way = self._places.way_round(stage.robot(), stage.position(name), goal)
+            way = self._places.way_round(stage.robot(), found, stage.position(name), goal)
             return stage.walk(name, way, self.plan.pace, **manner)
 
         walk = begin()
         while not stage.arrived(name, walk, min(HELD_UP, end - stage.now())):
             if stage.now() >= end:
                 return False
-            if stage.held_up(name):
+            thing = stage.in_the_way(name)
+            if thing is not None:
+                found.append(thing)
                 with contextlib.suppress(StageError):
                     walk = begin()
         return True

@@ -25,6 +25,7 @@ QUEUE = (
     (1.75, 0.5),
     (1.15, 0.62),
 )  # m ahead and to the left of it: who waits where
+THING = 0.25  # m, radius of what people find in their way
 TABLE_AHEAD = 0.9  # m ahead of a table's point of interest
 
 
@@ -68,14 +69,14 @@ class Places:
         except NoPath:
             return [goal]
 
-    def way_round(self, robot: Point, start: Point, goal: Point) -> List[Point]:
-        """A way that also keeps clear of a robot that stands somewhere; if there is none, as without it."""
-        around = np.linspace(0.0, 2 * math.pi, 60)
-        outline = np.asarray(robot) + (ROBOT_RADIUS + FROM_ROBOT) * np.stack(
-            [np.cos(around), np.sin(around)], 1
-        )
+    def way_round(self, robot: Point, things: Sequence[Point], start: Point, goal: Point) -> List[Point]:
+        """A way that also keeps clear of a robot and of things that are not on the map.
+
+        If there is none, the way is as without them.
+        """
+        outlines = [_circle(robot, ROBOT_RADIUS + FROM_ROBOT), *(_circle(thing, THING) for thing in things)]
         with contextlib.suppress(NoPath):
-            return self._planner.plan(start, goal, outline)
+            return self._planner.plan(start, goal, np.concatenate(outlines))
         return self.way(start, goal)
 
     def on_the_way(self, goal: str, start: str, distance: float) -> Point:
@@ -103,6 +104,11 @@ class Places:
         pose = self._pois[poi]
         cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
         return pose.x + distance * cos - aside * sin, pose.y + distance * sin + aside * cos
+
+
+def _circle(middle: Point, radius: float) -> np.ndarray:
+    around = np.linspace(0.0, 2 * math.pi, 60)
+    return np.asarray(middle) + radius * np.stack([np.cos(around), np.sin(around)], axis=1)
 
 
 def shortened(way: Sequence[Point], distance: float) -> List[Point]:

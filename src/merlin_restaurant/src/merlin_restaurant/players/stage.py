@@ -26,6 +26,7 @@ from merlin_sm.service_proxy import ServiceProxy
 CHUNK = 0.2  # s of sound per message
 CALL_WAITS = 60.0  # s until a guest gives up calling, because it is never quiet
 APPEARS = 10.0  # s until who was placed is seen
+AHEAD = 0.5  # m from the middle of somebody to the middle of what holds them up
 TRAIL = 0.15  # m between the remembered places of the robot
 HEARD = 200.0  # RMS, of 32767, of a voice
 CALL_LIMIT = 10.0  # s of wall time for a service of the simulator
@@ -169,10 +170,13 @@ class Stage:
 
         return self.wait_until(there, limit)
 
-    def held_up(self, name: str) -> bool:
-        """Whether something stands in the way of somebody who walks."""
+    def in_the_way(self, name: str) -> Optional[Point]:
+        """Where the thing stands that holds up somebody who walks, m; None: nothing does."""
         with self._changed:
-            return bool(self._people[name].waits_for)
+            person = self._people[name]
+        if not person.waits_for:
+            return None
+        return person.x + AHEAD * math.cos(person.yaw), person.y + AHEAD * math.sin(person.yaw)
 
     def position(self, name: str) -> Point:
         """Where somebody is, m."""
