@@ -52,16 +52,23 @@ def see(watch: FollowerWatch, distance: float) -> None:
     watch._see(scan)
 
 
-def run(
-    watch: FollowerWatch, until: Callable[[], bool], outcomes: List[str], limit: float = 0.0
-) -> threading.Thread:
+class Waiting(threading.Thread):
     """A state that has begun to wait."""
-    begun = threading.Event()
-    state = WatchState(watch, lambda: begun.set() or until(), limit)
-    thread = threading.Thread(target=lambda: outcomes.append(state.execute(UserData())), daemon=True)
-    thread.start()
-    assert begun.wait(LONG)
-    return thread
+
+    def __init__(
+        self, watch: FollowerWatch, until: Callable[[], bool], outcomes: List[str], limit: float = 0.0
+    ) -> None:
+        self._looked = threading.Event()
+        state = WatchState(watch, lambda: self._looked.set() or until(), limit)
+        super().__init__(target=lambda: outcomes.append(state.execute(UserData())), daemon=True)
+        self.start()
+        assert self._looked.wait(LONG)
+
+    def looks(self, then: Callable[[], None]) -> None:
+        """Does something, and waits until the state has looked afterwards."""
+        self._looked.clear()
+        then()
+        assert self._looked.wait(LONG)
 
 
 def test_who_is_seen_is_not_lost_and_who_is_not_seen_any_more_is(watch: FollowerWatch) -> None:
@@ -106,7 +113,7 @@ def test_a_robot_whose_lidar_falls_silent_does_not_lead_on_for_ever(
     if seen_before:
         see(watch, 1.5)
     outcomes: List[str] = []
-    leads = run(watch, lambda: watch.behind, outcomes)
+    leads = Waiting(watch, lambda: watch.behind, outcomes)
     Clock.now += SILENT + 0.1
     leads.join(LONG)
     assert outcomes == ["succeeded"]
@@ -115,10 +122,10 @@ def test_a_robot_whose_lidar_falls_silent_does_not_lead_on_for_ever(
 def test_a_robot_waits_for_who_is_not_seen_and_goes_on_when_they_come(watch: FollowerWatch) -> None:
     see(watch, 1.5)
     outcomes: List[str] = []
-    waits = run(watch, lambda: watch.close, outcomes, 20.0)
+    waits = Waiting(watch, lambda: watch.close, outcomes, 20.0)
     for _ in range(5):
         Clock.now += UNSEEN
-        see(watch, 0.0)
+        waits.looks(lambda: see(watch, 0.0))
     assert watch.lost and not outcomes
     see(watch, 1.2)
     waits.join(LONG)
@@ -128,7 +135,7 @@ def test_a_robot_waits_for_who_is_not_seen_and_goes_on_when_they_come(watch: Fol
 def test_a_robot_does_not_wait_for_ever_for_who_is_gone(watch: FollowerWatch) -> None:
     see(watch, 1.5)
     outcomes: List[str] = []
-    waits = run(watch, lambda: watch.close, outcomes, 20.0)
+    waits = Waiting(watch, lambda: watch.close, outcomes, 20.0)
     Clock.now += 20.1
     see(watch, 0.0)
     waits.join(LONG)
