@@ -182,7 +182,7 @@ class Dispatch:
         self._unsettled.discard(action.id)
         if not unmet.empty:
             self._outside.tell(action, FeedbackStatus.PRECONDITION_FALSE)
-            self._fail(f"{action} cannot start: {describe(unmet)}", action)
+            self._fail(f"{action} cannot start: {unmet.as_false()}", action)
             return False
         self._running[action.id] = _Running(
             action,
@@ -277,7 +277,7 @@ class Dispatch:
             and all(entry.functions & record.operator.end_effects.functions for entry in broken.comparisons)
             and all(entry.reads & record.operator.end_effects.names for entry in broken.expressions)
         )
-        record.broken = describe(broken)
+        record.broken = broken.as_false()
         if not own:
             self._fail(f"{record.action} cannot go on: {record.broken}", record.action)
         elif record.grace is None:
@@ -389,15 +389,3 @@ class Dispatch:
         )
         self._outside.changed(report)
         return report
-
-
-def describe(conditions: Conditions) -> str:
-    """False conditions as part of a sentence."""
-    parts = [f"{atom} does not hold" for atom in conditions.positive]
-    parts += [f"{atom} holds" for atom in conditions.negative]
-    parts += [
-        f"a comparison of {', '.join(sorted(entry.functions)) or 'numbers'} is false"
-        for entry in conditions.comparisons
-    ]
-    parts += [f"{entry} does not hold" for entry in conditions.expressions]
-    return ", ".join(parts)

@@ -118,6 +118,17 @@ class Conditions:
         """Whether there is nothing to check."""
         return not (self.positive or self.negative or self.comparisons or self.expressions)
 
+    def as_false(self) -> str:
+        """That they are false, as part of a sentence."""
+        parts = [f"{atom} does not hold" for atom in self.positive]
+        parts += [f"{atom} holds" for atom in self.negative]
+        parts += [
+            f"a comparison of {', '.join(sorted(entry.functions)) or 'numbers'} is false"
+            for entry in self.comparisons
+        ]
+        parts += [f"{entry} does not hold" for entry in self.expressions]
+        return ", ".join(parts)
+
 
 @dataclass(frozen=True)
 class Effects:
