@@ -55,12 +55,11 @@ def see(watch: FollowerWatch, distance: float) -> None:
 class Waiting(threading.Thread):
     """A state that has begun to wait."""
 
-    def __init__(
-        self, watch: FollowerWatch, until: Callable[[], bool], outcomes: List[str], limit: float = 0.0
-    ) -> None:
+    def __init__(self, watch: FollowerWatch, until: Callable[[], bool], limit: float = 0.0) -> None:
         self._looked = threading.Event()
+        self.outcomes: List[str] = []
         state = WatchState(watch, lambda: self._looked.set() or until(), limit)
-        super().__init__(target=lambda: outcomes.append(state.execute(UserData())), daemon=True)
+        super().__init__(target=lambda: self.outcomes.append(state.execute(UserData())), daemon=True)
         self.start()
         assert self._looked.wait(LONG)
 
@@ -69,6 +68,12 @@ class Waiting(threading.Thread):
         self._looked.clear()
         then()
         assert self._looked.wait(LONG)
+
+    def outcome(self) -> str:
+        """What the wait ends with."""
+        self.join(LONG)
+        (ended,) = self.outcomes
+        return ended
 
 
 def test_who_is_seen_is_not_lost_and_who_is_not_seen_any_more_is(watch: FollowerWatch) -> None:
@@ -112,34 +117,28 @@ def test_a_robot_whose_lidar_falls_silent_does_not_lead_on_for_ever(
 ) -> None:
     if seen_before:
         see(watch, 1.5)
-    outcomes: List[str] = []
-    leads = Waiting(watch, lambda: watch.behind, outcomes)
+    leads = Waiting(watch, lambda: watch.behind)
     Clock.now += SILENT + 0.1
-    leads.join(LONG)
-    assert outcomes == ["succeeded"]
+    assert leads.outcome() == "succeeded"
 
 
 def test_a_robot_waits_for_who_is_not_seen_and_goes_on_when_they_come(watch: FollowerWatch) -> None:
     see(watch, 1.5)
-    outcomes: List[str] = []
-    waits = Waiting(watch, lambda: watch.close, outcomes, 20.0)
+    waits = Waiting(watch, lambda: watch.close, 20.0)
     for _ in range(5):
         Clock.now += UNSEEN
         waits.looks(lambda: see(watch, 0.0))
-    assert watch.lost and not outcomes
+    assert watch.lost and not waits.outcomes
     see(watch, 1.2)
-    waits.join(LONG)
-    assert outcomes == ["succeeded"]
+    assert waits.outcome() == "succeeded"
 
 
 def test_a_robot_does_not_wait_for_ever_for_who_is_gone(watch: FollowerWatch) -> None:
     see(watch, 1.5)
-    outcomes: List[str] = []
-    waits = Waiting(watch, lambda: watch.close, outcomes, 20.0)
+    waits = Waiting(watch, lambda: watch.close, 20.0)
     Clock.now += 20.1
     see(watch, 0.0)
-    waits.join(LONG)
-    assert outcomes == [LOST]
+    assert waits.outcome() == LOST
 
 
 def test_a_scan_that_comes_late_is_none_that_never_comes(watch: FollowerWatch) -> None:
