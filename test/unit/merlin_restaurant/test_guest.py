@@ -5,12 +5,13 @@ import math
 from typing import Callable, List, Optional, Sequence
 
 import pytest
+from merlin_msgs.msg import SimPerson
 
 from merlin_restaurant.players import guest as guest_module
 from merlin_restaurant.players.guest import KEPT, LOOK, Guest
 from merlin_restaurant.players.places import Point
 from merlin_restaurant.players.schedule import make_schedule
-from merlin_restaurant.players.stage import Stage, StageError
+from merlin_restaurant.players.stage import AHEAD, Stage, StageError
 
 PACE = 0.5  # m/s
 STEP = 0.15  # m between the places of the trail
@@ -202,6 +203,15 @@ def test_who_leaves_walks_round_a_robot_that_comes_into_the_way_and_round_a_chai
     house = type("House", (), {"leave_queue": lambda self, name: None})()
     Guest(make_schedule(1, 1, 0)[0], room, Ways(), house)._leave("content")
     assert room.removed and room.now() < 15.0
+
+
+def test_what_holds_somebody_up_stands_where_they_look() -> None:
+    room = Room(line(1.0), 0)
+    room._people = {"ann": SimPerson(name="ann", x=1.0, y=2.0, yaw=math.pi / 2, waits_for="chair_5")}
+    thing = room.in_the_way("ann")
+    assert thing is not None and math.dist(thing, (1.0, 2.0 + AHEAD)) < 1e-6
+    room._people["ann"].waits_for = ""
+    assert room.in_the_way("ann") is None
 
 
 def test_a_guest_who_cannot_come_in_says_so_and_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
