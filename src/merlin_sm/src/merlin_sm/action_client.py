@@ -2,21 +2,32 @@
 
 An action server that is killed never answers: its connections close and its status falls silent. This client
 counts the silence in running time (:mod:`merlin_sm.deadline`) and ends the goal as LOST. A server that stays
-connected may only be waiting for a processor, and gets more time.
+connected may only be waiting for a processor, and gets more time. Silence is counted in the client's own
+ticks: one that was itself starved does not blame the server.
+
+The client owns its goals (:mod:`merlin_sm.lease`): it renews their lease, cancels what it gives up, and
+cancels what an earlier life of its node has left at the server.
 """
 
 import itertools
 import threading
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional, Set
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 from merlin_sm.deadline import Deadline, running_time
+from merlin_sm.lease import LEASED
+from merlin_sm.lease_holder import LIFE, LeaseHolder
+from merlin_sm.peers import connected_peers
+from merlin_sm.publishing import publish
 
 SILENCE = 3.0  # s of running time without status after which a server that is not connected counts as dead
-CONNECTED_SILENCE = 15.0  # s of that after which one counts as dead that is
+CONNECTED_SILENCE = 7.0  # s of that after which one counts as dead that is
+GONE_SILENCE = 1.0  # s of that after which one counts as dead whose process has closed its connection
+LONGEST_TICK = 0.5  # s of silence that one look may count
 REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
+KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when the server names it again
 LATE_RESULT = 1.0  # s that a result may come behind the status that announces it
 
 TERMINAL = frozenset(
@@ -29,6 +40,7 @@ TERMINAL = frozenset(
         GoalStatus.LOST,
     )
 )
+_STOPPING = TERMINAL | {GoalStatus.PREEMPTING, GoalStatus.RECALLING}
 _numbers = itertools.count(1)
 
 
@@ -41,9 +53,11 @@ class ClientGoal:
         goal_id: GoalID,
         on_done: Optional[Callable[["ClientGoal"], None]],
         on_feedback: Optional[Callable[["ClientGoal", Any], None]],
+        owner: Optional[str] = None,
     ) -> None:
         self._client = client
         self.goal_id = goal_id
+        self.owner = owner
         self.status = GoalStatus.PENDING
         self.text = ""
         self.result: Any = None
@@ -105,8 +119,14 @@ class ActionClient:
         self._changed = threading.Condition()  # guards the fields below
         self._goals: Dict[str, ClientGoal] = {}
         self._last_status: Optional[float] = None
+        self._server = ""  # name of the node that sent the last status
+        self._silence = 0.0  # s since then, as the watchdog counts them
+        self._given_up: Dict[str, float] = {}  # goal id -> running time of the last cancel
+        self._dead_owners: Set[str] = set()
         self._stopped = False
         self._watchdog: Optional[threading.Thread] = None
+        self._node = rospy.get_name()
+        self._lease = LeaseHolder(self.name + "/lease")
         listener = _Connected(self._changed)
         self._goal_publisher = rospy.Publisher(
             self.name + "/goal", self._goal_type, subscriber_listener=listener, queue_size=10
@@ -156,18 +176,28 @@ class ActionClient:
         goal: Any,
         on_done: Optional[Callable[[ClientGoal], None]] = None,
         on_feedback: Optional[Callable[[ClientGoal, Any], None]] = None,
+        owner: Optional[str] = None,
     ) -> ClientGoal:
         """Sends a goal.
 
+        :param owner: id of the goal of this process's own server on whose behalf it is sent; None: of any.
         :param on_done: called once with the ended goal, in a thread of this client; must not block.
         :param on_feedback: called with the goal and each feedback, likewise.
         """
         now = rospy.Time.now()
-        goal_id = GoalID(stamp=now, id=f"{rospy.get_name()}-{next(_numbers)}-{now.secs}.{now.nsecs:09d}")
-        sent = ClientGoal(self, goal_id, on_done, on_feedback)
+        goal_id = GoalID(
+            stamp=now, id=f"{self._node}-{LIFE}-{next(_numbers)}-{now.secs}.{now.nsecs:09d}{LEASED}"
+        )
+        sent = ClientGoal(self, goal_id, on_done, on_feedback, owner)
+        if owner is not None and owner in self._dead_owners:
+            sent._finish(GoalStatus.LOST, "the goal on whose behalf it was sent is over", self._result_type())
+            return sent
         message = self._goal_type(goal_id=goal_id, goal=goal)
         message.header.stamp = now
+        self._lease.hold(sent.id, owner)
         with self._changed:
+            if not self._goals:
+                self._silence = 0.0
             self._goals[sent.id] = sent
             if self._watchdog is None:
                 self._watchdog = threading.Thread(
@@ -178,22 +208,41 @@ class ActionClient:
         self._goal_publisher.publish(message)
         return sent
 
+    def give_up(self, goal: ClientGoal, why: str) -> None:
+        """Ends a goal as LOST here; the server is asked to stop it, and it has no owner any more."""
+        with self._changed:
+            known = self._goals.pop(goal.id, None)
+        if known is not None:
+            self._lose(known, why)
+
+    def give_up_owned(self, owner: str) -> None:
+        """Gives up all that was sent on behalf of a goal, and all that still will be."""
+        with self._changed:
+            self._dead_owners.add(owner)
+            goals = [goal for goal in self._goals.values() if goal.owner == owner]
+        for goal in goals:
+            self.give_up(goal, "the goal on whose behalf it was sent is over")
+
     def shutdown(self) -> None:
-        """Disconnects; goals that still run end as LOST here and go on at the server."""
+        """Disconnects; goals that still run end as LOST here, and the server is asked to stop them."""
         with self._changed:
             self._stopped = True
             goals = list(self._goals.values())
             self._goals.clear()
             self._changed.notify_all()
+        for goal in goals:
+            publish(self._cancel_publisher, GoalID(id=goal.id))
+        self._lease.shutdown()
         for topic in [*self._subscribers, self._goal_publisher, self._cancel_publisher]:
             topic.unregister()
         for goal in goals:
             goal._finish(GoalStatus.LOST, "the client was shut down", self._result_type())
 
     def _connected(self) -> bool:
+        # The server's node, not any: a guard and a recorder subscribe to goals and cancels, too.
         return bool(
-            self._goal_publisher.get_num_connections()
-            and self._cancel_publisher.get_num_connections()
+            self._goal_publisher.impl.has_connection(self._server)
+            and self._cancel_publisher.impl.has_connection(self._server)
             and all(subscriber.get_num_connections() for subscriber in self._subscribers)
         )
 
@@ -201,14 +250,14 @@ class ActionClient:
         with self._changed:
             goal.cancel_sent = running_time()
             self._changed.notify_all()
-        # Never with a stamp: a server would also cancel every goal sent in the same tick of the clock.
-        self._cancel_publisher.publish(GoalID(id=goal.id))
+        self._publish_cancel(goal.id)
 
     def _receive_result(self, message: Any) -> None:
         status = message.status
         with self._changed:
             goal = self._goals.pop(status.goal_id.id, None)
         if goal is not None:
+            self._lease.release(goal.id)
             goal._finish(status.status, status.text, message.result)
 
     def _receive_feedback(self, message: Any) -> None:
@@ -225,6 +274,9 @@ class ActionClient:
         with self._changed:
             now = running_time()
             self._last_status = now
+            self._server = message._connection_header["callerid"]
+            self._silence = 0.0
+            left = self._left_running(statuses, now)
             for goal in list(self._goals.values()):
                 status = statuses.get(goal.id)
                 if status is not None:
@@ -236,15 +288,46 @@ class ActionClient:
                 elif goal.seen and goal.ended_on_server is None:
                     lost.append(self._goals.pop(goal.id))
             self._changed.notify_all()
+        for goal_id in left:
+            self._publish_cancel(goal_id)
         for goal in lost:
-            goal._finish(
-                GoalStatus.LOST,
-                f"the action server {self.name} forgot the goal; it restarted",
-                self._result_type(),
-            )
+            self._lose(goal, f"the action server {self.name} forgot the goal; it restarted")
+
+    def _left_running(self, statuses: Dict[str, GoalStatus], now: float) -> List[str]:
+        """Goals that run at the server and that nothing here waits for; called with the lock held.
+
+        Those that were given up, and those of an earlier life of this node: rospy names are unique.
+        """
+        for goal_id, since in list(self._given_up.items()):
+            if goal_id not in statuses and now - since > KEEP_GIVEN_UP:
+                del self._given_up[goal_id]
+        found = []
+        for goal_id, status in statuses.items():
+            if status.status in _STOPPING or goal_id in self._goals:
+                continue
+            earlier = goal_id.startswith(f"{self._node}-") and not goal_id.startswith(f"{self._node}-{LIFE}-")
+            if earlier or goal_id in self._given_up:
+                last = self._given_up.get(goal_id)
+                if last is None or now - last > REPEAT_CANCEL:
+                    self._given_up[goal_id] = now
+                    found.append(goal_id)
+        return found
+
+    def _lose(self, goal: ClientGoal, why: str) -> None:
+        """Gives a goal up that was taken from the list; without the lock."""
+        with self._changed:
+            self._given_up[goal.id] = running_time()
+        self._publish_cancel(goal.id)
+        self._lease.release(goal.id)
+        goal._finish(GoalStatus.LOST, why, self._result_type())
+
+    def _publish_cancel(self, goal_id: str) -> None:
+        # Never with a stamp: a server would also cancel every goal sent in the same tick of the clock.
+        publish(self._cancel_publisher, GoalID(id=goal_id))
 
     def _watch(self) -> None:
         """Ends goals whose server is silent and repeats cancels that got lost."""
+        looked = running_time()
         while True:
             with self._changed:
                 while not self._goals and not self._stopped:
@@ -253,6 +336,8 @@ class ActionClient:
                     return
                 self._changed.wait(REPEAT_CANCEL / 2)
                 now = running_time()
+                self._silence += min(now - looked, LONGEST_TICK)
+                looked = now
                 ended = [
                     (goal, why) for goal in self._goals.values() for why in [self._why_lost(goal, now)] if why
                 ]
@@ -266,13 +351,15 @@ class ActionClient:
                     and goal.status not in (GoalStatus.PREEMPTING, GoalStatus.RECALLING)
                 ]
             for goal, why in ended:
-                goal._finish(GoalStatus.LOST, why, self._result_type())
+                self._lose(goal, why)
             for goal in again:
                 self._send_cancel(goal)
 
     def _why_lost(self, goal: ClientGoal, now: float) -> str:
         last = self._last_status or 0.0
-        silent = now - max(last, goal.sent)
+        silent = min(self._silence, now - goal.sent)
+        if silent > GONE_SILENCE and last and not connected_peers(self._subscribers[-1]):
+            return f"the process of the action server {self.name} is gone"
         if silent > (CONNECTED_SILENCE if self._connected() else self.silence):
             return f"the action server {self.name} has been silent for {silent:.1f} s"
         if not goal.seen and last - goal.sent > self.silence:

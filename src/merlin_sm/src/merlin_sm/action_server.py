@@ -2,17 +2,22 @@
 
 Differences from the stock server that clients can rely on: connections without Nagle's delay; status on wall
 time, so that a stopped ``/clock`` does not look like a dead server; callbacks run without a lock held, so a
-cancel callback may wait for what an execution holds.
+cancel callback may wait for what an execution holds; a goal whose client leases it and dies is cancelled
+(:mod:`merlin_sm.lease`).
 """
 
 import itertools
 import threading
 import time
+import traceback
 from typing import Any, Callable, Dict, List, Optional
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
+from merlin_sm.lease import LeaseChange, LeaseState
+from merlin_sm.lease_watch import LeaseWatch
+from merlin_sm.ownership import ownership
 from merlin_sm.publishing import publish
 
 STATUS_PERIOD = 0.2  # s of wall time, actionlib's usual 5 Hz
@@ -37,6 +42,8 @@ class ServerGoal:
         self.ended_at: Optional[float] = None  # monotonic, s
         self.goal = goal
         self.cancel_event = threading.Event()
+        self.cancel_reason = "cancelled"
+        """Why it shall stop, for its result."""
 
     @property
     def id(self) -> str:
@@ -99,11 +106,12 @@ class ServerGoal:
             if not self.done:
                 self._server.publish_feedback(self._status, feedback)
 
-    def request_cancel(self) -> bool:
+    def request_cancel(self, reason: str = "cancelled") -> bool:
         """Marks it as to be stopped; False when it was marked or ended before."""
         with self._server.lock:
             if self.done or self.cancel_event.is_set():
                 return False
+            self.cancel_reason = reason
             self._status.status = GoalStatus.RECALLING if self.status in _PENDING else GoalStatus.PREEMPTING
             self.cancel_event.set()
             self._server.publish_status()
@@ -117,7 +125,8 @@ class ServerGoal:
             self._status.text = text
             self.ended_at = time.monotonic()
             self._server.publish_result(self._status, result)
-            return True
+        self._server.ended(self)
+        return True
 
 
 class ActionServer:
@@ -127,7 +136,11 @@ class ActionServer:
     :param action_spec: the generated ``...Action`` class.
     :param on_goal: called with each new :class:`ServerGoal` in the subscriber's thread; must not block, and
         has to accept or reject it, now or later.
-    :param on_cancel: called once for each goal that shall stop, in the subscriber's thread, at once.
+    :param on_cancel: called once for each goal that shall stop, in the subscriber's thread, at once; in a
+        thread of its own when its owner was lost.
+    :param on_owner: called when the owner of a goal falls silent (SUSPENDED), is back (HELD) or is gone
+        (LOST), with the goal, the state and the reason. Unless it returns False, SUSPENDED suspends what this
+        process has sent on behalf of the goal, and LOST cancels the goal. None: always so.
     """
 
     def __init__(
@@ -136,6 +149,7 @@ class ActionServer:
         action_spec: type,
         on_goal: Callable[[ServerGoal], None],
         on_cancel: Callable[[ServerGoal], None],
+        on_owner: Optional[Callable[[ServerGoal, LeaseState, str], Optional[bool]]] = None,
     ) -> None:
         self.name = rospy.resolve_name(name)
         action = action_spec()
@@ -144,6 +158,8 @@ class ActionServer:
         self._feedback_type = type(action.action_feedback)
         self._on_goal = on_goal
         self._on_cancel = on_cancel
+        self._on_owner = on_owner
+        self._leases: Optional[LeaseWatch] = None
         self.lock = threading.RLock()  # guards the goals and keeps results and statuses in order
         self._goals: Dict[str, ServerGoal] = {}
         self._early_cancels: Dict[str, float] = {}
@@ -162,6 +178,7 @@ class ActionServer:
             self.name + "/feedback", self._feedback_type, queue_size=50
         )
         self._publishers = [self._status_publisher, self._result_publisher, self._feedback_publisher]
+        self._leases = LeaseWatch(self.name + "/lease", self._owner_changed)
         self._subscribers = [
             rospy.Subscriber(self.name + "/goal", self._goal_type, self._receive_goal, tcp_nodelay=True),
             rospy.Subscriber(self.name + "/cancel", GoalID, self._receive_cancel, tcp_nodelay=True),
@@ -173,6 +190,8 @@ class ActionServer:
         """Ends every goal as ABORTED and stops serving."""
         for subscriber in self._subscribers:
             subscriber.unregister()
+        if self._leases is not None:
+            self._leases.shutdown()
         for goal in self.goals():
             goal.abort(text="the action server shuts down")
         with self.lock:
@@ -184,6 +203,12 @@ class ActionServer:
         """The goals that have not ended, oldest first."""
         with self.lock:
             return [goal for goal in self._goals.values() if not goal.done]
+
+    def ended(self, goal: ServerGoal) -> None:
+        """A goal has ended; called once, without the lock unless its caller holds it."""
+        if self._leases is not None:
+            self._leases.forget(goal.id)
+        ownership.resume(goal.id)
 
     def publish_status(self) -> None:
         """Publishes the status list; called with the lock held."""
@@ -231,7 +256,42 @@ class ActionServer:
                 goal.cancelled(text="cancelled before it arrived")
                 return
             self.publish_status()
-        self._on_goal(goal)
+        if self._leases is not None:
+            self._leases.arrive(goal.id)
+        self._call(goal, self._on_goal)
+        if self._leases is not None and self._leases.state(goal.id) not in (
+            LeaseState.FOREIGN,
+            LeaseState.HELD,
+        ):
+            self._owner_changed(
+                LeaseChange(goal.id, self._leases.state(goal.id), self._leases.reason(goal.id))
+            )
+
+    def _owner_changed(self, change: LeaseChange) -> None:
+        with self.lock:
+            goal = self._goals.get(change.goal)
+        if goal is None or goal.done:
+            return
+        if self._on_owner is not None and self._on_owner(goal, change.state, change.reason) is False:
+            return
+        if change.state is LeaseState.HELD:
+            ownership.resume(goal.id)
+            return
+        ownership.suspend(goal.id, change.reason)
+        if goal.done:  # it ended meanwhile, and nothing else would resume it
+            ownership.resume(goal.id)
+            return
+        if change.state is LeaseState.LOST and goal.request_cancel(change.reason):
+            rospy.logwarn(f"{self.name}: a goal is cancelled, {change.reason}")
+            self._call(goal, self._on_cancel)
+
+    def _call(self, goal: ServerGoal, callback: Callable[[ServerGoal], None]) -> None:
+        """Hands a goal to the server's owner; whatever that raises, the client gets an answer."""
+        try:
+            callback(goal)
+        except BaseException as error:
+            rospy.logerr(f"{self.name}: {traceback.format_exc()}")
+            goal.abort(text=f"{type(error).__name__}: {error}")
 
     def _receive_cancel(self, cancel: GoalID) -> None:
         with self.lock:
@@ -252,7 +312,7 @@ class ActionServer:
                 self._cancel_before = cancel.stamp
         for goal in wanted:
             if goal.request_cancel():
-                self._on_cancel(goal)
+                self._call(goal, self._on_cancel)
 
     def _beat(self) -> None:
         while not self._stopped.wait(STATUS_PERIOD) and not rospy.is_shutdown():

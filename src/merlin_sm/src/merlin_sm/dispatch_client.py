@@ -1,45 +1,45 @@
 """Has a plan dispatched, follows its actions, and cancels it, over our dispatchers and ROSPlan's own."""
 
+import itertools
 import threading
-from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Callable, Dict, List, Optional, Sequence, Set
 
 import rospy
-from merlin_msgs.msg import DispatchStatus, RunningAction
+from merlin_msgs.msg import DispatchStatus, Lease, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_srvs.srv import Empty
 
-from merlin_sm.deadline import Deadline, limit
+from merlin_sm.deadline import Deadline, limit, running_time
+from merlin_sm.dispatch_progress import PART, Action, Answer, DispatchProgress, DispatchResult, Reply, ground
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
-from merlin_sm.pddl_text import action_text
+from merlin_sm.lease import LOSE_AFTER
+from merlin_sm.lease_holder import LIFE, LeaseHolder
 from merlin_sm.planning_client import Interruptible
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from merlin_sm.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 
 CANCEL_ACTION = "cancel_action"
-ENDINGS = (ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE, ActionFeedback.ACTION_FAILED)
 INTERFACE_WAIT = 3.0  # s of running time for the action interfaces of a plan to announce themselves
 STATUS_GRACE = 0.5  # s of running time for the dispatcher's status behind its answer
+ANSWER_GRACE = 0.3  # s of running time for an interface's answer behind the end of the dispatch
 FAILURE_GRACE = 0.5  # s of running time for a dispatcher to stop by itself after a failed action
-
-
-Ground = Tuple[str, Tuple[str, ...]]
-
-
-class DispatchResult(NamedTuple):
-    """How a dispatch ended."""
-
-    goal_achieved: bool
-    cancelled: bool = False
-    timed_out: bool = False
-    """The dispatch did not end in time after a cancel."""
-    action: str = ""
-    """The action that failed, as PDDL text."""
-    reason: str = ""
+SLACK = 1.0  # s that a dispatcher gets beyond its own cancel deadline
+OWNER_LOOK = 0.5  # s between two looks whether the owner of a foreign dispatch still lives
+LISTEN = 1.0  # s of a client's life after which it would have heard the owner of a foreign dispatch
+_BUSY = "is being dispatched already"
+_DISPATCHER = "dispatcher"  # key in the information of feedback that a dispatcher published itself
+_ANSWERS = {
+    ActionFeedback.ACTION_ENABLED: Answer.TAKEN,
+    ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE: Answer.SUCCEEDED,
+    ActionFeedback.ACTION_FAILED: Answer.FAILED,
+}
 
 
 class DispatchClient:
     """One dispatcher.
+
+    It owns what it has dispatched: while that runs it renews the lease ``<dispatcher>/dispatch_plan/lease``.
 
     :param dispatcher: its name (scope).
     :param knowledge_base: where action interfaces announce themselves.
@@ -59,21 +59,21 @@ class DispatchClient:
         self._on_change = on_change
         self._dispatch = ServiceProxy(f"{dispatcher}/dispatch_plan", DispatchService)
         self._cancel = ServiceProxy(f"{dispatcher}/cancel_dispatch", Empty, timeout=2.0)
+        self._numbers = itertools.count(1)
+        self._lease = LeaseHolder(f"{dispatcher}/dispatch_plan/lease")
+        self._node = rospy.get_name()
+        self._begun = running_time()
         self._changed = threading.Condition()  # guards the fields below
-        self._running: Dict[int, RunningAction] = {}
-        self._steps_done = 0
-        self._failed = ""
-        self._failed_reason = ""
+        self._progress = DispatchProgress()
         self._active = False
         self._cancelling = False
         self._requested = False
-        self._first_expected: Optional[Ground] = None
-        self._first_seen: Optional[Ground] = None
         self._cancel_sent = False
         self._ended = True
         self._announced: Set[str] = set()
         self._status: Optional[DispatchStatus] = None
         self._statuses = 0
+        self._owners: Dict[str, float] = {}  # other node that owns a dispatch -> running time of its renewal
         self._cancel_publisher = rospy.Publisher(
             f"{dispatcher}/action_dispatch", ActionDispatch, queue_size=10
         )
@@ -81,6 +81,7 @@ class DispatchClient:
             ("action_dispatch", ActionDispatch, self._receive_dispatch),
             ("action_feedback", ActionFeedback, self._receive_feedback),
             ("dispatch_status", DispatchStatus, self._receive_status),
+            ("dispatch_plan/lease", Lease, self._receive_lease),
         ):
             rospy.Subscriber(f"{dispatcher}/{topic}", message_class, callback, tcp_nodelay=True)
         announcements = f"{rospy.resolve_name(knowledge_base)}/pddl_action_parameters"
@@ -90,36 +91,118 @@ class DispatchClient:
         """Waits until the dispatcher is there, s of wall time."""
         return self._dispatch.wait(timeout)
 
+    def available(self) -> bool:
+        """Whether the dispatcher is there now."""
+        return self._dispatch.available()
+
+    def wait_status(self, timeout: float) -> bool:
+        """Waits for the dispatcher's first status, s of running time; ROSPlan's own publish none."""
+        with self._changed:
+            return Deadline(timeout).wait(self._changed, lambda: self._status is not None)
+
     @property
     def running(self) -> List[RunningAction]:
         """The actions under way."""
         with self._changed:
-            return list(self._running.values())
+            return [action.message for action in self._progress.running.values()] if self._active else []
 
     @property
     def steps_done(self) -> int:
         """Actions of this dispatch that have succeeded."""
-        return self._steps_done
+        return self._progress.steps_done
 
-    def dispatch(self, interruptible: Interruptible, plan: Sequence[ActionDispatch] = ()) -> DispatchResult:
+    @property
+    def busy(self) -> bool:
+        """Whether the dispatcher carries out a plan that this client does not wait for."""
+        with self._changed:
+            return self._busy()
+
+    def free(self, interruptible: Interruptible, reason: str = "it has no owner") -> str:
+        """Waits for the end of a dispatch that another client, or a former life of this one, has left.
+
+        It is cancelled, unless its owner lives. The interruption ends the wait.
+
+        :param reason: why it is cancelled, for the log.
+        :return: why the dispatcher is still busy, as a sentence; empty when it is free.
+        """
+        if not self.busy:
+            return ""
+        if not self.available():
+            return f"{PART} {self.name} is gone"
+        interrupted = threading.Event()
+
+        def interrupt() -> None:
+            interrupted.set()
+            with self._changed:
+                self._changed.notify_all()
+
+        patience = limit(self.cancel_deadline)
+        deadline = Deadline(None if patience is None else patience + SLACK)
+        asked = False
+        interruptible(interrupt)
+        try:
+            while self.busy and not deadline.expired and not interrupted.is_set():
+                if not asked and self._abandoned():
+                    asked = True
+                    rospy.logwarn(f"{self.name} carries out a plan: {reason}; it is cancelled")
+                    self._call_cancel()
+                with self._changed:
+                    look = Deadline(min(OWNER_LOOK, deadline.remaining()))
+                    look.wait(self._changed, lambda: interrupted.is_set() or not self._busy())
+        finally:
+            interruptible(None)
+        if interrupted.is_set() or not self.busy:
+            return ""
+        owner = self._living_owner()
+        if owner:
+            return f"{PART} {self.name} carries out a plan of {owner}"
+        return f"{PART} {self.name} carries out an earlier plan and does not stop"
+
+    def dispatch(
+        self,
+        interruptible: Interruptible,
+        plan: Sequence[ActionDispatch] = (),
+        owner: Optional[str] = None,
+    ) -> DispatchResult:
         """Dispatches the present plan and waits for its end. The interruption cancels it.
 
         :param plan: what is meant. ROSPlan's dispatchers may still hold an older plan when they are called;
             one that begins with another action, or with none, is cancelled and dispatched again.
+        :param owner: id of the goal of this process's own server on whose behalf it is dispatched.
         """
-        result = self._dispatch_once(interruptible, plan)
-        if self._stale(result, plan):
+        busy = self.free(interruptible)
+        result = self._refused(busy) if busy else self._dispatch_once(interruptible, plan, owner)
+        if _BUSY in result.reason:  # another client was faster
+            busy = self.free(interruptible)
+            result = self._refused(busy) if busy else self._dispatch_once(interruptible, plan, owner)
+        if self._stale(result):
             rospy.logwarn(f"{self.name} did not have the new plan yet; dispatching again")
-            result = self._dispatch_once(interruptible, plan)
+            result = self._dispatch_once(interruptible, plan, owner)
         return result
 
-    def _dispatch_once(self, interruptible: Interruptible, plan: Sequence[ActionDispatch]) -> DispatchResult:
+    def cancel(self) -> None:
+        """Has the running dispatch cancelled; before it runs, as soon as it does. Never blocks.
+
+        The thread that waits for the dispatch sends the cancel: a hung dispatcher costs its caller no time.
+        """
         with self._changed:
-            self._running.clear()
-            self._steps_done = self._statuses = 0
-            self._failed = self._failed_reason = ""
-            self._first_expected = _ground(plan[0]) if plan else None
-            self._first_seen = None
+            if not self._ended:
+                self._requested = self._cancelling = True
+                self._progress.stop()
+                self._changed.notify_all()
+
+    def _refused(self, reason: str) -> DispatchResult:
+        return DispatchResult(False, reason=reason, gone=not self.available())
+
+    # --- one dispatch ---------------------------------------------------------------------------------
+
+    def _dispatch_once(
+        self, interruptible: Interruptible, plan: Sequence[ActionDispatch], owner: Optional[str]
+    ) -> DispatchResult:
+        with self._changed:
+            first = ground(plan[0].name, [entry.value for entry in plan[0].parameters]) if plan else None
+            self._progress = DispatchProgress(first)
+            self._statuses = 0
             self._active = True
             self._ended = self._cancelling = self._cancel_sent = self._requested = False
             if self._status is None:
@@ -127,156 +210,172 @@ class DispatchClient:
                 operators = {action.name.lower() for action in plan}
                 Deadline(INTERFACE_WAIT).wait(self._changed, lambda: operators <= self._announced)
         answers: List[object] = []
+        dispatch, number = self._dispatch, f"{LIFE}-dispatch-{next(self._numbers)}"
+        self._lease.hold(number, owner)
 
         def call() -> None:
             try:
-                answers.append(self._dispatch())
-            except ServiceError as error:
+                answers.append(dispatch())
+            except BaseException as error:  # the thread that waits for the end must learn of it
                 answers.append(error)
             with self._changed:
-                self._ended = True
+                if self._dispatch is dispatch:
+                    self._ended = True
                 self._changed.notify_all()
 
         threading.Thread(target=call, name=f"dispatch of {self.name}", daemon=True).start()
         interruptible(self.cancel)
-        in_time = self._wait_for_end()
-        interruptible(None)
-        with self._changed:
-            self._active = False
-            running = [action_text(action.name, action.parameters) for action in self._running.values()]
-            self._running.clear()
-        self._on_change()
-        if not in_time:
-            self._dispatch = ServiceProxy(f"{self.name}/dispatch_plan", DispatchService)
-            names = ", ".join(running) or self.name
-            return DispatchResult(
-                False, True, True, names, f"{names} did not stop within {self.cancel_deadline:g} s"
-            )
-        return self._result(answers[0])
-
-    def cancel(self) -> None:
-        """Cancels the running dispatch, in the caller's thread; before it runs, as soon as it does."""
-        with self._changed:
-            if self._ended or self._requested:
-                return
-            self._requested = self._cancelling = True
-            self._changed.notify_all()
-            ready = self._seen()
-        if ready:
-            self._send_cancel()
+        try:
+            if self._wait_for_end():
+                return self._result(answers[0])
+            with self._changed:
+                return self._progress.hung(self.name, self.cancel_deadline)
+        finally:
+            interruptible(None)
+            self._lease.release(number)
+            with self._changed:
+                self._active = False
+                if not self._ended:
+                    # The call hangs in its thread; the next dispatch gets a connection of its own.
+                    self._dispatch = ServiceProxy(f"{self.name}/dispatch_plan", DispatchService)
+                    self._ended = True
+            self._on_change()
 
     def _wait_for_end(self) -> bool:
-        """False when a cancelled dispatch does not end within its deadline."""
+        """False when a dispatch that is cancelled, or whose action failed, does not end in time."""
+        patience = limit(self.cancel_deadline)
+        # The dispatcher keeps the same deadline and names what did not answer; it gets a moment longer.
+        slack = None if patience is None else patience + SLACK
         with self._changed:
-            Deadline(None).wait(self._changed, lambda: self._ended or self._cancelling or bool(self._failed))
-            if self._failed and not self._ended and not self._cancelling and self._status is None:
-                # ROSPlan's esterel dispatcher does not notice a failed action.
-                Deadline(FAILURE_GRACE).wait(self._changed, lambda: self._ended or self._cancelling)
+            Deadline(None).wait(
+                self._changed, lambda: self._ended or self._cancelling or bool(self._progress.failed)
+            )
+            if not self._ended and not self._cancelling:
+                # ROSPlan's esterel dispatcher does not notice a failed action; ours stops the others.
+                grace = Deadline(FAILURE_GRACE if self._status is None else slack)
+                grace.wait(self._changed, lambda: self._ended or self._cancelling)
+                if self._status is not None and not self._ended and not self._cancelling:
+                    return False
                 self._cancelling = True
-            elif not self._ended and not self._cancelling:
-                Deadline(None).wait(self._changed, lambda: self._ended or self._cancelling)
             if self._ended:
                 return True
             # A cancel sent before the dispatcher runs would be lost, or stop ROSPlan's next dispatch instead.
-            patience = limit(self.cancel_deadline)
-            deadline = Deadline(patience)
-            if not deadline.wait(self._changed, lambda: self._ended or self._seen()):
+            if not Deadline(patience).wait(self._changed, lambda: self._ended or self._seen()):
                 return False
         self._send_cancel()
-        # The dispatcher keeps the same deadline and names who did not answer; it gets a moment longer.
-        slack = Deadline(None if patience is None else patience + 1.0)
         with self._changed:
-            return slack.wait(self._changed, lambda: self._ended)
+            return Deadline(slack).wait(self._changed, lambda: self._ended)
 
-    def _stale(self, result: DispatchResult, plan: Sequence[ActionDispatch]) -> bool:
+    def _stale(self, result: DispatchResult) -> bool:
         """Whether a dispatcher of ROSPlan's ran something else than the plan that was meant."""
         with self._changed:
-            if self._status is not None or self._requested or result.goal_achieved or not plan:
+            if self._status is not None or self._requested or result.goal_achieved or result.gone:
                 return False
-            return self._first_seen != self._first_expected
+            return self._progress.other_plan
 
     def _seen(self) -> bool:
         """Whether the dispatcher is known to run; called with the lock held."""
         if self._status is not None:
             return self._status.state != DispatchStatus.IDLE
-        return bool(self._running or self._failed)
+        return bool(self._progress.running or self._progress.failed)
 
     def _send_cancel(self) -> None:
         with self._changed:
             if self._cancel_sent or self._ended:
                 return
             self._cancel_sent = True
-            running = list(self._running.values()) if self._status is None else []
+            running = list(self._progress.running.values()) if self._status is None else []
+        self._call_cancel()
+        for action in running:  # ROSPlan's simple dispatcher passes no cancel on
+            self._cancel_publisher.publish(
+                ActionDispatch(
+                    action_id=action.id,
+                    plan_id=action.plan_id,
+                    name=CANCEL_ACTION,
+                    parameters=action.message.parameters,
+                )
+            )
+
+    def _call_cancel(self) -> None:
         try:
             self._cancel()
         except ServiceError as error:
             rospy.logwarn(f"cancel of {self.name}: {error}")
-        for action in running:  # ROSPlan's simple dispatcher tells nobody
-            self._cancel_publisher.publish(
-                ActionDispatch(
-                    action_id=action.action_id,
-                    plan_id=action.plan_id,
-                    name=CANCEL_ACTION,
-                    parameters=action.parameters,
-                )
-            )
 
     def _result(self, answer: object) -> DispatchResult:
+        reply = self._reply(answer)
         with self._changed:
-            cancelled = self._requested and not self._failed_before_cancel()
-            action, reason = self._failed, self._failed_reason
-            if not getattr(answer, "goal_achieved", False) and self._status is not None:
+            if not reply.achieved and not reply.gone and self._status is not None:
                 # The last word of our dispatcher may come a moment behind the answer of its service.
                 Deadline(STATUS_GRACE).wait(
                     self._changed, lambda: self._statuses > 0 and self._status.state == DispatchStatus.IDLE
                 )
-            status = self._status if self._statuses else None
-        if isinstance(answer, ServiceError):
-            return DispatchResult(False, cancelled, False, action, str(answer))
-        assert isinstance(answer, DispatchServiceResponse)
-        if answer.goal_achieved:
-            return DispatchResult(True, cancelled)
-        if status is not None:
-            action, reason = status.failed_action or action, status.reason or reason
-        return DispatchResult(
-            False, cancelled, False, action, reason or "the plan ended, but the goal does not hold"
-        )
+            if not reply.achieved:
+                Deadline(ANSWER_GRACE).wait(self._changed, lambda: not self._progress.unanswered)
+            if self._statuses == 0 or self._status is None:
+                return self._progress.result(reply)
+            return self._progress.result(reply, self._status.failed_action, self._status.reason)
 
-    def _failed_before_cancel(self) -> bool:
-        return bool(self._failed) and self._failed_reason != "cancelled"
+    def _reply(self, answer: object) -> Reply:
+        if isinstance(answer, DispatchServiceResponse):
+            return Reply(achieved=answer.goal_achieved)
+        if not isinstance(answer, ServiceError):
+            return Reply(gone=f"the call of {PART} failed: {type(answer).__name__}: {answer}")
+        if not isinstance(answer, ServiceUnavailable):
+            return Reply(refused=str(answer))
+        with self._changed:
+            begun = self._progress.begun
+        if begun:
+            return Reply(gone=f"{PART} {self.name} ended while it carried out the plan")
+        return Reply(gone=f"{PART} does not answer: {answer}")
+
+    # --- what is heard --------------------------------------------------------------------------------
+
+    def _busy(self) -> bool:
+        status = self._status
+        return not self._active and status is not None and status.state != DispatchStatus.IDLE
+
+    def _abandoned(self) -> bool:
+        return running_time() - self._begun > LISTEN and not self._living_owner()
+
+    def _living_owner(self) -> str:
+        with self._changed:
+            now = running_time()
+            return next((owner for owner, last in self._owners.items() if now - last < LOSE_AFTER), "")
 
     def _receive_dispatch(self, dispatch: ActionDispatch) -> None:
         with self._changed:
             if not self._active or dispatch.name == CANCEL_ACTION:
                 return
-            if self._first_seen is None:
-                self._first_seen = _ground(dispatch)
-                if self._status is None and self._first_expected not in (None, self._first_seen):
-                    self._cancelling = True
-            self._running[dispatch.action_id] = RunningAction(
+            first = not self._progress.begun
+            message = RunningAction(
                 action_id=dispatch.action_id,
                 plan_id=dispatch.plan_id,
                 name=dispatch.name,
                 parameters=dispatch.parameters,
                 dispatched=rospy.Time.now(),
             )
+            arguments = tuple(entry.value for entry in dispatch.parameters)
+            self._progress.dispatched(
+                Action(dispatch.action_id, dispatch.plan_id, dispatch.name, arguments, message)
+            )
+            if first and self._status is None and self._progress.other_plan:
+                self._cancelling = True
             self._changed.notify_all()
         self._on_change()
 
     def _receive_feedback(self, feedback: ActionFeedback) -> None:
+        answer = _ANSWERS.get(feedback.status)
+        if answer is None:
+            return
         with self._changed:
-            action = self._running.get(feedback.action_id)
-            if not self._active or action is None or feedback.status not in ENDINGS:
+            if not self._active:
                 return
-            if feedback.plan_id not in (0, action.plan_id):
+            information = {entry.key: entry.value for entry in feedback.information}
+            if _DISPATCHER in information:
                 return
-            del self._running[feedback.action_id]
-            if feedback.status == ActionFeedback.ACTION_FAILED:
-                information = {entry.key: entry.value for entry in feedback.information}
-                self._failed = action_text(action.name, action.parameters)
-                self._failed_reason = information.get("reason", "no reason given")
-            else:
-                self._steps_done += 1
+            if not self._progress.answered(feedback.action_id, feedback.plan_id, answer, information):
+                return
             self._changed.notify_all()
         self._on_change()
 
@@ -291,6 +390,11 @@ class DispatchClient:
             self._statuses += 1
             self._changed.notify_all()
 
-
-def _ground(action: ActionDispatch) -> Ground:
-    return action.name.lower(), tuple(parameter.value.lower() for parameter in action.parameters)
+    def _receive_lease(self, lease: Lease) -> None:
+        if lease.owner == self._node:
+            return
+        with self._changed:
+            if lease.held:
+                self._owners[lease.owner] = running_time()
+            else:
+                self._owners.pop(lease.owner, None)

@@ -41,6 +41,10 @@ class KnowledgeError(RuntimeError):
     """The knowledge base refused an update or did not answer; the text says why."""
 
 
+class KnowledgeBaseMissing(KnowledgeError):
+    """The knowledge base did not appear in time; it may still come."""
+
+
 class KnowledgeClient:
     """Calls the services of one knowledge base. The first call waits for one that is still being started.
 

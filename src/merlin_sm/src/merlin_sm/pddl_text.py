@@ -29,6 +29,10 @@ _COMPARISONS = {
 _OPERATORS = {"+": ExprBase.ADD, "-": ExprBase.SUB, "*": ExprBase.MUL, "/": ExprBase.DIV}
 _COMPARISON_TEXT = {value: text for text, value in _COMPARISONS.items()}
 _OPERATOR_TEXT = {value: text for text, value in _OPERATORS.items()}
+_SPECIAL_TEXT = {ExprBase.HASHT: "#t", ExprBase.TOTAL_TIME: "total-time", ExprBase.DURATION: "?duration"}
+
+MAX_DEPTH = 100  #: Deepest nesting of parentheses that is read.
+_SHOWN = 80  # characters of a text that a message repeats
 
 Expression = Union["Symbol", List["Expression"]]
 
@@ -48,7 +52,7 @@ def parse_goal(text: str) -> List[KnowledgeItem]:
     """The goals of a PDDL goal text.
 
     :param text: a literal, a comparison, or an ``and``: ``(and (checked kitchen) (>= (battery) 20))``.
-    :raises PDDLSyntaxError: when it is something else.
+    :raises PDDLSyntaxError: when it is something else, or nested deeper than :data:`MAX_DEPTH`.
     """
     return list(_goals(_read(text)))
 
@@ -98,11 +102,15 @@ def _formula_text(name: str, arguments: Sequence[str]) -> str:
     return f"({' '.join([name, *arguments])})"
 
 
+def _shown(text: str) -> str:
+    return repr(text) if len(text) <= _SHOWN else f"{text[:_SHOWN]!r}…"
+
+
 def _read(text: str) -> Expression:
     stack: List[List[Expression]] = [[]]
     opened: List[int] = []
-    position = 0
-    while position < len(text.rstrip()):
+    position, end = 0, len(text.rstrip())
+    while position < end:
         match = _TOKEN.match(text, position)
         if match is None:
             break
@@ -110,18 +118,22 @@ def _read(text: str) -> Expression:
         if word == "(":
             stack.append([])
             opened.append(column)
+            if len(opened) > MAX_DEPTH:
+                raise PDDLSyntaxError(
+                    f"{_shown(text)}, column {column}: nested deeper than {MAX_DEPTH} parentheses"
+                )
         elif word == ")":
             if not opened:
-                raise PDDLSyntaxError(f"{text!r}, column {column}: ')' without '('")
+                raise PDDLSyntaxError(f"{_shown(text)}, column {column}: ')' without '('")
             opened.pop()
             closed = stack.pop()
             stack[-1].append(closed)
         else:
             stack[-1].append(Symbol(word, column))
     if opened:
-        raise PDDLSyntaxError(f"{text!r}, column {opened[-1]}: '(' is never closed")
+        raise PDDLSyntaxError(f"{_shown(text)}, column {opened[-1]}: '(' is never closed")
     if len(stack[0]) != 1 or isinstance(stack[0][0], Symbol):
-        raise PDDLSyntaxError(f"{text!r}: expected one goal in parentheses, like (checked kitchen)")
+        raise PDDLSyntaxError(f"{_shown(text)}: expected one goal in parentheses, like (checked kitchen)")
     return stack[0][0]
 
 
@@ -200,24 +212,23 @@ def _tokens(expression: Expression) -> Iterator[ExprBase]:
 
 
 def _expression_text(expression: ExprComposite) -> str:
-    tokens = iter(expression.tokens)
+    """An expression in prefix order as PDDL text; ``?`` for what is missing."""
+    operands: List[str] = []  # read from the right, the operands of an operator stand there before it
 
-    def text() -> str:
-        token = next(tokens, None)
-        if token is None:
-            return "?"
+    def operand() -> str:
+        return operands.pop() if operands else "?"
+
+    for token in reversed(expression.tokens):
         if token.expr_type == ExprBase.CONSTANT:
-            return f"{token.constant:g}"
-        if token.expr_type == ExprBase.FUNCTION:
-            return _formula_text(
-                token.function.name, [value.value for value in token.function.typed_parameters]
-            )
-        if token.expr_type == ExprBase.OPERATOR:
-            if token.op == ExprBase.UMINUS:
-                return f"(- {text()})"
-            return f"({_OPERATOR_TEXT[token.op]} {text()} {text()})"
-        return {ExprBase.HASHT: "#t", ExprBase.TOTAL_TIME: "total-time", ExprBase.DURATION: "?duration"}[
-            token.special_type
-        ]
-
-    return text()
+            text = f"{token.constant:g}"
+        elif token.expr_type == ExprBase.FUNCTION:
+            arguments = [value.value for value in token.function.typed_parameters]
+            text = _formula_text(token.function.name, arguments)
+        elif token.expr_type == ExprBase.OPERATOR and token.op == ExprBase.UMINUS:
+            text = f"(- {operand()})"
+        elif token.expr_type == ExprBase.OPERATOR:
+            text = f"({_OPERATOR_TEXT.get(token.op, '?')} {operand()} {operand()})"
+        else:
+            text = _SPECIAL_TEXT.get(token.special_type, "?")
+        operands.append(text)
+    return operand()

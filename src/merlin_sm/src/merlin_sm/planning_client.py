@@ -18,8 +18,14 @@ from std_srvs.srv import Empty
 
 from merlin_sm.action_client import ActionClient
 from merlin_sm.deadline import Deadline
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from merlin_sm.master_link import ERRORS, MasterSilent, bounded_master, get_param
+from merlin_sm.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 
+PROBLEM = "the planning system's problem interface"
+PLANNER = "the planning system's planner interface"
+PARSER = "the planning system's parsing interface"
+CALL_LIMIT = 20.0  # s of wall time for a service; writing and parsing a large problem takes seconds
+LOOK = 0.1  # s between two looks for a part that is started again; the master tells of a new service only so
 HAND_OVER = 2.0  # s of running time within which a product has to appear on its topic
 Interruptible = Callable[[Optional[Callable[[], None]]], None]
 
@@ -29,6 +35,7 @@ class Planned(Enum):
 
     SOLVED = "solved"
     UNSOLVABLE = "unsolvable"
+    NO_PLAN = "no_plan"
     TIMEOUT = "timeout"
     ERROR = "error"
     CANCELLED = "cancelled"
@@ -39,10 +46,19 @@ class PlanningResult(NamedTuple):
 
     verdict: Planned
     reason: str = ""
+    gone: bool = False
+    """The planner interface is not there, or does not answer."""
 
 
 class StageError(RuntimeError):
-    """A stage failed; the text is a sentence that says why."""
+    """A stage failed; the text is a sentence that says why.
+
+    :param gone: whether a part of the planning system is not there or does not answer.
+    """
+
+    def __init__(self, text: str, gone: bool = False) -> None:
+        super().__init__(text)
+        self.gone = gone
 
 
 class TopicWatch:
@@ -84,8 +100,8 @@ class PlanningClient:
     ) -> None:
         self._planner = rospy.resolve_name(planner)
         self._parser = rospy.resolve_name(parser)
-        self._generate = ServiceProxy(f"{problem}/problem_generation_server", Empty)
-        self._parse = ServiceProxy(f"{parser}/parse_plan", Empty)
+        self._generate = ServiceProxy(f"{problem}/problem_generation_server", Empty, timeout=CALL_LIMIT)
+        self._parse = ServiceProxy(f"{parser}/parse_plan", Empty, timeout=CALL_LIMIT)
         self._client = ActionClient(f"{planner}/start_planning", PlanAction)
         self._problem = TopicWatch(f"{problem}/problem_instance", String)
         self._output = TopicWatch(f"{planner}/planner_output", String)
@@ -98,13 +114,42 @@ class PlanningClient:
 
         :raises StageError: naming the first that is missing.
         """
-        for proxy in (self._generate, self._parse):
+        for part, proxy in ((PROBLEM, self._generate), (PARSER, self._parse)):
             if not proxy.wait(timeout):
                 raise StageError(
-                    f"no service {proxy.name} after {timeout:g} s; is the planning system launched?"
+                    f"{part} is not there: no service {proxy.name} after {timeout:g} s; is it launched?"
                 )
         if not self._client.wait_for_server(timeout):
-            raise StageError(f"no action server {self._client.name} after {timeout:g} s")
+            raise StageError(
+                f"{PLANNER} is not there: no action server {self._client.name} after {timeout:g} s"
+            )
+
+    def missing(self) -> str:
+        """The first part that is not there, in words; empty when all are."""
+        for part, proxy in ((PROBLEM, self._generate), (PARSER, self._parse)):
+            if not proxy.available():
+                return part
+        return "" if self._client.alive else PLANNER
+
+    def wait_back(
+        self,
+        timeout: float,
+        cancelled: threading.Event,
+        missing: Callable[[], str] = lambda: "",
+    ) -> str:
+        """Waits for the return of a planning system that was ended.
+
+        :param timeout: s of running time.
+        :param cancelled: ends the wait.
+        :param missing: names a further part that has to be there, empty when it is.
+        :return: the part that is still missing, in words; empty when all are there.
+        """
+        deadline = Deadline(timeout)
+        while True:
+            part = self.missing() or missing()
+            if not part or cancelled.is_set() or deadline.expired or rospy.is_shutdown():
+                return part
+            cancelled.wait(LOOK)
 
     def generate_problem(self) -> None:
         """Has the problem written.
@@ -112,16 +157,15 @@ class PlanningClient:
         :raises StageError: when that fails.
         """
         count = self._problem.count
-        self._call(self._generate)
+        self._call(PROBLEM, self._generate)
         if self._problem.wait_newer(count, HAND_OVER) is None:
-            raise StageError(
-                f"{self._generate.name} answered, but no problem appeared on {self._problem.topic}"
-            )
+            raise StageError(f"{PROBLEM} answered, but no problem appeared on {self._problem.topic}")
 
     def plan(self, interruptible: Interruptible) -> PlanningResult:
         """Has a plan made. The interruption cancels the planner."""
         if not self._client.alive and not self._client.wait_for_server(HAND_OVER):
-            return PlanningResult(Planned.ERROR, f"the planner {self._client.name} is not there")
+            reason = f"{PLANNER} is not there: no action server {self._client.name}"
+            return PlanningResult(Planned.ERROR, reason, gone=True)
         count = self._output.count
         self._status = None
         ended = threading.Event()
@@ -152,14 +196,17 @@ class PlanningClient:
         watch = self._plan_watch()
         count = watch.count
         for _ in range(2):  # the parser may get the planner's output a moment after its caller
-            self._call(self._parse)
+            self._call(PARSER, self._parse)
             message = watch.wait_newer(count, HAND_OVER / 2)
             if message is not None:
                 return plan_actions(message)
-        raise StageError(f"{self._parse.name} answered, but no plan appeared on {watch.topic}")
+        raise StageError(f"{PARSER} answered, but no plan appeared on {watch.topic}")
 
     def _goal(self) -> PlanGoal:
-        params = rospy.get_param(self._planner, {})
+        try:
+            params = get_param(self._planner, {})
+        except MasterSilent as error:
+            raise StageError(str(error), gone=True) from error
         return PlanGoal(
             domain_path=params.get("domain_path", ""),
             problem_path=params.get("problem_path", ""),
@@ -173,7 +220,7 @@ class PlanningClient:
         if known is not None and known.state in _VERDICTS:
             return PlanningResult(_VERDICTS[known.state], known.reason or text)
         if status == GoalStatus.LOST:
-            return PlanningResult(Planned.ERROR, text)
+            return PlanningResult(Planned.ERROR, f"{PLANNER} is gone: {text}", gone=True)
         # The original planner interface tells a failure from an unsolvable problem nowhere.
         return PlanningResult(Planned.ERROR, text or "the planner found no plan")
 
@@ -183,18 +230,23 @@ class PlanningClient:
     def _plan_watch(self) -> TopicWatch:
         if self._plan is None:
             topic = f"{self._parser}/complete_plan"
-            types = dict(rospy.get_published_topics())
+            try:
+                types = dict(bounded_master().getTopicTypes())
+            except ERRORS as error:
+                raise StageError(f"{PARSER} cannot be looked up: {error}", gone=True) from error
             if topic not in types:
-                raise StageError(f"nobody publishes plans on {topic}")
+                raise StageError(f"{PARSER} is not there: no plans are published on {topic}", gone=True)
             self._plan = TopicWatch(topic, get_message_class(types[topic]))
         return self._plan
 
     @staticmethod
-    def _call(proxy: ServiceProxy) -> None:
+    def _call(part: str, proxy: ServiceProxy) -> None:
         try:
             proxy()
         except ServiceError as error:
-            raise StageError(str(error)) from error
+            gone = isinstance(error, ServiceUnavailable)
+            said = "does not answer" if gone else "failed"
+            raise StageError(f"{part} {said}: {error}", gone=gone) from error
 
 
 def plan_actions(plan: Any) -> Sequence[ActionDispatch]:
@@ -206,6 +258,7 @@ def plan_actions(plan: Any) -> Sequence[ActionDispatch]:
 
 _VERDICTS = {
     PlannerStatus.UNSOLVABLE: Planned.UNSOLVABLE,
+    PlannerStatus.NO_PLAN: Planned.NO_PLAN,
     PlannerStatus.TIMEOUT: Planned.TIMEOUT,
     PlannerStatus.CRASHED: Planned.ERROR,
     PlannerStatus.INVALID: Planned.ERROR,

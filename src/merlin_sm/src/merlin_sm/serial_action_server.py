@@ -87,7 +87,7 @@ class SerialActionServer:
             goal.accept()
             try:
                 self._execute(goal)
-            except Exception as error:  # whatever a server's code does, the client gets an answer
+            except BaseException as error:  # whatever a server's code does, the client gets an answer
                 if not rospy.is_shutdown():
                     rospy.logerr(f"action {self.name}: {traceback.format_exc()}")
                 goal.abort(text=f"{type(error).__name__}: {error}")

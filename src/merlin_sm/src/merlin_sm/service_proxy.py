@@ -12,10 +12,55 @@ import rosgraph
 import rospy
 from rosgraph.network import write_ros_handshake_header
 from rospy.exceptions import ROSException, TransportException
+from rospy.impl.tcpros_base import TCPROSTransport
+
+from merlin_sm.master_link import ERRORS, bounded_master
+
+#: Longest wait for a server to take a connection, s of wall time: a hung one never does.
+CONNECT_LIMIT = 5.0
 
 
 class ServiceError(rospy.ServiceException):
     """A call that gave no answer; the text is a sentence that names the service and says why."""
+
+
+class ServiceUnavailable(ServiceError):
+    """There was no answer at all: the service is not there, or its process died. It may return."""
+
+
+class _Client(rospy.ServiceProxy):
+    """rospy's proxy, with a look-up that ends when the master hangs, and connecting when the server does."""
+
+    connect_limit = CONNECT_LIMIT
+
+    def call(self, *args: Any, **fields: Any) -> Any:
+        """Calls the service; see rospy."""
+        if self.transport is None:
+            host, port = rospy.core.parse_rosrpc_uri(self._get_service_uri(None))
+            transport = TCPROSTransport(self.protocol, self.resolved_name)
+            transport.buff_size = self.buff_size
+            # rospy takes the socket's timeout away before it reads the server's header.
+            limit = threading.Timer(self.connect_limit, _wake, [transport])
+            limit.daemon = True
+            limit.start()
+            try:
+                transport.connect(host, port, self.uri, timeout=self.connect_limit)
+            except TransportException:
+                transport.close()
+                raise
+            finally:
+                limit.cancel()
+            self.transport = transport
+        return super().call(*args, **fields)
+
+    def _get_service_uri(self, _: Any) -> str:
+        try:
+            self.uri = bounded_master().lookupService(self.resolved_name)
+        except rosgraph.MasterError:
+            raise rospy.ServiceException(f"nothing offers {self.resolved_name}") from None
+        except ERRORS as error:
+            raise rospy.ServiceException(f"cannot look it up: {error}") from error
+        return self.uri
 
 
 class ServiceProxy:
@@ -40,7 +85,7 @@ class ServiceProxy:
         self._timeout = timeout
         self._patience = patience
         self._lock = threading.Lock()  # one call at a time; guards the proxy
-        self._proxy: Optional[rospy.ServiceProxy] = None
+        self._proxy: Optional[_Client] = None
         self._nodelay = False
 
     def __call__(self, *args: Any, **fields: Any) -> Any:
@@ -53,6 +98,7 @@ class ServiceProxy:
             if patience:
                 self.wait(patience)
             limit = None
+            begin = time.monotonic()
             try:
                 proxy = self._connection()
                 if self._timeout is not None:
@@ -64,7 +110,8 @@ class ServiceProxy:
                 self._close()
                 if "responded with an error" in str(error):
                     raise ServiceError(f"service {self.name} failed: {_reason(str(error))}") from error
-                raise ServiceError(f"service {self.name} does not answer: {error}") from error
+                why = self._why(error, time.monotonic() - begin)
+                raise ServiceUnavailable(f"service {self.name} does not answer: {why}") from error
             finally:
                 if limit is not None:
                     limit.cancel()
@@ -88,13 +135,13 @@ class ServiceProxy:
     def available(self) -> bool:
         """Whether the master knows the service and its server accepts connections."""
         try:
-            uri = rosgraph.Master(rospy.get_name()).lookupService(self.name)
+            uri = bounded_master().lookupService(self.name)
             host, port = rospy.core.parse_rosrpc_uri(uri)
             with socket.create_connection((host, port), timeout=1.0) as connection:
                 header = {"probe": "1", "md5sum": "*", "callerid": rospy.get_name(), "service": self.name}
                 write_ros_handshake_header(connection, header)
                 return True
-        except (OSError, rosgraph.MasterException):
+        except ERRORS:
             return False
 
     def close(self) -> None:
@@ -102,11 +149,26 @@ class ServiceProxy:
         with self._lock:
             self._close()
 
-    def _connection(self) -> rospy.ServiceProxy:
+    def _why(self, error: Exception, waited: float) -> str:
+        """What a failed call means, in words: `[Errno 111]` names nothing that a person can start again."""
+        if self._timeout is not None and waited >= self._timeout:
+            return f"no answer within {self._timeout:g} s"
+        text = str(error)
+        if "timed out" in text:
+            return "its node hangs: it takes no connection"
+        if isinstance(error, ConnectionRefusedError) or "refused" in text or "unavailable" in text:
+            return "its node does not run"
+        if isinstance(error, (TransportException, OSError)) or "transport error" in text:
+            return "its node has ended, or broke the connection"
+        return text
+
+    def _connection(self) -> _Client:
         if self._proxy is not None and not self._alive(self._proxy):
             self._close()
         if self._proxy is None:
-            self._proxy = rospy.ServiceProxy(self.name, self._service_class, persistent=True)
+            self._proxy = _Client(self.name, self._service_class, persistent=True)
+            if self._timeout is not None:
+                self._proxy.connect_limit = min(self._timeout, CONNECT_LIMIT)
         elif not self._nodelay:
             # A request of several segments would wait for the acknowledgement of the first.
             self._proxy.transport.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -114,10 +176,9 @@ class ServiceProxy:
         return self._proxy
 
     @staticmethod
-    def _give_up(proxy: rospy.ServiceProxy) -> None:
-        # Closing a socket does not wake who reads from it; shutting it down does.
-        with contextlib.suppress(OSError, AttributeError):
-            proxy.transport.socket.shutdown(socket.SHUT_RDWR)
+    def _give_up(proxy: _Client) -> None:
+        if proxy.transport is not None:
+            _wake(proxy.transport)
 
     @staticmethod
     def _alive(proxy: rospy.ServiceProxy) -> bool:
@@ -134,6 +195,12 @@ class ServiceProxy:
             self._proxy.close()
             self._proxy = None
             self._nodelay = False
+
+
+def _wake(transport: TCPROSTransport) -> None:
+    """Ends the wait of the thread that reads from a connection; closing the socket would not."""
+    with contextlib.suppress(OSError, AttributeError):
+        transport.socket.shutdown(socket.SHUT_RDWR)
 
 
 def _reason(text: str) -> str:

@@ -11,7 +11,7 @@ from merlin_sm.deadline import Deadline
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 SERVER_WAIT = 5.0  # s of running time for a server that is not there yet
-CANCEL_LIMIT = 5.0  # s of running time within which a server has to stop
+CANCEL_LIMIT = 2.0  # s of running time within which a server has to stop
 
 _clients: Dict[str, ActionClient] = {}
 _clients_lock = threading.Lock()  # guards _clients
@@ -26,12 +26,20 @@ def shared_client(name: str, action_spec: type) -> ActionClient:
         return _clients[resolved]
 
 
+def give_up_goals(owner: str) -> None:
+    """Gives up what the states of this process have sent, and will send, on behalf of a goal that is over."""
+    with _clients_lock:
+        clients = list(_clients.values())
+    for client in clients:
+        client.give_up_owned(owner)
+
+
 class ActionState(MerlinState):
     """Sends a goal and waits for its end; a preempt cancels it at once.
 
     Ends with succeeded when the server says SUCCEEDED, with preempted when it was preempted and the server
     stopped, else with aborted and the reason. A server that does not stop within `cancel_limit` is reported
-    by name.
+    by name, and its goal given up: it has no owner any more.
 
     :param name: of the action.
     :param action_spec: the generated ``...Action`` class.
@@ -72,7 +80,7 @@ class ActionState(MerlinState):
                 return PREEMPTED
             return self.fail(f"no action server {self._client.name} within {self._server_wait:g} s")
         ended = threading.Event()
-        sent = self._client.send(goal, on_done=lambda _: ended.set())
+        sent = self._client.send(goal, on_done=lambda _: ended.set(), owner=self.served_goal)
         cancelled = threading.Event()
 
         def cancel() -> None:
@@ -84,6 +92,8 @@ class ActionState(MerlinState):
         Deadline(None).wait_event(ended)
         self.interruptible(None)
         if cancelled.is_set() and not sent.wait(self._cancel_limit):
+            self.unstopped = self._client.name
+            self._client.give_up(sent, "it did not stop in time")
             return self.fail(f"{self._client.name} did not stop within {self._cancel_limit:g} s")
         return self._outcome(userdata, sent)
 

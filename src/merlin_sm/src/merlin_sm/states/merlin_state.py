@@ -29,6 +29,8 @@ class MerlinState(smach.State):
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *outcomes], list(input_keys), list(output_keys))
         self.reason = ""
         self.outcome = ""
+        self.unstopped = ""  # what did not stop when the state was preempted, by name
+        self.served_goal: Optional[str] = None  # of this process's own server, on whose behalf it runs
         self._interrupt_lock = threading.Lock()  # guards _interrupt
         self._interrupt: Optional[Callable[[], None]] = None
 
@@ -38,7 +40,7 @@ class MerlinState(smach.State):
 
     def execute(self, userdata: Any) -> str:
         """Runs the state; SMACH calls it."""
-        self.reason = ""
+        self.reason = self.unstopped = ""
         self.outcome = self._execute(userdata)
         return self.outcome
 

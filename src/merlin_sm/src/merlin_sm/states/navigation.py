@@ -7,7 +7,10 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
+from merlin_sm.guard_watch import shared_guard_watch
+from merlin_sm.master_link import get_param
 from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.merlin_state import PREEMPTED
 
 POINTS_PARAM = "world/points_of_interest"
 
@@ -18,7 +21,7 @@ def point_of_interest(name: str) -> PoseStamped:
     :return: pose in frame map.
     :raises ValueError: when there is no such point, naming those there are.
     """
-    points = rospy.get_param(POINTS_PARAM, {})
+    points = get_param(POINTS_PARAM, {})
     if name not in points:
         known = ", ".join(sorted(points)) or "none"
         raise ValueError(
@@ -40,6 +43,8 @@ def point_of_interest(name: str) -> PoseStamped:
 class NavigationState(ActionState):
     """Drives to ``userdata.target``: the name of a point of interest, or a PoseStamped.
 
+    Where a velocity guard is expected, nothing sets off while it is silent or has stopped the base.
+
     :param target: drives there instead; userdata is not read then.
     :param action: name of the move_base action.
     """
@@ -53,6 +58,16 @@ class NavigationState(ActionState):
             input_keys=keys,
             **options,
         )
+        self._guard = shared_guard_watch()
+
+    def run(self, userdata: Any) -> str:
+        """Drives, unless the velocity guard forbids it."""
+        self.interruptible(self._guard.wake)
+        reason = self._guard.why_not(self.preempt_requested)
+        self.interruptible(None)
+        if reason:
+            return PREEMPTED if self.preempt_requested() else self.fail(reason)
+        return super().run(userdata)
 
 
 def _goal(target: Any) -> MoveBaseGoal:

@@ -4,18 +4,41 @@ from typing import Any, Callable, Optional, Sequence
 
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
-from merlin_sm.dispatch_client import DispatchClient, DispatchResult
+from merlin_sm.dispatch_client import DispatchClient
+from merlin_sm.dispatch_progress import DispatchResult
 from merlin_sm.pddl_text import action_text
 from merlin_sm.planning_client import Planned, PlanningClient, StageError
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
 
 UNSOLVABLE = "unsolvable"
+NO_PLAN = "no_plan"
 TIMEOUT = "timeout"
 FAILED = "failed"
 CANCEL_TIMEOUT = "cancel_timeout"
 
 
-class GenerateProblemState(MerlinState):
+class PlanningState(MerlinState):
+    """Base of the states of the planning system's stages.
+
+    :ivar gone: after a run, whether it was aborted because a part of the planning system is gone.
+    """
+
+    def __init__(self, outcomes: Sequence[str] = (), output_keys: Sequence[str] = ()) -> None:
+        super().__init__(outcomes, (), output_keys)
+        self.gone = False
+
+    def execute(self, userdata: Any) -> str:
+        """Runs the state; SMACH calls it."""
+        self.gone = False
+        return super().execute(userdata)
+
+    def fail_stage(self, error: StageError) -> str:
+        """Remembers why a stage failed and returns the outcome aborted."""
+        self.gone = error.gone
+        return self.fail(str(error))
+
+
+class GenerateProblemState(PlanningState):
     """Has the problem written from the knowledge base."""
 
     def __init__(self, client: Optional[PlanningClient] = None) -> None:
@@ -27,29 +50,33 @@ class GenerateProblemState(MerlinState):
         try:
             self._client.generate_problem()
         except StageError as error:
-            return self.fail(str(error))
+            return self.fail_stage(error)
         return SUCCEEDED
 
 
-class PlanState(MerlinState):
-    """Has a plan made; further outcomes are unsolvable and timeout. A preempt cancels the planner."""
+class PlanState(PlanningState):
+    """Has a plan made. A preempt cancels the planner.
+
+    Further outcomes are unsolvable (proven), no_plan (the planner gave up) and timeout.
+    """
 
     def __init__(self, client: Optional[PlanningClient] = None) -> None:
-        super().__init__(outcomes=[UNSOLVABLE, TIMEOUT])
+        super().__init__([UNSOLVABLE, NO_PLAN, TIMEOUT])
         self._client = client or PlanningClient()
 
     def run(self, userdata: Any) -> str:
         """Plans."""
-        verdict, self.reason = self._client.plan(self.interruptible)
+        verdict, self.reason, self.gone = self._client.plan(self.interruptible)
         return {
             Planned.SOLVED: SUCCEEDED,
             Planned.UNSOLVABLE: UNSOLVABLE,
+            Planned.NO_PLAN: NO_PLAN,
             Planned.TIMEOUT: TIMEOUT,
             Planned.CANCELLED: PREEMPTED if self.preempt_requested() else ABORTED,
         }.get(verdict, ABORTED)
 
 
-class ParsePlanState(MerlinState):
+class ParsePlanState(PlanningState):
     """Has the plan parsed and puts its actions, as PDDL text, into ``userdata.plan``.
 
     :param on_plan: called with the actions.
@@ -69,13 +96,13 @@ class ParsePlanState(MerlinState):
         try:
             actions = self._client.parse_plan()
         except StageError as error:
-            return self.fail(str(error))
+            return self.fail_stage(error)
         userdata.plan = [_text(action) for action in actions]
         self._on_plan(actions)
         return SUCCEEDED
 
 
-class DispatchPlanState(MerlinState):
+class DispatchPlanState(PlanningState):
     """Has the plan dispatched. A preempt cancels the dispatch.
 
     Outcomes: succeeded when the goal holds, failed when an action failed or the goal does not hold (plan
@@ -83,6 +110,7 @@ class DispatchPlanState(MerlinState):
 
     :param on_result: called with the result.
     :param plan: gives the actions that are meant, see :meth:`DispatchClient.dispatch`.
+    :param owner: gives the id of the goal of this process's own server on whose behalf they are dispatched.
     """
 
     def __init__(
@@ -90,20 +118,24 @@ class DispatchPlanState(MerlinState):
         client: Optional[DispatchClient] = None,
         on_result: Callable[[DispatchResult], None] = lambda result: None,
         plan: Callable[[], Sequence[ActionDispatch]] = lambda: (),
+        owner: Callable[[], Optional[str]] = lambda: None,
     ) -> None:
-        super().__init__(outcomes=[FAILED, CANCEL_TIMEOUT])
+        super().__init__([FAILED, CANCEL_TIMEOUT])
         self._plan = plan
+        self._owner = owner
         self._client = client or DispatchClient()
         self._on_result = on_result
 
     def run(self, userdata: Any) -> str:
         """Dispatches."""
-        result = self._client.dispatch(self.interruptible, self._plan())
+        result = self._client.dispatch(self.interruptible, self._plan(), self._owner())
         self._on_result(result)
-        self.reason = f"{result.action}: {result.reason}" if result.action else result.reason
+        self.gone = result.gone
+        named = result.action and not result.timed_out
+        self.reason = f"{result.action}: {result.reason}" if named else result.reason
         if result.goal_achieved:
             return SUCCEEDED
-        if result.timed_out:
+        if result.timed_out or result.unstopped:
             return CANCEL_TIMEOUT
         if result.cancelled and self.preempt_requested():
             return PREEMPTED

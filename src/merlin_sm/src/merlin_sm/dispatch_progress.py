@@ -1,0 +1,200 @@
+"""What is known of one dispatch from what is heard of it: the dispatched actions and their answers.
+
+Pure: messages go in as plain values. :class:`merlin_sm.dispatch_client.DispatchClient` is the ROS side of it.
+"""
+
+from enum import Enum
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+
+PART = "the planning system's plan dispatcher"
+Ground = Tuple[str, Tuple[str, ...]]
+NO_REASON = "no reason given"
+STOPPED = "stopped"
+"""Key of an answer's information; its value :data:`NO` says that the action could not be stopped."""
+NO = "no"
+_CANCELLED = "cancelled"
+_UNANSWERED = "no answer to the cancel from "
+
+
+class Answer(Enum):
+    """What an action interface says of an action."""
+
+    TAKEN = "taken"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+
+
+class DispatchResult(NamedTuple):
+    """How a dispatch ended."""
+
+    goal_achieved: bool
+    cancelled: bool = False
+    timed_out: bool = False
+    """The dispatch did not end in time after a cancel."""
+    action: str = ""
+    """The action that failed, as PDDL text."""
+    reason: str = ""
+    unstopped: Tuple[str, ...] = ()
+    """Actions that may still run, as PDDL text: they were told to stop and did not, or nothing answered."""
+    gone: bool = False
+    """The dispatcher is not there, or does not answer."""
+
+
+class Reply(NamedTuple):
+    """What the dispatcher's service has answered."""
+
+    achieved: bool = False
+    """Every action succeeded and the goal holds."""
+    refused: str = ""
+    """Its words when it did not take the plan."""
+    gone: str = ""
+    """Why there is no answer, as a sentence."""
+
+
+class Action(NamedTuple):
+    """A dispatched action."""
+
+    id: int
+    plan_id: int
+    name: str
+    arguments: Tuple[str, ...]
+    message: Any = None
+    """What the owner of the book wants back for it."""
+
+    @property
+    def ground(self) -> Ground:
+        """For comparison with the plan."""
+        return ground(self.name, self.arguments)
+
+    @property
+    def text(self) -> str:
+        """As PDDL text: ``(navigate hall kitchen)``."""
+        return f"({' '.join([self.name, *self.arguments])})"
+
+
+def ground(name: str, arguments: Sequence[str]) -> Ground:
+    """A ground action; names do not depend on case."""
+    return name.lower(), tuple(argument.lower() for argument in arguments)
+
+
+class DispatchProgress:
+    """The book of one dispatch. Not thread-safe.
+
+    :param first: the action that the plan begins with; None: not known.
+    """
+
+    def __init__(self, first: Optional[Ground] = None) -> None:
+        self.running: Dict[int, Action] = {}
+        self.steps_done = 0
+        self.failed = ""
+        """The action that failed last, as PDDL text."""
+        self.failed_reason = ""
+        self.failed_by_itself = False
+        """Whether an action failed before the dispatch was to be cancelled."""
+        self._first = first
+        self._seen: Optional[Ground] = None
+        self._stopping = False
+        self._taken: Set[int] = set()
+        self._unstopped: List[str] = []
+
+    @property
+    def begun(self) -> bool:
+        """Whether an action was seen."""
+        return self._seen is not None
+
+    @property
+    def other_plan(self) -> bool:
+        """Whether what was dispatched first is not what the plan begins with; also when nothing was."""
+        return self._first is not None and self._seen != self._first
+
+    def stop(self) -> None:
+        """The dispatch is to be cancelled: an action that fails from now on was told to."""
+        self._stopping = True
+
+    def dispatched(self, action: Action) -> None:
+        """An action was dispatched."""
+        if self._seen is None:
+            self._seen = action.ground
+        self.running[action.id] = action
+
+    def answered(self, action_id: int, plan_id: int, answer: Answer, information: Mapping[str, str]) -> bool:
+        """An action interface has answered.
+
+        :param plan_id: 0 when it does not say.
+        :param information: that came with the answer.
+        :return: whether that ends an action of this dispatch.
+        """
+        action = self.running.get(action_id)
+        if action is None or plan_id not in (0, action.plan_id):
+            return False
+        if answer is Answer.TAKEN:
+            self._taken.add(action_id)
+            return False
+        del self.running[action_id]
+        if answer is Answer.SUCCEEDED:
+            self.steps_done += 1
+            return True
+        reason = information.get("reason", NO_REASON)
+        if information.get(STOPPED, "").lower() == NO:
+            self._unstopped.append(action.text)
+        if not self.failed or self.failed_reason == _CANCELLED:
+            self.failed, self.failed_reason = action.text, reason
+        if not self._stopping and reason != _CANCELLED:
+            self.failed_by_itself = True
+        return True
+
+    @property
+    def unanswered(self) -> List[str]:
+        """Actions that an interface took and has not answered, as PDDL text."""
+        return [action.text for action in self.running.values() if action.id in self._taken]
+
+    def unstopped(self, cancelled: bool, reason: str = "") -> Tuple[str, ...]:
+        """Actions that may still run after the end of the dispatch, as PDDL text.
+
+        :param cancelled: whether it was cancelled: what has not answered then may still run. Otherwise its
+            interface has died, and the one that returns in its place puts things right.
+        :param reason: the dispatcher's, which names what did not answer it.
+        """
+        names = list(self._unstopped)
+        if cancelled:
+            names += self.unanswered
+            if _UNANSWERED in reason:
+                names += _texts(reason.split(_UNANSWERED, 1)[1])
+        return tuple(dict.fromkeys(names))
+
+    def result(self, reply: Reply, action: str = "", reason: str = "") -> DispatchResult:
+        """How the dispatch has ended.
+
+        :param action: that failed, when the dispatcher names one.
+        :param reason: the dispatcher's; empty when it publishes none.
+        """
+        cancelled = self._stopping and not self.failed_by_itself
+        if reply.achieved:
+            return DispatchResult(True, cancelled)
+        unstopped = self.unstopped(self._stopping, reason)
+        why = reason or self.failed_reason or "the plan ended, but the goal does not hold"
+        if reply.refused or reply.gone:
+            action, why = self.failed, reply.refused or reply.gone
+        return DispatchResult(
+            False, cancelled, False, action or self.failed, why, unstopped, gone=bool(reply.gone)
+        )
+
+    def hung(self, dispatcher: str, deadline: float) -> DispatchResult:
+        """The end of a dispatch whose dispatcher does not say that it has ended.
+
+        :param dispatcher: its name.
+        :param deadline: s that it had.
+        """
+        running = tuple(action.text for action in self.running.values())
+        if self.failed_by_itself and not self._stopping and not running:
+            reason = f"{self.failed_reason}, and {PART} {dispatcher} does not answer"
+            return DispatchResult(False, action=self.failed, reason=reason, gone=True)
+        names = tuple(dict.fromkeys([*self.unstopped(True), *running]))
+        who = f"{', '.join(names)} did not stop: " if names else ""
+        reason = f"{who}{PART} {dispatcher} did not end its plan within {deadline:g} s"
+        return DispatchResult(False, self._stopping, True, ", ".join(names), reason, names or (PART,))
+
+
+def _texts(listed: str) -> List[str]:
+    """``(a b), (c d)`` → the two."""
+    return [f"({part.split(')', 1)[0]})" for part in listed.split("(")[1:]]

@@ -1,0 +1,80 @@
+"""Whether the velocity guard lets a drive begin: no guard, no new drive."""
+
+import threading
+import time
+from typing import Callable, Optional
+
+import rospy
+from merlin_msgs.msg import GuardStatus
+
+from merlin_sm.master_link import MasterSilent, get_param
+
+EXPECTED_PARAM = "merlin/guard_expected"
+STATUS_TOPIC = "merlin/guard"
+FRESH = 1.5  # s of wall time for which a status counts; the guard sends one every 0.5 s, paused or not
+WAIT = 2.0  # s of wall time to wait for one
+
+OFF = "the velocity guard is switched off (guard:=false): nothing stops the base when MERLIN fails"
+SILENT = "the velocity guard is silent; nothing drives without it"
+
+
+class GuardWatch:
+    """Listens to the guard of this robot, where the parameter ``merlin/guard_expected`` says there is one."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()  # guards the fields below
+        self._status: Optional[GuardStatus] = None
+        self._heard_at = 0.0
+        self._subscriber = rospy.Subscriber(STATUS_TOPIC, GuardStatus, self._receive, tcp_nodelay=True)
+
+    def wake(self) -> None:
+        """Lets a :meth:`why_not` look anew at what interrupts it."""
+        with self._changed:
+            self._changed.notify_all()
+
+    def why_not(self, interrupted: Callable[[], bool] = lambda: False) -> str:
+        """Why nothing may begin to drive now; empty when it may. Waits up to 2 s for a guard that is silent.
+
+        :param interrupted: ends the wait when it is true; call :meth:`wake` when that changes.
+        """
+        try:
+            expected = get_param(EXPECTED_PARAM, None)
+        except MasterSilent as error:
+            return str(error)
+        if not expected:
+            if expected is not None:
+                rospy.logwarn_once(OFF)
+            return ""
+        end = time.monotonic() + WAIT
+        with self._changed:
+            while not self._fresh() and not interrupted() and not rospy.is_shutdown():
+                left = end - time.monotonic()
+                if left <= 0.0:
+                    break
+                self._changed.wait(left)
+            if not self._fresh():
+                return SILENT
+            if self._status.state == GuardStatus.STOPPED:
+                return f"the velocity guard has stopped the base: {self._status.reason}"
+        return ""
+
+    def _fresh(self) -> bool:
+        return self._status is not None and time.monotonic() - self._heard_at <= FRESH
+
+    def _receive(self, status: GuardStatus) -> None:
+        with self._changed:
+            self._status, self._heard_at = status, time.monotonic()
+            self._changed.notify_all()
+
+
+_watch: Optional[GuardWatch] = None
+_watch_lock = threading.Lock()  # guards _watch
+
+
+def shared_guard_watch() -> GuardWatch:
+    """The process's watch; many states share it. Needs an initialised node."""
+    global _watch
+    with _watch_lock:
+        if _watch is None:
+            _watch = GuardWatch()
+        return _watch

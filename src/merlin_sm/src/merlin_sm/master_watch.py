@@ -1,0 +1,75 @@
+"""Whether the master lives, is the one that this node registered with, and knows it: without ROS.
+
+Silence is counted in questions that had no answer, not in time: a node that was itself stopped for a while
+does not take its master for dead.
+"""
+
+from enum import Enum
+from typing import Optional
+
+#: Questions without an answer, one after the other, after which the master counts as lost.
+PATIENCE = 3
+
+
+class Decision(Enum):
+    """What to do after a question."""
+
+    NOTHING = "nothing"
+    LOST = "lost"
+    """The master is gone or hangs: stop what runs."""
+    BACK_SAME = "back same"
+    """The master answers again and is the same: what was asked meanwhile may be missing there."""
+    BACK_NEW = "back new"
+    """This master knows nothing of the node: register everything, restore the parameters."""
+    TAKEN = "taken"
+    """The master has another node of this name: registering would end that one."""
+
+
+class MasterWatch:
+    """Judges what came of each question to the master. For one thread.
+
+    :param uri: this node's own XML-RPC address, as registered.
+    :param patience: questions without an answer after which the master is lost.
+    """
+
+    def __init__(self, uri: str, patience: int = PATIENCE) -> None:
+        self._uri = uri
+        self._patience = patience
+        self._failures = 0
+        self._process: Optional[int] = None
+        self._due: Optional[Decision] = None  # what is to be registered and has not been confirmed
+        self._taken = False
+        self.lost = False
+
+    def failed(self) -> Decision:
+        """The master did not answer."""
+        self._failures += 1
+        if self._failures < self._patience or self.lost:
+            return Decision.NOTHING
+        self.lost = True
+        return Decision.LOST
+
+    def answered(self, process: int, address: Optional[str]) -> Decision:
+        """The master answered.
+
+        :param process: the master's process id.
+        :param address: which it has for a node of this name; None: it has none.
+        """
+        self._failures = 0
+        if address not in (None, self._uri):
+            # `lost` stays: this node is cut off until the other one ends.
+            first, self._taken = not self._taken, True
+            return Decision.TAKEN if first else Decision.NOTHING
+        self._taken = False
+        # A new master may know the node already, by something that it registered just now.
+        if address is None or self._process not in (None, process):
+            self._due = Decision.BACK_NEW
+        elif self.lost and self._due is None:
+            self._due = Decision.BACK_SAME
+        self._process = process
+        return self._due or Decision.NOTHING
+
+    def registered(self) -> None:
+        """Everything is registered again; until this is said each answer decides the same anew."""
+        self._due = None
+        self.lost = False
