@@ -13,21 +13,26 @@ from typing import Dict, List, Optional
 import rospy
 from diagnostic_msgs.msg import KeyValue
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
-from rosplan_knowledge_msgs.msg import DomainFormula
+from rosplan_knowledge_msgs.msg import DomainFormula, KnowledgeItem
 
-from merlin_actions.effects import effects_of
-from merlin_actions.execution import Ending, Execution, Key
+from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
+from merlin_actions.ending import Ending, after_closing, closing_of
+from merlin_actions.execution import Execution
+from merlin_actions.execution_queue import Decision, Do, ExecutionQueue, Key
+from merlin_actions.left_executions import settle_left
 from merlin_actions.names import action_param
-from merlin_sm.deadline import running_time
+from merlin_sm.deadline import Deadline, running_time
 from merlin_sm.knowledge_client import (
-    ADD,
     DEFAULT_KNOWLEDGE_BASE,
-    REMOVE,
+    KnowledgeBaseMissing,
     KnowledgeClient,
     KnowledgeError,
-    Update,
     knowledge_client,
 )
+from merlin_sm.lease import LeaseChange, LeaseState
+from merlin_sm.lease_watch import LeaseWatch
+from merlin_sm.node import master_is_lost
+from merlin_sm.ownership import ownership
 from merlin_sm.pddl_text import parse_literals
 from merlin_sm.publishing import publish
 from merlin_sm.service_proxy import ServiceError
@@ -36,6 +41,9 @@ CANCEL_ACTION = "cancel_action"
 ANNOUNCE_PERIOD = 1.0  # s of wall time between two announcements on pddl_action_parameters
 LATCH_GRACE = 0.3  # s after connecting to a dispatcher in which its latched, perhaps old, message arrives
 CONNECTION_LOOK = 0.02  # s between two looks for that connection, which rospy announces to nobody
+WAIT_LIMIT = 5.0  # s of running time in which an execution that is in the way has to end
+MASTER_LOST = "the ROS master is lost"
+SHUTDOWN_WAIT = 2.0  # s of wall time in which running executions can end when their node does
 _KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError)
 
 
@@ -51,7 +59,7 @@ class ActionInterface:
     """
 
     concurrent = False
-    """Whether the operator may run several times at once; otherwise a second dispatch is refused."""
+    """Whether the operator may run several times at once; otherwise a second dispatch waits for the first."""
 
     def __init__(
         self,
@@ -68,14 +76,16 @@ class ActionInterface:
             raise KnowledgeError(f"no operator {operator!r} in {self.knowledge.name}: {error}") from error
         self.formula: DomainFormula = details.formula
         self._effects = effects_of(details, self.knowledge)
-        self._lock = threading.Lock()  # guards _executions
+        self._changed = threading.Condition()  # guards the two fields below
         self._executions: Dict[Key, Execution] = {}
+        self._queue = ExecutionQueue(self.concurrent)
         self._stopped = threading.Event()
         self._topics = (dispatch_topic, feedback_topic)
 
     def start(self) -> None:
         """Begins to serve."""
         dispatch_topic, feedback_topic = self._topics
+        self._owners = LeaseWatch(f"{self._dispatcher}/lease", self._owner_changed)
         self._connected: Optional[float] = None
         self._feedback = rospy.Publisher(feedback_topic, ActionFeedback, latch=True, queue_size=10)
         self._announcements = rospy.Publisher(
@@ -84,16 +94,31 @@ class ActionInterface:
         self._subscriber = rospy.Subscriber(dispatch_topic, ActionDispatch, self._receive, tcp_nodelay=True)
         threading.Thread(target=self._announce, name=f"announce {self.operator}", daemon=True).start()
 
+    @property
+    def _dispatcher(self) -> str:
+        """Global name of the dispatcher."""
+        return rospy.resolve_name(self._topics[0]).rsplit("/", 1)[0]
+
     def shutdown(self) -> None:
-        """Cancels what runs and stops serving."""
+        """Cancels what runs, waits until it has ended, at most ``SHUTDOWN_WAIT``, and stops serving."""
         self._stopped.set()
         self._subscriber.unregister()
-        for execution in self.executions():
-            execution.cancel()
+        self._owners.shutdown()
+        with self._changed:
+            decisions = self._queue.cancel_all("its action interface shuts down")
+        self._carry_out(decisions)
+        with self._changed:
+            self._changed.wait_for(lambda: self._queue.idle, SHUTDOWN_WAIT)
+
+    def master_lost(self) -> None:
+        """Stops what runs: nothing else of the system can be found any more."""
+        with self._changed:
+            decisions = self._queue.cancel_all(MASTER_LOST)
+        self._carry_out(decisions)
 
     def executions(self) -> List[Execution]:
-        """What runs now."""
-        with self._lock:
+        """What runs now, or waits to."""
+        with self._changed:
             return list(self._executions.values())
 
     def run(self, execution: Execution) -> Ending:
@@ -108,12 +133,32 @@ class ActionInterface:
         if dispatch.name == CANCEL_ACTION:
             for execution in self.executions():
                 if execution.matches(dispatch):
-                    execution.cancel()
+                    self._cancel(execution, "cancelled")
         elif dispatch.name.lower() == self.operator.lower():
             if self._stale(dispatch):
                 rospy.loginfo(f"{self.operator}: ignored a dispatch that is older than this interface")
                 return
             self._begin(dispatch)
+
+    def _cancel(self, execution: Execution, reason: str) -> None:
+        with self._changed:
+            decisions = self._queue.cancel(execution.key, reason)
+        self._carry_out(decisions)
+
+    def _owner_changed(self, change: LeaseChange) -> None:
+        """The dispatcher is silent, back, or gone."""
+        for execution in self.executions():
+            if change.goal != f"{execution.key[0]}/{execution.key[1]}":
+                continue
+            if change.state is LeaseState.HELD:
+                ownership.resume(execution.token)
+                continue
+            ownership.suspend(execution.token, change.reason)
+            if change.state is LeaseState.LOST:
+                rospy.logwarn(f"{execution.text} is cancelled, {change.reason}")
+                self._cancel(execution, change.reason)
+            if execution.key not in self._executions:  # it ended meanwhile, and nothing else would resume it
+                ownership.resume(execution.token)
 
     def _stale(self, dispatch: ActionDispatch) -> bool:
         """Whether a dispatch was latched before this interface began; an old one must not run again."""
@@ -137,108 +182,132 @@ class ActionInterface:
                 f"{self.operator}: no value for parameter {', '.join('?' + name for name in missing)}",
             )
             return
+        if master_is_lost():
+            self._answer(dispatch, ActionFeedback.ACTION_FAILED, MASTER_LOST)
+            return
         execution = Execution(dispatch, [KeyValue(key, given[key]) for key in variables])
-        with self._lock:
-            if execution.key in self._executions:
-                rospy.logwarn(f"{execution.text} was dispatched twice with the same ids; it runs once")
-                return
-            refused = bool(self._executions) and not self.concurrent
-            if not refused:
+        with self._changed:
+            decisions = self._queue.arrive(execution.key)
+            if decisions:
                 self._executions[execution.key] = execution
-        if refused:
-            self._answer(dispatch, ActionFeedback.ACTION_FAILED, f"{self.operator} runs already")
+        if not decisions:
+            rospy.logwarn(f"{execution.text} was dispatched twice with the same ids; it runs once")
             return
         self._answer(dispatch, ActionFeedback.ACTION_ENABLED)
-        self._spawn(execution)
+        self._carry_out(decisions)
+
+    def _carry_out(self, decisions: List[Decision]) -> None:
+        """Does what the queue has decided; without the lock."""
+        for decision in decisions:
+            with self._changed:
+                execution = self._executions.get(decision.key)
+            if execution is None:
+                continue
+            if decision.what is Do.RUN:
+                self._spawn(execution)
+            elif decision.what is Do.INTERRUPT:
+                execution.cancel(decision.reason)
+            elif decision.what is Do.WAIT:
+                name = f"wait of {execution.text}"
+                threading.Thread(target=self._limit_wait, args=(execution,), name=name, daemon=True).start()
+            else:
+                execution.cancel(decision.reason)
+                self._end(execution, Ending(False, decision.reason, begun=False))
+
+    def _limit_wait(self, execution: Execution) -> None:
+        """Refuses an execution that waits for too long."""
+        if not Deadline(WAIT_LIMIT).wait_event(execution.left_queue):
+            with self._changed:
+                decisions = self._queue.waited_too_long(execution.key)
+            self._carry_out(decisions)
 
     def _spawn(self, execution: Execution) -> None:
+        execution.left_queue.set()
         threading.Thread(
-            target=self._carry_out, args=(execution,), name=f"run {execution.text}", daemon=True
+            target=self._live, args=(execution,), name=f"run {execution.text}", daemon=True
         ).start()
 
-    def _carry_out(self, execution: Execution) -> None:
-        ending = self._run_with_effects(execution)
-        with self._lock:
-            del self._executions[execution.key]
+    def _live(self, execution: Execution) -> None:
+        """The life of an execution, in a thread of its own."""
+        ending = Ending(False, "its action interface has failed")
+        try:
+            ending = self._run_with_effects(execution)
+        except BaseException as error:  # whatever it is, the dispatcher gets its answer
+            rospy.logerr(f"{execution.text}: {traceback.format_exc()}")
+            ending = Ending(False, f"{type(error).__name__}: {error}")
+        finally:
+            self._end(execution, ending)
+
+    def _end(self, execution: Execution, ending: Ending) -> None:
+        execution.left_queue.set()
+        with self._changed:
+            self._executions.pop(execution.key, None)
+            decisions = self._queue.end(execution.key)
+        ownership.resume(execution.token)
+        self._owners.forget(f"{execution.key[0]}/{execution.key[1]}")
         if ending.succeeded:
             self._answer(execution.dispatch, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
         else:
             rospy.loginfo(f"{execution.text} did not succeed: {ending.reason}")
-            self._answer(execution.dispatch, ActionFeedback.ACTION_FAILED, ending.reason)
+            self._answer(
+                execution.dispatch, ActionFeedback.ACTION_FAILED, ending.reason, bool(ending.unstopped)
+            )
+        with self._changed:
+            self._changed.notify_all()
+        self._carry_out(decisions)
 
     def _run_with_effects(self, execution: Execution) -> Ending:
-        meanwhile = self._declared("while_running")
         try:
-            self._effects.start(execution.parameters, execution.token)
+            opening = Opening(
+                execution.parameters,
+                execution.token,
+                rospy.get_name(),
+                self._declared("while_running", execution),
+                self._declared("if_interrupted", execution),
+            )
+            self._effects.open(opening)
         except _KNOWLEDGE_ERRORS as error:
-            return Ending(False, f"the start effects could not be applied: {error}")
+            reason = f"the start effects, and what holds while it runs, could not be applied: {error}"
+            return Ending(False, reason, begun=False)
+        ending = self._run_guarded(execution)
         try:
-            self._change(meanwhile, execution)
+            self._effects.close(opening, closing_of(ending))
         except _KNOWLEDGE_ERRORS as error:
-            ending = Ending(False, f"what holds while it runs could not be applied: {error}", begun=False)
-            meanwhile = []
-        else:
-            ending = self._run_guarded(execution)
-        wrong: List[str] = []
-        for update in (
-            lambda: self._change(meanwhile, execution, undo=True),
-            lambda: self._conclude(execution, ending),
-        ):
-            try:
-                update()
-            except _KNOWLEDGE_ERRORS as error:
-                rospy.logerr(f"{execution.text}: {error}")
-                wrong.append(str(error))
-        if not wrong:
-            return ending
-        return Ending(
-            False, f"{ending.reason or 'it ran'}, and the knowledge could not be updated: {'; '.join(wrong)}"
-        )
+            rospy.logerr(f"{execution.text}: {error}")
+            return after_closing(ending, [str(error)])
+        return ending
 
     def _run_guarded(self, execution: Execution) -> Ending:
+        if execution.cancelled.is_set():
+            return Ending(False, execution.cancel_reason, begun=False)
         try:
             return self.run(execution)
-        except Exception as error:  # user code may raise anything; the dispatcher still gets its answer
+        except BaseException as error:  # user code may raise anything; the dispatcher still gets its answer
             rospy.logerr(f"{execution.text}: {traceback.format_exc()}")
             return Ending(False, f"{type(error).__name__}: {error}")
         finally:
             execution.interruptible(None)
 
-    def _conclude(self, execution: Execution, ending: Ending) -> None:
-        if ending.succeeded:
-            self._effects.end(execution.parameters, execution.token)
-        else:
-            self._put_right(execution, ending)
-
-    def _put_right(self, execution: Execution, ending: Ending) -> None:
-        """After an interruption: what the action declares for this case, else as it was before."""
-        declared = self._declared("if_interrupted") if ending.begun else []
-        if declared:
-            self._change(declared, execution)
-        else:
-            self._effects.rollback(execution.parameters, execution.token)
-
-    def _declared(self, key: str) -> List[str]:
+    def _literals(self, key: str) -> List[str]:
         """Facts that the action's class declares under a key; its host publishes them as a parameter."""
         return list(rospy.get_param(action_param(self.operator, key), []))
 
-    def _change(self, literals: List[str], execution: Execution, undo: bool = False) -> None:
-        updates = []
-        for item in parse_literals(literals, execution.binding):
-            remove = bool(item.is_negative) != undo
-            item.is_negative = False
-            updates.append(Update(REMOVE if remove else ADD, item))
-        if updates:
-            self.knowledge.update(sorted(updates, key=lambda update: update.kind != REMOVE))
+    def _declared(self, key: str, execution: Execution) -> List[KnowledgeItem]:
+        return parse_literals(self._literals(key), execution.binding)
 
-    def _answer(self, dispatch: ActionDispatch, status: int, reason: Optional[str] = None) -> None:
+    def _answer(
+        self, dispatch: ActionDispatch, status: int, reason: str = "", unstopped: bool = False
+    ) -> None:
         information = [KeyValue("reason", reason)] if reason else []
+        if unstopped:
+            information.append(KeyValue("stopped", "no"))
         feedback = ActionFeedback(
             action_id=dispatch.action_id, plan_id=dispatch.plan_id, status=status, information=information
         )
         publish(self._feedback, feedback)
 
     def _announce(self) -> None:
+        self._settle_left()
         # Who announces itself is ready: whatever was latched before has come and gone.
         while not self._subscriber.get_num_connections():
             if self._stopped.wait(CONNECTION_LOOK) or rospy.is_shutdown():
@@ -251,15 +320,33 @@ class ActionInterface:
             if self._stopped.wait(ANNOUNCE_PERIOD):
                 return
 
+    def _settle_left(self) -> None:
+        """Closes what an earlier life of this node has left open, and answers for it."""
+        try:
+            when_back(self._settle, RETURN_LIMIT)
+        except _KNOWLEDGE_ERRORS as error:
+            rospy.logerr(f"{self.operator}: {error}")
+
+    def _settle(self) -> None:
+        for left in settle_left(self.knowledge, self.operator):
+            rospy.logwarn(f"{left.text} was running when this node ended; its knowledge is put right")
+            self._answer(
+                ActionDispatch(plan_id=left.key[0], action_id=left.key[1]),
+                ActionFeedback.ACTION_FAILED,
+                f"the action interface of {self.operator} was restarted while it ran",
+            )
+
 
 def wait_for_knowledge_base(name: str, timeout: float) -> None:
     """Waits until a knowledge base answers.
 
     :param timeout: s of wall time.
-    :raises KnowledgeError: when it does not.
+    :raises KnowledgeBaseMissing: when it does not.
     """
     began = time.monotonic()
     knowledge = knowledge_client(name)
     if not knowledge.wait(timeout):
         waited = time.monotonic() - began
-        raise KnowledgeError(f"no knowledge base {knowledge.name} after {waited:.0f} s; is it launched?")
+        raise KnowledgeBaseMissing(
+            f"no knowledge base {knowledge.name} after {waited:.0f} s; is it launched?"
+        )

@@ -9,8 +9,13 @@ from merlin_actions.action_interface import wait_for_knowledge_base
 from merlin_actions.merlin_action import MerlinAction
 from merlin_actions.names import by_ros_name
 from merlin_sm.health import HealthReporter
-from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError, knowledge_client
-from merlin_sm.node import run_node
+from merlin_sm.knowledge_client import (
+    DEFAULT_KNOWLEDGE_BASE,
+    KnowledgeBaseMissing,
+    KnowledgeError,
+    knowledge_client,
+)
+from merlin_sm.node import on_master_lost, run_node
 from merlin_sm.parameters import number
 
 
@@ -37,7 +42,8 @@ def make_bridges(operators: List[str], knowledge_base: str) -> List[MerlinAction
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run_node("merlin_bridges", _start, KnowledgeError, ValueError, rospy.ServiceException)
+    missing = (KnowledgeBaseMissing, rospy.ServiceException)
+    return run_node("merlin_bridges", _start, KnowledgeError, ValueError, missing=missing)
 
 
 def _start() -> None:
@@ -47,5 +53,6 @@ def _start() -> None:
     for bridge in bridges:
         bridge.start()
         rospy.on_shutdown(bridge.shutdown)
+        on_master_lost(bridge.master_lost)
     HealthReporter({bridge.operator: bridge.health for bridge in bridges}).start()
     rospy.loginfo(f"bridging the operators {', '.join(bridge.operator for bridge in bridges)}")

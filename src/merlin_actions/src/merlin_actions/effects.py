@@ -1,59 +1,91 @@
 """Brings the effects of actions into the knowledge base, and undoes those of an interrupted one."""
 
-from typing import Dict, List, Sequence, Tuple
+import threading
+from typing import Callable, Dict, List, NamedTuple, Sequence, Tuple
 
 from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest
-from rosplan_knowledge_msgs.msg import DomainFormula, DomainOperator
+from rosplan_knowledge_msgs.msg import DomainFormula, DomainOperator, KnowledgeItem
 
+from merlin_actions.ending import Closing
+from merlin_sm.deadline import Deadline
 from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
-from merlin_sm.service_proxy import ServiceProxy
+from merlin_sm.pddl_text import to_pddl
+from merlin_sm.service_proxy import ServiceProxy, ServiceUnavailable
 
 APPLY_LIMIT = 10.0  # s of wall time for one transaction
+RETURN_LIMIT = 30.0  # s of running time for a knowledge base that died to come back
+RETRY = 0.3  # s of wall time between two attempts to reach it
+
+_PHASES = {
+    Closing.END: ApplyEffectsRequest.END,
+    Closing.INTERRUPT: ApplyEffectsRequest.INTERRUPT,
+    Closing.ROLLBACK: ApplyEffectsRequest.ROLLBACK,
+}
+
+
+class Opening(NamedTuple):
+    """An execution as the knowledge base opens it."""
+
+    parameters: Sequence[KeyValue]
+    token: str
+    """Names the execution."""
+    owner: str
+    """The node that carries it out."""
+    while_running: Sequence[KnowledgeItem]
+    """Literals that hold until it is closed."""
+    if_interrupted: Sequence[KnowledgeItem]
+    """Literals that hold after an interruption; none: what was before."""
 
 
 class Effects:
     """What an operator does to the knowledge base; one instance per operator.
 
-    Every method raises :class:`KnowledgeError` or :class:`merlin_sm.service_proxy.ServiceError` when the
+    Both methods raise :class:`KnowledgeError` or :class:`merlin_sm.service_proxy.ServiceError` when the
     knowledge was not changed.
     """
 
-    def start(self, parameters: Sequence[KeyValue], token: str) -> None:
-        """Applies what is true as soon as the action begins; nothing for a plain operator."""
+    def open(self, opening: Opening) -> None:
+        """Applies what is true as soon as the action begins, and what holds while it runs."""
         raise NotImplementedError
 
-    def end(self, parameters: Sequence[KeyValue], token: str) -> None:
-        """Applies what is true once it has succeeded."""
-        raise NotImplementedError
-
-    def rollback(self, parameters: Sequence[KeyValue], token: str) -> None:
-        """Undoes what :meth:`start` with the same token changed."""
+    def close(self, opening: Opening, closing: Closing) -> None:
+        """Applies what is true after it."""
         raise NotImplementedError
 
 
 class ServiceEffects(Effects):
-    """Effects through ``<kb>/apply_effects``: numeric, conditional and quantified ones included."""
+    """Effects through ``<kb>/apply_effects``, which journals the execution.
+
+    A knowledge base that died is waited for when an execution is closed: it comes back with its state file,
+    and what it knows has to become true again.
+    """
 
     def __init__(self, operator: str, knowledge: KnowledgeClient) -> None:
         self._operator = operator
         self._apply = ServiceProxy(f"{knowledge.name}/apply_effects", ApplyEffects, timeout=APPLY_LIMIT)
 
-    def start(self, parameters: Sequence[KeyValue], token: str) -> None:
-        """See :meth:`Effects.start`."""
-        self._call(parameters, ApplyEffectsRequest.START, token)
+    def open(self, opening: Opening) -> None:
+        """See :meth:`Effects.open`."""
+        self._call(
+            opening,
+            ApplyEffectsRequest.START,
+            owner=opening.owner,
+            while_running=[to_pddl(item) for item in opening.while_running],
+            if_interrupted=[to_pddl(item) for item in opening.if_interrupted],
+        )
 
-    def end(self, parameters: Sequence[KeyValue], token: str) -> None:
-        """See :meth:`Effects.end`."""
-        self._call(parameters, ApplyEffectsRequest.END, token)
+    def close(self, opening: Opening, closing: Closing) -> None:
+        """See :meth:`Effects.close`."""
+        when_back(lambda: self._call(opening, _PHASES[closing]))
 
-    def rollback(self, parameters: Sequence[KeyValue], token: str) -> None:
-        """See :meth:`Effects.rollback`."""
-        self._call(parameters, ApplyEffectsRequest.ROLLBACK, token)
-
-    def _call(self, parameters: Sequence[KeyValue], phase: int, token: str) -> None:
+    def _call(self, opening: Opening, phase: int, **fields: object) -> None:
         answer = self._apply(
-            operator_name=self._operator, parameters=list(parameters), phase=phase, token=token
+            operator_name=self._operator,
+            parameters=list(opening.parameters),
+            phase=phase,
+            token=opening.token,
+            **fields,
         )
         if not answer.success:
             raise KnowledgeError(f"effects of {self._operator}: {answer.message}")
@@ -85,26 +117,36 @@ class UpdateEffects(Effects):
         self._start = [] if plain else self._steps(operator, "start")
         self._end = self._steps(operator, "start" if plain else "end")
         self._undo: Dict[str, List[Update]] = {}
+        self._take_back: Dict[str, List[Update]] = {}
 
-    def start(self, parameters: Sequence[KeyValue], token: str) -> None:
-        """See :meth:`Effects.start`."""
-        updates = self._ground(self._start, parameters)
-        held = self._knowledge.query([update.item for update in updates])
-        self._undo[token] = [
+    def open(self, opening: Opening) -> None:
+        """See :meth:`Effects.open`."""
+        start = self._ground(self._start, opening.parameters)
+        meanwhile = _updates(opening.while_running)
+        self._undo[opening.token] = self._reverse(start)
+        self._take_back[opening.token] = self._reverse(meanwhile)
+        self._knowledge.update([*start, *meanwhile])
+
+    def close(self, opening: Opening, closing: Closing) -> None:
+        """See :meth:`Effects.close`."""
+        undo = self._undo.pop(opening.token, [])
+        updates = self._take_back.pop(opening.token, [])
+        if closing is Closing.END:
+            updates += self._ground(self._end, opening.parameters)
+        elif closing is Closing.INTERRUPT and opening.if_interrupted:
+            updates += _updates(opening.if_interrupted)
+        else:
+            updates += undo
+        self._knowledge.update(updates)
+
+    def _reverse(self, updates: Sequence[Update]) -> List[Update]:
+        """What undoes some updates: only of what they change now."""
+        held = self._knowledge.query([update.item for update in updates]) if updates else []
+        return [
             Update(ADD if update.kind == REMOVE else REMOVE, update.item)
             for update, was_true in zip(updates, held)
             if was_true == (update.kind == REMOVE)
         ]
-        self._knowledge.update(updates)
-
-    def end(self, parameters: Sequence[KeyValue], token: str) -> None:
-        """See :meth:`Effects.end`."""
-        self._undo.pop(token, None)
-        self._knowledge.update(self._ground(self._end, parameters))
-
-    def rollback(self, parameters: Sequence[KeyValue], token: str) -> None:
-        """See :meth:`Effects.rollback`."""
-        self._knowledge.update(self._undo.pop(token, []))
 
     @staticmethod
     def _steps(operator: DomainOperator, time: str) -> List[Tuple[int, DomainFormula]]:
@@ -121,6 +163,37 @@ class UpdateEffects(Effects):
             Update(kind, fact(formula.name, *[binding.get(v.key, v.key) for v in formula.typed_parameters]))
             for kind, formula in steps
         ]
+
+
+def _updates(literals: Sequence[KnowledgeItem]) -> List[Update]:
+    """The updates that make literals true, deletions first."""
+    updates = [
+        Update(
+            REMOVE if item.is_negative else ADD,
+            fact(item.attribute_name, *[value.value for value in item.values]),
+        )
+        for item in literals
+    ]
+    return sorted(updates, key=lambda update: update.kind != REMOVE)
+
+
+def when_back(call: Callable[[], None], limit: float = RETURN_LIMIT) -> None:
+    """Calls the knowledge base; one that does not answer is called again until it is back.
+
+    :param limit: s of running time.
+    :raises merlin_sm.service_proxy.ServiceUnavailable: when it does not come back.
+    """
+    deadline = Deadline(limit)
+    pause = threading.Event()
+    while True:
+        try:
+            return call()
+        except ServiceUnavailable:
+            if deadline.expired:
+                raise
+        # The master tells nobody of a service that is offered again.
+        if pause.wait(min(RETRY, deadline.remaining() + 0.01)):
+            return None
 
 
 def effects_of(operator: DomainOperator, knowledge: KnowledgeClient) -> Effects:

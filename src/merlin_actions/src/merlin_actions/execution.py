@@ -1,23 +1,19 @@
 """One dispatched action, from its dispatch to its answer."""
 
+import itertools
 import threading
-from typing import Callable, Dict, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, Optional, Sequence
 
 from diagnostic_msgs.msg import KeyValue
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
+from merlin_actions.ending import Ending
+from merlin_actions.execution_queue import Key
+from merlin_actions.left_executions import token_of
 from merlin_sm.pddl_text import action_text
 
-Key = Tuple[int, int]
-
-
-class Ending(NamedTuple):
-    """How an execution ended: whether the action's effects came true, and if not, why."""
-
-    succeeded: bool
-    reason: str = ""
-    begun: bool = True
-    """False when nothing was done at all: the world is as it was before the dispatch."""
+__all__ = ["Ending", "Execution"]
+_numbers = itertools.count(1)
 
 
 class Execution:
@@ -27,6 +23,11 @@ class Execution:
         self.dispatch = dispatch
         self.parameters = list(parameters)
         self.cancelled = threading.Event()
+        self.cancel_reason = "cancelled"
+        self.left_queue = threading.Event()
+        """Set when it waits for no other execution any more."""
+        self.token = token_of(self.key, next(_numbers))
+        """Names this execution to the knowledge base, and what is sent on its behalf to its servers."""
         self._lock = threading.Lock()  # guards _interrupt
         self._interrupt: Optional[Callable[[], None]] = None
 
@@ -41,11 +42,6 @@ class Execution:
         return {parameter.key: parameter.value for parameter in self.parameters}
 
     @property
-    def token(self) -> str:
-        """Names this execution to the knowledge base."""
-        return f"{self.dispatch.plan_id}/{self.dispatch.action_id}/{id(self)}"
-
-    @property
     def text(self) -> str:
         """The ground action as PDDL."""
         return action_text(self.dispatch.name, self.parameters)
@@ -56,9 +52,11 @@ class Execution:
             (parameter.key, parameter.value) for parameter in cancel.parameters
         ] == [(parameter.key, parameter.value) for parameter in self.dispatch.parameters]
 
-    def cancel(self) -> None:
+    def cancel(self, reason: str = "cancelled") -> None:
         """Stops it, in the caller's thread."""
         with self._lock:
+            if not self.cancelled.is_set():
+                self.cancel_reason = reason
             self.cancelled.set()
             interrupt = self._interrupt
         if interrupt is not None:

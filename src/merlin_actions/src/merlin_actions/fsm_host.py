@@ -1,17 +1,23 @@
 """Node: the state machines of an application's actions in one process."""
 
+import math
 from typing import List
 
 import rospy
 
 from merlin_actions.action_classes import read_machines
 from merlin_actions.action_interface import wait_for_knowledge_base
-from merlin_actions.merlin_action_server import MerlinActionServer
+from merlin_actions.merlin_action_server import CANCEL_LIMIT, MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.names import by_ros_name
 from merlin_sm.health import HealthReporter
-from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError, knowledge_client
-from merlin_sm.node import run_node
+from merlin_sm.knowledge_client import (
+    DEFAULT_KNOWLEDGE_BASE,
+    KnowledgeBaseMissing,
+    KnowledgeError,
+    knowledge_client,
+)
+from merlin_sm.node import keep_params, on_master_lost, run_node
 from merlin_sm.parameters import number
 
 
@@ -30,12 +36,14 @@ def make_servers(machines: List[MerlinActionSM], knowledge_base: str) -> List[Me
             )
         machine.check_signature([parameter.key for parameter in operators[name].typed_parameters])
     by_ros_name(machine.operator_name() for machine in machines)
-    return [MerlinActionServer(machine) for machine in machines]
+    cancel_limit = number("~cancel_limit", CANCEL_LIMIT, -math.inf)
+    return [MerlinActionServer(machine, cancel_limit) for machine in machines]
 
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run_node("merlin_fsm_host", _start, KnowledgeError, ValueError, rospy.ServiceException)
+    missing = (KnowledgeBaseMissing, rospy.ServiceException)
+    return run_node("merlin_fsm_host", _start, KnowledgeError, ValueError, missing=missing)
 
 
 def _start() -> None:
@@ -46,5 +54,7 @@ def _start() -> None:
     for server in servers:
         server.start()
         rospy.on_shutdown(server.shutdown)
+        on_master_lost(server.master_lost)
+    keep_params(rospy.resolve_name("actions"))  # what the machines declare to their bridges
     HealthReporter({server.operator: server.health for server in servers}).start()
     rospy.loginfo(f"serving the actions {', '.join(server.operator for server in servers)}")

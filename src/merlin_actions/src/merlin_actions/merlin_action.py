@@ -9,7 +9,8 @@ from merlin_msgs.msg import DispatchStatus, RunActionAction, RunActionGoal
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_actions.action_interface import ActionInterface
-from merlin_actions.execution import Ending, Execution
+from merlin_actions.ending import Ending
+from merlin_actions.execution import Execution
 from merlin_actions.names import ros_name
 from merlin_sm.action_client import ActionClient, ClientGoal
 from merlin_sm.deadline import limit
@@ -30,7 +31,7 @@ class MerlinAction(ActionInterface):
         self,
         operator: str,
         server_wait: float = 2.0,
-        cancel_limit: float = 4.5,
+        cancel_limit: float = 3.5,
         run_limit: float = 1800.0,
         **options: Any,
     ) -> None:
@@ -50,7 +51,7 @@ class MerlinAction(ActionInterface):
         """Sends the goal and waits for the machine's end."""
         if not self._client.wait_for_server(self._server_wait, execution.cancelled.is_set):
             if execution.cancelled.is_set():
-                return Ending(False, "cancelled", begun=False)
+                return Ending(False, execution.cancel_reason, begun=False)
             reason = f"no action server {self._client.name} within {self._server_wait:g} s"
             return Ending(False, reason, begun=False)
         ended = threading.Event()
@@ -62,6 +63,7 @@ class MerlinAction(ActionInterface):
                 duration=execution.dispatch.duration,
             ),
             on_done=lambda _: ended.set(),
+            owner=execution.token,
         )
 
         def cancel() -> None:
@@ -74,12 +76,15 @@ class MerlinAction(ActionInterface):
             sent.cancel()
         if not sent.done and not sent.wait(limit(self._cancel_limit)):
             what = f"still runs after {self._run_limit:g} s" if late else "was cancelled"
+            self._client.give_up(sent, "it did not stop in time")
             return Ending(
                 False,
                 f"{execution.text} {what}, and {self._client.name} does not stop ({self._cancel_limit:g} s)",
+                unstopped=self._client.name,
             )
         if late and sent.status != GoalStatus.SUCCEEDED:
-            return Ending(False, f"{execution.text} did not end within {self._run_limit:g} s and was stopped")
+            reason = f"{execution.text} did not end within {self._run_limit:g} s and was stopped"
+            return Ending(False, reason, unstopped=_unstopped(sent))
         return self._ending(execution, sent)
 
     def _wait(self, ended: threading.Event) -> bool:
@@ -100,17 +105,17 @@ class MerlinAction(ActionInterface):
         reason = getattr(sent.result, "reason", "") or sent.text
         begun = sent.status not in (GoalStatus.RECALLED, GoalStatus.REJECTED)
         if execution.cancelled.is_set() and sent.status in (GoalStatus.PREEMPTED, GoalStatus.RECALLED):
-            return Ending(False, "cancelled", begun)
+            return Ending(False, execution.cancel_reason, begun)
         if sent.status == GoalStatus.LOST:
             return Ending(False, f"the state machine of {execution.text} is gone: {sent.text}")
-        return Ending(False, reason or f"{execution.text} ended with status {sent.status}", begun)
+        reason = reason or f"{execution.text} ended with status {sent.status}"
+        return Ending(False, reason, begun, _unstopped(sent))
 
     def start(self) -> None:
         """See :meth:`ActionInterface.start`."""
-        dispatcher = rospy.resolve_name(self._topics[0]).rsplit("/", 1)[0]
         self._running: frozenset = frozenset()
         rospy.Subscriber(
-            f"{dispatcher}/dispatch_status", DispatchStatus, self._note_dispatcher, tcp_nodelay=True
+            f"{self._dispatcher}/dispatch_status", DispatchStatus, self._note_dispatcher, tcp_nodelay=True
         )
         super().start()
 
@@ -119,3 +124,7 @@ class MerlinAction(ActionInterface):
 
     def _expected(self, dispatch: ActionDispatch) -> bool:
         return (dispatch.plan_id, dispatch.action_id) in self._running
+
+
+def _unstopped(sent: ClientGoal) -> str:
+    return str(getattr(sent.result, "unstopped", ""))

@@ -2,133 +2,243 @@
 
 import threading
 import traceback
-from typing import Any, List, Optional
+from typing import Any, Dict, Iterator, List
 
 import rospy
 from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
 
+import smach
+from merlin_actions.machine_slot import Decision, Do, MachineSlot
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.names import action_param, ros_name
 from merlin_sm.action_server import ActionServer, ServerGoal
-from merlin_sm.health import OK, WARN, Health
+from merlin_sm.deadline import Deadline, limit
+from merlin_sm.health import ERROR, OK, WARN, Health
 from merlin_sm.introspection import show
-from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED
+from merlin_sm.states.action_state import give_up_goals
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
 
 SHUTDOWN_WAIT = 2.0
 """Wall seconds in which a running machine can stop the robot when its node ends."""
 
+CANCEL_LIMIT = 2.7
+"""Running seconds in which a preempted machine has to end: longer than a state gives its server, shorter than
+the bridge gives the machine, so that who names the culprit is who knows it."""
+
 
 class MerlinActionServer:
-    """Runs one :class:`MerlinActionSM` for the goals of its action, one at a time.
+    """Runs a :class:`MerlinActionSM` for the goals of its action, one at a time.
 
-    A goal that comes while another runs is rejected: a machine has one set of states.
+    A newer goal preempts an older one. A run that does not end within the limit after its preempt is
+    abandoned: what it has sent loses its owner, and another instance of the machine takes its place.
 
-    :param machine: it.
+    :param machine: it; its class makes further instances without arguments.
+    :param cancel_limit: s of running time for a preempted machine to end; zero or less: no limit.
     """
 
-    def __init__(self, machine: MerlinActionSM) -> None:
-        self.machine = machine
+    def __init__(self, machine: MerlinActionSM, cancel_limit: float = CANCEL_LIMIT) -> None:
         self.operator = machine.operator_name()
-        self._lock = threading.Lock()  # guards _running and _crash
-        self._idle = threading.Condition(self._lock)
-        self._running: Optional[ServerGoal] = None
+        self._name = ros_name(self.operator).upper()
+        self._cancel_limit = limit(cancel_limit)
+        self._changed = threading.Condition()  # guards the fields below
+        self.machine = machine
+        self._slot = MachineSlot()
+        self._goals: Dict[str, ServerGoal] = {}  # accepted or waiting, not answered
         self._crash = ""  # what the last run raised
+        self._threads: Dict[str, threading.Thread] = {}  # of the goals
+        self._abandoned: List[threading.Thread] = []  # of runs that did not stop
         self._server = ActionServer(
             f"actions/{ros_name(self.operator)}", RunActionAction, self._receive, self._cancel
         )
-        machine.register_start_cb(self._cancelled_before_start)
-        machine.register_transition_cb(self._tell_state)
+        self._prepare(machine)
 
     def start(self) -> None:
         """Declares the action's facts to its bridge, shows the machine and begins to serve."""
         for key in ("while_running", "if_interrupted"):
             rospy.set_param(action_param(self.operator, key), list(getattr(self.machine, key)))
-        self._introspection = show(ros_name(self.operator).upper(), self.machine)
+        self._introspection = show(self._name, self.machine)
         self._server.start()
 
     def shutdown(self) -> None:
         """Preempts what runs, waits until it has stopped, at most ``SHUTDOWN_WAIT``, and stops serving."""
-        with self._lock:
-            running = self._running
-        if running is not None:
-            self.machine.request_preempt()
-            with self._idle:
-                self._idle.wait_for(lambda: self._running is not running, SHUTDOWN_WAIT)
+        with self._changed:
+            running = self._slot.running
+            decisions = [] if running is None else self._slot.cancel(running, "its host shuts down")
+        self._carry_out(decisions)
+        with self._changed:
+            self._changed.wait_for(lambda: self._slot.running != running or running is None, SHUTDOWN_WAIT)
         self._server.shutdown()
         self._introspection.stop()
 
+    def master_lost(self) -> None:
+        """Stops what runs: nothing else of the system can be found any more."""
+        with self._changed:
+            running = self._slot.running
+            decisions = [] if running is None else self._slot.cancel(running, "the ROS master is lost")
+        self._carry_out(decisions)
+
     def health(self) -> Health:
-        """What the machine does; a warning when its last run raised an exception."""
-        with self._lock:
-            running, crash = self._running is not None, self._crash
+        """What the machine does; a warning when its last run raised an exception, or one still hangs."""
+        with self._changed:
+            running, crash = self._slot.running is not None, self._crash
+            self._abandoned = [thread for thread in self._abandoned if thread.is_alive()]
+            hanging = len(self._abandoned)
         doing = "running" if running else "idle"
+        if hanging:
+            return Health(ERROR, f"{doing}; {hanging} earlier runs did not stop and still hang in this host")
         return Health(WARN, f"{doing}; the last run raised {crash}") if crash else Health(OK, doing)
 
+    # --- goals ------------------------------------------------------------------------------------
+
     def _receive(self, goal: ServerGoal) -> None:
-        with self._lock:
-            free = self._running is None
-            if free:
-                self._running = goal
-        if not free:
-            goal.reject(
-                RunActionResult(reason=f"{self.operator} runs already"), f"{self.operator} runs already"
-            )
-            return
-        goal.accept()
-        threading.Thread(target=self._run, args=(goal,), name=f"machine {self.operator}", daemon=True).start()
+        with self._changed:
+            self._goals[goal.id] = goal
+            decisions = self._slot.arrive(goal.id)
+        self._carry_out(decisions)
 
     def _cancel(self, goal: ServerGoal) -> None:
-        with self._lock:
-            running = self._running is goal
-        if running:
-            self.machine.request_preempt()
+        with self._changed:
+            decisions = self._slot.cancel(goal.id, goal.cancel_reason)
+        self._carry_out(decisions)
 
-    def _run(self, goal: ServerGoal) -> None:
+    def _carry_out(self, decisions: List[Decision]) -> None:
+        """Does what the slot has decided; without the lock."""
+        for decision in decisions:
+            with self._changed:
+                goal, machine = self._goals[decision.goal], self.machine
+            if decision.what is Do.START:
+                machine.prepare()
+                goal.accept()
+                thread = threading.Thread(
+                    target=self._run, args=(goal, machine), name=f"machine {self.operator}", daemon=True
+                )
+                with self._changed:
+                    self._threads[goal.id] = thread
+                thread.start()
+            elif decision.what is Do.PREEMPT:
+                goal.request_cancel(decision.reason)
+                # In threads of their own: users' code may loop in its preempt.
+                for target, what in ((self._preempt, "preempt"), (self._limit, "limit of")):
+                    threading.Thread(
+                        target=target, args=(goal, machine), name=f"{what} {self.operator}", daemon=True
+                    ).start()
+            elif decision.what is Do.ABANDON:
+                self._abandon(goal, machine)
+            else:
+                self._forget(goal)
+                goal.cancelled(RunActionResult(PREEMPTED, decision.reason, ""), decision.reason)
+
+    def _forget(self, goal: ServerGoal) -> None:
+        with self._changed:
+            self._goals.pop(goal.id, None)
+            self._threads.pop(goal.id, None)
+            self._changed.notify_all()
+
+    def _preempt(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
+        try:
+            machine.cancel()
+        except BaseException as error:  # users' code; the limit deals with a machine that goes on
+            rospy.logerr(f"{self.operator}: its preempt raised {type(error).__name__}: {error}")
+
+    def _limit(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
+        with self._changed:
+            if Deadline(self._cancel_limit).wait(self._changed, lambda: self._slot.running != goal.id):
+                return
+            decisions = self._slot.limit_passed(goal.id)
+        self._carry_out(decisions)
+
+    def _abandon(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
+        """Answers for a run that did not stop, and replaces its machine."""
+        where = ", ".join(_active(machine)) or "its machine"
+        culprit = f"{self.operator} in state {where}"
+        reason = f"{culprit} did not stop within {self._cancel_limit:g} s"
+        rospy.logerr(f"{reason}; another instance takes its place")
+        give_up_goals(goal.id)
+        try:
+            replaced = type(machine)()
+            self._prepare(replaced)
+        except BaseException as error:  # users' code; the old instance is all there is then
+            rospy.logerr(f"{self.operator}: no other instance of {type(machine).__name__}: {error}")
+        else:
+            with self._changed:
+                self.machine = replaced
+            self._introspection.stop()
+            self._introspection = show(self._name, replaced)
+        with self._changed:
+            self._abandoned.append(self._threads[goal.id])
+        self._forget(goal)
+        goal.abort(RunActionResult(ABORTED, reason, culprit), reason)
+
+    # --- a run ------------------------------------------------------------------------------------
+
+    def _run(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
         parameters = {parameter.key: parameter.value for parameter in goal.goal.parameters}
         crash = ""
-        missing = [name for name in self.machine.parameters if name not in parameters]
+        missing = [name for name in machine.parameters if name not in parameters]
+        for state in _states(machine):
+            state.served_goal = goal.id
         try:
             if missing:
-                outcome, reason = "aborted", f"{self.operator}: no value for parameter {', '.join(missing)}"
+                outcome, reason = ABORTED, f"{self.operator}: no value for parameter {', '.join(missing)}"
             elif goal.cancel_requested:
-                outcome, reason = PREEMPTED, "cancelled"
+                outcome, reason = PREEMPTED, goal.cancel_reason
             else:
-                outcome = self.machine.run_once(parameters)
-                reason = self.machine.reason
-        except Exception as error:  # user code may raise anything; the bridge still gets its answer
+                outcome = machine.run_once(parameters)
+                reason = machine.reason
+        except BaseException as error:  # users' code may raise anything; the bridge still gets its answer
             rospy.logerr(f"{self.operator}: {traceback.format_exc()}")
             crash = f"{type(error).__name__}: {error}"
-            outcome, reason = "aborted", crash
-        with self._lock:
-            self._running, self._crash = None, crash
-            self._idle.notify_all()
-        self._end(goal, outcome, reason)
+            outcome, reason = ABORTED, crash
+        unstopped = ", ".join(state.unstopped for state in _states(machine) if state.unstopped)
+        with self._changed:
+            if self._goals.get(goal.id) is not goal:  # it was abandoned
+                return
+            self._crash = crash
+            decisions = self._slot.end(goal.id)
+        self._forget(goal)
+        self._end(goal, outcome, reason, unstopped)
+        self._carry_out(decisions)
 
-    def _end(self, goal: ServerGoal, outcome: str, reason: str) -> None:
+    def _end(self, goal: ServerGoal, outcome: str, reason: str, unstopped: str) -> None:
         if outcome == SUCCEEDED:
             goal.succeed(RunActionResult(outcome=outcome))
+        elif unstopped:
+            reason = f"{unstopped} did not stop when {self.operator} was cancelled"
+            goal.abort(RunActionResult(outcome, reason, unstopped), reason)
         elif goal.cancel_requested and outcome == PREEMPTED:
-            goal.cancelled(RunActionResult(outcome, reason or "cancelled"), reason or "cancelled")
+            reason = reason or goal.cancel_reason
+            goal.cancelled(RunActionResult(outcome, reason, unstopped), reason)
         else:
             reason = reason or f"the machine ended with {outcome}"
-            goal.abort(RunActionResult(outcome, reason), reason)
+            goal.abort(RunActionResult(outcome, reason, unstopped), reason)
 
-    def _cancelled_before_start(self, userdata: Any, initial_states: List[str]) -> None:
-        # A cancel between the goal's acceptance and this point found a machine that did not run yet, and
-        # SMACH forgets the flags of idle machines. request_preempt() would deadlock in a callback of the
-        # original SMACH, so the flag it sets is set here.
-        with self._lock:
-            running = self._running
-        if running is not None and running.cancel_requested:
-            self.machine._preempt_requested = True
-        self._feedback(initial_states)
+    def _prepare(self, machine: MerlinActionSM) -> None:
+        """Has an instance tell in which state it is."""
 
-    def _tell_state(self, userdata: Any, active_states: List[str]) -> None:
-        self._feedback(active_states)
+        def tell(userdata: Any, states: List[str]) -> None:
+            with self._changed:
+                running = self._goals.get(self._slot.running or "") if self.machine is machine else None
+            if running is not None:
+                running.feedback(RunActionFeedback(state=f"{self._name}/{','.join(states)}"))
 
-    def _feedback(self, states: List[str]) -> None:
-        with self._lock:
-            running = self._running
-        if running is not None:
-            path = f"{ros_name(self.operator).upper()}/{','.join(states)}"
-            running.feedback(RunActionFeedback(state=path))
+        machine.register_start_cb(tell)
+        machine.register_transition_cb(tell)
+
+
+def _states(container: Any) -> Iterator[MerlinState]:
+    """Every MERLIN state of a machine, also of nested ones."""
+    for child in container.get_children().values():
+        if isinstance(child, MerlinState):
+            yield child
+        elif isinstance(child, smach.Container):
+            yield from _states(child)
+
+
+def _active(container: Any) -> Iterator[str]:
+    """The labels of the states that run, innermost only."""
+    for label in container.get_active_states():
+        child = container.get_children().get(label)
+        if child is None:  # SMACH's 'None' of a machine that does not run
+            continue
+        inner = list(_active(child)) if isinstance(child, smach.Container) else []
+        yield from ([f"{label}/{name}" for name in inner] or [label])

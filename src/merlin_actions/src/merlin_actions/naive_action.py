@@ -12,13 +12,14 @@ import rospy
 
 from merlin_actions.action_classes import read_machines
 from merlin_actions.action_interface import ActionInterface, wait_for_knowledge_base
-from merlin_actions.execution import Ending, Execution
+from merlin_actions.ending import Ending
+from merlin_actions.execution import Execution
 from merlin_actions.merlin_action_server import SHUTDOWN_WAIT
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.names import ros_name
 from merlin_sm.introspection import show
-from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError
-from merlin_sm.node import run_node
+from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeBaseMissing, KnowledgeError
+from merlin_sm.node import on_master_lost, run_node
 from merlin_sm.parameters import number
 from merlin_sm.states.merlin_state import SUCCEEDED
 
@@ -46,22 +47,24 @@ class NaiveAction(ActionInterface):
 
     def shutdown(self) -> None:
         """Preempts what runs, waits until it has stopped, at most ``SHUTDOWN_WAIT``, and stops serving."""
-        super().shutdown()
         self.machine.cancel()
+        super().shutdown()
         if self._running.acquire(timeout=SHUTDOWN_WAIT):
             self._running.release()
 
     def _spawn(self, execution: Execution) -> None:
+        execution.left_queue.set()
         with self._running:
-            self._carry_out(execution)
+            self._live(execution)
 
-    def _declared(self, key: str) -> list:
+    def _literals(self, key: str) -> list:
         return list(getattr(self.machine, key))
 
 
 def main() -> int:
     """Runs a node with the naive actions of an application; returns the exit code."""
-    return run_node("naive_actions", _start, KnowledgeError, ValueError, rospy.ServiceException)
+    missing = (KnowledgeBaseMissing, rospy.ServiceException)
+    return run_node("naive_actions", _start, KnowledgeError, ValueError, missing=missing)
 
 
 def _start() -> None:
@@ -72,5 +75,6 @@ def _start() -> None:
     for action in actions:
         action.start()
         rospy.on_shutdown(action.shutdown)
+        on_master_lost(action.machine.cancel)
         rospy.on_shutdown(show(ros_name(action.operator).upper(), action.machine).stop)
     rospy.loginfo(f"naive actions: {', '.join(action.operator for action in actions)}")

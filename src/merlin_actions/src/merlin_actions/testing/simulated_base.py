@@ -8,39 +8,56 @@ from move_base_msgs.msg import MoveBaseAction
 
 from merlin_actions.testing.simulated_action_server import SimulatedActionServer, behaviour_from_params
 from merlin_sm.node import run_node
+from merlin_sm.publishing import publish
+
+PERIOD = 0.1  # s of wall time between two commands, as a slow controller sends them
 
 
 class SimulatedBase:
     """Publishes a forward velocity while a goal runs, and zero at once when it ends or is cancelled."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()  # orders the velocities; guards _driving
+        self._changed = threading.Condition()  # orders the velocities; guards the fields below
         self._driving = False
+        self._over = False
         self._publisher = rospy.Publisher("cmd_vel", Twist, queue_size=10)
         self._server = SimulatedActionServer(
             "move_base", MoveBaseAction, behaviour_from_params(), self._drive, self._halt
         )
+        self._commander = threading.Thread(target=self._command, name="commands", daemon=True)
 
     def start(self) -> None:
         """Begins to serve."""
+        self._commander.start()
         self._server.start()
 
     def shutdown(self) -> None:
         """Halts and stops serving."""
         self._server.shutdown()
+        with self._changed:
+            self._over = True
+            self._changed.notify_all()
 
     def _drive(self) -> None:
-        with self._lock:
+        with self._changed:
             self._driving = True
-            forward = Twist()
-            forward.linear.x = 0.3
-            self._publisher.publish(forward)
+            self._changed.notify_all()
 
     def _halt(self) -> None:
-        with self._lock:
+        with self._changed:
             if self._driving:
                 self._driving = False
-                self._publisher.publish(Twist())
+                publish(self._publisher, Twist())
+
+    def _command(self) -> None:
+        """Repeats the velocity: a base stops when no command comes."""
+        forward = Twist()
+        forward.linear.x = 0.3
+        with self._changed:
+            while not self._over:
+                if self._driving:
+                    publish(self._publisher, forward)
+                self._changed.wait(PERIOD if self._driving else None)
 
 
 def main() -> int:
