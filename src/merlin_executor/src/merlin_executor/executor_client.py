@@ -1,70 +1,35 @@
 """MerlinExecutorClient: sends goals to the Executor and takes them back (paper, section 3.2.2)."""
 
-from typing import Any, Callable, Optional, Sequence, Union
+from typing import Any, Callable, List, Optional, Sequence, Union
 
-from actionlib_msgs.msg import GoalStatus
 from merlin_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteGoal, ExecuteResult
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
+from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
-from merlin_sm.action_client import ActionClient, ClientGoal
+from merlin_executor.outcome import outcome_name
+from merlin_executor.request_limits import check_size
+from merlin_executor.resending import END
+from merlin_sm.action_client import ActionClient
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_sm.pddl_text import parse_goal
+
+__all__ = [
+    "CANCEL",
+    "DROP",
+    "GO_ON",
+    "RESUME",
+    "ExecutorRequest",
+    "Goals",
+    "MerlinExecutorClient",
+    "outcome_name",
+]
 
 Goals = Union[str, Sequence[Union[str, KnowledgeItem]]]
 RESUME = ExecuteGoal.RESUME
 DROP = ExecuteGoal.DROP
-
-
-class ExecutorRequest:
-    """A request that was sent."""
-
-    def __init__(self, sent: ClientGoal) -> None:
-        self._sent = sent
-
-    @property
-    def id(self) -> str:
-        """The actionlib goal id; ``merlin/status`` and ``merlin/queue`` name the request by it."""
-        return self._sent.id
-
-    @property
-    def done(self) -> bool:
-        """Whether it has ended."""
-        return self._sent.done
-
-    @property
-    def state(self) -> int:
-        """A constant of actionlib_msgs/GoalStatus."""
-        return self._sent.status
-
-    @property
-    def feedback(self) -> Optional[ExecuteFeedback]:
-        """The last feedback."""
-        return self._sent.feedback
-
-    @property
-    def result(self) -> Optional[ExecuteResult]:
-        """How it ended; None while it runs. An Executor that disappeared gives INTERNAL and the reason."""
-        if not self.done:
-            return None
-        result: ExecuteResult = self._sent.result
-        if self.state == GoalStatus.LOST:
-            result = ExecuteResult(outcome=ExecuteResult.INTERNAL, reason=self._sent.text)
-        elif self.state == GoalStatus.RECALLED and not result.reason:
-            result = ExecuteResult(outcome=ExecuteResult.CANCELLED, reason=self._sent.text)
-        return result
-
-    def cancel(self) -> None:
-        """Stops it, wherever it is: queued, planning or under way. The answer is its end."""
-        self._sent.cancel()
-
-    def wait(self, timeout: Optional[float] = None) -> bool:
-        """Waits for its end.
-
-        :param timeout: s, which stand still while the simulator is paused; None: as long as it takes.
-        :return: whether it has ended.
-        """
-        return self._sent.wait(timeout)
+CANCEL = ExecuteGoal.CANCEL
+GO_ON = ExecuteGoal.GO_ON
 
 
 class MerlinExecutorClient:
@@ -74,14 +39,24 @@ class MerlinExecutorClient:
 
     :param action: name of the Executor's action.
     :param knowledge_base: against which goals are checked before they are sent; None: the Executor does it.
+    :param on_client_lost: CANCEL or GO_ON, what becomes of a request when this client dies.
+    :param on_lost: END or RESEND, what happens when the Executor is lost while a request runs: it ends with
+        INTERNAL and the reason, or it is sent again when the Executor is back within
+        :data:`merlin_executor.resending.RETURN_WAIT`.
     """
 
     def __init__(
-        self, action: str = "merlin/execute", knowledge_base: Optional[str] = DEFAULT_KNOWLEDGE_BASE
+        self,
+        action: str = "merlin/execute",
+        knowledge_base: Optional[str] = DEFAULT_KNOWLEDGE_BASE,
+        on_client_lost: int = CANCEL,
+        on_lost: str = END,
     ) -> None:
         self._client = ActionClient(action, ExecuteAction)
         self._knowledge = knowledge_client(knowledge_base) if knowledge_base else None
-        self._requests: list = []
+        self._on_client_lost = on_client_lost
+        self.on_lost = on_lost
+        self._requests: List[ExecutorRequest] = []
 
     def wait_for_executor(self, timeout: Optional[float] = None) -> bool:
         """Waits until the Executor is there, s; None: until ROS shuts down."""
@@ -99,6 +74,8 @@ class MerlinExecutorClient:
         on_interrupt: int = RESUME,
         on_done: Optional[Callable[[ExecutorRequest], None]] = None,
         on_feedback: Optional[Callable[[ExecuteFeedback], None]] = None,
+        on_client_lost: Optional[int] = None,
+        on_lost: Optional[str] = None,
     ) -> ExecutorRequest:
         """Sends goals and returns at once.
 
@@ -106,16 +83,24 @@ class MerlinExecutorClient:
         :param on_interrupt: RESUME or DROP, what happens to this one when it is interrupted.
         :param on_done: called with the ended request, in another thread.
         :param on_feedback: called with each feedback, in another thread.
+        :param on_client_lost: CANCEL or GO_ON; None: as the client does by default.
+        :param on_lost: END or RESEND; None: as the client does by default.
         :raises PDDLSyntaxError: for text that is no PDDL goal.
+        :raises RequestTooLarge: for more than the Executor takes.
         :raises GoalError: for goals that the domain or the world does not know.
         """
         texts, items = _split(goals)
+        check_size(texts, len(items))
         if self._knowledge is not None:
             check_goals([*(item for text in texts for item in parse_goal(text)), *items], self._knowledge)
-        goal = ExecuteGoal(goals=texts, items=items, priority=priority, on_interrupt=on_interrupt)
-        done = (lambda sent: on_done(ExecutorRequest(sent))) if on_done else None
-        feedback = (lambda sent, message: on_feedback(message)) if on_feedback else None
-        request = ExecutorRequest(self._client.send(goal, done, feedback))
+        goal = ExecuteGoal(
+            goals=texts,
+            items=items,
+            priority=priority,
+            on_interrupt=on_interrupt,
+            on_client_lost=self._on_client_lost if on_client_lost is None else on_client_lost,
+        )
+        request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost or self.on_lost)
         self._requests = [known for known in self._requests if not known.done] + [request]
         return request
 
@@ -135,14 +120,6 @@ class MerlinExecutorClient:
         """Cancels every request of this client."""
         for request in self._requests:
             request.cancel()
-
-
-def outcome_name(outcome: int) -> str:
-    """The name of an outcome: 2 → ``CANCELLED``."""
-    names = (
-        name for name in dir(ExecuteResult) if name.isupper() and getattr(ExecuteResult, name) == outcome
-    )
-    return next(names, str(outcome))
 
 
 def _split(goals: Goals) -> tuple:

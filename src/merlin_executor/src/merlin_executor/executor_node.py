@@ -1,12 +1,16 @@
 """Node: the Executor."""
 
 import math
+from typing import List
 
 import rospy
 
 from merlin_executor.executor import Executor
+from merlin_executor.rivals import must_yield, publishers_by_topic, rival_executors
 from merlin_sm.health import HealthReporter
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
+from merlin_sm.master_link import ERRORS, bounded_master
+from merlin_sm.namesake import living_namesake
 from merlin_sm.node import run_node
 from merlin_sm.parameters import ParameterError, number
 from merlin_sm.planning_client import PlanningClient, StageError
@@ -14,12 +18,13 @@ from merlin_sm.planning_client import PlanningClient, StageError
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run_node("merlin_executor", _start, StageError)
+    return run_node("merlin_executor", _start, missing=(StageError,))
 
 
 def _start() -> None:
     wait = number("~planning_system_wait", 30.0, 0.0)
     knowledge = knowledge_client(rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE))
+    dispatcher = rospy.get_param("~plan_dispatcher", "rosplan_plan_dispatcher")
     names = {
         key: rospy.get_param(f"~{key}_interface", f"rosplan_{key}_interface")
         for key in ("problem", "planner")
@@ -28,20 +33,51 @@ def _start() -> None:
         parser=rospy.get_param("~parsing_interface", "rosplan_parsing_interface"), **names
     )
     if not knowledge.wait(wait):
-        raise StageError(f"no knowledge base {knowledge.name} after {wait:g} s; is it launched?")
+        raise StageError(
+            f"the planning system's knowledge base {knowledge.name} is not there after {wait:g} s; "
+            "is it launched?"
+        )
     planning.wait(wait)
+    for rival in living_rivals(dispatcher):
+        raise StageError(_second(rival))
     try:
         executor = Executor(
             knowledge,
             planning,
-            dispatcher=rospy.get_param("~plan_dispatcher", "rosplan_plan_dispatcher"),
+            dispatcher=dispatcher,
             cancel_deadline=number("~cancel_deadline", 5.0, -math.inf),
             max_replans=round(number("~max_replans", 3, 0)),
             goals_file=str(rospy.get_param("~goals_file", "")),
+            return_wait=number("~planning_system_return", 10.0, 0.0),
         )
     except OSError as error:
         raise ParameterError(f"parameter ~goals_file cannot be used: {error}") from error
     executor.start()
+    rospy.on_shutdown(executor.shutdown)
+    rivals = living_rivals(dispatcher)
+    if must_yield(rospy.get_name(), rivals):
+        raise StageError(_second(rivals[0]))
     HealthReporter({"requests": executor.health}).start()
     rospy.loginfo("the executor is ready")
-    rospy.on_shutdown(executor.shutdown)
+
+
+def living_rivals(dispatcher: str) -> List[str]:
+    """Names of the other nodes that serve as an Executor on the same planning system, and live.
+
+    :param dispatcher: name of its dispatcher.
+    """
+    me, topic = rospy.get_name(), f"{rospy.resolve_name(dispatcher)}/action_dispatch"
+    master = bounded_master()
+    try:
+        publishers = publishers_by_topic(master.getSystemState())
+        found = rival_executors(me, topic, publishers, dict(master.getTopicTypes()))
+        return [name for name in found if living_namesake(name, master) is not None]
+    except ERRORS as error:
+        raise StageError(f"the master cannot say whether another executor runs: {error}") from error
+
+
+def _second(other: str) -> str:
+    return (
+        f"the node {other} is an executor of the same planning system already, and two would disturb each "
+        "other's plans; end one of them, or give this one a planning system of its own"
+    )

@@ -1,245 +1,266 @@
-"""The Executor's state machine: a state for every component of the planning system (paper, section 3.2.2)."""
+"""The Executor's state machine: a state for every component of the planning system (paper, section 3.2.2).
+
+Its states carry out; what a failure or a stop means is decided in :mod:`merlin_executor.course`,
+:mod:`merlin_executor.replanning` and :mod:`merlin_executor.standstill`.
+"""
 
 import threading
 import time
-from typing import Any, Callable, List, Optional, Sequence
+from typing import Any, Callable, List, NamedTuple, Optional, Sequence
 
 import rospy
-from merlin_msgs.msg import ExecuteResult
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 import smach
+from merlin_executor.course import REPLAN, Course, StageEnd
+from merlin_executor.engine import Stages
+from merlin_executor.guard_client import GuardClient
+from merlin_executor.outcome import Outcome, StopKind, Verdict
 from merlin_executor.own_goals import OwnGoals
+from merlin_executor.recovery import Recovery
 from merlin_executor.request import Request
+from merlin_executor.standstill import STAND_WAIT, still_moving, unstopped
 from merlin_sm.deadline import Deadline
-from merlin_sm.dispatch_client import DispatchClient, DispatchResult
+from merlin_sm.dispatch_client import PART as DISPATCHER
+from merlin_sm.dispatch_client import DispatchClient
+from merlin_sm.dispatch_progress import DispatchResult
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.pddl_text import to_pddl
-from merlin_sm.planning_client import PlanningClient
-from merlin_sm.service_proxy import ServiceError
+from merlin_sm.planning_client import PlanningClient, StageError
+from merlin_sm.service_proxy import ServiceError, ServiceUnavailable
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
 from merlin_sm.states.planning import (
-    CANCEL_TIMEOUT,
     FAILED,
-    TIMEOUT,
-    UNSOLVABLE,
     DispatchPlanState,
     GenerateProblemState,
     ParsePlanState,
+    PlanningState,
     PlanState,
 )
 
 ALREADY_TRUE = "already_true"
 EXHAUSTED = "exhausted"
 REMOVE_GOALS = "REMOVE_GOALS"
-REPLAN_WAIT = 1.0
-"""Running time before the second new plan, s; twice as long before each further one. What makes a plan fail
-at once, such as an action that has not ended yet, may pass."""
-
-_OUTCOMES = {
-    name.lower(): getattr(ExecuteResult, name)
-    for name in (
-        "SUCCEEDED",
-        "ALREADY_TRUE",
-        "CANCELLED",
-        "UNSOLVABLE",
-        "PLANNER_TIMEOUT",
-        "PLANNER_ERROR",
-        "ACTION_FAILED",
-        "CANCEL_TIMEOUT",
-        "INTERNAL",
-    )
-}
-_VERDICTS = {
-    SUCCEEDED: "succeeded",
-    ALREADY_TRUE: "already_true",
-    PREEMPTED: "cancelled",
-    UNSOLVABLE: "unsolvable",
-    TIMEOUT: "planner_timeout",
-    EXHAUSTED: "action_failed",
-    CANCEL_TIMEOUT: "cancel_timeout",
-}
-"""Outcome of the last stage → outcome of the machine; aborted depends on the stage."""
+KNOWLEDGE_BASE = "the planning system's knowledge base"
+_OUTCOMES = [outcome.name.lower() for outcome in Outcome if outcome not in (Outcome.DROPPED, Outcome.REFUSED)]
 
 
-class ExecutorSM(MerlinSM):
+class PlanningSystem(NamedTuple):
+    """The parts of a planning system, and what watches over the robot that it moves."""
+
+    knowledge: KnowledgeClient
+    planning: PlanningClient
+    dispatcher: DispatchClient
+    recovery: Recovery
+    guard: GuardClient
+    return_wait: float
+    """s of running time for a part that was ended to return."""
+
+
+class ExecutorSM(MerlinSM, Stages[Request]):
     """Adds the goals of a request, has the problem written, planned, parsed and dispatched, and removes them.
 
-    :param knowledge: of the planning system.
-    :param planning: its stages before dispatch.
-    :param dispatcher: its dispatcher.
+    :param system: that it drives.
     :param own: the goals it puts into the knowledge base.
-    :param max_replans: how often a failed dispatch is planned again, from the world as it is.
     :param on_change: called when the stage changes.
     """
 
-    def __init__(
-        self,
-        knowledge: KnowledgeClient,
-        planning: PlanningClient,
-        dispatcher: DispatchClient,
-        own: OwnGoals,
-        max_replans: int,
-        on_change: Callable[[], None],
-    ) -> None:
-        super().__init__(list(_OUTCOMES))
+    def __init__(self, system: PlanningSystem, own: OwnGoals, on_change: Callable[[], None]) -> None:
+        super().__init__(_OUTCOMES)
+        self._system = system
+        self._own = own
         self._on_change = on_change
-        self._entered = 0.0
-        self._stage = ""
-        self.request: Optional[Request] = None
+        self._verdict = Verdict(Outcome.INTERNAL)
+        self._request: Optional[Request] = None
         with self:
-            self._add_stages(knowledge, planning, dispatcher, own, max_replans)
+            self._add_stages()
         self.register_start_cb(self._enter)
         self.register_transition_cb(self._enter)
         self.register_termination_cb(self._enter)
 
-    def run_request(self, request: Request) -> int:
-        """Runs a request; :meth:`prepare` comes before, :meth:`cancel` stops it from any thread.
+    def run_request(self, request: Request) -> Verdict:
+        """Runs a request; :meth:`prepare` comes before, :meth:`cancel` stops it from any thread."""
+        self._request = request
+        # Stays so where SMACH stops the machine because the node ends.
+        self._verdict = Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value)
+        try:
+            self.execute()
+        finally:
+            self._request = None
+        return self._verdict
 
-        :return: a constant of ExecuteResult; :attr:`reason` says why.
-        """
-        self.request = request
-        self._stage = ""
-        outcome = self.execute()
-        self.request = None
-        return int(_OUTCOMES.get(outcome, ExecuteResult.INTERNAL))
+    @property
+    def request(self) -> Request:
+        """The request that runs."""
+        assert self._request is not None
+        return self._request
 
-    def verdict(self) -> str:
-        """The machine's outcome, as the stage that ended the request left it."""
-        assert self.request is not None
-        stage = self[self.request.stage]
-        if stage.outcome == ABORTED:
-            return "planner_error" if self.request.stage == "PLAN" else "internal"
-        return _VERDICTS[stage.outcome]
+    @property
+    def course(self) -> Course:
+        """Of the request that runs."""
+        return self.request.course
 
-    def _add_stages(
-        self,
-        knowledge: KnowledgeClient,
-        planning: PlanningClient,
-        dispatcher: DispatchClient,
-        own: OwnGoals,
-        max_replans: int,
-    ) -> None:
+    def _add_stages(self) -> None:
         def stage(label: str, state: MerlinState, follows: str, **transitions: str) -> None:
             ends = dict.fromkeys(state.get_registered_outcomes(), REMOVE_GOALS)
-            self.add(label, state, transitions={**ends, SUCCEEDED: follows, **transitions})
+            self.add(label, state, transitions={**ends, ABORTED: REPLAN, SUCCEEDED: follows, **transitions})
 
-        add_goals = _AddGoals(knowledge, own, lambda: self.request)
-        stage("ADD_GOALS", add_goals, "GENERATE_PROBLEM")
+        system, planning = self._system, self._system.planning
+        dispatch = DispatchPlanState(
+            system.dispatcher, self._take_result, lambda: self.request.plan, lambda: self.request.goal.id
+        )
+        stage("SETTLE", _Settle(system.recovery), "ADD_GOALS")
+        stage("ADD_GOALS", _AddGoals(system.knowledge, self._own, self), "GENERATE_PROBLEM")
         stage("GENERATE_PROBLEM", GenerateProblemState(planning), "PLAN")
         stage("PLAN", PlanState(planning), "PARSE_PLAN")
         stage("PARSE_PLAN", ParsePlanState(planning, self._take_plan), "DISPATCH_PLAN")
-        dispatch = DispatchPlanState(dispatcher, self._take_result, self._plan)
-        stage("DISPATCH_PLAN", dispatch, REMOVE_GOALS, **{FAILED: "REPLAN"})
-        stage("REPLAN", _Replan(dispatch, lambda: self.request, max_replans), "GENERATE_PROBLEM")
-        self.add(REMOVE_GOALS, _RemoveGoals(own, self.verdict, list(_OUTCOMES)))
+        stage("DISPATCH_PLAN", dispatch, REMOVE_GOALS, **{FAILED: REPLAN})
+        stage(REPLAN, _Replan(system, self), "SETTLE", **{ABORTED: REMOVE_GOALS})
+        self.add(REMOVE_GOALS, _RemoveGoals(self._finish))
 
-    def _plan(self) -> Sequence[ActionDispatch]:
-        assert self.request is not None
-        return self.request.plan
-
-    def _take_plan(self, actions: list) -> None:
-        assert self.request is not None
-        self.request.plan = actions
+    def _take_plan(self, actions: Sequence[ActionDispatch]) -> None:
+        self.request.plan = list(actions)
 
     def _take_result(self, result: DispatchResult) -> None:
-        assert self.request is not None
-        self.request.action = result.action
+        course = self.course
+        course.action, course.unstopped, course.timed_out = result.action, result.unstopped, result.timed_out
 
     def _enter(self, userdata: Any, states: List[str], *outcome: str) -> None:
-        now = time.monotonic()
-        request = self.request
-        if request is None:
-            return
-        if self._stage:
-            times = request.stage_times
-            times[self._stage] = times.get(self._stage, 0.0) + now - self._entered
-        self._entered = now
-        self._stage = "" if outcome else states[0]
-        if self._stage and self._stage != REMOVE_GOALS:
-            request.stage = self._stage
+        course = self.course
+        if course.stage and course.stage != REMOVE_GOALS:
+            left = self[course.stage]
+            if course.stage != REPLAN or left.outcome in (PREEMPTED, ABORTED):
+                course.ended(StageEnd(course.stage, left.outcome, left.reason, left.gone))
+        course.enter("" if outcome else states[0], time.monotonic())
         self._on_change()
 
-    def _take_reason(self, userdata: Any, terminal_states: List[str], outcome: str) -> None:
-        assert self.request is not None
-        self.reason = self[self.request.stage].reason
-        if self.request.replans and self.request.stage == "PLAN":
-            # That there is no other way says little without what made another way necessary.
-            self.reason = f"{self['REPLAN'].reason}; planned again: {self.reason}"
-
-
-class _AddGoals(MerlinState):
-    """Adds the goals that are not there yet; ends with already_true when all of them hold."""
-
-    def __init__(self, knowledge: KnowledgeClient, own: OwnGoals, request: Callable[[], Request]) -> None:
-        super().__init__(outcomes=[ALREADY_TRUE])
-        self._knowledge = knowledge
-        self._own = own
-        self._request = request
-
-    def run(self, userdata: Any) -> str:
-        """Adds them."""
-        items = self._request().items
-        try:
-            self._own.remove()  # what an earlier request could not remove
-            if all(self._knowledge.query(items)):
-                self.reason = "the goal holds already"
-                return ALREADY_TRUE
-            present = {to_pddl(goal).lower() for goal in self._knowledge.goals()}
-            self._own.add([item for item in items if to_pddl(item).lower() not in present])
-        except (KnowledgeError, ServiceError, OSError) as error:
-            return self.fail(str(error))
-        return SUCCEEDED
-
-
-class _Replan(MerlinState):
-    """Lets the goal be planned again, a bounded number of times."""
-
-    def __init__(self, dispatch: DispatchPlanState, request: Callable[[], Request], max_replans: int) -> None:
-        super().__init__(outcomes=[EXHAUSTED])
-        self._dispatch = dispatch
-        self._request = request
-        self._max_replans = max_replans
-
-    def run(self, userdata: Any) -> str:
-        """Counts, and waits before all new plans but the first."""
-        request = self._request()
-        self.reason = self._dispatch.reason
-        if request.replans >= self._max_replans:
-            if self._max_replans:
-                self.reason += f" (planned again {request.replans} times)"
-            return EXHAUSTED
-        request.replans += 1
-        if request.replans > 1 and self._cancelled_within(REPLAN_WAIT * 2 ** (request.replans - 2)):
-            return PREEMPTED
-        rospy.loginfo(f"planning again ({request.replans} of {self._max_replans}): {self.reason}")
-        return SUCCEEDED
-
-    def _cancelled_within(self, seconds: float) -> bool:
-        cancelled = threading.Event()
-        self.interruptible(cancelled.set)
-        try:
-            return Deadline(seconds).wait_event(cancelled)
-        finally:
-            self.interruptible(None)
-
-
-class _RemoveGoals(smach.State):
-    """Removes the goals that were added, whatever happened, and gives the machine its outcome."""
-
-    def __init__(self, own: OwnGoals, verdict: Callable[[], str], outcomes: List[str]) -> None:
-        super().__init__(outcomes=outcomes)
-        self._own = own
+    def _finish(self) -> str:
+        """The end of every run: the truth about what has stopped, then the goals are removed."""
+        course, guard = self.course, self._system.guard
+        verdict = course.verdict()
+        if verdict.outcome is Outcome.CANCEL_TIMEOUT:
+            told = course.timed_out or self.request.stop is None
+            verdict = unstopped(course.unstopped, guard.halt(), verdict.reason if told else "")
+        elif course.dispatched and not verdict.outcome.achieved and not guard.wait_standing(STAND_WAIT):
+            verdict = still_moving(verdict, guard.halt())
+        if not course.unreachable and not course.timed_out:
+            self.clean_up()
+        # Otherwise the next request removes them: the answer does not wait for what does not answer.
         self._verdict = verdict
+        return verdict.outcome.name.lower()
 
-    def execute(self, userdata: Any) -> str:
-        """Removes them also when the run is being preempted."""
-        self.service_preempt()
+    def clean_up(self) -> None:
+        """Removes the goals that were added; what fails is logged, and done before the next request."""
         try:
             self._own.remove()
         except (KnowledgeError, ServiceError) as error:
             rospy.logerr(f"the goals of the request stay in the knowledge base: {error}")
         except OSError as error:
             rospy.logerr(f"that the goals of the request are removed cannot be noted: {error}")
-        return self._verdict()
+
+
+def _of_knowledge_base(error: ServiceError) -> StageError:
+    return StageError(f"{KNOWLEDGE_BASE}: {error}", gone=isinstance(error, ServiceUnavailable))
+
+
+class _Settle(PlanningState):
+    """Brings the planning system to rest: nothing is planned on what something still changes."""
+
+    def __init__(self, recovery: Recovery) -> None:
+        super().__init__()
+        self._recovery = recovery
+
+    def run(self, userdata: Any) -> str:
+        """Looks, and waits where something is left."""
+        try:
+            trouble = self._recovery.rest(self.interruptible)
+        except ServiceError as error:
+            return self.fail_stage(_of_knowledge_base(error))
+        if self.preempt_requested():
+            return PREEMPTED
+        return self.fail(trouble) if trouble else SUCCEEDED
+
+
+class _AddGoals(PlanningState):
+    """Adds the goals that are not there yet; ends with already_true when all of them hold."""
+
+    def __init__(self, knowledge: KnowledgeClient, own: OwnGoals, machine: ExecutorSM) -> None:
+        super().__init__([ALREADY_TRUE])
+        self._knowledge = knowledge
+        self._own = own
+        self._machine = machine
+
+    def run(self, userdata: Any) -> str:
+        """Adds them."""
+        items = self._machine.request.items
+        try:
+            if not self._machine.course.is_replan:
+                self._own.remove()  # what an earlier request could not remove
+            if all(self._knowledge.query(items)):
+                self.reason = "the goal holds already"
+                return ALREADY_TRUE
+            present = {to_pddl(goal).lower() for goal in self._knowledge.goals()}
+            self._own.add([item for item in items if to_pddl(item).lower() not in present])
+        except ServiceError as error:
+            return self.fail_stage(_of_knowledge_base(error))
+        except (KnowledgeError, OSError) as error:
+            return self.fail(str(error))
+        return SUCCEEDED
+
+
+class _Replan(PlanningState):
+    """Has the goal planned again where that may help; waits for a planning system that was ended."""
+
+    def __init__(self, system: PlanningSystem, machine: ExecutorSM) -> None:
+        super().__init__([EXHAUSTED])
+        self._system = system
+        self._machine = machine
+
+    def run(self, userdata: Any) -> str:
+        """Decides, and waits before all new plans but the first."""
+        course = self._machine.course
+        end = course.end
+        decision = course.replan()
+        self.reason = end.reason
+        if not decision.again:
+            return EXHAUSTED
+        cancelled = threading.Event()
+        self.interruptible(cancelled.set)
+        try:
+            if end.gone and not self._back(cancelled):
+                return PREEMPTED if cancelled.is_set() else ABORTED
+            if Deadline(decision.wait).wait_event(cancelled):
+                return PREEMPTED
+        finally:
+            self.interruptible(None)
+        rospy.loginfo(f"planning again ({course.replans}): {self.reason}")
+        return SUCCEEDED
+
+    def _back(self, cancelled: threading.Event) -> bool:
+        """Whether all parts of the planning system are there, or return in time."""
+        dispatcher, wait = self._system.dispatcher, self._system.return_wait
+        rospy.logwarn(f"{self.reason}; waits {wait:g} s for its return")
+        part = self._system.planning.wait_back(
+            wait, cancelled, lambda: "" if dispatcher.available() else DISPATCHER
+        )
+        if part and not cancelled.is_set():
+            self.gone = True
+            self.reason = f"{self.reason}; {part} did not return within {wait:g} s"
+        return not part and not cancelled.is_set()
+
+
+class _RemoveGoals(smach.State):
+    """Ends every run, whatever happened, and gives the machine its outcome.
+
+    :param finish: does that, also when the run is being preempted.
+    """
+
+    def __init__(self, finish: Callable[[], str]) -> None:
+        super().__init__(outcomes=_OUTCOMES)
+        self._finish = finish
+
+    def execute(self, userdata: Any) -> str:
+        """Ends the run."""
+        self.service_preempt()
+        return self._finish()

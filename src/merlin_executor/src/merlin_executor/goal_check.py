@@ -1,15 +1,14 @@
-"""Tells whether goals make sense in the domain and the present world, before anything is planned."""
+"""Checks goals against the domain and the present world, before anything is planned."""
 
-from typing import Dict, Iterable, List, Optional, Sequence
+from typing import Dict, List, Optional, Sequence
 
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, KnowledgeItem
 
+from merlin_executor.goal_rules import GoalError, check_atom
 from merlin_sm.knowledge_client import KnowledgeClient
 from merlin_sm.pddl_text import to_pddl
 
-
-class GoalError(ValueError):
-    """A goal that cannot be meant; the text says why."""
+__all__ = ["GoalError", "check_goals"]
 
 
 def check_goals(items: Sequence[KnowledgeItem], knowledge: KnowledgeClient) -> None:
@@ -21,42 +20,25 @@ def check_goals(items: Sequence[KnowledgeItem], knowledge: KnowledgeClient) -> N
     """
     if not items:
         raise GoalError("the request has no goals")
-    predicates = knowledge.predicates()
-    functions: Optional[Dict[str, DomainFormula]] = None
+    predicates = _arities(knowledge.predicates())
+    functions: Optional[Dict[str, int]] = None
     objects = {name.lower() for name in knowledge.instances()}
     for item in items:
         text = to_pddl(item)
         if item.knowledge_type == KnowledgeItem.FACT:
             arguments = [value.value for value in item.values]
-            _check(text, "predicate", item.attribute_name, arguments, predicates, objects)
+            check_atom(text, "predicate", item.attribute_name, arguments, predicates, objects)
         elif item.knowledge_type == KnowledgeItem.INEQUALITY:
-            functions = functions if functions is not None else knowledge.function_signatures()
+            functions = functions if functions is not None else _arities(knowledge.function_signatures())
             for token in _functions(item.ineq):
                 arguments = [value.value for value in token.function.typed_parameters]
-                _check(text, "function", token.function.name, arguments, functions, objects)
+                check_atom(text, "function", token.function.name, arguments, functions, objects)
         else:
             raise GoalError(f"{text!r} is neither a fact nor a comparison, so it cannot be a goal")
 
 
-def _check(
-    text: str,
-    kind: str,
-    name: str,
-    arguments: List[str],
-    known: Dict[str, DomainFormula],
-    objects: Iterable[str],
-) -> None:
-    formula = {key.lower(): value for key, value in known.items()}.get(name.lower())
-    if formula is None:
-        raise GoalError(
-            f"{text}: the domain has no {kind} {name!r}, only {', '.join(sorted(known)) or 'none'}"
-        )
-    expected = len(formula.typed_parameters)
-    if len(arguments) != expected:
-        raise GoalError(f"{text}: {name!r} takes {expected} arguments, not {len(arguments)}")
-    for argument in arguments:
-        if argument.lower() not in objects:
-            raise GoalError(f"{text}: there is no object {argument!r}")
+def _arities(formulas: Dict[str, DomainFormula]) -> Dict[str, int]:
+    return {name: len(formula.typed_parameters) for name, formula in formulas.items()}
 
 
 def _functions(inequality: DomainInequality) -> List[ExprBase]:

@@ -18,10 +18,12 @@ from typing import Any, Callable, Dict, List, Optional, Union
 import rospy
 from merlin_msgs.msg import ExecuteResult, MissionStatus
 
-from merlin_executor.executor_client import ExecutorRequest, Goals, MerlinExecutorClient
+from merlin_executor.executor_client import Goals, MerlinExecutorClient
+from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_state import ACHIEVED, EXECUTOR_WAIT, GoalState, outcome_text
 from merlin_executor.mission_pause import MissionPause
 from merlin_executor.mission_reporter import MissionReporter
+from merlin_executor.resending import RESEND
 from merlin_sm.introspection import show
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
@@ -46,11 +48,13 @@ class GoalDispatcher(MerlinROSPlanAssistant):
 
     :param name: of the mission; the class name when empty.
     :param tasks: how many goals there will be, for the status; 0: not known.
+    :param on_lost: RESEND: a goal during which the Executor is lost is sent again when it is back, and the
+        mission goes on; END: the mission ends with the reason.
     """
 
-    def __init__(self, name: str = "", tasks: int = 0) -> None:
+    def __init__(self, name: str = "", tasks: int = 0, on_lost: str = RESEND) -> None:
         self.name = name or type(self).__name__
-        self.client = MerlinExecutorClient()
+        self.client = MerlinExecutorClient(on_lost=on_lost)
         self.reporter = MissionReporter(self.name, tasks)
         self._pause = MissionPause(self.reporter.paused)
         self._current: Optional[ExecutorRequest] = None
@@ -84,7 +88,7 @@ class GoalDispatcher(MerlinROSPlanAssistant):
         """Sends goals and waits until they hold.
 
         :param timeout: s of running time, after which they are cancelled; None: as long as it takes.
-        :param options: priority and on_interrupt of :meth:`MerlinExecutorClient.send`.
+        :param options: priority, on_interrupt, … of :meth:`MerlinExecutorClient.send`.
         :raises MissionFailed: when they do not.
         """
         text = goals if isinstance(goals, str) else " ".join(map(str, goals))
@@ -117,12 +121,13 @@ class MissionSM(MerlinSM):
     Outcomes: succeeded, aborted, preempted.
 
     :param name: of the mission; the class name when empty.
+    :param on_lost: as of :class:`GoalDispatcher`.
     """
 
-    def __init__(self, name: str = "") -> None:
+    def __init__(self, name: str = "", on_lost: str = RESEND) -> None:
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED])
         self.name = name or type(self).__name__
-        self.client = MerlinExecutorClient()
+        self.client = MerlinExecutorClient(on_lost=on_lost)
         self._pause = MissionPause(lambda paused: self.reporter.paused(paused))
         with self:
             self.build()

@@ -5,8 +5,11 @@ from typing import Any, Callable, Optional, Sequence, Union
 
 from merlin_msgs.msg import ExecuteResult
 
-from merlin_executor.executor_client import RESUME, ExecutorRequest, Goals, MerlinExecutorClient, outcome_name
+from merlin_executor.executor_client import RESUME, Goals, MerlinExecutorClient
+from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission_pause import MissionPause
+from merlin_executor.outcome import Outcome, outcome_name
+from merlin_executor.resending import RESEND
 from merlin_sm.deadline import Deadline
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.pddl_text import PDDLSyntaxError
@@ -16,7 +19,7 @@ from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 EXECUTOR_WAIT = 30.0  # s of running time for an Executor that is still starting
 NOTHING = "nothing"
-ACHIEVED = (ExecuteResult.SUCCEEDED, ExecuteResult.ALREADY_TRUE)
+ACHIEVED = tuple(int(outcome) for outcome in Outcome if outcome.achieved)
 
 
 class GoalState(MerlinState):
@@ -31,6 +34,7 @@ class GoalState(MerlinState):
     :param priority: higher is more urgent.
     :param on_interrupt: RESUME or DROP.
     :param client: None: one of its own.
+    :param on_lost: END or RESEND, what happens when the Executor is lost meanwhile; None: as the client does.
     :param pause: of the mission: while it is paused, the goals are not sent.
     """
 
@@ -42,6 +46,7 @@ class GoalState(MerlinState):
         on_interrupt: int = RESUME,
         client: Optional[MerlinExecutorClient] = None,
         pause: Optional[MissionPause] = None,
+        on_lost: Optional[str] = None,
     ) -> None:
         super().__init__([NOTHING] if callable(goals) else [], keys, ["outcome"])
         self._goals = goals
@@ -49,7 +54,8 @@ class GoalState(MerlinState):
         self._priority = priority
         self._on_interrupt = on_interrupt
         self._pause = pause
-        self._client = client or MerlinExecutorClient()
+        self._on_lost = on_lost
+        self._client = client or MerlinExecutorClient(on_lost=RESEND)
 
     def run(self, userdata: Any) -> str:
         """Sends the goals and waits for the end."""
@@ -73,7 +79,11 @@ class GoalState(MerlinState):
         ended = threading.Event()
         try:
             request = self._client.send(
-                goals, self._priority, self._on_interrupt, on_done=lambda _: ended.set()
+                goals,
+                self._priority,
+                self._on_interrupt,
+                on_done=lambda _: ended.set(),
+                on_lost=self._on_lost,
             )
         except (ValueError, PDDLSyntaxError, ServiceError) as error:
             return self.fail(str(error))

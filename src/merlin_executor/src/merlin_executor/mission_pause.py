@@ -6,9 +6,8 @@ from typing import Callable, List
 import rospy
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
+from merlin_executor.mission_progress import PauseSwitch
 from merlin_sm.deadline import Deadline
-
-PAUSED = "paused: the next goal is sent when the mission is resumed"
 
 
 class MissionPause:
@@ -22,13 +21,13 @@ class MissionPause:
 
     def __init__(self, on_change: Callable[[bool], None]) -> None:
         self._on_change = on_change
-        self._changed = threading.Condition()  # guards the two fields below, and the order of the calls
-        self._paused = False
-        self._over = False
+        self._changed = threading.Condition()  # guards the switch, and the order of the calls
+        self._switch = PauseSwitch()
         self._services: List[rospy.Service] = []
 
     def __enter__(self) -> "MissionPause":
-        self._paused = self._over = False
+        with self._changed:
+            self._switch.begin()
         self._services = [
             rospy.Service("merlin/mission/pause", Trigger, self._pause),
             rospy.Service("merlin/mission/resume", Trigger, self._resume),
@@ -37,7 +36,7 @@ class MissionPause:
 
     def __exit__(self, *_: object) -> None:
         with self._changed:
-            self._over = True
+            self._switch.end()
         for service in self._services:
             service.shutdown("the mission has ended")
         self._services = []
@@ -48,26 +47,23 @@ class MissionPause:
         :param stopped: looked at after each :meth:`wake`.
         """
         with self._changed:
-            Deadline(None).wait(self._changed, lambda: not self._paused or stopped())
+            Deadline(None).wait(self._changed, lambda: not self._switch.paused or stopped())
 
     def wake(self) -> None:
-        """Has who waits look again whether the mission was stopped."""
+        """Wakes waiters so that they re-check `stopped`."""
         with self._changed:
             self._changed.notify_all()
 
     def _pause(self, request: TriggerRequest) -> TriggerResponse:
-        return self._set(True, "Paused: no further goal is sent.", "The mission is paused already.")
+        return self._set(True)
 
     def _resume(self, request: TriggerRequest) -> TriggerResponse:
-        return self._set(False, "The mission goes on.", "The mission is not paused.")
+        return self._set(False)
 
-    def _set(self, paused: bool, done: str, refused: str) -> TriggerResponse:
+    def _set(self, paused: bool) -> TriggerResponse:
         with self._changed:
-            if self._over:
-                return TriggerResponse(False, "The mission has ended.")
-            if self._paused == paused:
-                return TriggerResponse(False, refused)
-            self._paused = paused
-            self._changed.notify_all()
-            self._on_change(paused)
-        return TriggerResponse(True, done)
+            switched = self._switch.set(paused)
+            if switched.done:
+                self._changed.notify_all()
+                self._on_change(paused)
+        return TriggerResponse(switched.done, switched.words)

@@ -1,11 +1,11 @@
-"""Tells what a mission does, on ``merlin/mission``."""
+"""Publishes what a mission does on ``merlin/mission``."""
 
 import threading
 
 import rospy
 from merlin_msgs.msg import MissionStatus
 
-from merlin_executor.mission_pause import PAUSED
+from merlin_executor.mission_progress import MissionProgress, MissionState
 from merlin_sm.publishing import publish
 
 
@@ -17,34 +17,40 @@ class MissionReporter:
     """
 
     def __init__(self, mission: str, tasks: int = 0) -> None:
-        self._status = MissionStatus(mission=mission, tasks=tasks)
-        self._lock = threading.RLock()  # guards all the fields
-        self._doing = "starting"
-        self._paused = False
+        self._mission = mission
+        self._tasks = tasks
+        self._lock = threading.RLock()  # guards the progress and keeps messages in order
+        self._progress = MissionProgress()
         self._publisher = rospy.Publisher("merlin/mission", MissionStatus, latch=True, queue_size=10)
-        self.report(MissionStatus.STARTING, self._doing)
+        with self._lock:
+            self._publish()
 
     def task(self, description: str) -> None:
-        """A next task begins; a paused mission tells of it when it goes on."""
+        """A next task begins; for a paused mission that is published when it goes on."""
         with self._lock:
-            self._status.task += 1
-            self._doing = description
-            if not self._paused:
-                self.report(MissionStatus.RUNNING, description)
+            if self._progress.task(description):
+                self._publish()
 
     def paused(self, paused: bool) -> None:
         """The mission was paused, or goes on."""
         with self._lock:
-            self._paused = paused
-            if paused:
-                self.report(MissionStatus.PAUSED, PAUSED)
-            else:
-                self.report(MissionStatus.RUNNING, self._doing)
+            self._progress.pause(paused)
+            self._publish()
 
     def report(self, state: int, description: str) -> None:
         """Publishes a state, a constant of MissionStatus, and a sentence."""
         with self._lock:
-            self._status.state = state
-            self._status.description = description
-            self._status.header.stamp = rospy.Time.now()
-            publish(self._publisher, self._status)
+            self._progress.report(MissionState(state), description)
+            self._publish()
+
+    def _publish(self) -> None:
+        now = self._progress.now
+        status = MissionStatus(
+            mission=self._mission,
+            state=int(now.state),
+            task=now.task,
+            tasks=self._tasks,
+            description=now.description,
+        )
+        status.header.stamp = rospy.Time.now()
+        publish(self._publisher, status)

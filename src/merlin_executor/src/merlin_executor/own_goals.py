@@ -1,14 +1,13 @@
 """The goals that an Executor has put into the knowledge base, noted where its successor finds them."""
 
-import json
-import os
-from pathlib import Path
 from typing import List, Optional
 
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
+from merlin_executor.goal_notes import GoalNotes, NotesError
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update
+from merlin_sm.master_link import get_param, set_param
 from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal, to_pddl
 
 PARAMETER = "~added_goals"
@@ -27,10 +26,7 @@ class OwnGoals:
 
     def __init__(self, knowledge: KnowledgeClient, path: str = "") -> None:
         self._knowledge = knowledge
-        self._path: Optional[Path] = Path(path).expanduser() if path else None
-        if self._path is not None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._path.touch()
+        self._notes: Optional[GoalNotes] = GoalNotes(path) if path else None
         self._items: List[KnowledgeItem] = []
 
     def add(self, items: List[KnowledgeItem]) -> None:
@@ -40,8 +36,11 @@ class OwnGoals:
         :raises ServiceError: when it does not answer.
         :raises OSError: when they cannot be noted; they are not added then.
         """
-        self._note([*self._items, *items])
-        self._items += items
+        known = {to_pddl(item) for item in self._items}
+        new = [item for item in items if to_pddl(item) not in known]
+        if new:
+            self._note([*self._items, *new])
+            self._items += new
         self._knowledge.update([Update(ADD_GOAL, item) for item in items])
 
     def remove(self) -> None:
@@ -77,23 +76,17 @@ class OwnGoals:
 
     def _note(self, items: List[KnowledgeItem]) -> None:
         texts = [to_pddl(item) for item in items]
-        if self._path is None:
-            rospy.set_param(PARAMETER, texts)
-            return
-        new = self._path.with_name(self._path.name + ".new")
-        new.write_text(json.dumps(texts))
-        os.replace(new, self._path)
+        if self._notes is None:
+            set_param(PARAMETER, texts)
+        else:
+            self._notes.write(texts)
 
     def _noted(self) -> List[str]:
-        if self._path is None:
-            noted = rospy.get_param(PARAMETER, [])
+        if self._notes is None:
+            noted = get_param(PARAMETER, [])
             return list(map(str, noted)) if isinstance(noted, list) else []
-        text = self._path.read_text(errors="replace")
         try:
-            noted = json.loads(text) if text else []
-            if not isinstance(noted, list):
-                raise ValueError(noted)
-            return list(map(str, noted))
-        except ValueError:
-            rospy.logerr(f"{self._path} is no list of goals and is ignored: {text[:80]!r}")
+            return self._notes.read()
+        except NotesError as error:
+            rospy.logerr(f"the notes of an earlier executor are ignored: {error}")
             return []

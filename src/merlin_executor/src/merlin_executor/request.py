@@ -1,92 +1,72 @@
-"""What the Executor is asked to do, and what it has to say about it."""
+"""A goal of ``merlin/execute``, and the answer to it."""
 
-from enum import Enum
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import List
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import ExecuteResult, QueuedGoal, StageTime
+from merlin_msgs.msg import ExecuteGoal, ExecuteResult, QueuedGoal, StageTime
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
+from merlin_executor.course import Course
+from merlin_executor.engine import Job
+from merlin_executor.outcome import Outcome, Verdict
+from merlin_executor.request_limits import check_size
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.pddl_text import parse_goal, to_pddl
 
 
-class Stop(Enum):
-    """Why a running request has to stop."""
-
-    CANCELLED = "cancelled by its client"
-    INTERRUPTED = "interrupted by a more urgent request"
-    SHUTDOWN = "the executor shuts down"
-
-
-class Request:
+class Request(Job):
     """One goal of ``merlin/execute``.
 
     :param goal: as received.
-    :param order: number of arrival; equal priorities run in this order.
-    :raises PDDLSyntaxError: when a goal is no PDDL.
+    :param order: number of arrival.
+    :param max_replans: how often a failed plan is replaced.
+    :raises PDDLSyntaxError: when a goal is not PDDL.
+    :raises RequestTooLarge: beyond a limit.
     """
 
-    def __init__(self, goal: ServerGoal, order: int) -> None:
+    def __init__(self, goal: ServerGoal, order: int, max_replans: int) -> None:
+        wanted: ExecuteGoal = goal.goal
+        super().__init__(
+            order,
+            wanted.priority,
+            resumes=wanted.on_interrupt == ExecuteGoal.RESUME,
+            goes_on=wanted.on_client_lost == ExecuteGoal.GO_ON,
+        )
         self.goal = goal
-        self.order = order
-        texts = goal.goal.goals
-        self.items: List[KnowledgeItem] = [item for text in texts for item in parse_goal(text)]
-        self.items += goal.goal.items
+        tokens = [len(side.tokens) for item in wanted.items for side in (item.ineq.LHS, item.ineq.RHS)]
+        check_size(wanted.goals, len(wanted.items), max(tokens, default=0))
+        self.items: List[KnowledgeItem] = [item for text in wanted.goals for item in parse_goal(text)]
+        self.items += wanted.items
+        check_size((), len(self.items))
         self.texts = [to_pddl(item) for item in self.items]
-        self.priority: int = goal.goal.priority
-        self.on_interrupt: int = goal.goal.on_interrupt
-        self.interrupted = False
         self.queued = rospy.Time.now()
-        self.stop: Optional[Stop] = None
-        self.stage = ""
+        self.course = Course(max_replans)
         self.plan: List[ActionDispatch] = []
-        self.replans = 0
-        self.action = ""
-        self.stage_times: Dict[str, float] = {}
-
-    @property
-    def urgency(self) -> Tuple[int, int]:
-        """Sorts requests: the most urgent, then the oldest, first."""
-        return -self.priority, self.order
 
     def begin(self) -> None:
-        """Forgets an earlier, interrupted run."""
-        self.stop = None
+        """A run begins: the first, or after an interruption."""
+        self.course.begin()
         self.plan = []
-        self.action = ""
 
-    def result(self, outcome: int, reason: str) -> ExecuteResult:
-        """The result message."""
-        return ExecuteResult(
-            outcome=outcome,
-            stage=self.stage,
-            action=self.action,
-            reason=reason,
-            plan=self.plan,
-            replans=self.replans,
-            stage_times=[
-                StageTime(stage, rospy.Duration.from_sec(seconds))
-                for stage, seconds in self.stage_times.items()
-            ],
-        )
+    def accept(self) -> None:
+        """Tells the client that it runs."""
+        self.goal.accept()
 
-    def end(self, outcome: int, reason: str) -> None:
-        """Answers the client, with the actionlib state that fits the outcome."""
-        result = self.result(outcome, reason)
-        if outcome in (ExecuteResult.SUCCEEDED, ExecuteResult.ALREADY_TRUE):
-            self.goal.succeed(result, reason)
-        elif outcome in (ExecuteResult.CANCELLED, ExecuteResult.DROPPED):
-            self.goal.cancelled(result, reason)
-        elif outcome == ExecuteResult.REFUSED and self.goal.status in (
+    def end(self, verdict: Verdict) -> bool:
+        """Answers the client with the actionlib state that fits; False when that was done before."""
+        result, reason = self._result(verdict), verdict.reason
+        if verdict.outcome.achieved:
+            return self.goal.succeed(result, reason)
+        if verdict.outcome in (Outcome.CANCELLED, Outcome.DROPPED):
+            return self.goal.cancelled(result, reason)
+        if verdict.outcome is Outcome.REFUSED and self.goal.status in (
             GoalStatus.PENDING,
             GoalStatus.RECALLING,
         ):
-            self.goal.reject(result, reason)
-        else:
-            self.goal.abort(result, reason)
+            return self.goal.reject(result, reason)
+        return self.goal.abort(result, reason)
 
     def queued_goal(self) -> QueuedGoal:
         """How it stands in the queue."""
@@ -94,12 +74,22 @@ class Request:
             request=self.goal.id,
             goals=self.texts,
             priority=self.priority,
-            on_interrupt=self.on_interrupt,
+            on_interrupt=ExecuteGoal.RESUME if self.resumes else ExecuteGoal.DROP,
             interrupted=self.interrupted,
             queued=self.queued,
         )
 
-
-def sorted_requests(requests: Sequence[Request]) -> List[Request]:
-    """In the order in which they will run."""
-    return sorted(requests, key=lambda request: request.urgency)
+    def _result(self, verdict: Verdict) -> ExecuteResult:
+        course = self.course
+        return ExecuteResult(
+            outcome=int(verdict.outcome),
+            stage=course.end.stage,
+            action=verdict.action,
+            reason=verdict.reason,
+            plan=self.plan,
+            replans=course.replans,
+            stage_times=[
+                StageTime(stage, rospy.Duration.from_sec(seconds))
+                for stage, seconds in course.stage_times.items()
+            ],
+        )

@@ -1,0 +1,193 @@
+"""The agenda of the Executor: which request runs, which wait, which stop. Events in, decisions out.
+
+Pure and not thread-safe. Every request that was received gets exactly one :class:`Answer`; at most one runs.
+"""
+
+from enum import Enum
+from typing import Generic, List, NamedTuple, Optional, Tuple, TypeVar, Union
+
+from merlin_executor.outcome import Outcome, Stop, StopKind, Verdict
+
+CANCELLED = Stop(StopKind.CANCELLED)
+NOT_BEGUN = "cancelled before it began"
+NOT_RESUMED = "cancelled before it went on"
+
+
+class Client(Enum):
+    """How the client of a request does."""
+
+    ALIVE = "alive"
+    SILENT = "silent"
+    GONE = "gone"
+
+
+class Ticket:
+    """What the agenda knows of a request.
+
+    :param order: number of arrival; equal priorities run in this order.
+    :param priority: higher is more urgent.
+    :param resumes: whether it runs again after an interruption; otherwise it is dropped.
+    :param goes_on: whether it goes on without its client.
+    """
+
+    def __init__(self, order: int, priority: int = 0, resumes: bool = True, goes_on: bool = True) -> None:
+        self.order = order
+        self.priority = priority
+        self.resumes = resumes
+        self.goes_on = goes_on
+        self.interrupted = False
+        self.client = Client.ALIVE
+        self.stop: Optional[Stop] = None
+
+    @property
+    def urgency(self) -> Tuple[int, int]:
+        """Sorts tickets: the most urgent, then the oldest, first."""
+        return -self.priority, self.order
+
+    @property
+    def may_run(self) -> bool:
+        """Whether it may begin: nothing is begun for a client that is silent."""
+        return self.goes_on or self.client is Client.ALIVE
+
+
+T = TypeVar("T", bound=Ticket)
+
+
+class Answer(NamedTuple):
+    """The request has ended: its client gets this verdict."""
+
+    ticket: Ticket
+    verdict: Verdict
+
+
+class StopRun(NamedTuple):
+    """The running request has to stop, :attr:`Ticket.stop` says why."""
+
+    ticket: Ticket
+
+
+Decision = Union[Answer, StopRun]
+
+
+class Agenda(Generic[T]):
+    """The requests of one Executor."""
+
+    def __init__(self) -> None:
+        self._waiting: List[T] = []
+        self._running: Optional[T] = None
+        self._closing = False
+
+    @property
+    def running(self) -> Optional[T]:
+        """The request that runs."""
+        return self._running
+
+    @property
+    def waiting(self) -> List[T]:
+        """The requests that wait, in the order in which they would run."""
+        return list(self._waiting)
+
+    @property
+    def closing(self) -> bool:
+        """Whether no further request begins."""
+        return self._closing
+
+    # --- events ---------------------------------------------------------------------------------------
+
+    def receive(self, ticket: T, cancelled: bool = False) -> List[Decision]:
+        """A request has arrived.
+
+        :param cancelled: its client has taken it back already.
+        """
+        if self._closing:
+            return [Answer(ticket, Verdict(Outcome.REFUSED, StopKind.SHUTDOWN.value))]
+        if cancelled:
+            return [Answer(ticket, Verdict(Outcome.CANCELLED, NOT_BEGUN))]
+        self._queue(ticket)
+        return self._interrupt()
+
+    def cancel(self, ticket: T, stop: Stop = CANCELLED) -> List[Decision]:
+        """A request is not wanted any more."""
+        if ticket is self._running:
+            return self._stop(stop)
+        if ticket not in self._waiting:
+            return []
+        self._waiting.remove(ticket)
+        not_run = NOT_RESUMED if ticket.interrupted else NOT_BEGUN
+        reason = not_run if stop.kind is StopKind.CANCELLED else f"{not_run}: {stop.reason}"
+        return [Answer(ticket, Verdict(Outcome.CANCELLED, reason))]
+
+    def client(self, ticket: T, client: Client, reason: str = "") -> List[Decision]:
+        """The client of a request is silent, is back, or is gone.
+
+        :param reason: as part of a sentence, for a client that is gone.
+        """
+        if ticket.goes_on or ticket.client is Client.GONE:
+            return []
+        ticket.client = client
+        if client is Client.GONE:
+            return self.cancel(ticket, Stop(StopKind.CLIENT_LOST, reason))
+        return self._interrupt()
+
+    def begin(self) -> Optional[T]:
+        """The next request, which runs from now on; None when none may run now."""
+        ticket = self._next()
+        if self._running is not None or self._closing or ticket is None:
+            return None
+        self._waiting.remove(ticket)
+        ticket.stop = None
+        self._running = ticket
+        return ticket
+
+    def ended(self, verdict: Verdict) -> List[Decision]:
+        """The run of the running request has ended.
+
+        :param verdict: on the run; what it means for the request depends on why it was stopped.
+        """
+        ticket = self._running
+        assert ticket is not None
+        self._running = None
+        stop = ticket.stop
+        if verdict.outcome is not Outcome.CANCELLED or stop is None:
+            return [Answer(ticket, verdict)]
+        if stop.is_final:
+            return [Answer(ticket, Verdict(Outcome.CANCELLED, stop.reason))]
+        if not ticket.resumes:
+            return [Answer(ticket, Verdict(Outcome.DROPPED, stop.reason))]
+        if self._closing:
+            return [Answer(ticket, Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value))]
+        ticket.interrupted = True
+        self._queue(ticket)
+        return []
+
+    def close(self) -> List[Decision]:
+        """The Executor ends: nothing begins any more, what runs stops."""
+        self._closing = True
+        left, self._waiting = self._waiting, []
+        reason = StopKind.SHUTDOWN.value
+        decisions: List[Decision] = [Answer(ticket, Verdict(Outcome.CANCELLED, reason)) for ticket in left]
+        return [*decisions, *self._stop(Stop(StopKind.SHUTDOWN))]
+
+    # --- the rules ------------------------------------------------------------------------------------
+
+    def _queue(self, ticket: T) -> None:
+        self._waiting = sorted([*self._waiting, ticket], key=lambda waiting: waiting.urgency)
+
+    def _next(self) -> Optional[T]:
+        return next((ticket for ticket in self._waiting if ticket.may_run), None)
+
+    def _interrupt(self) -> List[Decision]:
+        """Stops what runs when something more urgent may run."""
+        ticket, running = self._next(), self._running
+        if ticket is None or running is None or ticket.priority <= running.priority:
+            return []
+        return self._stop(Stop(StopKind.INTERRUPTED))
+
+    def _stop(self, stop: Stop) -> List[Decision]:
+        running = self._running
+        if running is None:
+            return []
+        if running.stop is None or (stop.is_final and not running.stop.is_final):
+            running.stop = stop
+            return [StopRun(running)]
+        return []

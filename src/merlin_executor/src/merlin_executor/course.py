@@ -1,0 +1,125 @@
+"""The course of one request through the stages of planning, and the verdict on it. Pure."""
+
+from typing import Dict, NamedTuple, Tuple
+
+from merlin_executor.outcome import Outcome, Verdict
+from merlin_executor.replanning import Decision, Failure, Replanning
+
+PLAN = "PLAN"
+REPLAN = "REPLAN"
+DISPATCH_PLAN = "DISPATCH_PLAN"
+ACHIEVED_MEANWHILE = "the goal holds"
+
+_VERDICTS = {
+    "succeeded": Outcome.SUCCEEDED,
+    "already_true": Outcome.ALREADY_TRUE,
+    "preempted": Outcome.CANCELLED,
+    "unsolvable": Outcome.UNSOLVABLE,
+    "no_plan": Outcome.NO_PLAN,
+    "timeout": Outcome.PLANNER_TIMEOUT,
+    "failed": Outcome.ACTION_FAILED,
+    "cancel_timeout": Outcome.CANCEL_TIMEOUT,
+}
+"""Outcome of a stage → outcome of the request; aborted depends on the stage."""
+
+
+class StageEnd(NamedTuple):
+    """How a stage ended."""
+
+    stage: str = ""
+    outcome: str = ""
+    """The SMACH outcome of the stage."""
+    reason: str = ""
+    gone: bool = False
+    """A part of the planning system is gone."""
+
+
+class Course:
+    """One request on its way.
+
+    :param max_replans: how often a failed plan is replaced in each run.
+    """
+
+    def __init__(self, max_replans: int) -> None:
+        self._max_replans = max_replans
+        self._replanning = Replanning(max_replans)
+        self._entered = 0.0
+        self._earlier_replans = 0
+        self.stage = ""
+        """The stage under way, empty outside of a run."""
+        self.stage_times: Dict[str, float] = {}
+        """s for each stage, of all runs."""
+        self.end = StageEnd()
+        """How the last stage has ended."""
+        self.action = ""
+        """The action that failed last, as PDDL text."""
+        self.unstopped: Tuple[str, ...] = ()
+        """What did not stop, as PDDL text."""
+        self.timed_out = False
+        """Whether the dispatcher itself did not end the plan in time."""
+        self.dispatched = False
+        """Whether a plan was dispatched in this run."""
+        self.unreachable = False
+        """Whether the stage that ended last found a part of the planning system gone."""
+
+    @property
+    def replans(self) -> int:
+        """New plans so far, of all runs."""
+        return self._earlier_replans + self._replanning.count
+
+    @property
+    def is_replan(self) -> bool:
+        """Whether a plan of this run has failed before."""
+        return self._replanning.count > 0
+
+    def begin(self) -> None:
+        """A run begins: the first, or after an interruption."""
+        self._earlier_replans = self.replans
+        self._replanning = Replanning(self._max_replans)
+        self.end = StageEnd()
+        self.stage = self.action = ""
+        self.unstopped = ()
+        self.dispatched = self.unreachable = self.timed_out = False
+
+    def enter(self, stage: str, now: float) -> None:
+        """A stage begins; the empty name ends the run.
+
+        :param now: s, of any clock.
+        """
+        if self.stage:
+            self.stage_times[self.stage] = self.stage_times.get(self.stage, 0.0) + now - self._entered
+        self.stage, self._entered = stage, now
+        self.dispatched = self.dispatched or stage == DISPATCH_PLAN
+
+    def ended(self, end: StageEnd) -> None:
+        """A stage has ended; REPLAN only when the run ends with it."""
+        self.end = end
+        self.unreachable = end.gone or (end.stage == REPLAN and self.unreachable)
+
+    def replan(self) -> Decision:
+        """Whether the request is planned again after the stage that ended last."""
+        end = self.end
+        failed = (end.stage, end.outcome) == (DISPATCH_PLAN, "failed")
+        if not failed and not (end.gone and end.outcome == "aborted"):
+            return Decision(False, reason=end.reason)
+        decision = self._replanning.failed(Failure(end.reason, self.action, end.gone))
+        if not decision.again:
+            self.end = end._replace(reason=decision.reason)
+        return decision
+
+    def verdict(self) -> Verdict:
+        """On the run, as the last stage has ended it."""
+        end = self.end
+        reason = end.reason
+        if end.outcome == "aborted" or (end.gone and end.outcome == "failed"):
+            outcome = Outcome.PLANNER_ERROR if end.stage == PLAN and not end.gone else Outcome.INTERNAL
+        else:
+            outcome = _VERDICTS[end.outcome]
+        if outcome is Outcome.ALREADY_TRUE and self.is_replan:
+            return Verdict(Outcome.SUCCEEDED, ACHIEVED_MEANWHILE)
+        last = self._replanning.last
+        if end.stage == PLAN and not outcome.achieved and last is not None:
+            # That there is no other way says little without what made another way necessary.
+            reason = f"{last.reason}; planned again: {reason}"
+        action = self.action if outcome not in (Outcome.SUCCEEDED, Outcome.ALREADY_TRUE) else ""
+        return Verdict(outcome, reason, action)

@@ -1,0 +1,152 @@
+"""A request that was sent to the Executor; it is sent again where its client asks so."""
+
+import threading
+from typing import Callable, Optional
+
+import rospy
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
+
+from merlin_executor.outcome import StopKind
+from merlin_executor.resending import END, RETURN_WAIT, Decision, Next, Resending
+from merlin_sm.action_client import ActionClient, ClientGoal
+from merlin_sm.deadline import Deadline
+
+_SERVER_ENDS = "the action server shuts down"  # text of an ActionServer that ends its goals
+
+
+class ExecutorRequest:
+    """A request that was sent.
+
+    :param client: of ``merlin/execute``.
+    :param goal: is sent at once.
+    :param on_done: called with this request when it has ended, in another thread.
+    :param on_feedback: called with each feedback, in another thread.
+    :param on_lost: what happens when the Executor is lost: END or RESEND (:mod:`merlin_executor.resending`).
+    """
+
+    def __init__(
+        self,
+        client: ActionClient,
+        goal: ExecuteGoal,
+        on_done: Optional[Callable[["ExecutorRequest"], None]] = None,
+        on_feedback: Optional[Callable[[ExecuteFeedback], None]] = None,
+        on_lost: str = END,
+    ) -> None:
+        self._client = client
+        self._goal = goal
+        self._on_done = on_done
+        self._on_feedback = on_feedback
+        self._resending = Resending(on_lost)
+        self._ended = threading.Event()
+        self._reason = ""
+        self._wake = threading.Event()  # set by a status of the Executor and by a cancel
+        self._lock = threading.Lock()  # guards _resending and _sent
+        with self._lock:
+            self._sent = self._send()
+
+    @property
+    def id(self) -> str:
+        """The actionlib goal id; ``merlin/status`` and ``merlin/queue`` name the request by it.
+
+        A request that is sent again gets another one.
+        """
+        return self._sent.id
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended."""
+        return self._ended.is_set()
+
+    @property
+    def state(self) -> int:
+        """A constant of actionlib_msgs/GoalStatus."""
+        return self._sent.status
+
+    @property
+    def feedback(self) -> Optional[ExecuteFeedback]:
+        """The last feedback."""
+        return self._sent.feedback
+
+    @property
+    def result(self) -> Optional[ExecuteResult]:
+        """How it ended; None while it runs. An Executor that disappeared gives INTERNAL and the reason."""
+        if not self.done:
+            return None
+        sent = self._sent
+        result: ExecuteResult = sent.result
+        if sent.status == GoalStatus.LOST or self._reason:
+            cancelled = self._resending.cancelled and bool(self._reason)
+            outcome = ExecuteResult.CANCELLED if cancelled else ExecuteResult.INTERNAL
+            return ExecuteResult(outcome=outcome, reason=self._reason or sent.text)
+        if sent.status == GoalStatus.RECALLED and not result.reason:
+            return ExecuteResult(outcome=ExecuteResult.CANCELLED, reason=sent.text)
+        if sent.status == GoalStatus.ABORTED and not result.reason:
+            return ExecuteResult(outcome=ExecuteResult.INTERNAL, reason=sent.text)
+        return result
+
+    def cancel(self) -> None:
+        """Stops it, wherever it is: queued, planning or under way. The answer is its end."""
+        with self._lock:
+            self._resending.cancel()
+            sent = self._sent
+        self._wake.set()
+        sent.cancel()
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        """Waits for its end.
+
+        :param timeout: s, which stand still while the simulator is paused; None: as long as it takes.
+        :return: whether it has ended.
+        """
+        return Deadline(timeout).wait_event(self._ended)
+
+    def _send(self) -> ClientGoal:
+        """Called with the lock held: a goal may end before this returns."""
+        feedback = self._on_feedback
+        forward = (lambda _, message: feedback(message)) if feedback is not None else None
+        return self._client.send(self._goal, self._sent_ended, forward)
+
+    def _sent_ended(self, sent: ClientGoal) -> None:
+        with self._lock:
+            decision = self._resending.ended(_is_lost(sent))
+        if decision.next is Next.AWAIT:
+            threading.Thread(target=self._await, name=f"resend {sent.id}", daemon=True).start()
+        else:
+            self._finish(decision.reason)
+
+    def _await(self) -> None:
+        """Waits for the Executor's return and sends the goal again."""
+        rospy.logwarn(f"the executor is lost; the goal is sent again when it is back ({self._sent.text})")
+        is_there = self._returned()
+        with self._lock:
+            decision: Decision = self._resending.executor(is_there, RETURN_WAIT)
+            if decision.next is Next.SEND:
+                self._sent = self._send()
+        if decision.next is Next.FINISH:
+            self._finish(decision.reason)
+
+    def _returned(self) -> bool:
+        """Whether the Executor publishes its status, and is connected; False also after a cancel."""
+        deadline = Deadline(RETURN_WAIT)
+        # A subscriber of its own: what the client has heard before may be of the Executor that was lost.
+        topic = f"{self._client.name}/status"
+        subscriber = rospy.Subscriber(topic, GoalStatusArray, lambda _: self._wake.set(), tcp_nodelay=True)
+        heard = deadline.wait_event(self._wake)
+        subscriber.unregister()
+        left = deadline.remaining()
+        return heard and self._client.wait_for_server(left, lambda: self._resending.cancelled)
+
+    def _finish(self, reason: str) -> None:
+        self._reason = reason
+        self._ended.set()
+        if self._on_done is not None:
+            self._on_done(self)
+
+
+def _is_lost(sent: ClientGoal) -> bool:
+    """Whether a goal has ended because the Executor is gone, or goes down."""
+    if sent.status == GoalStatus.LOST:
+        return True
+    reason = getattr(sent.result, "reason", "")
+    return reason == StopKind.SHUTDOWN.value or sent.text == _SERVER_ENDS

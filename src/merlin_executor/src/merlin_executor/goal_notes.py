@@ -1,0 +1,47 @@
+"""A file that notes goals, for the next life of the process. Without ROS."""
+
+import json
+import os
+from pathlib import Path
+from typing import List, Sequence
+
+
+class NotesError(ValueError):
+    """The file holds something else than a list of goals; the text shows its beginning."""
+
+
+class GoalNotes:
+    """Goals as PDDL text in a file, which is replaced as a whole: a crash leaves the old list or the new one.
+
+    :param path: of the file; made with its folder when it does not exist.
+    :raises OSError: when it cannot be written.
+    """
+
+    def __init__(self, path: str) -> None:
+        self.path = Path(path).expanduser()
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self.path.touch()
+
+    def write(self, texts: Sequence[str]) -> None:
+        """Notes these goals and no others.
+
+        :raises OSError: when the file cannot be written.
+        """
+        new = self.path.with_name(self.path.name + ".new")
+        new.write_text(json.dumps(list(texts)))
+        os.replace(new, self.path)
+
+    def read(self) -> List[str]:
+        """The goals noted last; empty when there are none.
+
+        :raises OSError: when the file cannot be read.
+        :raises NotesError: when it holds something else.
+        """
+        text = self.path.read_text(errors="replace")
+        try:
+            noted = json.loads(text) if text else []
+        except ValueError:
+            noted = None
+        if not isinstance(noted, list):
+            raise NotesError(f"{self.path} is not a list of goals: {text[:80]!r}")
+        return list(map(str, noted))

@@ -1,0 +1,81 @@
+"""How a request can end, and what made it stop. Pure: the numbers are those of merlin_msgs/Execute."""
+
+from enum import Enum, IntEnum
+from typing import NamedTuple
+
+
+class Outcome(IntEnum):
+    """The outcomes of merlin_msgs/Execute."""
+
+    SUCCEEDED = 0
+    ALREADY_TRUE = 1
+    CANCELLED = 2
+    DROPPED = 3
+    REFUSED = 4
+    UNSOLVABLE = 5
+    PLANNER_TIMEOUT = 6
+    PLANNER_ERROR = 7
+    ACTION_FAILED = 8
+    CANCEL_TIMEOUT = 9
+    INTERNAL = 10
+    NO_PLAN = 11
+
+    @property
+    def achieved(self) -> bool:
+        """Whether the goal holds."""
+        return self in (Outcome.SUCCEEDED, Outcome.ALREADY_TRUE)
+
+    @property
+    def of_software(self) -> bool:
+        """Whether a node needs attention, rather than the world or the goal."""
+        return self in (Outcome.PLANNER_ERROR, Outcome.CANCEL_TIMEOUT, Outcome.INTERNAL)
+
+
+class Verdict(NamedTuple):
+    """The end of a run or of a request."""
+
+    outcome: Outcome
+    reason: str = ""
+    """One sentence."""
+    action: str = ""
+    """The action that failed or did not stop, as PDDL text."""
+
+
+class StopKind(Enum):
+    """What makes a running request stop."""
+
+    CANCELLED = "cancelled by its client"
+    CLIENT_LOST = "its client is gone"
+    INTERRUPTED = "interrupted by a more urgent request"
+    SHUTDOWN = "the executor shuts down"
+
+
+class Stop(NamedTuple):
+    """Why a running request has to stop."""
+
+    kind: StopKind
+    text: str = ""
+    """More exactly; empty: the kind says all."""
+
+    @property
+    def reason(self) -> str:
+        """As a sentence."""
+        return self.text or self.kind.value
+
+    @property
+    def is_final(self) -> bool:
+        """Whether the request has to end; an interrupted one may run again."""
+        return self.kind is not StopKind.INTERRUPTED
+
+
+def outcome_name(outcome: int) -> str:
+    """The name of an outcome: 2 → ``CANCELLED``."""
+    try:
+        return Outcome(outcome).name
+    except ValueError:
+        return str(outcome)
+
+
+def crashed(error: BaseException) -> Verdict:
+    """The verdict on a request whose run raised what nothing foresaw."""
+    return Verdict(Outcome.INTERNAL, f"the executor failed: {type(error).__name__}: {str(error)[:500]}")

@@ -1,0 +1,107 @@
+"""Brings the planning system to rest before anything is planned: no dispatch runs, no execution is open."""
+
+import threading
+from typing import List, Optional
+
+import rospy
+from merlin_msgs.msg import KnowledgeChanges, OpenExecution
+from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
+
+from merlin_executor.leftovers import Leftovers
+from merlin_sm.deadline import running_time
+from merlin_sm.dispatch_client import DispatchClient
+from merlin_sm.knowledge_client import KnowledgeClient
+from merlin_sm.pddl_text import action_text
+from merlin_sm.planning_client import Interruptible
+from merlin_sm.service_proxy import ServiceError, ServiceProxy
+
+CALL_LIMIT = 5.0  # s of wall time for one call
+LOOK = 0.5  # s between two looks for executions that were closed without a change of the knowledge
+
+
+class Recovery:
+    """Settles what an earlier Executor, dispatcher or bridge has left. Used by one thread.
+
+    Over the original ROSPlan, which keeps no journal of executions, only a running dispatch is looked for.
+
+    :param knowledge: with the journal.
+    :param dispatcher: of the plans.
+    """
+
+    def __init__(self, knowledge: KnowledgeClient, dispatcher: DispatchClient) -> None:
+        self._knowledge = knowledge
+        self._dispatcher = dispatcher
+        self._list = ServiceProxy(f"{knowledge.name}/executions", ListExecutions, timeout=CALL_LIMIT)
+        self._apply = ServiceProxy(f"{knowledge.name}/apply_effects", ApplyEffects, timeout=CALL_LIMIT)
+        self._journal: Optional[bool] = None  # whether there is one; None: not known yet
+
+    def rest(self, interruptible: Interruptible) -> str:
+        """Waits until the planning system is at rest. The interruption ends the wait.
+
+        :return: why it is not, as a sentence; empty when it is.
+        :raises ServiceError: when the journal does not answer.
+        """
+        busy = self._dispatcher.free(interruptible)
+        if busy or not self._has_journal():
+            return busy
+        if not self._open():  # as always but after a fault
+            return ""
+        woken, interrupted = threading.Event(), threading.Event()
+
+        def interrupt() -> None:
+            interrupted.set()
+            woken.set()
+
+        changes = f"{self._knowledge.name}/changes"
+        subscriber = rospy.Subscriber(changes, KnowledgeChanges, lambda _: woken.set(), tcp_nodelay=True)
+        interruptible(interrupt)
+        try:
+            return self._settle(woken, interrupted)
+        finally:
+            interruptible(None)
+            subscriber.unregister()
+
+    def _settle(self, woken: threading.Event, interrupted: threading.Event) -> str:
+        leftovers = Leftovers()
+        why = ""
+        while not interrupted.is_set() and not rospy.is_shutdown():
+            woken.clear()
+            found = {execution.token: execution for execution in self._open()}
+            look = leftovers.look(running_time(), found)
+            for token in look.settle:
+                why = self._interrupt(found[token])
+            if look.done:
+                names = ", ".join(_text(found[token]) for token in look.stuck)
+                return f"{names} was begun and cannot be settled: {why}" if names else ""
+            if not look.settle:
+                woken.wait(min(look.wait, LOOK))
+        return ""
+
+    def _interrupt(self, execution: OpenExecution) -> str:
+        """Settles one execution; returns why that failed."""
+        rospy.logwarn(f"{_text(execution)} of {execution.owner} was left open; it is settled as interrupted")
+        try:
+            answer = self._apply(
+                operator_name=execution.operator_name,
+                parameters=execution.parameters,
+                phase=ApplyEffectsRequest.INTERRUPT,
+                token=execution.token,
+            )
+        except ServiceError as error:
+            return str(error)
+        return "" if answer.success else str(answer.message)
+
+    def _open(self) -> List[OpenExecution]:
+        return list(self._list().executions)
+
+    def _has_journal(self) -> bool:
+        if self._journal is None:
+            there = self._list.available()
+            if there or self._knowledge.wait(0.0):  # a knowledge base that is gone says nothing about it
+                self._journal = there
+            return there
+        return self._journal
+
+
+def _text(execution: OpenExecution) -> str:
+    return action_text(execution.operator_name, execution.parameters)

@@ -1,0 +1,63 @@
+"""Whether a plan that failed is replaced by another one. Pure."""
+
+from typing import Dict, NamedTuple, Optional, Tuple
+
+#: s of running time before the second new plan; twice as long before each further one. What makes a plan fail
+#: at once, such as an action that has not ended yet, may pass.
+REPLAN_WAIT = 1.0
+#: How often the same action may fail for the same reason.
+SAME_FAILURE = 2
+
+
+class Failure(NamedTuple):
+    """Why a run did not go on."""
+
+    reason: str
+    """A sentence."""
+    action: str = ""
+    """The ground action that failed, as PDDL text; empty: none did, as when the goal does not hold."""
+    gone: bool = False
+    """A part of the planning system is gone."""
+
+
+class Decision(NamedTuple):
+    """What to do about a failure."""
+
+    again: bool
+    """Plan again."""
+    wait: float = 0.0
+    """s of running time before that."""
+    reason: str = ""
+    """Why not again, as a sentence."""
+
+
+class Replanning:
+    """The policy for one run: a bounded number of new plans, and not the same way a third time.
+
+    :param limit: how many new plans there may be.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._failures: Dict[Tuple[str, str], int] = {}
+        self.count = 0
+        """New plans so far."""
+        self.last: Optional[Failure] = None
+
+    def failed(self, failure: Failure) -> Decision:
+        """Decides about a failure."""
+        self.last = failure
+        key = (failure.action.lower(), failure.reason)
+        same = self._failures[key] = self._failures.get(key, 0) + 1
+        if self.count >= self._limit:
+            times = f" (planned again {_times(self.count)})" if self._limit else ""
+            return Decision(False, reason=failure.reason + times)
+        if same >= SAME_FAILURE and not failure.gone:
+            # The world has not changed enough for another end, or the planner would have found another way.
+            return Decision(False, reason=f"{failure.reason} ({same} times for the same reason)")
+        self.count += 1
+        return Decision(True, REPLAN_WAIT * 2 ** (self.count - 2) if self.count > 1 else 0.0)
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"

@@ -1,0 +1,87 @@
+"""What a mission does when the Executor is lost while its goal runs: send it again, or end. Pure.
+
+A goal says what shall hold, so sending it again is harmless: what holds already ends at once.
+"""
+
+from enum import Enum
+from typing import NamedTuple
+
+END = "end"
+"""The goal ends with the reason."""
+RESEND = "resend"
+"""The goal is sent again when the Executor is back."""
+ON_LOST = (END, RESEND)
+
+#: Longest wait for the return of an Executor, s of running time.
+RETURN_WAIT = 30.0
+#: How often one goal is sent again.
+RESENDS = 5
+
+
+class Next(Enum):
+    """What to do now."""
+
+    FINISH = "finish"
+    """The goal has ended."""
+    AWAIT = "await"
+    """Wait for the Executor."""
+    SEND = "send"
+    """Send the goal again."""
+
+
+class Decision(NamedTuple):
+    """What to do, and why."""
+
+    next: Next
+    reason: str = ""
+    """Why the goal ends, as a sentence; empty: the Executor's own reason stands."""
+
+
+class Resending:
+    """One goal of a client. Not thread-safe; nothing is decided after FINISH.
+
+    :param on_lost: :data:`END` or :data:`RESEND`.
+    :param resends: how often it is sent again.
+    :raises ValueError: for another word.
+    """
+
+    def __init__(self, on_lost: str = END, resends: int = RESENDS) -> None:
+        if on_lost not in ON_LOST:
+            raise ValueError(f"on_lost is {on_lost!r}; it has to be one of {', '.join(ON_LOST)}")
+        self._resend = on_lost == RESEND
+        self._resends = resends
+        self._cancelled = False
+        self.sent_again = 0
+        """How often it was sent again."""
+
+    def cancel(self) -> None:
+        """The client does not want the goal any more."""
+        self._cancelled = True
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether it was cancelled."""
+        return self._cancelled
+
+    def ended(self, lost: bool) -> Decision:
+        """The goal has ended at the Executor.
+
+        :param lost: because the Executor is gone, or went down.
+        """
+        if not lost or not self._resend or self._cancelled:
+            return Decision(Next.FINISH)
+        if self.sent_again >= self._resends:
+            return Decision(Next.FINISH, f"the executor was lost {self.sent_again + 1} times")
+        return Decision(Next.AWAIT)
+
+    def executor(self, is_there: bool, waited: float) -> Decision:
+        """The wait for the Executor is over.
+
+        :param waited: s.
+        """
+        if self._cancelled:
+            return Decision(Next.FINISH, "cancelled while the executor was gone")
+        if not is_there:
+            return Decision(Next.FINISH, f"the executor is gone and did not return within {waited:g} s")
+        self.sent_again += 1
+        return Decision(Next.SEND)

@@ -1,0 +1,51 @@
+"""The truth about a stop: what has not ended, whether the base stands, what the guard did. Pure."""
+
+from typing import NamedTuple, Sequence
+
+from merlin_executor.outcome import Outcome, Verdict
+
+#: Longest wait for the base to stand after everything has ended, s of running time.
+STAND_WAIT = 0.5
+MOVES = "the base still moves"
+
+
+class Halt(NamedTuple):
+    """What came of asking the guard to halt the base."""
+
+    guard: bool
+    """There is a guard."""
+    halted: bool = False
+    """It has halted the base."""
+    message: str = ""
+    """Its own words, or why it did not answer."""
+
+    @property
+    def words(self) -> str:
+        """As part of a sentence."""
+        if not self.guard:
+            return "no guard is there to halt the base"
+        if self.halted:
+            return "the guard has halted the base"
+        return f"the guard could not halt the base: {self.message or 'it gave no reason'}"
+
+
+def unstopped(names: Sequence[str], halt: Halt, story: str = "") -> Verdict:
+    """The verdict on a run of which something did not stop.
+
+    :param names: what did not stop, as PDDL text.
+    :param story: a sentence that says so already, or why it had to stop; empty: its client wanted it to.
+    """
+    text = f"{', '.join(names)} did not stop"
+    if story:
+        text = story if "did not" in story else f"{story}; {text}"
+    return Verdict(Outcome.CANCEL_TIMEOUT, f"{text}; {halt.words}", ", ".join(names))
+
+
+def still_moving(verdict: Verdict, halt: Halt) -> Verdict:
+    """The verdict on a run that has ended while the base still moves.
+
+    A cancel is not complete before the base stands; a failure stays the failure that it was.
+    """
+    if verdict.outcome is Outcome.CANCELLED:
+        return Verdict(Outcome.CANCEL_TIMEOUT, f"{MOVES} although all actions have ended; {halt.words}")
+    return verdict._replace(reason=f"{verdict.reason}; {MOVES}, {halt.words}")
