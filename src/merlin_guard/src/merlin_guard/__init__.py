@@ -1,0 +1,1 @@
+"""The velocity guard: commands reach the base only while an owned motion goal is active."""

@@ -1,0 +1,344 @@
+"""The node ``merlin_guard``: velocities pass to the base only while an owned motion goal is active."""
+
+import math
+import signal
+import threading
+import time
+from typing import Any, List, Optional, Set
+
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatusArray
+from geometry_msgs.msg import Twist
+from merlin_msgs.msg import GuardStatus, Lease, SimStatus
+from std_msgs.msg import Empty
+from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
+
+from merlin_guard.goal_header import read_goal_header
+from merlin_guard.guard_parameters import GuardParameters, ParameterError, read_parameters
+from merlin_guard.motion_permit import Decision, MotionPermit, Send, State, View
+from merlin_guard.motion_server import GoalReport
+from merlin_guard.ros_graph import MASTER_ERRORS, living_guard_of_this_name
+from merlin_guard.surroundings import Surroundings
+
+NAME = "merlin_guard"
+SIM_STATUS_TOPIC = "/merlin_sim/status"
+TICK = 0.05  # s of wall time between two looks at the limits
+STATUS_PERIOD = 0.5  # s of wall time between two statuses without a change
+SLOWEST = 0.1  # factor of a simulation below which a slow one counts as this slow
+WARN_AFTER = 0.25  # s; an owner lets go of a goal some moments before the end of the goal is told
+REMEMBER = 1.0  # s to wait for the master to keep a stop; one that hangs must not hold up a stop
+CANNOT_BEGIN = 2  # exit code that says: starting it again does not help
+FLUSH = 0.05  # s for the last zero velocity to leave the process
+STOPPED_PARAM = "~stopped"  # keeps a stop over a restart of the node
+
+_STATES = {
+    State.IDLE: GuardStatus.IDLE,
+    State.PASSING: GuardStatus.PASSING,
+    State.HOLDING: GuardStatus.HOLDING,
+    State.STOPPED: GuardStatus.STOPPED,
+}
+
+
+class GuardNode:
+    """The guard of one base.
+
+    :param parameters: of the node.
+    :raises ParameterError: input and output are the same topic, or another guard has the output.
+    """
+
+    def __init__(self, parameters: GuardParameters) -> None:
+        self._input = rospy.resolve_name("cmd_vel_in")
+        self._output = rospy.resolve_name("cmd_vel")
+        self._surroundings = Surroundings(self._input, self._output, parameters)
+        self._surroundings.check_start()
+        stopped = str(rospy.get_param(STOPPED_PARAM, ""))
+        self._lock = threading.RLock()  # guards the fields below, and orders what is published
+        self._memory = threading.Lock()  # orders the writers of the parameter that keeps a stop
+        self._permit = MotionPermit(parameters.servers, parameters.settings, stopped)
+        self._told: Optional[View] = None
+        self._told_at = -math.inf
+        self._born = rospy.Time.now()
+        self._closing = False
+        self._over = threading.Event()
+        self._velocity = rospy.Publisher(
+            "cmd_vel", Twist, subscriber_listener=_BeginWithZero(), tcp_nodelay=True, queue_size=1
+        )
+        self._status = rospy.Publisher(
+            "merlin/guard", GuardStatus, latch=True, tcp_nodelay=True, queue_size=10
+        )
+        self._cancels = {
+            server: rospy.Publisher(f"{server}/cancel", GoalID, tcp_nodelay=True, queue_size=10)
+            for server in parameters.servers
+        }
+        self._velocity.publish(Twist())
+        self._apply(self._permit.tick(time.monotonic()))
+        rospy.on_shutdown(self._shutdown)
+        self._services = [
+            rospy.Service("merlin/stop", Trigger, self._serve_stop),
+            rospy.Service("merlin/release", Trigger, self._serve_release),
+            rospy.Service("merlin/halt", Trigger, self._serve_halt),
+        ]
+        self._subscribe(parameters)
+        self._ticker = threading.Thread(target=self._tick, name="guard ticks", daemon=True)
+        self._ticker.start()
+        self._surroundings.start()
+        if stopped:
+            rospy.logwarn(
+                f"{rospy.get_name()}: {stopped}; it was so when the guard began. {_how_to_release()}"
+            )
+
+    def _subscribe(self, parameters: GuardParameters) -> None:
+        def listen(topic: str, message_class: Any, callback: Any, **options: Any) -> rospy.Subscriber:
+            return rospy.Subscriber(topic, message_class, callback, tcp_nodelay=True, **options)
+
+        self._subscribers = [
+            listen(SIM_STATUS_TOPIC, SimStatus, self._receive_simulation),
+            listen("merlin/stop", Empty, lambda _: self._stop("stopped on the topic merlin/stop")),
+        ]
+        self._leases = {
+            server: listen(f"{server}/lease", Lease, self._receive_lease, callback_args=server)
+            for server in parameters.servers
+        }
+        for server in parameters.servers:
+            for suffix, message_class, callback in (
+                ("cancel", GoalID, self._receive_cancel),
+                ("goal", rospy.AnyMsg, self._receive_goal),
+                ("status", GoalStatusArray, self._receive_status),
+            ):
+                self._subscribers.append(
+                    listen(f"{server}/{suffix}", message_class, callback, callback_args=server)
+                )
+        if parameters.stop_button >= 0:
+            self._subscribers.append(_stop_button(parameters.stop_button, self._stop))
+        # Last, so that what permits a motion is known before the motion.
+        self._subscribers.append(listen("cmd_vel_in", Twist, self._receive_velocity, queue_size=1))
+
+    def _receive_velocity(self, velocity: Twist) -> None:
+        parts = [
+            *(velocity.linear.x, velocity.linear.y, velocity.linear.z),
+            *(velocity.angular.x, velocity.angular.y, velocity.angular.z),
+        ]
+        if not all(map(math.isfinite, parts)):
+            rospy.logerr_throttle(
+                10.0, f"{self._input}: a velocity is not finite: {parts}; zero is sent instead"
+            )
+            velocity, parts = Twist(), [0.0]
+        with self._lock:
+            self._apply(self._permit.command(any(parts), time.monotonic()), velocity)
+
+    def _receive_status(self, message: GoalStatusArray, server: str) -> None:
+        with self._lock:
+            now = rospy.Time.now()
+            if self._born.is_zero() or now < self._born:  # the clock has just begun, or begun anew
+                self._born = now
+            born = self._born
+            reports = [
+                GoalReport(
+                    entry.goal_id.id,
+                    entry.status,
+                    entry.goal_id.stamp.to_sec(),
+                    # Goals that are older than the first tick of a clock are older than the guard.
+                    not entry.goal_id.stamp.is_zero() and (born.is_zero() or entry.goal_id.stamp < born),
+                )
+                for entry in message.status_list
+            ]
+            self._apply(self._permit.status(server, reports, time.monotonic()))
+        self._surroundings.heard(server)
+
+    def _receive_goal(self, message: rospy.AnyMsg, server: str) -> None:
+        try:
+            goal = read_goal_header(message._buff)
+        except ValueError as error:
+            rospy.logerr_throttle(10.0, f"{server}/goal: {error}")
+            return
+        with self._lock:
+            self._apply(self._permit.goal_sent(server, goal.id, goal.stamp, time.monotonic()))
+
+    def _receive_cancel(self, message: GoalID, server: str) -> None:
+        with self._lock:
+            self._apply(self._permit.cancel(server, message.id, message.stamp.to_sec(), time.monotonic()))
+
+    def _receive_lease(self, lease: Lease, server: str) -> None:
+        with self._lock:
+            now = time.monotonic()
+            self._apply(self._permit.lease(server, lease.owner, lease.life, lease.held, lease.suspended, now))
+
+    def _receive_simulation(self, status: SimStatus) -> None:
+        rate = 0.0 if status.paused else max(SLOWEST, status.achieved_factor or 1.0)
+        with self._lock:
+            self._apply(self._permit.world_rate(rate, time.monotonic()))
+
+    def _stop(self, reason: str) -> None:
+        with self._lock:
+            fresh = self._permit.view.state is not State.STOPPED
+            self._apply(self._permit.stop(reason, time.monotonic()))
+        if fresh:
+            rospy.logwarn(f"{rospy.get_name()}: {reason}. {_how_to_release()}")
+            self._remember_stop()
+
+    def _serve_stop(self, request: TriggerRequest) -> TriggerResponse:
+        self._stop(f"stopped by {_caller(request)}")
+        return TriggerResponse(True, f"stopped until {rospy.resolve_name('merlin/release')} is called")
+
+    def _serve_release(self, request: TriggerRequest) -> TriggerResponse:
+        with self._lock:
+            stopped = self._permit.view.state is State.STOPPED
+            self._apply(self._permit.release(time.monotonic()))
+        if not stopped:
+            return TriggerResponse(True, "it was not stopped")
+        self._remember_stop()
+        rospy.loginfo(f"{rospy.get_name()}: released by {_caller(request)}")
+        return TriggerResponse(True, "released")
+
+    def _serve_halt(self, request: TriggerRequest) -> TriggerResponse:
+        with self._lock:
+            goals = self._permit.view.goals
+            self._apply(self._permit.halt(f"halted by {_caller(request)}", time.monotonic()))
+        return TriggerResponse(True, f"halted; active goals: {', '.join(goals) or 'none'}")
+
+    def _remember_stop(self) -> None:
+        """Keeps whether it is stopped where a restarted guard finds it."""
+        keeper = threading.Thread(target=self._write_stop, name="guard memory", daemon=True)
+        keeper.start()
+        keeper.join(REMEMBER)
+
+    def _write_stop(self) -> None:
+        with self._memory:
+            with self._lock:
+                view = self._permit.view  # now, so that of two writers the later one is right
+            try:
+                rospy.set_param(STOPPED_PARAM, view.reason if view.state is State.STOPPED else "")
+            except (rospy.ROSException, *MASTER_ERRORS) as error:
+                rospy.logerr(f"{rospy.get_name()}: the master does not keep the stop for a restart: {error}")
+
+    def _apply(self, decision: Decision, velocity: Optional[Twist] = None) -> None:
+        """Does what was decided; called with the lock held."""
+        if self._closing:
+            return
+        if decision.send is Send.ZERO or velocity is None:
+            velocity = Twist()
+        if decision.send is not Send.NOTHING:
+            self._velocity.publish(velocity)
+        for cancel in decision.cancels:
+            self._cancels[cancel.server].publish(GoalID(id=cancel.goal_id))
+            if cancel.first:
+                rospy.logwarn(
+                    f"{rospy.get_name()}: cancels {cancel.goal_id} of {cancel.server}: {cancel.reason}"
+                )
+        self._tell(self._permit.view)
+
+    def _tell(self, view: View) -> None:
+        """Publishes the state when it changed or is due; called with the lock held."""
+        now = time.monotonic()
+        if view == self._told and now - self._told_at < STATUS_PERIOD:
+            return
+        self._told, self._told_at = view, now
+        status = GuardStatus(
+            state=_STATES[view.state], reason=view.reason, moving=view.moving, goals=list(view.goals)
+        )
+        status.header.stamp = rospy.Time.now()
+        self._status.publish(status)
+
+    def _tick(self) -> None:
+        before, logged, since = "", "", time.monotonic()
+        while not self._over.wait(TICK):
+            with self._lock:
+                clients = {server: _connected(topic) for server, topic in self._leases.items()}
+                self._apply(self._permit.tick(time.monotonic(), clients))
+                view = self._permit.view
+            reason = view.reason if view.state is State.HOLDING else ""
+            if reason != before:
+                before, since = reason, time.monotonic()
+            elif reason != logged and time.monotonic() - since >= WARN_AFTER:
+                logged = reason
+                if reason:
+                    rospy.logwarn(f"{rospy.get_name()}: {reason}")
+
+    def _shutdown(self) -> None:
+        self._over.set()
+        with self._lock:
+            self._closing = True
+            self._velocity.publish(Twist())
+        # rospy sends in threads of its own, closes the connections next, and does not say when it has sent.
+        time.sleep(FLUSH)
+
+
+def _connected(subscriber: rospy.Subscriber) -> Set[str]:
+    """The nodes whose connection is open. rospy's own count keeps those that died for a while."""
+    return {
+        str(connection.callerid_pub)
+        for connection in subscriber.impl.connections
+        if connection.socket is not None
+    }
+
+
+class _BeginWithZero(rospy.SubscribeListener):
+    """Sends zero to a base that connects: it may have kept the last velocity of a guard that died."""
+
+    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
+        peer_publish(Twist())
+
+
+def _stop_button(index: int, stop: Any) -> rospy.Subscriber:
+    """Lets a button of `joy` stop the base.
+
+    :raises ParameterError: the package sensor_msgs is missing.
+    """
+    try:
+        from sensor_msgs.msg import Joy
+    except ImportError as error:
+        raise ParameterError(f"parameter ~stop_button needs the package sensor_msgs: {error}") from error
+
+    def receive(joy: Joy) -> None:
+        if index < len(joy.buttons) and joy.buttons[index]:
+            stop(f"stopped by button {index} of {rospy.resolve_name('joy')}")
+
+    return rospy.Subscriber("joy", Joy, receive, tcp_nodelay=True, queue_size=10)
+
+
+def _caller(request: TriggerRequest) -> str:
+    return str(getattr(request, "_connection_header", {}).get("callerid", "an unknown node"))
+
+
+def _how_to_release() -> str:
+    return f"Call {rospy.resolve_name('merlin/release')} to let it drive again."
+
+
+def _start() -> None:
+    GuardNode(read_parameters())
+
+
+def main() -> int:
+    """The executable ``guard``; returns its exit code."""
+    other = living_guard_of_this_name(NAME)
+    if other:
+        print(f"merlin_guard: a guard named {other} runs already; end it, or name this one differently")
+        return CANNOT_BEGIN
+    try:
+        from merlin_sm.node import run_node
+    except ImportError:
+        return _run_alone()
+    # With MERLIN around it: a node that registers again when its master was lost.
+    return run_node(NAME, _start, ParameterError)
+
+
+def _run_alone() -> int:
+    """Runs the node where MERLIN is not installed; returns its exit code."""
+    received: List[int] = []
+
+    def end(number: int, _: Any) -> None:
+        received.append(number)
+        # Not in the handler: rospy would wait for a lock that the interrupted thread may hold.
+        threading.Thread(target=rospy.signal_shutdown, args=(f"signal-{number}",), name="shutdown").start()
+
+    rospy.init_node(NAME, disable_signals=True)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    try:
+        _start()
+    except ParameterError as error:
+        rospy.logfatal(f"{rospy.get_name()}: {error}")
+        rospy.signal_shutdown(str(error))
+        return CANNOT_BEGIN
+    rospy.spin()
+    return 128 + signal.SIGTERM if signal.SIGTERM in received else 0

@@ -1,0 +1,131 @@
+"""Which goals of a motion server have a living owner, from the leases of their clients."""
+
+from collections import OrderedDict
+from enum import Enum
+from typing import Collection, Dict, FrozenSet, Iterable, NamedTuple, Set, Tuple
+
+from merlin_guard.settings import GuardSettings
+
+LET_GO_GRACE = 0.2  # s in which a goal that was let go may end by itself; most have ended just then
+LOSE_GONE_AFTER = 0.9  # s of silence after which an owner whose connection is closed has lost its goals
+KEEP_OWNER = 60.0  # s of silence after which an owner is forgotten
+KEEP_FORMER = 256  # ids an owner let go of that are remembered
+
+
+class Ownership(Enum):
+    """What the leases say about a goal."""
+
+    FOREIGN = "foreign"
+    """No lease ever named it."""
+    HELD = "held"
+    SUSPENDED = "suspended"
+    """It must not move the base now, and may go on later."""
+    LOST = "lost"
+
+
+class Claim(NamedTuple):
+    """The ownership of a goal and the reason, a clause about the owner; empty when it is foreign or held."""
+
+    ownership: Ownership
+    reason: str = ""
+    heard_at: float = 0.0
+    """When its owner was last heard, s."""
+
+
+FOREIGN = Claim(Ownership.FOREIGN)
+_RANK = {Ownership.FOREIGN: 0, Ownership.LOST: 1, Ownership.SUSPENDED: 2, Ownership.HELD: 3}
+
+
+class _Owner:
+    """The latest lease of one client, and what it named before."""
+
+    def __init__(self, life: str) -> None:
+        self.life = life
+        self.former_lives: Set[str] = set()
+        self.heard_at = 0.0
+        self.gone = False  # whether its connection is closed
+        self.held: FrozenSet[str] = frozenset()
+        self.suspended: FrozenSet[str] = frozenset()
+        self.former: OrderedDict[str, Tuple[float, str]] = OrderedDict()  # id → when it is lost, and why
+
+
+class LeaseBook:
+    """The leases of the clients of one motion server. Times are s of the guard's own clock.
+
+    :param settings: of the guard.
+    """
+
+    def __init__(self, settings: GuardSettings) -> None:
+        self._settings = settings
+        self._owners: Dict[str, _Owner] = {}
+
+    def receive(
+        self, owner: str, life: str, held: Iterable[str], suspended: Iterable[str], now: float
+    ) -> None:
+        """Takes a lease.
+
+        :param owner: name of the client's node.
+        :param life: one life of its process.
+        :param held: ids of its goals.
+        :param suspended: those of its goals whose own owner is silent.
+        """
+        known = self._owners.setdefault(owner, _Owner(life))
+        if life in known.former_lives:
+            return  # a late word of a life that is over
+        named = known.held | known.suspended
+        reborn = known.life != life
+        if reborn:
+            known.former_lives.add(known.life)
+        known.life, known.heard_at, known.gone = life, now, False
+        known.suspended = frozenset(suspended)
+        known.held = frozenset(held) - known.suspended
+        for goal_id in named - known.held - known.suspended:
+            if reborn:
+                known.former[goal_id] = (now, f"its owner {owner} has begun a new life")
+            else:
+                known.former[goal_id] = (now + LET_GO_GRACE, f"its owner {owner} has let go of it")
+        for goal_id in known.held | known.suspended:
+            known.former.pop(goal_id, None)
+        while len(known.former) > KEEP_FORMER:
+            known.former.popitem(last=False)
+        for name, other in list(self._owners.items()):
+            if now - other.heard_at > KEEP_OWNER:
+                del self._owners[name]
+
+    def connected(self, owners: Collection[str]) -> None:
+        """Takes the names of all clients whose connection is open."""
+        for name, owner in self._owners.items():
+            owner.gone = name not in owners
+
+    def claim(self, goal_id: str, now: float) -> Claim:
+        """What the leases say about a goal now. Of several owners the one that lets it do most counts."""
+        best = FOREIGN
+        for name, owner in self._owners.items():
+            claim = self._claim(name, owner, goal_id, now)
+            if _RANK[claim.ownership] > _RANK[best.ownership]:
+                best = claim
+        return best
+
+    def _claim(self, name: str, owner: _Owner, goal_id: str, now: float) -> Claim:
+        former = owner.former.get(goal_id)
+        if former is not None:
+            lost_at, reason = former
+            ownership = Ownership.LOST if now >= lost_at else Ownership.SUSPENDED
+            return Claim(ownership, reason, owner.heard_at)
+        suspended = goal_id in owner.suspended
+        if not suspended and goal_id not in owner.held:
+            return FOREIGN
+        silent = now - owner.heard_at
+        if owner.gone and silent > min(LOSE_GONE_AFTER, self._settings.lose_after):
+            return Claim(Ownership.LOST, f"its owner {name} is gone", owner.heard_at)
+        for ownership, limit in (
+            (Ownership.LOST, self._settings.lose_after),
+            (Ownership.SUSPENDED, self._settings.suspend_after),
+        ):
+            if silent > limit:
+                return Claim(ownership, f"its owner {name} has been silent for {limit:g} s", owner.heard_at)
+        if suspended:
+            return Claim(
+                Ownership.SUSPENDED, f"its owner {name} says that its own owner is silent", owner.heard_at
+            )
+        return Claim(Ownership.HELD, heard_at=owner.heard_at)

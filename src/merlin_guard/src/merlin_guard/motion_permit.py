@@ -1,0 +1,261 @@
+"""Whether the base may move: events in, decisions out. Knows nothing of ROS and starts no thread."""
+
+from enum import Enum
+from typing import Collection, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from merlin_guard.attention_clock import AttentionClock
+from merlin_guard.lease_book import Ownership
+from merlin_guard.motion_server import GoalReport, MotionGoal, MotionServer
+from merlin_guard.settings import GuardSettings
+
+REPEAT_CANCEL = 0.5  # s between two cancels of a goal whose motion is refused for good
+
+LEASED = "-leased"  # ends the id of a goal that its client leases (merlin_msgs/Lease)
+NO_GOAL = "no motion goal is active"
+
+
+class Send(Enum):
+    """What goes to the base because of an event."""
+
+    NOTHING = "nothing"
+    COMMAND = "command"
+    """The velocity that just came."""
+    ZERO = "zero"
+
+
+class State(Enum):
+    """What the guard does; named like the constants of merlin_msgs/GuardStatus."""
+
+    IDLE = "IDLE"
+    PASSING = "PASSING"
+    HOLDING = "HOLDING"
+    STOPPED = "STOPPED"
+
+
+class Verdict(NamedTuple):
+    """A state and its reason, one sentence."""
+
+    state: State
+    reason: str
+
+
+class Cancel(NamedTuple):
+    """A goal that the guard asks its server to stop."""
+
+    server: str
+    goal_id: str
+    reason: str
+    first: bool
+    """Whether it is asked for the first time."""
+
+
+class Decision(NamedTuple):
+    """What has to happen because of an event."""
+
+    send: Send
+    cancels: Tuple[Cancel, ...]
+
+
+class View(NamedTuple):
+    """What there is to tell; equal views need not be told twice."""
+
+    state: State
+    reason: str
+    moving: bool
+    goals: Tuple[str, ...]
+
+
+class MotionPermit:
+    """Decides for each velocity whether it reaches the base.
+
+    A velocity passes while at least one goal of a motion server is active, and none of the active ones must
+    not move the base: a velocity does not say which goal it belongs to. A zero velocity always passes.
+
+    Each event takes `now`, s of the monotonic clock, and returns what has to happen. Not thread-safe.
+
+    :param servers: resolved names of the actions that move the base.
+    :param settings: limits.
+    :param stopped: why the base is stopped from the beginning; empty: it is not.
+    """
+
+    def __init__(
+        self, servers: Sequence[str], settings: Optional[GuardSettings] = None, stopped: str = ""
+    ) -> None:
+        self.settings = settings or GuardSettings()
+        self._clock = AttentionClock()
+        self._servers = {name: MotionServer(name, self.settings, self._clock) for name in servers}
+        self._stopped = stopped
+        self._moving = False
+        self._commanded_at: Optional[float] = None  # world clock of the last velocity that passed
+        self._verdict = self._judge()
+
+    @property
+    def view(self) -> View:
+        """The state after the last event."""
+        goals = tuple(goal.id for server in self._servers.values() for goal in server.active_goals())
+        state, reason = self._verdict
+        if state is State.PASSING and self._commanded_at is None:
+            reason = "a motion goal may move the base, but no command comes"
+        return View(state, reason, self._moving, goals)
+
+    def status(self, server: str, reports: Iterable[GoalReport], now: float) -> Decision:
+        """A motion server has published its status list."""
+        self._clock.advance(now)
+        self._servers[server].report(reports)
+        return self._settle()
+
+    def goal_sent(self, server: str, goal_id: str, stamp: float, now: float) -> Decision:
+        """A client has sent a goal, at `stamp` (s of ROS time)."""
+        self._clock.advance(now)
+        self._servers[server].goal_sent(goal_id, stamp)
+        return self._settle()
+
+    def cancel(self, server: str, goal_id: str, stamp: float, now: float) -> Decision:
+        """A client has sent a cancel; `goal_id` and `stamp` as in actionlib."""
+        self._clock.advance(now)
+        self._servers[server].cancel(goal_id, stamp)
+        return self._settle()
+
+    def lease(
+        self, server: str, owner: str, life: str, held: Iterable[str], suspended: Iterable[str], now: float
+    ) -> Decision:
+        """A client of a motion server has published its lease."""
+        self._clock.advance(now)
+        self._servers[server].leases.receive(owner, life, held, suspended, self._clock.wall)
+        return self._settle()
+
+    def command(self, moving: bool, now: float) -> Decision:
+        """A velocity has come.
+
+        :param moving: whether it is not zero.
+        """
+        self._clock.advance(now)
+        settled = self._settle()
+        passes = self._verdict.state is State.PASSING
+        self._moving = moving and passes
+        self._commanded_at = self._clock.world if passes else None
+        return settled._replace(send=Send.COMMAND if passes or not moving else Send.ZERO)
+
+    def stop(self, reason: str, now: float) -> Decision:
+        """Stops the base until :meth:`release`, and cancels the goals that run or come until then."""
+        self._clock.advance(now)
+        self._stopped = self._stopped or reason
+        return self._settle()._replace(send=Send.ZERO)
+
+    def release(self, now: float) -> Decision:
+        """Ends a stop; goals that were cancelled by it stay cancelled."""
+        self._clock.advance(now)
+        self._stopped = ""
+        return self._settle()
+
+    def halt(self, reason: str, now: float) -> Decision:
+        """Refuses the motion of all goals there are, for good, and cancels them; newer ones may move."""
+        self._clock.advance(now)
+        self._refuse_all(reason)
+        return self._settle()._replace(send=Send.ZERO)
+
+    def world_rate(self, rate: float, now: float) -> Decision:
+        """Says how fast the world runs, s per s of wall time; 0: it is paused."""
+        self._clock.advance(now)
+        self._clock.set_rate(rate)
+        return self._settle()
+
+    def tick(self, now: float, clients: Optional[Mapping[str, Collection[str]]] = None) -> Decision:
+        """Time has passed; to be called several times per second.
+
+        :param clients: by motion server the nodes whose lease connection is open; None: not known.
+        """
+        self._clock.advance(now)
+        for name, server in self._servers.items():
+            if clients is not None:
+                server.leases.connected(clients[name])
+            server.forget_silent()
+        return self._settle()
+
+    def _settle(self) -> Decision:
+        """Judges anew what holds now; the base stops when it may move no longer."""
+        if self._stopped:
+            self._refuse_all(self._stopped)
+        for server, goal in self._goals():
+            reason = self._lost(server, goal)
+            if reason:
+                goal.refuse(reason)
+        self._verdict = self._judge()
+        if self._verdict.state is not State.PASSING or self._command_is_old():
+            self._commanded_at = None
+        send = Send.NOTHING
+        if self._moving and self._commanded_at is None:
+            self._moving = False
+            send = Send.ZERO
+        return Decision(send, tuple(self._due_cancels()))
+
+    def _command_is_old(self) -> bool:
+        at = self._commanded_at
+        return at is not None and self._clock.world - at > self.settings.command_timeout
+
+    def _judge(self) -> Verdict:
+        if self._stopped:
+            return Verdict(State.STOPPED, self._stopped)
+        active = [(server, goal) for server, goal in self._goals() if goal.active]
+        if not active:
+            return Verdict(State.IDLE, NO_GOAL)
+        refused = [(server, goal.refused) for server, goal in active if goal.refused]
+        for server, reason in refused or [
+            (server, self._why_not_now(server, goal)) for server, goal in active
+        ]:
+            if reason:
+                return Verdict(State.HOLDING, f"a goal of {server.name} must not move the base: {reason}")
+        return Verdict(State.PASSING, f"{active[0][0].name} drives")
+
+    def _why_not_now(self, server: MotionServer, goal: MotionGoal) -> str:
+        """Why an active goal must not move the base at the moment; empty when it may."""
+        reason = server.why_not_heard()
+        if reason:
+            return reason
+        claim = server.claim(goal)
+        if claim.ownership is Ownership.FOREIGN:
+            return self._why_lease_needed(goal)
+        if claim.ownership is not Ownership.HELD:
+            return claim.reason
+        if claim.heard_at < self._clock.back_at:
+            return "the guard was held up and has not heard its owner since"
+        return ""
+
+    def _lost(self, server: MotionServer, goal: MotionGoal) -> str:
+        """Why a goal must not move the base any more, whatever comes; empty when it still may."""
+        if goal.refused:
+            return goal.refused
+        now = self._clock.wall
+        if goal.cancelled_at is not None and now - goal.cancelled_at > self.settings.cancel_deadline:
+            return f"it was cancelled and still runs {self.settings.cancel_deadline:g} s later"
+        claim = server.claim(goal)
+        if claim.ownership is Ownership.LOST:
+            return claim.reason
+        if claim.ownership is Ownership.FOREIGN and now - goal.seen_at > self.settings.lose_after:
+            return self._why_lease_needed(goal)
+        return ""
+
+    def _why_lease_needed(self, goal: MotionGoal) -> str:
+        if goal.earlier:
+            return "it ran before the guard began, and no lease names it"
+        if goal.id.endswith(LEASED) and self._clock.wall - goal.seen_at > self.settings.suspend_after:
+            return "its client leases it, and no lease names it"
+        return "no lease names it (require_lease)" if self.settings.require_lease else ""
+
+    def _refuse_all(self, reason: str) -> None:
+        for _, goal in self._goals():
+            goal.refuse(reason)
+
+    def _due_cancels(self) -> List[Cancel]:
+        now = self._clock.wall
+        due = []
+        for server, goal in self._goals():
+            first = goal.asked_at is None
+            if goal.refused and (goal.asked_at is None or now - goal.asked_at >= REPEAT_CANCEL):
+                goal.asked_at = now
+                goal.mark_cancelled(now)
+                due.append(Cancel(server.name, goal.id, goal.refused, first))
+        return due
+
+    def _goals(self) -> List[Tuple[MotionServer, MotionGoal]]:
+        return [(server, goal) for server in self._servers.values() for goal in server.goals.values()]

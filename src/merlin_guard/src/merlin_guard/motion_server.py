@@ -1,0 +1,165 @@
+"""What the guard knows about one motion server: its goals, their cancels and leases, its silence."""
+
+from collections import OrderedDict
+from typing import Dict, Iterable, List, NamedTuple, Optional
+
+from merlin_guard.attention_clock import AttentionClock
+from merlin_guard.lease_book import Claim, LeaseBook, Ownership
+from merlin_guard.settings import GuardSettings
+
+# Values of actionlib_msgs/GoalStatus; the core needs no ROS.
+PENDING, ACTIVE, PREEMPTING, RECALLING = 0, 1, 6, 7
+LIVE = frozenset((PENDING, ACTIVE, PREEMPTING, RECALLING))
+MOVING = frozenset((ACTIVE, PREEMPTING))  # states in which a server commands the base
+CANCELLED = frozenset((PREEMPTING, RECALLING))
+KEEP_UNSEEN = 5.0  # s for which a goal may be missing from the status list after it was sent
+KEEP_CANCEL = 60.0  # s for which a cancel waits for the goal that it overtook
+
+
+class GoalReport(NamedTuple):
+    """One entry of a status list."""
+
+    id: str
+    status: int
+    stamp: float = 0.0
+    """When the goal was sent, s of ROS time."""
+    earlier: bool = False
+    """Whether it was sent before the guard began."""
+
+
+class MotionGoal:
+    """A goal of a motion server that has not ended.
+
+    :ivar status: of the last status list; None before the first one that names it.
+    :ivar cancelled_at: wall clock of the first sign of a cancel, s.
+    :ivar refused: why its motion is refused for good; empty while it is not.
+    :ivar asked_at: wall clock of the guard's last cancel, s.
+    :ivar earlier: whether it ran before the guard began.
+    :ivar owned: whether a lease ever named it.
+    """
+
+    def __init__(self, goal_id: str, stamp: float, now: float, earlier: bool = False) -> None:
+        self.id = goal_id
+        self.stamp = stamp
+        self.seen_at = now
+        self.earlier = earlier
+        self.owned = False
+        self.status: Optional[int] = None
+        self.cancelled_at: Optional[float] = None
+        self.refused = ""
+        self.asked_at: Optional[float] = None
+
+    @property
+    def active(self) -> bool:
+        """Whether the server works on it."""
+        return self.status in MOVING
+
+    def mark_cancelled(self, now: float) -> None:
+        """Notes that it was cancelled; the first time counts."""
+        if self.cancelled_at is None:
+            self.cancelled_at = now
+
+    def refuse(self, reason: str) -> None:
+        """Refuses its motion for good; the first reason counts."""
+        self.refused = self.refused or reason
+
+
+class MotionServer:
+    """One motion server as far as the guard sees it.
+
+    :param name: resolved name of its action.
+    :param settings: of the guard.
+    :param clock: the guard's.
+    """
+
+    def __init__(self, name: str, settings: GuardSettings, clock: AttentionClock) -> None:
+        self.name = name
+        self.leases = LeaseBook(settings)
+        self.goals: Dict[str, MotionGoal] = {}
+        self._forgotten: Dict[str, MotionGoal] = {}  # of a silent server; it may come back with them
+        self._settings = settings
+        self._clock = clock
+        self._heard_wall: Optional[float] = None
+        self._heard_world = 0.0
+        self._early_cancels: OrderedDict[str, float] = OrderedDict()
+        self._cancelled_before = 0.0  # stamp up to which goals were cancelled
+
+    def report(self, reports: Iterable[GoalReport]) -> None:
+        """Takes a status list: goals that it does not name, or names as ended, have ended."""
+        now = self._clock.wall
+        self._heard_wall, self._heard_world = now, self._clock.world
+        listed = set()
+        for report in reports:
+            listed.add(report.id)
+            if report.status not in LIVE:
+                self.goals.pop(report.id, None)
+                continue
+            goal = self.goals.get(report.id)
+            if goal is None:
+                goal = self._forgotten.get(report.id) or self._add(report.id, report.stamp, report.earlier)
+                self.goals[report.id] = goal
+            goal.status = report.status
+            if report.status in CANCELLED:
+                goal.mark_cancelled(now)
+        for goal in list(self.goals.values()):
+            unseen = goal.status is None and now - goal.seen_at <= KEEP_UNSEEN
+            if goal.id not in listed and not unseen:
+                del self.goals[goal.id]
+        self._forgotten.clear()
+
+    def goal_sent(self, goal_id: str, stamp: float) -> None:
+        """A client has sent a goal."""
+        if goal_id and goal_id not in self.goals:
+            self._add(goal_id, stamp, earlier=False)
+
+    def cancel(self, goal_id: str, stamp: float) -> None:
+        """A client has sent a cancel, with actionlib's rules.
+
+        :param goal_id: of one goal; empty: see `stamp`.
+        :param stamp: goals sent until then, s of ROS time; 0 and no id: all goals.
+        """
+        now = self._clock.wall
+        for goal in self.goals.values():
+            if goal.id == goal_id or (not goal_id and not stamp) or 0.0 < goal.stamp <= stamp:
+                goal.mark_cancelled(now)
+        if goal_id and goal_id not in self.goals:
+            self._early_cancels[goal_id] = now
+        self._cancelled_before = max(self._cancelled_before, stamp)
+        while self._early_cancels and now - next(iter(self._early_cancels.values())) > KEEP_CANCEL:
+            self._early_cancels.popitem(last=False)
+
+    def forget_silent(self) -> None:
+        """Counts all goals as ended once the server has been silent for long: it is dead."""
+        if self.goals and self._silence() > self._settings.forget_after:
+            self._forgotten.update(self.goals)
+            self.goals.clear()
+
+    def claim(self, goal: MotionGoal) -> Claim:
+        """What the leases say about a goal; one that had an owner which is forgotten by now is lost."""
+        claim = self.leases.claim(goal.id, self._clock.wall)
+        if claim.ownership is not Ownership.FOREIGN:
+            goal.owned = True
+        elif goal.owned:
+            return Claim(Ownership.LOST, "its owner is gone")
+        return claim
+
+    def why_not_heard(self) -> str:
+        """Why what the server last said does not count now; empty when it does."""
+        if self._silence() > self._settings.status_silence:
+            return f"its status has been silent for {self._settings.status_silence:g} s"
+        if self._heard_wall is None or self._heard_wall < self._clock.back_at:
+            return "the guard was held up and has not heard its status since"
+        return ""
+
+    def active_goals(self) -> List[MotionGoal]:
+        """The goals that it works on."""
+        return [goal for goal in self.goals.values() if goal.active]
+
+    def _silence(self) -> float:
+        return self._clock.world - self._heard_world
+
+    def _add(self, goal_id: str, stamp: float, earlier: bool) -> MotionGoal:
+        goal = self.goals[goal_id] = MotionGoal(goal_id, stamp, self._clock.wall, earlier)
+        if self._early_cancels.pop(goal_id, None) is not None or 0.0 < stamp <= self._cancelled_before:
+            goal.mark_cancelled(self._clock.wall)
+        return goal
