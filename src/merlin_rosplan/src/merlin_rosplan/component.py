@@ -6,22 +6,26 @@ when the scope is the node's own name, and unchanged ones when several component
 """
 
 import gc
-import socket
 import sys
 import threading
 from typing import Any, Callable, ClassVar, Dict, List, Optional, Type
 
 import rospy
 import rospy.names
-from rospy.impl import tcpros_base
 
+from merlin_rosplan.service_server import Service, open_door
 from merlin_sm.health import Health, HealthReporter
-from merlin_sm.node import run_node
+from merlin_sm.node import keep_params, run_node
 
 #: Scope of the knowledge base where nothing else is said.
 KNOWLEDGE_BASE = "rosplan_knowledge_base"
 
 _NO_DEFAULT = object()
+
+
+def caller(request: Any) -> str:
+    """Name of the node that sent a service request; empty when it is not known."""
+    return request._connection_header.get("callerid", "") if request._connection_header else ""
 
 
 class ComponentError(Exception):
@@ -54,6 +58,7 @@ class Component(metaclass=_ComponentType):
 
     def __init__(self, scope: str) -> None:
         self.scope: str = rospy.resolve_name(scope)
+        keep_params(self.scope)
         self._handles: List[Any] = []
         self._closed = threading.Event()
         self._complete = False
@@ -122,8 +127,8 @@ class Component(metaclass=_ComponentType):
 
     def service(self, name: str, service_class: Type[Any], callback: Callable[[Any], Any]) -> rospy.Service:
         """Offers a service; its callback raises ``rospy.ServiceException`` to make the call fail."""
-        service = self.own(rospy.Service(self.resolve(name), service_class, callback))
-        _send_at_once()
+        service = self.own(Service(self.resolve(name), service_class, callback))
+        open_door()
         return service
 
     def publisher(
@@ -210,18 +215,6 @@ class Component(metaclass=_ComponentType):
             component.shutdown()
 
 
-def _send_at_once() -> None:
-    """Sets TCP_NODELAY on the socket where rospy listens; accepted connections inherit it.
-
-    rospy has no option for services, and the end of an answer of more than 64 kB would wait 40 ms for the
-    acknowledgement of its beginning.
-    """
-    server = getattr(tcpros_base._tcpros_server, "tcp_ros_server", None)
-    listening = getattr(server, "server_sock", None)
-    if listening is not None:
-        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-
-
 def run_components(node_name: str, make: Callable[[str], Any]) -> int:
     """Runs components as a node until it is told to end.
 
@@ -230,7 +223,7 @@ def run_components(node_name: str, make: Callable[[str], Any]) -> int:
     node_name: default name of the node.
     make: gets the node's base name and makes the components; what it raises ends the node.
 
-    Returns the exit code: 0, or 1 when a component cannot start.
+    Returns the exit code of :func:`merlin_sm.node.run_node`; 2 when a component cannot start.
     """
     # A store of 100 000 facts is a million objects that stay: looking through them after every 700 new ones,
     # Python's default, makes single calls wait for 100 ms.

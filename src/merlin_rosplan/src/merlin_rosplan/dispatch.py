@@ -1,15 +1,16 @@
 """Dispatching one plan: starts what the schedule allows, watches what runs, stops at the first failure.
 
 One thread runs a dispatch and decides; everybody else only puts events into its queue. So nothing polls, and
-no decision is made with a lock held.
+no decision is made with a lock held. Whatever waits in the queue is taken in before anything is judged.
 """
 
 import logging
 import math
 import queue
 import threading
+from collections import deque
 from dataclasses import dataclass
-from typing import Any, Dict, FrozenSet, List, Optional, Set
+from typing import Any, Deque, Dict, FrozenSet, List, Optional, Set
 
 from merlin_rosplan.dispatch_outside import (
     Cancel,
@@ -22,30 +23,14 @@ from merlin_rosplan.dispatch_outside import (
     FeedbackStatus,
     KnowledgeChanged,
     Outside,
+    Tick,
 )
+from merlin_rosplan.dispatch_running import Running, broken_over_all
 from merlin_rosplan.dispatch_schedule import PlannedAction, Schedule
-from merlin_rosplan.operator_model import Conditions, Operator, broken_by_own_end, over_all_before_start
+from merlin_rosplan.operator_model import Conditions, over_all_before_start
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass
-class _Running:
-    """An action that was dispatched and has not ended."""
-
-    action: PlannedAction
-    operator: Operator
-    acknowledge: Any
-    accept: Any
-    watched: Conditions
-    settle: Any
-    pending: Conditions  # over-all conditions that the start effects bring about; watched once seen true
-    names: FrozenSet[str] = frozenset()
-    taken: bool = False
-    alive: Optional[Any] = None  # until then its interface is alive, having taken the action
-    sent_again: bool = False
-    grace: Optional[Any] = None
-    broken: str = ""
+_NOTHING: FrozenSet[str] = frozenset()
 
 
 @dataclass
@@ -65,24 +50,37 @@ class Dispatch:
     limits: patience.
     plan_id: number of this run; feedback about another run is ignored. Feedback with plan id 0 is from
         ROSPlan's own interfaces, which do not set it: it counts once the interface has taken the action.
+    events: where events come from, for a simulation that keeps its own time; None: a queue of its own.
     """
 
     def __init__(
-        self, schedule: Schedule, outside: Outside, limits: DispatchLimits, plan_id: int = 0
+        self,
+        schedule: Schedule,
+        outside: Outside,
+        limits: DispatchLimits,
+        plan_id: int = 0,
+        events: "Optional[queue.Queue[Event]]" = None,
     ) -> None:
         self.plan_id = plan_id
         self._schedule = schedule
         self._outside = outside
         self._limits = limits
-        self._events: queue.Queue[Event] = queue.Queue()
+        self._events: queue.Queue[Event] = queue.Queue() if events is None else events
+        self._taken_in: Deque[Event] = deque()  # taken from the queue and not handled
         self._cancelled = threading.Event()
-        self._running: Dict[int, _Running] = {}
+        self._suspended = threading.Event()
+        self._running: Dict[int, Running] = {}
         self._failure: Optional[_Failure] = None
+        self._began = 0.0
         self._done = 0
+        self._untold = False  # whether the report has changed since it was told
+        self._changes: Optional[FrozenSet[str]] = _NOTHING  # names that changed since over-all was checked
         self._last: Optional[PlannedAction] = None
         self._unanswered: List[PlannedAction] = []
         self._unsettled: Set[int] = set()  # actions whose conditions may be about to come true
         self._literals: Dict[int, Any] = {}  # deadlines of their timed literals
+        self._due: Dict[int, float] = {}  # ROS time at which a timed change comes that they need
+        self._overtaken: Dict[int, Any] = {}  # deadlines of ends that came before what must come first
         self.ended = threading.Event()
 
     # --- from any thread --------------------------------------------------------------------------
@@ -96,12 +94,21 @@ class Dispatch:
         self._cancelled.set()
         self._events.put(Cancel(reason))
 
+    def suspend(self, suspended: bool) -> None:
+        """While it is suspended no further action starts; what runs goes on."""
+        if suspended:
+            self._suspended.set()
+        else:
+            self._suspended.clear()
+            self._events.put(Tick())
+
     # --- the dispatch's own thread ----------------------------------------------------------------
 
     def run(self) -> DispatchReport:
         """Runs the plan to its end, however that comes. Raises nothing of its own."""
         try:
-            self._schedule.begin(self._outside.now())
+            self._began = self._outside.now()
+            self._schedule.begin(self._began)
             self._report()
             self._loop()
         except DispatchError as error:
@@ -125,15 +132,23 @@ class Dispatch:
             looked = self._start_ready()
             if self._failure is not None or (self._schedule.finished and not self._running):
                 return
-            self._outside.wake_at(self._schedule.wake_time(looked))
-            self._handle(self._next_event())
+            if self._untold:
+                self._report()
+            self._outside.wake_at(self._wake_time(looked))
+            self._take_in(self._patience())
+            self._handle_all()
+            if self._failure is None:
+                self._judge()
 
-    def _next_event(self) -> Optional[Event]:
+    def _take_in(self, patience: float) -> None:
+        """Waits for an event, and takes everything that is there."""
         try:
-            patience = self._patience()
-            return self._events.get(timeout=None if math.isinf(patience) else max(patience, 0.001))
+            wait = None if math.isinf(patience) else max(patience, 0.001)
+            self._taken_in.append(self._events.get(timeout=wait))
+            while True:
+                self._taken_in.append(self._events.get_nowait())
         except queue.Empty:
-            return None
+            pass
 
     def _patience(self) -> float:
         """Seconds until one of the running actions may have to be given up."""
@@ -148,65 +163,103 @@ class Dispatch:
                 patience = min(patience, record.grace.remaining())
         for action_id in self._unsettled:
             patience = min([patience, *self._settling(action_id)])
-        return patience
+        for action_id in self._schedule.awaited():
+            record = self._running[action_id]
+            if record.applied is not None:
+                patience = min(patience, record.applied.remaining())
+        return min([patience, *(deadline.remaining() for deadline in self._overtaken.values())])
+
+    def _wake_time(self, looked: float) -> Optional[float]:
+        times = [time for time in self._due.values() if time > looked]
+        scheduled = self._schedule.wake_time(looked)
+        return min(times if scheduled is None else [scheduled, *times], default=None)
+
+    # --- starting -----------------------------------------------------------------------------------
 
     def _start_ready(self) -> float:
         """Starts what may start; returns the ROS time at which it looked last."""
         tried: Set[int] = set()
         now = self._outside.now()
         while not self._cancelled.is_set():
+            self._see_starts(now)
+            if self._suspended.is_set():
+                return now
             ready = [action for action in self._schedule.ready(now) if action.id not in tried]
             if not ready:
                 break
-            for action in ready:
-                tried.add(action.id)
-                if self._cancelled.is_set() or not self._start(action):
-                    return now
+            tried.update(action.id for action in ready)
+            if not self._start_all(ready):
+                return now
             now = self._outside.now()
         idle = not self._running and not self._unsettled and not self._cancelled.is_set()
-        if idle and not self._schedule.finished and self._schedule.wake_time(now) is None:
+        if idle and not self._schedule.finished and self._wake_time(now) is None and not self._overtaken:
             waiting = self._schedule.waiting()
             if waiting:
                 self._fail(f"the plan cannot go on: nothing runs, and {waiting[0]} waits for what never ends")
         return now
 
-    def _start(self, action: PlannedAction) -> bool:
-        operator = self._outside.operator(action)
-        first = over_all_before_start(operator)
-        needed = operator.at_start + first
-        unmet = self._outside.false_of(action, needed)
-        if self._cancelled.is_set():
-            return False
-        if not unmet.empty and self._may_settle(action):
-            return True
-        self._unsettled.discard(action.id)
-        if not unmet.empty:
-            self._outside.tell(action, FeedbackStatus.PRECONDITION_FALSE)
-            self._fail(f"{action} cannot start: {unmet.as_false()}", action)
-            return False
-        self._running[action.id] = _Running(
-            action,
-            operator,
-            self._outside.deadline(self._limits.acknowledge),
-            self._outside.deadline(self._limits.accept),
-            first,
-            self._outside.deadline(self._limits.settle),
-            operator.over_all - first,
-            operator.over_all.names,
-        )
-        self._last = action
-        self._report()  # first: an interface that has just started asks the status whether it is meant
-        self._outside.send(action)
-        self._outside.tell(action, FeedbackStatus.ENABLED)
-        self._schedule.started(action.id, self._outside.now())
-        return True
+    def _see_starts(self, now: float) -> None:
+        for action_id in self._schedule.awaited():
+            if self._running[action_id].start_applied(self._outside):
+                self._schedule.seen(action_id, now)
 
-    def _may_settle(self, action: PlannedAction) -> bool:
-        """Whether what the action needs may be on its way: a timed literal, or start effects of what runs."""
-        if action.id not in self._literals and self._schedule.waits_for_time(action.id):
+    def _start_all(self, ready: List[PlannedAction]) -> bool:
+        """Starts those whose conditions hold; whether to go on."""
+        records = [
+            Running.make(action, self._outside.operator(action), self._outside, self._limits)
+            for action in ready
+        ]
+        needed = [
+            (record.action, record.operator.at_start + over_all_before_start(record.operator))
+            for record in records
+        ]
+        together: List[Running] = []
+        for record, unmet in zip(records, self._outside.false_of_each(needed)):
+            if unmet.empty:
+                together.append(record)
+                continue
+            self._send(together)
+            together = []
+            if self._cancelled.is_set():
+                return False
+            if self._may_settle(record.action, unmet):
+                continue
+            self._outside.tell(record.action, FeedbackStatus.PRECONDITION_FALSE)
+            self._fail(f"{record.action} cannot start: {unmet.as_false()}", record.action)
+            return False
+        self._send(together)
+        return not self._cancelled.is_set()
+
+    def _send(self, records: List[Running]) -> None:
+        if not records or self._cancelled.is_set():
+            return
+        for record in records:
+            self._unsettled.discard(record.action.id)
+            self._due.pop(record.action.id, None)
+            self._running[record.action.id] = record
+        self._report()  # first: an interface that has just started asks the status whether it is meant
+        for record in records:
+            action = self._last = record.action
+            self._outside.send(action)
+            self._outside.tell(action, FeedbackStatus.ENABLED)
+            self._schedule.started(action.id, self._outside.now(), record.seen_at_once)
+
+    def _may_settle(self, action: PlannedAction, unmet: Conditions) -> bool:
+        """Whether what the action needs may be on its way: a timed change, or start effects of what runs."""
+        until = self._began + action.time + self._limits.settle
+        due = self._outside.next_change(unmet.names, until)
+        if due is not None:
+            self._due[action.id] = due
+            return True
+        timed = self._due.pop(action.id, None) is not None or self._schedule.waits_for_time(action.id)
+        if timed and action.id not in self._literals:
             self._literals[action.id] = self._outside.deadline(self._limits.settle)
-        self._unsettled.add(action.id)
-        return bool(self._settling(action.id))
+        may = bool(self._settling(action.id))
+        if may:
+            self._unsettled.add(action.id)
+        else:
+            self._unsettled.discard(action.id)
+        return may
 
     def _settling(self, action_id: int) -> List[float]:
         """Seconds that are left for each thing that may make an action's conditions true."""
@@ -215,18 +268,29 @@ class Dispatch:
             deadlines.append(self._literals[action_id])
         return [left for left in (deadline.remaining() for deadline in deadlines) if left > 0]
 
-    def _handle(self, event: Optional[Event]) -> None:
-        if isinstance(event, Cancel):
-            self._failure = _Failure(DispatchState.CANCELLED, event.reason)
-            return
-        if isinstance(event, Feedback):
-            self._feedback(event)
-        elif isinstance(event, KnowledgeChanged):
-            self._watch_over_all(event)
-        if self._failure is None:
-            late = self._schedule.late(self._outside.now())
-            if late is not None:
-                self._fail(f"a time bound of the plan is broken: {late}")
+    # --- what happens -------------------------------------------------------------------------------
+
+    def _handle_all(self) -> None:
+        while self._taken_in and self._failure is None:
+            event = self._taken_in.popleft()
+            if isinstance(event, Cancel):
+                self._failure = _Failure(DispatchState.CANCELLED, event.reason)
+            elif isinstance(event, Feedback):
+                self._feedback(event)
+            elif isinstance(event, KnowledgeChanged):
+                self._changes = _together(self._changes, event.names)
+                for record in self._running.values():
+                    record.changed(event.names)
+
+    def _judge(self) -> None:
+        """Looks for what went wrong, with everything known that has arrived."""
+        affected = [record for record in self._running.values() if record.is_affected(self._changes)]
+        self._changes = _NOTHING
+        self._check_over_all(affected)
+        late = self._schedule.late(self._outside.now())
+        if late is not None:
+            self._fail(f"a time bound of the plan is broken: {late}")
+        self._check_order()
         for record in list(self._running.values()):
             if self._failure is None:
                 self._check_interface(record)
@@ -240,87 +304,73 @@ class Dispatch:
         if final and not record.taken and feedback.plan_id != self.plan_id:
             return  # latched since an earlier run: interfaces report that they have taken an action first
         if status == FeedbackStatus.SUCCEEDED:
+            if record.is_affected(self._changes):  # while it still ran
+                self._check_over_all([record])
             self._done += 1
+            self._untold = True
             del self._running[feedback.action_id]
+            self._check_end(record)
             self._schedule.ended(feedback.action_id, self._outside.now())
-            self._report()
         elif status == FeedbackStatus.FAILED:
             del self._running[feedback.action_id]
             why = f": {feedback.reason}" if feedback.reason else ""
             self._fail(f"{record.action} failed{why}", record.action)
         elif status in (FeedbackStatus.ENABLED, FeedbackStatus.DISPATCHED_TO_START_STATE):
+            if record.applied is None:
+                record.applied = self._outside.deadline(self._limits.settle)
             record.taken = True
             record.alive = self._outside.deadline(self._limits.liveness)
 
-    def _watch_over_all(self, event: KnowledgeChanged) -> None:
-        for record in list(self._running.values()):
-            if record.names and (event.names is None or record.names & event.names):
-                self._check_over_all(record)
-                if self._failure is not None:
-                    return
+    # --- what must not happen -----------------------------------------------------------------------
 
-    def _check_over_all(self, record: _Running) -> None:
-        pending = record.pending
-        if not pending.empty:
-            still = self._outside.false_of(record.action, pending)
-            record.pending = still
-            record.watched += pending - still
-        if record.watched.empty:
+    def _check_over_all(self, records: List[Running]) -> None:
+        for record, reason in broken_over_all(records, self._outside, self._limits):
+            self._fail(reason, record.action)
+
+    def _check_end(self, record: Running) -> None:
+        """Fails when an action has ended without what it needs then.
+
+        While others run, one of them may have changed that since, as planned: the order of the ends is what
+        keeps it right.
+        """
+        needed = record.needed_at_end
+        if self._running or needed.empty:
             return
-        broken = self._outside.false_of(record.action, record.watched)
-        if broken.empty:
-            record.grace = None
-            return
-        own = (
-            all(broken_by_own_end(record.operator, atom, False) for atom in broken.positive)
-            and all(broken_by_own_end(record.operator, atom, True) for atom in broken.negative)
-            and all(entry.functions & record.operator.end_effects.functions for entry in broken.comparisons)
-            and all(entry.reads & record.operator.end_effects.names for entry in broken.expressions)
-        )
-        record.broken = broken.as_false()
-        if not own:
-            self._fail(f"{record.action} cannot go on: {record.broken}", record.action)
-        elif record.grace is None:
-            # Interfaces apply the end effects before they report the end.
-            record.grace = self._outside.deadline(self._limits.over_all_grace)
+        false = self._outside.false_of(record.action, needed)
+        if not false.empty:
+            self._fail(f"{record.action} has ended, but {false.as_false()}", record.action)
 
-    def _check_interface(self, record: _Running) -> None:
-        action = record.action
-        silence = self._outside.silence(action.name)
-        unanswered = not record.taken and record.acknowledge.remaining() <= 0
-        if record.grace is not None and record.grace.remaining() <= 0:
-            self._fail(f"{action} cannot go on: {record.broken}", action)
-        elif unanswered and silence is None:
-            self._fail(f"no action interface for {action.name}", action)
-            del self._running[action.id]
-        elif self._dead(record, silence) and (record.taken or unanswered):
-            self._fail(f"the action interface of {action.name} is gone, silent for {silence:.1f} s", action)
-            del self._running[action.id]
-        elif unanswered and not record.sent_again:
-            # An interface that has just started takes what is latched for an action of an earlier run.
-            record.sent_again = True
-            if self._outside.young(action.name):
-                self._outside.send(action)
-        elif not record.taken and record.accept.remaining() <= 0:
-            self._fail(
-                f"the action interface of {action.name} is alive but did not take {action} "
-                f"within {self._limits.accept:g} s",
-                action,
-            )
+    def _check_order(self) -> None:
+        """Fails when an action has ended too early for the plan; news of two ends may arrive out of order."""
+        overtaken = {found.action_id: found for found in self._schedule.overtaken()}
+        self._overtaken = {
+            action_id: self._overtaken.get(action_id) or self._outside.deadline(self._limits.over_all_grace)
+            for action_id in overtaken
+        }
+        for action_id, found in overtaken.items():
+            if found.certain or self._overtaken[action_id].remaining() <= 0:
+                self._fail(found.text, self._schedule.actions[action_id])
 
-    def _dead(self, record: _Running, silence: Optional[float]) -> bool:
-        """Whether an interface that announced itself has stopped; taking an action is a sign of life too."""
-        liveness = self._limits.liveness
-        if silence is None or liveness is None or silence <= liveness:
-            return False
-        return record.alive is None or record.alive.remaining() <= 0
+    def _check_interface(self, record: Running) -> None:
+        fault = record.fault(self._outside, self._limits)
+        if fault is not None:
+            self._fail(fault.reason, record.action)
+            if fault.gone:
+                del self._running[record.action.id]
+        # An interface that has just started takes what is latched for an action of an earlier run.
+        elif record.asks_again() and self._outside.young(record.action.name):
+            self._outside.send(record.action)
 
     def _fail(self, reason: str, action: Optional[PlannedAction] = None) -> None:
         if self._failure is None:
             self._failure = _Failure(DispatchState.FAILED, reason, action)
 
+    # --- stopping -----------------------------------------------------------------------------------
+
     def _stop_running(self) -> None:
         """Tells the running interfaces to stop and waits for their answers."""
+        while self._taken_in:
+            self._answer(self._taken_in.popleft())
         if not self._running:
             return
         self._report(DispatchState.CANCELLING)
@@ -331,24 +381,25 @@ class Dispatch:
             left = deadline.remaining()
             if left <= 0:
                 break
-            try:
-                # Who dies in silence is noticed every second.
-                event = self._events.get(timeout=min(left, 1.0))
-            except queue.Empty:
-                event = None
-            if isinstance(event, Feedback):
-                self._answer(event)
+            self._take_in(min(left, 1.0))  # who dies in silence is noticed every second
+            answered = len(self._running)
+            while self._taken_in:
+                self._answer(self._taken_in.popleft())
             for record in list(self._running.values()):
-                if self._dead(record, self._outside.silence(record.action.name)):
+                if record.is_dead(self._outside.silence(record.action.name), self._limits.liveness):
                     self._give_up(record)
+            if len(self._running) < answered:
+                self._report(DispatchState.CANCELLING)
         for record in list(self._running.values()):
             self._give_up(record)
 
-    def _give_up(self, record: _Running) -> None:
+    def _give_up(self, record: Running) -> None:
         self._unanswered.append(record.action)
         del self._running[record.action.id]
 
-    def _answer(self, feedback: Feedback) -> None:
+    def _answer(self, feedback: Event) -> None:
+        if not isinstance(feedback, Feedback):
+            return
         record = self._running.get(feedback.action_id)
         if record is None or feedback.plan_id not in (0, self.plan_id):
             return
@@ -357,11 +408,11 @@ class Dispatch:
             self._schedule.ended(feedback.action_id, self._outside.now())
         if feedback.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED):
             del self._running[feedback.action_id]
-            self._report(DispatchState.CANCELLING)
         else:
             record.taken = True
 
     def _report(self, state: Optional[DispatchState] = None) -> DispatchReport:
+        self._untold = False
         failure = self._failure
         total = len(self._schedule.actions)
         if state is None:
@@ -389,3 +440,8 @@ class Dispatch:
         )
         self._outside.changed(report)
         return report
+
+
+def _together(names: Optional[FrozenSet[str]], more: Optional[FrozenSet[str]]) -> Optional[FrozenSet[str]]:
+    """Names that changed; None stands for all."""
+    return None if names is None or more is None else names | more

@@ -3,7 +3,7 @@
 import abc
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, FrozenSet, NamedTuple, Optional, Tuple, Union
+from typing import Any, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 from merlin_rosplan.dispatch_schedule import PlannedAction
 from merlin_rosplan.operator_model import Conditions, Operator
@@ -111,6 +111,24 @@ class Outside(abc.ABC):
     def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
         """Those of the action's conditions that do not hold now; raises DispatchError."""
 
+    def false_of_each(self, asked: Sequence[Tuple[PlannedAction, Conditions]]) -> List[Conditions]:
+        """:meth:`false_of` for several actions at one moment, in their order."""
+        return [self.false_of(action, conditions) for action, conditions in asked]
+
+    def next_change(self, names: FrozenSet[str], until: float) -> Optional[float]:
+        """The ROS time, s, of the last change of these names that the knowledge base waits for.
+
+        Only changes that come up to `until` count; None: there is none.
+        """
+        return None
+
+    def begun(self, action: PlannedAction) -> Optional[bool]:
+        """Whether the start effects of an action that was sent are applied; None when that is not known.
+
+        Asked after each change of the knowledge base while something waits for them.
+        """
+        return None
+
     @abc.abstractmethod
     def silence(self, operator: str) -> Optional[float]:
         """Seconds since the operator's interface last announced itself; None when it never has."""
@@ -144,7 +162,10 @@ class Cancel(NamedTuple):
 
 
 class KnowledgeChanged(NamedTuple):
-    """The knowledge base changed; `names` of predicates and functions, None when it does not say."""
+    """The knowledge base changed; `names` of predicates and functions, None when it does not say.
+
+    No names: something was applied that changed nothing.
+    """
 
     names: Optional[FrozenSet[str]] = None
 

@@ -1,7 +1,8 @@
 """The world as a dispatch sees it: topics to publish on, a knowledge base, interfaces to listen for."""
 
+import threading
 import time
-from typing import Callable, Dict, Optional
+from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -23,6 +24,7 @@ from merlin_rosplan.operator_model import BindingError, Conditions, Operator
 from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.ros_alarm import RosAlarm
 from merlin_sm.deadline import Deadline, running_time
+from merlin_sm.lease_holder import LeaseHolder
 from merlin_sm.publishing import publish
 
 CANCEL_ACTION = "cancel_action"
@@ -66,10 +68,16 @@ class DispatchTopics(Outside):
         self._bindings: Dict[int, Dict[str, str]] = {}
         self._dispatched: Dict[int, rospy.Time] = {}
         self._interfaces = InterfaceWatch(running_time)
+        self._lease = component.own(LeaseHolder(component.resolve("lease")))
+        self._leased: Dict[int, PlannedAction] = {}
+        self._open_lock = threading.Lock()  # guards _open
+        self._open: Dict[int, PlannedAction] = {}
         self._alarm = component.own(RosAlarm(on_tick, f"alarm of {component.scope}"))
         topic = str(component.param("action_dispatch_topic", "action_dispatch"))
         # Latched as in ROSPlan; its queue of one would lose actions and cancels sent back to back.
         self._actions = component.publisher(topic, ActionDispatch, queue_size=1000, latch=True)
+        # What an earlier life of this node has dispatched is not latched any more; this says so.
+        publish(self._actions, ActionDispatch(name=CANCEL_ACTION, action_id=-1, plan_id=self.plan_id))
         self._feedback: Optional[rospy.Publisher] = None
         if publishes_feedback:
             topic = str(component.param("action_feedback_topic", "action_feedback"))
@@ -87,8 +95,25 @@ class DispatchTopics(Outside):
         self._operators.clear()
         self._bindings.clear()
         self._dispatched.clear()
+        with self._open_lock:
+            self._open.clear()
         self.plan_id += 1
         return self.plan_id
+
+    @property
+    def owner_key(self) -> str:
+        """Names this dispatch in :data:`merlin_sm.ownership.ownership`, which suspends its actions."""
+        return f"{self._component.scope} {self.plan_id}"
+
+    def answered(self, action_id: int) -> None:
+        """An interface has given its final answer; from any thread."""
+        with self._open_lock:
+            self._open.pop(action_id, None)
+
+    def unanswered(self) -> List[PlannedAction]:
+        """The actions of this dispatch whose interfaces have not given a final answer."""
+        with self._open_lock:
+            return list(self._open.values())
 
     def now(self) -> float:
         """ROS time, s."""
@@ -101,6 +126,10 @@ class DispatchTopics(Outside):
     def send(self, action: PlannedAction) -> None:
         """Publishes the action."""
         self._dispatched[action.id] = rospy.Time.now()
+        with self._open_lock:
+            self._open[action.id] = action
+        self._leased[action.id] = action
+        self._lease.hold(self._goal(action), self.owner_key)
         publish(self._actions, self._message(action, action.name))
 
     def send_cancel(self, action: PlannedAction) -> None:
@@ -143,6 +172,29 @@ class DispatchTopics(Outside):
         except PlanKnowledgeError as error:
             raise DispatchError(f"the conditions of {action} cannot be checked: {error}") from error
 
+    def false_of_each(self, asked: Sequence[Tuple[PlannedAction, Conditions]]) -> List[Conditions]:
+        """Asks the knowledge base, in one call."""
+        try:
+            return self._knowledge.false_of_each(
+                [(conditions, self._bindings[action.id]) for action, conditions in asked]
+            )
+        except PlanKnowledgeError as error:
+            actions = ", ".join(str(action) for action, _ in asked[:5])
+            raise DispatchError(f"the conditions of {actions} cannot be checked: {error}") from error
+
+    def next_change(self, names: FrozenSet[str], until: float) -> Optional[float]:
+        """Asks the knowledge base for what it waits for."""
+        try:
+            changes = self._knowledge.timed_changes()
+        except PlanKnowledgeError as error:
+            raise DispatchError(f"timed knowledge cannot be asked for: {error}") from error
+        now = self.now()
+        return max((time for time, name in changes if name in names and now < time <= until), default=None)
+
+    def begun(self, action: PlannedAction) -> Optional[bool]:
+        """Asks a knowledge base of ours for its open executions."""
+        return self._knowledge.begun(self.plan_id, action.id)
+
     def silence(self, operator: str) -> Optional[float]:
         """Seconds since the operator's interface announced itself."""
         return self._interfaces.silence(operator)
@@ -156,10 +208,20 @@ class DispatchTopics(Outside):
         self._alarm.set(when)
 
     def changed(self, report: DispatchReport) -> None:
-        """Publishes the status while a dispatch runs; the end is told when the goals have been checked."""
+        """Publishes the status while a dispatch runs; the end is told when the goals have been checked.
+
+        Lets go of what runs no more: an interface that did not answer stops by itself.
+        """
+        running = {action.id for action in report.running}
+        for action_id in [found for found in self._leased if found not in running]:
+            self._lease.release(self._goal(self._leased.pop(action_id)))
         if report.state in (DispatchState.RUNNING, DispatchState.CANCELLING):
             self.tell_status(report)
         self._on_change()
+
+    def _goal(self, action: PlannedAction) -> str:
+        """What names an action in leases."""
+        return f"{self.plan_id}/{action.id}"
 
     def _message(self, action: PlannedAction, name: str) -> ActionDispatch:
         return ActionDispatch(
@@ -190,6 +252,7 @@ class DispatchTopics(Outside):
             steps_total=report.steps_total,
             failed_action=str(report.failed_action) if report.failed_action is not None else "",
             reason=report.reason,
+            unanswered=[str(action) for action in report.unanswered],
         )
         status.header.stamp = rospy.Time.now()
         publish(self._status, status)

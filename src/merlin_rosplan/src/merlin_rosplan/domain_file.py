@@ -4,12 +4,12 @@ import os
 import threading
 from typing import Any, Optional, Tuple
 
-import rosgraph
 import rospy
 
 from merlin_rosplan.domain import Domain
 from merlin_rosplan.domain_reader import read_domain
 from merlin_rosplan.pddl_text import PddlError
+from merlin_sm.master_link import ERRORS, bounded_master, get_param
 
 
 class DomainFile:
@@ -31,11 +31,11 @@ class DomainFile:
     def domain(self) -> Optional[Domain]:
         """The domain; None when it is not ours, or its file is not on this machine."""
         try:
-            rosgraph.Master(rospy.get_name()).lookupService(f"{self._knowledge_base}/apply_effects")
-            path: Any = rospy.get_param(f"{self._knowledge_base}/domain_path", None)
-            path = str(path or rospy.get_param("/rosplan/domain_path", ""))
+            bounded_master().lookupService(f"{self._knowledge_base}/apply_effects")
+            path: Any = get_param(f"{self._knowledge_base}/domain_path", None)
+            path = str(path or get_param("/rosplan/domain_path", ""))
             key = (path, os.stat(path).st_mtime_ns)
-        except (OSError, rosgraph.MasterException, rospy.ROSException):
+        except ERRORS:
             return None
         with self._lock:
             if key != self._read:

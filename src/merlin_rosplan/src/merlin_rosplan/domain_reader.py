@@ -10,6 +10,10 @@ from merlin_rosplan.formula_reader import FormulaReader, Scope, parameters, type
 from merlin_rosplan.pddl_text import Expression, Node, Word, name_of, read_expression, read_file
 from merlin_rosplan.type_hierarchy import TypeCycleError
 
+OBJECT_FLUENTS = (
+    "only functions of numbers are known: ROSPlan's messages carry no object as a value; "
+    "use a predicate with one more argument"
+)
 ASSIGNMENTS = ("assign", "increase", "decrease", "scale-up", "scale-down")
 
 
@@ -167,7 +171,7 @@ class DomainReader:
                     raise node.error(f"expected a function in parentheses, found '{node}'")
                 kind = next(rest, None)
                 if kind != "number":
-                    raise node.error("only functions of numbers are known, not functions of objects")
+                    raise (kind or node).error(OBJECT_FLUENTS)
                 continue
             name, signature = self._signature(node, "function")
             if name in self._domain.functions:

@@ -1,56 +1,50 @@
-"""Applies what an operator does to the knowledge: numeric, conditional, quantified, continuous.
+"""What an operator does to the knowledge: numeric, conditional, quantified, continuous effects."""
 
-An execution is named by its token. START keeps under the token what it changed (for ROLLBACK), when it
-happened (for continuous effects) and what its end effects depend on; END and ROLLBACK drop it. The notes are
-stored with the knowledge, so an action that outlives the knowledge base still ends well.
-"""
-
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Dict, List, Mapping, Optional, Tuple
 
 from merlin_rosplan.domain import Operator
 from merlin_rosplan.evaluation import Evaluator, arithmetic
 from merlin_rosplan.formula import END, OVER_ALL, START, Atom, Effect, Fluent, TimedCondition
-from merlin_rosplan.knowledge import ASSIGN, DECREASE, INCREASE, OPERATIONS, Fact, FunctionValue
+from merlin_rosplan.knowledge import ASSIGN, OPERATIONS, Fact, FunctionValue
 from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_state import KnowledgeState
 from merlin_rosplan.pddl_text import suggestion
+from merlin_rosplan.recorded_changes import Note, RecordedChanges
 from merlin_rosplan.transaction import Transaction
-
-#: Tokens of ended executions that are remembered, so that a repeated END changes nothing.
-REMEMBERED = 256
 
 TOTAL_COST = Fluent("total-cost")
 
 Bindings = Dict[str, str]
 
+#: For each effect at the end that depends on the start (by its number): the quantified objects it allows.
+Allowed = Dict[str, List[List[str]]]
+
+
+def find_operator(state: KnowledgeState, name: str) -> Operator:
+    """The operator of a name.
+
+    :raises KnowledgeError: when the domain has no such operator.
+    """
+    operators = state.domain.operators
+    found = operators.get(name.lower())
+    if found is None:
+        raise KnowledgeError(f"unknown operator '{name}'{suggestion(name.lower(), operators)}")
+    return found
+
 
 class EffectApplier:
-    """Applies the effects of one execution of an operator inside a transaction.
+    """Applies the effects of one ground operator inside a transaction.
 
-    Parameters
-    ----------
-    transaction: takes the changes.
-    operator_name: PDDL operator.
-    parameters: objects by label of the operator's parameters.
-    token: names the execution; empty: START can not be rolled back.
-
-    Raises
-    ------
-    KnowledgeError: operator or object is unknown, or a parameter is missing.
+    :param transaction: takes the changes.
+    :param operator: of the domain.
+    :param parameters: objects by label of the operator's parameters.
+    :raises KnowledgeError: when an object is unknown or a parameter is missing.
     """
 
-    def __init__(
-        self, transaction: Transaction, operator_name: str, parameters: Mapping[str, str], token: str
-    ) -> None:
+    def __init__(self, transaction: Transaction, operator: Operator, parameters: Mapping[str, str]) -> None:
         self._transaction = transaction
         self._state: KnowledgeState = transaction.state
-        self._token = token
-        operators = self._state.domain.operators
-        found = operators.get(operator_name.lower())
-        if found is None:
-            hint = suggestion(operator_name.lower(), operators)
-            raise KnowledgeError(f"unknown operator '{operator_name}'{hint}")
-        self._operator: Operator = found
+        self._operator = operator
         self._bindings = self._bind({key.lower(): value for key, value in parameters.items()})
 
     def _bind(self, parameters: Mapping[str, str]) -> Bindings:
@@ -68,104 +62,26 @@ class EffectApplier:
             bindings[parameter.name] = value.lower()
         return bindings
 
-    # --- phases ---------------------------------------------------------------------------------
+    @property
+    def parameters(self) -> List[List[str]]:
+        """Label and object of every parameter, in the operator's order."""
+        return [
+            [parameter.label, self._spelled(self._bindings[parameter.name])]
+            for parameter in self._operator.parameters
+        ]
 
-    def start(self) -> str:
-        """At-start effects of a durative operator; nothing for a plain one. Returns what is worth telling."""
-        if not self._operator.durative:
-            return ""
-        known = self._note()
-        if known is not None:
-            if known.get("ended"):
-                raise KnowledgeError(f"the execution '{self._token}' has ended")
-            return "started already"
-        evaluator = self._evaluator({})
-        duration = self._duration(evaluator)
-        specials = {} if duration is None else {"?duration": duration}
-        later = self._conditions_at_start(self._evaluator(specials))
-        changes = self._apply(START, specials, later)
-        if self._token:
-            note: Dict[str, object] = {
-                "operator": self._operator.name,
-                "since": self._transaction.now,
-                "duration": duration,
-                "later": later,
-                "undo": changes,
-            }
-            self._transaction.note(self._state.executions, self._token, note)
-        return ""
-
-    def end(self) -> str:
-        """At-end effects of a durative operator, all effects of a plain one."""
-        note = self._note()
-        if note is not None and note.get("ended"):
-            return "ended already"
-        if not self._operator.durative:
-            self._apply(START, {}, {})
-        else:
-            self._apply(END, self._specials(note), (note or {}).get("later", {}))
-        self._remember_end()
-        return ""
-
-    def rollback(self) -> str:
-        """Restores what START changed, where nobody has changed it since."""
-        note = self._note()
-        if note is None or note.get("ended"):
-            return "nothing to restore"
-        kept = []
-        for entry in reversed(note["undo"]):
-            if entry["kind"] == "fact":
-                self._restore_fact(entry)
-            elif not self._restore_value(entry):
-                kept.append(entry["key"][0])
-        self._remember_end()
-        return f"changed by others since, not restored: {', '.join(kept)}" if kept else ""
-
-    # --- notes ----------------------------------------------------------------------------------
-
-    def _note(self) -> Optional[Dict[str, Any]]:
-        row = self._state.executions.get(self._token) if self._token else None
-        if row is None:
-            return None
-        if row.data.get("operator") != self._operator.name:
-            raise KnowledgeError(
-                f"the token '{self._token}' belongs to the operator '{row.data.get('operator')}'"
-            )
-        return row.data
-
-    def _remember_end(self) -> None:
-        if not self._token:
-            return
-        ended: Dict[str, object] = {"operator": self._operator.name, "ended": True}
-        self._transaction.note(self._state.executions, self._token, None)
-        self._transaction.note(self._state.executions, self._token, ended)
-        old = [row for row in self._state.executions.all() if row.data.get("ended")]
-        for row in old[: max(0, len(old) - REMEMBERED)]:
-            self._transaction.note(self._state.executions, row.name, None)
-
-    def _specials(self, note: Optional[Dict[str, Any]]) -> Dict[str, float]:
-        if note is None:
-            duration = self._duration(self._evaluator({}))
-            return {} if duration is None else {"?duration": duration, "#t": duration}
-        elapsed = max(0.0, (self._transaction.now - note["since"]) / 1e9)
-        duration = note["duration"]
-        return {"?duration": elapsed if duration is None else duration, "#t": elapsed}
-
-    def _duration(self, evaluator: Evaluator) -> Optional[float]:
+    def duration(self) -> Optional[float]:
         """The planned duration, s, when the operator fixes it."""
+        evaluator = self._evaluator({})
         for duration in self._operator.durations:
             if duration.op == "=":
                 return evaluator.number(duration.value, self._bindings)
         return None
 
-    def _evaluator(self, specials: Mapping[str, float]) -> Evaluator:
-        return Evaluator(self._state.domain, self._state, specials)
-
-    # --- effects --------------------------------------------------------------------------------
-
-    def _conditions_at_start(self, evaluator: Evaluator) -> Dict[str, List[List[str]]]:
-        """For effects at the end that depend on the start: the quantified objects it allows them for."""
-        found: Dict[str, List[List[str]]] = {}
+    def allowed_at_start(self, specials: Mapping[str, float]) -> Allowed:
+        """What effects at the end that depend on the start allow now."""
+        evaluator = self._evaluator(specials)
+        found: Allowed = {}
         for number, effect in enumerate(self._operator.effects):
             begin = [timed for timed in effect.conditions if timed.when == START]
             if effect.when != START and begin:
@@ -176,14 +92,17 @@ class EffectApplier:
                 ]
         return found
 
-    @staticmethod
-    def _hold(evaluator: Evaluator, conditions: List[TimedCondition], bindings: Bindings) -> bool:
-        return all(evaluator.holds(timed.condition, bindings) for timed in conditions)
+    def apply(self, when: str, specials: Mapping[str, float], allowed: Allowed) -> List[Note]:
+        """Applies the effects of a time; all of them see the state before.
 
-    def _apply(
-        self, when: str, specials: Mapping[str, float], later: Mapping[str, List[List[str]]]
-    ) -> List[Dict[str, Any]]:
-        """Applies the effects of a time; all of them see the state before. Returns how to undo them."""
+        :param when: START, or END, which includes the continuous effects.
+        :param specials: values of ``?duration`` and ``#t``, s.
+        :param allowed: what :meth:`allowed_at_start` said when the execution began.
+
+        Returns how to take them back.
+
+        :raises KnowledgeError: when an effect has no number.
+        """
         evaluator = self._evaluator(specials)
         deletes: List[Fact] = []
         adds: List[Fact] = []
@@ -191,7 +110,7 @@ class EffectApplier:
         for number, effect in enumerate(self._operator.effects):
             if effect.when != when and not (when == END and effect.when == OVER_ALL):
                 continue
-            started = later.get(str(number))
+            started = allowed.get(str(number))
             for bindings in evaluator.extend(effect.variables, self._bindings):
                 if started is None:
                     applies = self._hold(evaluator, list(effect.conditions), bindings)
@@ -200,14 +119,21 @@ class EffectApplier:
                     applies = _objects(effect, bindings) in started and self._hold(evaluator, rest, bindings)
                 if applies:
                     self._collect(effect, evaluator, bindings, deletes, adds, values)
-        undo: List[Dict[str, Any]] = []
+        changes = RecordedChanges(self._transaction)
         for fact in deletes:
-            self._delete(fact, undo)
+            changes.delete(fact)
         for fact in adds:
-            self._add(fact, undo)
+            changes.add(fact)
         for value, op in values:
-            self._set(value, op, undo)
-        return undo
+            self._set(changes, value, op)
+        return changes.notes
+
+    @staticmethod
+    def _hold(evaluator: Evaluator, conditions: List[TimedCondition], bindings: Bindings) -> bool:
+        return all(evaluator.holds(timed.condition, bindings) for timed in conditions)
+
+    def _evaluator(self, specials: Mapping[str, float]) -> Evaluator:
+        return Evaluator(self._state.domain, self._state, specials)
 
     def _collect(
         self,
@@ -243,62 +169,14 @@ class EffectApplier:
     def _spelled(self, name: str) -> str:
         return self._state.spelling(name) or name
 
-    def _delete(self, fact: Fact, undo: List[Dict[str, Any]]) -> None:
-        if self._state.holds(fact.key):
-            undo.append({"kind": "fact", "name": fact.name, "args": list(fact.args), "was": "true"})
-            self._transaction.drop(self._state.facts, fact.key)
-
-    def _add(self, fact: Fact, undo: List[Dict[str, Any]]) -> None:
-        known = self._state.facts.get(fact.key)
-        if known is None or known.negative:
-            was = "absent" if known is None else "negative"
-            undo.append({"kind": "fact", "name": fact.name, "args": list(fact.args), "was": was})
-            self._transaction.add_fact(fact)
-
-    def _set(self, value: FunctionValue, op: str, undo: List[Dict[str, Any]]) -> None:
+    def _set(self, changes: RecordedChanges, value: FunctionValue, op: str) -> None:
         before = self._state.value(value.key)
         result: Optional[float] = value.value
         if op != ASSIGN:
             result = arithmetic(OPERATIONS[op], (before, value.value))
         if result is None:
             raise KnowledgeError(f"{value.text()}: {before} {op} {value.value} is no number")
-        self._transaction.add_value(FunctionValue(value.name, value.args, result))
-        relative = op in (INCREASE, DECREASE)
-        delta = result - before if relative and before is not None else None
-        undo.append(
-            {
-                "kind": "value",
-                "name": value.name,
-                "args": list(value.args),
-                "key": list(value.key),
-                "before": before,
-                "after": result,
-                "delta": delta,
-            }
-        )
-
-    def _restore_fact(self, entry: Dict[str, Any]) -> None:
-        fact = Fact(entry["name"], tuple(entry["args"]), entry["was"] == "negative")
-        if entry["was"] == "absent":
-            self._transaction.drop(self._state.facts, fact.key)
-        elif all(self._state.spelling(arg) is not None for arg in fact.args):
-            self._transaction.add_fact(fact)
-
-    def _restore_value(self, entry: Dict[str, Any]) -> bool:
-        """Restores a value; False when others assigned it meanwhile. Relative changes are taken back."""
-        key = tuple(entry["key"])
-        current = self._state.value(key)
-        name, args = entry["name"], tuple(entry["args"])
-        if current == entry["after"]:
-            if entry["before"] is None:
-                self._transaction.drop(self._state.values, key)
-            else:
-                self._transaction.add_value(FunctionValue(name, args, entry["before"]))
-            return True
-        if current is None or entry["delta"] is None:
-            return False
-        self._transaction.add_value(FunctionValue(name, args, current - entry["delta"]))
-        return True
+        changes.set(FunctionValue(value.name, value.args, result), op)
 
 
 def _objects(effect: Effect, bindings: Mapping[str, str]) -> List[str]:

@@ -75,6 +75,7 @@ class Evaluator:
         self._open: Set[Key] = set()
         self._failed: Set[Key] = set()
         self._postponed: List[Key] = []
+        self._objects: Dict[Tuple[str, ...], List[str]] = {}  # asked once per type, not once per binding
 
     def holds(self, condition: Condition, bindings: Optional[Bindings] = None) -> bool:
         """Whether a condition holds. What was never said is false, and a comparison without a value too."""
@@ -114,9 +115,15 @@ class Evaluator:
 
     def extend(self, variables: Sequence[Variable], bindings: Bindings) -> Iterator[Dict[str, str]]:
         """All bindings with every combination of objects for further variables."""
-        choices = [self._state.objects(variable.types) for variable in variables]
+        choices = [self._objects_of(variable.types) for variable in variables]
         for objects in itertools.product(*choices):
             yield {**bindings, **{v.name: obj for v, obj in zip(variables, objects)}}
+
+    def _objects_of(self, types: Tuple[str, ...]) -> List[str]:
+        found = self._objects.get(types)
+        if found is None:
+            found = self._objects[types] = self._state.objects(types)
+        return found
 
     @staticmethod
     def _terms(args: Tuple[str, ...], bindings: Bindings) -> List[str]:

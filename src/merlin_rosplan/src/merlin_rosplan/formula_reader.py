@@ -31,6 +31,23 @@ from merlin_rosplan.pddl_text import Expression, Node, Word, is_name, is_variabl
 COMPARISONS = (">", ">=", "<", "<=", "=")
 ARITHMETIC = ("+", "-", "*", "/")
 TIMES = {("at", "start"): START, ("over", "all"): OVER_ALL, ("at", "end"): END}
+#: The trajectory constraints of PDDL 3 that carry a name of their own.
+TRAJECTORY = {
+    "always",
+    "sometime",
+    "at-most-once",
+    "sometime-after",
+    "sometime-before",
+    "within",
+    "hold-after",
+    "hold-during",
+    "always-within",
+}
+#: What to do with one that stands in a condition.
+IN_CONSTRAINTS = (
+    "is a trajectory constraint: a condition is about one moment; "
+    "write it into (:constraints ...) of the domain, which every plan then obeys"
+)
 SPECIALS = ("#t", "?duration", "total-time", "total-cost")
 
 Scope = Dict[str, Tuple[str, ...]]
@@ -196,6 +213,8 @@ class FormulaReader:
         name = name_of(node[0], "a predicate")
         known = self._domain.predicates
         if name not in known:
+            if name in TRAJECTORY:
+                raise name.error(f"'{name}' {IN_CONSTRAINTS}")
             hint = suggestion(name, known)
             if name in self._domain.functions:
                 hint = " (it is a function)"

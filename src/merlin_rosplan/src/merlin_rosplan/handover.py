@@ -12,10 +12,10 @@ import threading
 from collections import deque
 from typing import Any, Callable, ClassVar, Deque, Dict, List, Optional
 
-import rosgraph
 import rospy
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
+from merlin_sm.master_link import ERRORS, bounded_master
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 Receiver = Callable[[Any], None]
@@ -32,9 +32,10 @@ def digest_service(topic: str) -> str:
 class Handover:
     """The topics of this process whose receivers are served directly."""
 
-    _lock: ClassVar[threading.Lock] = threading.Lock()  # guards both registers
+    _lock: ClassVar[threading.Lock] = threading.Lock()  # guards the registers
     _receivers: ClassVar[Dict[str, List[Receiver]]] = {}
     _senders: ClassVar[Dict[str, int]] = {}
+    _last: ClassVar[Dict[str, Any]] = {}  # message handed over last
 
     @classmethod
     def sender(cls, topic: str) -> "Sender":
@@ -45,9 +46,16 @@ class Handover:
 
     @classmethod
     def receiver(cls, topic: str, receive: Receiver) -> "Subscription":
-        """Receives what is handed over; use :meth:`Subscription.from_topic` as the topic's callback."""
+        """Receives what is handed over; use :meth:`Subscription.from_topic` as the topic's callback.
+
+        A stage may be called while the next one of its process is still being made: what it has handed over
+        before is received at once.
+        """
         with cls._lock:
             cls._receivers.setdefault(topic, []).append(receive)
+            last = cls._last.get(topic)
+        if last is not None:
+            receive(last)
         return Subscription(topic, receive)
 
 
@@ -62,6 +70,7 @@ class Sender:
         """Gives the message to every receiver of this process, in the calling thread. Publish it after."""
         self._last = message
         with Handover._lock:
+            Handover._last[self._topic] = message
             receivers = list(Handover._receivers.get(self._topic, ()))
         for receive in receivers:
             receive(message)
@@ -79,6 +88,7 @@ class Sender:
                 Handover._senders[self._topic] = count - 1
             else:
                 Handover._senders.pop(self._topic, None)
+                Handover._last.pop(self._topic, None)
 
 
 class Subscription:
@@ -113,11 +123,11 @@ class Subscription:
                 return
         name = digest_service(self._topic)
         try:
-            rosgraph.Master(rospy.get_name()).lookupService(name)
+            bounded_master().lookupService(name)
             if self._sender is None:
                 self._sender = ServiceProxy(name, Trigger, timeout=IN_FLIGHT)
             answer = self._sender()
-        except (OSError, rosgraph.MasterException, ServiceError):
+        except (*ERRORS, ServiceError):
             return
         if answer.success and answer.message != self._caught_up:
             self._caught_up = answer.message

@@ -1,11 +1,11 @@
 """The knowledge base: ROSPlan's services and topics over the store."""
 
 import os
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
+import rospkg
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
-from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ApplyEffectsResponse
 from rosplan_knowledge_msgs.msg import StatusUpdate
 from rosplan_knowledge_msgs.srv import (
     KnowledgeUpdateService,
@@ -20,15 +20,15 @@ from rosplan_knowledge_msgs.srv import (
 )
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
-from merlin_rosplan.component import KNOWLEDGE_BASE, Component, ComponentError, run_component
+from merlin_rosplan.component import KNOWLEDGE_BASE, Component, ComponentError, caller, run_component
 from merlin_rosplan.domain import Domain
 from merlin_rosplan.domain_reader import read_domain
 from merlin_rosplan.domain_services import DomainServices
-from merlin_rosplan.effects import EffectApplier
+from merlin_rosplan.execution_services import ExecutionServices
 from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.knowledge_store import KnowledgeStore
-from merlin_rosplan.pddl_text import PddlError
+from merlin_rosplan.pddl_text import PddlError, shortened
 from merlin_rosplan.problem import Problem
 from merlin_rosplan.problem_reader import read_problem
 from merlin_rosplan.state_file import StateFile, StateFileError
@@ -36,15 +36,15 @@ from merlin_rosplan.state_services import StateServices
 from merlin_rosplan.timed_knowledge import TimedKnowledge
 from merlin_rosplan.transaction import Change
 from merlin_rosplan.update_messages import UpdateReader
-from merlin_rosplan.wire_items import AnyItem, UpdateArray
+from merlin_rosplan.wire_items import AnyItem, UpdateArray, bounded, refuse_too_many
 from merlin_sm.health import OK, Health
 
+#: Items that one request may have: others wait for an array while it is stored.
+MAX_ITEMS = 20_000
+#: value of ``~state_file`` that stands for a file in the log folder of this run of ROS
+RUN = "run"
+
 _ONLY_PDDL = "only PDDL domains (.pddl) are known, no PPDDL, RDDL or HDDL"
-
-
-def caller(request: Any) -> str:
-    """Name of the node that sent a service request."""
-    return request._connection_header.get("callerid", "") if request._connection_header else ""
 
 
 def ros_nanoseconds() -> int:
@@ -65,6 +65,7 @@ class KnowledgeBase(Component):
         self.domain = self._read_domain()
         self.strict = bool(self.param("strict", True))
         self.param("use_unknowns", False)  # ROSPlan reads it and never uses it
+        max_items = int(self.number("max_items", MAX_ITEMS, 0))
         self.store = self._make_store()
         self._reader = KnowledgeReader(self.domain)
         self._updates = UpdateReader(self.domain, self.store.objects, self.strict)
@@ -75,13 +76,13 @@ class KnowledgeBase(Component):
         self.store.listen(self._publish_change)
         self.own(TimedKnowledge(self.store, self.scope))
         DomainServices(self, self.domain, self.store.sensed)
-        StateServices(self, self.store)
+        StateServices(self, self.store, max_items)
         self.service("update", KnowledgeUpdateService, self._update)
-        self.service("update_array", UpdateArray, self._update_array)
+        self.service("update_array", bounded(UpdateArray, max_items), self._update_array)
         self.service("clear", Empty, self._clear)
         self.service("update_constraints_oneof", KnowledgeUpdateServiceArray, self._oneof)
         self.service("update_sensed_predicates", SetNamedBool, self._sensed)
-        self.service("apply_effects", ApplyEffects, self._apply_effects)
+        ExecutionServices(self, self.store, self._status)
 
     def on_shutdown(self) -> None:
         """Closes the store."""
@@ -108,15 +109,32 @@ class KnowledgeBase(Component):
             raise ComponentError(f"the domain cannot be used: {error}") from error
 
     def _make_store(self) -> KnowledgeStore:
-        path = str(self.param("state_file", ""))
+        path = self._state_path(str(self.param("state_file", "")))
+        reset = bool(self.param("reset_state", False))
         try:
-            journal = StateFile(path, self.domain, bool(self.param("reset_state", False))) if path else None
-            return KnowledgeStore(self.domain, self.strict, ros_nanoseconds, journal, self._warn)
+            journal = StateFile(path, self.domain, reset) if path else None
+            store = KnowledgeStore(self.domain, self.strict, ros_nanoseconds, journal, self._warn)
         except StateFileError as error:
             raise ComponentError(str(error)) from error
+        if path and reset:
+            # Once per launch: a respawned process goes on with what it knows.
+            rospy.set_param(self.resolve("reset_state"), False)
+        return store
+
+    def _state_path(self, value: str) -> str:
+        if value != RUN:
+            return value
+        run = rospy.get_param("/run_id", None)
+        if run is None:
+            raise ComponentError(
+                f"{self.resolve('state_file')} is '{RUN}', but this master has no /run_id; "
+                "start it with roscore or roslaunch, or name a file"
+            )
+        name = self.scope.strip("/").replace("/", "-")
+        return os.path.join(rospkg.get_log_dir(), str(run), f"{name}.sqlite")
 
     def _warn(self, text: str) -> None:
-        rospy.logwarn_throttle_identical(60.0, f"{self.scope}: {text}")
+        rospy.logwarn_throttle_identical(60.0, f"{self.scope}: {shortened(text)}")
 
     def _load_problem(self) -> None:
         path = self.param("problem_path", "")
@@ -126,7 +144,10 @@ class KnowledgeBase(Component):
             rospy.loginfo("%s goes on with what its state file holds; %s is not read", self.scope, path)
             return
         try:
-            self.store.load_problem(read_problem(str(path), self.domain), rospy.get_name())
+            problem = read_problem(str(path), self.domain)
+            if not bool(self.param("problem_goals", True)):
+                problem.goals.clear()  # a file must state one; a mission brings its own
+            self.store.load_problem(problem, rospy.get_name())
         except (PddlError, KnowledgeError) as error:
             if self.strict:
                 raise ComponentError(f"the problem cannot be used: {error}") from error
@@ -159,6 +180,7 @@ class KnowledgeBase(Component):
     def _update_array(
         self, request: KnowledgeUpdateServiceArrayRequest
     ) -> KnowledgeUpdateServiceArrayResponse:
+        refuse_too_many(request)
         client = caller(request)
         success = self._apply("update_array", list(request.update_type), request.knowledge, client)
         if success:
@@ -183,7 +205,8 @@ class KnowledgeBase(Component):
         return True
 
     def _refused(self, service: str, client: str, reason: str) -> None:
-        rospy.logwarn("%s/%s refused what %s sent: %s", self.scope, service, client, reason)
+        sender = shortened(client, 200)
+        rospy.logwarn("%s/%s refused what %s sent: %s", self.scope, service, sender, reason)
 
     def _clear(self, request: EmptyRequest) -> EmptyResponse:
         try:
@@ -219,26 +242,6 @@ class KnowledgeBase(Component):
             self._refused("update_sensed_predicates", client, str(error))
             return SetNamedBoolResponse(False)
         return SetNamedBoolResponse(True)
-
-    def _apply_effects(self, request: ApplyEffectsRequest) -> ApplyEffectsResponse:
-        client = caller(request)
-        try:
-            with self.store.transaction(client) as transaction:
-                parameters = {pair.key: pair.value for pair in request.parameters}
-                applier = EffectApplier(transaction, request.operator_name, parameters, request.token)
-                phases = {
-                    ApplyEffectsRequest.START: applier.start,
-                    ApplyEffectsRequest.END: applier.end,
-                    ApplyEffectsRequest.ROLLBACK: applier.rollback,
-                }
-                if request.phase not in phases:
-                    raise KnowledgeError(f"there is no phase {request.phase}")
-                message = phases[request.phase]()
-        except KnowledgeError as error:
-            self._refused("apply_effects", client, str(error))
-            return ApplyEffectsResponse(False, str(error))
-        self._status.publish(StatusUpdate(client, rospy.get_rostime()))
-        return ApplyEffectsResponse(True, message)
 
     # --- for components of the same process ------------------------------------------------------
 

@@ -23,7 +23,7 @@ from merlin_rosplan.formula import (
 )
 from merlin_rosplan.knowledge import Fact, FunctionValue, Goal, Instance, Metric
 from merlin_rosplan.knowledge_state import KnowledgeState
-from merlin_rosplan.pddl_text import is_name, suggestion
+from merlin_rosplan.pddl_text import is_name, shortened, suggestion
 from merlin_rosplan.type_hierarchy import OBJECT
 
 
@@ -31,7 +31,7 @@ class KnowledgeError(Exception):
     """An update is refused; the text says why, shortened when a client sent names without end."""
 
     def __init__(self, reason: str) -> None:
-        super().__init__(reason if len(reason) <= 500 else f"{reason[:240]} ... {reason[-240:]}")
+        super().__init__(shortened(reason))
 
 
 class KnowledgeChecks:

@@ -68,6 +68,13 @@ class KnowledgeState(State):
             table.kind: table for table in (*self.knowledge, self.sensed, self.executions)
         }
 
+    def copy(self) -> "KnowledgeState":
+        """The objects, facts and values as they are now, to be asked while this state changes."""
+        twin = KnowledgeState(self.domain)
+        twin.instances = self.instances.copy()
+        twin.facts, twin.values = self.facts.copy(), self.values.copy()
+        return twin
+
     # --- for the evaluator ----------------------------------------------------------------------
 
     def holds(self, key: Key) -> bool:

@@ -1,9 +1,11 @@
 """The knowledge of a robot in memory: thread-safe, atomic, versioned, and written to a journal.
 
 One lock guards the state; every public method takes it for as long as it needs the tables and no longer.
-Rows never change once they are stored, so lists of them can be read without it.
+Rows never change once they are stored, so lists of them can be read without it. What may take long to answer
+is asked of a copy: neither updates nor other questions wait for it.
 """
 
+import gc
 import heapq
 import threading
 from collections import deque
@@ -11,12 +13,15 @@ from contextlib import contextmanager
 from typing import Callable, Deque, Dict, Iterator, List, Optional, Sequence, Tuple, Union
 
 from merlin_rosplan.domain import Domain
-from merlin_rosplan.formula import Condition
+from merlin_rosplan.executions import OpenExecution, open_executions
+from merlin_rosplan.formula import And, Atom, Condition, Exists, Forall, Not, Or
 from merlin_rosplan.knowledge import Fact, FunctionValue, Goal, Instance, Metric, Row, Timed
 from merlin_rosplan.knowledge_checks import KnowledgeChecks, KnowledgeError
 from merlin_rosplan.knowledge_state import KnowledgeState
 from merlin_rosplan.problem import Problem
 from merlin_rosplan.transaction import Change, Item, Step, Transaction
+
+LONG = 500  # items of one question from which on it is asked of a copy
 
 
 class JournalError(KnowledgeError):
@@ -69,6 +74,7 @@ class KnowledgeStore:
         self.version = 0
         self._lock = threading.RLock()
         self._state = KnowledgeState(domain)
+        self._copy: Optional[KnowledgeState] = None  # of the state as it is, once one was needed
         self._checks = KnowledgeChecks(self._state, warn) if strict else None
         self._clock = clock
         self._journal = journal
@@ -78,13 +84,30 @@ class KnowledgeStore:
         self._undelivered: Deque[Change] = deque()
         self._delivery = threading.Lock()  # owned by who tells the listeners: keeps versions in order
         if journal is not None:
-            self._load(journal)
+            try:
+                self._load(journal)
+            except BaseException:
+                journal.close()
+                raise
 
     def _load(self, journal: Journal) -> None:
+        # Nothing of a million new objects is garbage: looking for some takes longer than making them.
+        collects = gc.isenabled()
+        gc.disable()
+        try:
+            self._fill(journal)
+        finally:
+            if collects:
+                gc.enable()
+
+    def _fill(self, journal: Journal) -> None:
         self.version, rows = journal.load()
+        by_table: Dict[str, List[Row]] = {kind: [] for kind in self._state.tables}
         for kind, row in rows:
-            self._state.tables[kind].put(row.key, row)
-            self._next_order = max(self._next_order, row.order + 1)
+            by_table[kind].append(row)
+        for kind, loaded in by_table.items():
+            self._state.tables[kind].load(loaded)
+        self._next_order = 1 + max((row.order for _, row in rows), default=0)
         self._queue_timed(self._state.timed.all())
 
     # --- changes --------------------------------------------------------------------------------
@@ -104,6 +127,7 @@ class KnowledgeStore:
         """
         with self._lock:
             transaction = Transaction(self._state, self._checks, self._clock(), self._next_order)
+            self._copy = None
             try:
                 yield transaction
                 if transaction.steps and self._journal is not None:
@@ -257,10 +281,31 @@ class KnowledgeStore:
         with self._lock:
             return self._state.sensed.get(name.lower()) is not None
 
+    def executions(self, owner: str = "") -> List[OpenExecution]:
+        """The executions that are open, oldest first; of one node, or of all."""
+        with self._lock:
+            return open_executions(self._state, owner)
+
     def query(self, items: Sequence[Union[Item, Condition, None]]) -> List[bool]:
         """Whether each of the items holds, all at the same moment; None never does."""
+        long = len(items) > LONG or any(self._searches(item) for item in items)
         with self._lock:
-            return [item is not None and self._state.true(item) for item in items]
+            if not long:
+                return [item is not None and self._state.true(item) for item in items]
+            if self._copy is None:
+                self._copy = self._state.copy()
+            state = self._copy
+        return [item is not None and state.true(item) for item in items]
+
+    def _searches(self, item: Union[Item, Condition, None]) -> bool:
+        """Whether the time that an answer takes grows with the number of objects."""
+        if isinstance(item, (Forall, Exists)):
+            return True
+        if isinstance(item, (And, Or)):
+            return any(self._searches(part) for part in item.parts)
+        if isinstance(item, Not):
+            return self._searches(item.part)
+        return isinstance(item, (Atom, Fact)) and item.name.lower() in self.domain.derived
 
     def snapshot(self, name: str = "task") -> Tuple[int, Problem]:
         """Version and everything that is stored, as a problem; timed items by the nanoseconds left."""

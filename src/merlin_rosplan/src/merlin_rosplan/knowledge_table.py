@@ -1,10 +1,15 @@
-"""Ordered tables with undo, and the index that finds facts by name and by argument without scanning."""
+"""Ordered tables with undo, and the index that finds facts by name and by argument without scanning.
 
-from typing import Any, Dict, Generic, Iterable, Iterator, List, Optional, Sequence, Tuple, TypeVar
+An index is made when something is first asked of it, and kept up from then on: after a restart a knowledge
+base answers before 100 000 facts are indexed, and a copy that is only evaluated costs no more than its rows.
+"""
+
+from typing import Any, Callable, Dict, Generic, Iterator, List, Optional, Sequence, Tuple, TypeVar
 
 from merlin_rosplan.knowledge import Instance, Key, Row
 
 R = TypeVar("R", bound=Row)
+T = TypeVar("T", bound="Table")
 
 
 class Table(Generic[R]):
@@ -32,10 +37,20 @@ class Table(Generic[R]):
         del self.rows[key]
         self._leave(key)
 
+    def load(self, rows: Sequence[R]) -> None:
+        """Stores the rows of an empty table, in their order."""
+        self.swap({row.key: row for row in rows})
+
+    def copy(self: T) -> T:
+        """A table with the same rows, for reading beside this one."""
+        twin = type(self)(self.kind)
+        twin.rows = self.rows.copy()
+        return twin
+
     def swap(self, rows: Dict[Any, R]) -> Dict[Any, R]:
         """Exchanges the whole content; returns the old one."""
         old, self.rows = self.rows, rows
-        self._rebuild()
+        self._forget()
         return old
 
     def sort(self) -> None:
@@ -52,57 +67,94 @@ class Table(Generic[R]):
     def _leave(self, key: Any) -> None:
         """For indexes: a key that is gone."""
 
-    def _rebuild(self) -> None:
+    def _forget(self) -> None:
         """For indexes: everything is new."""
 
 
 Keys = Dict[Key, None]  # a set that keeps its order
 
 
+def _add(index: Dict[Any, Keys], entry: Any, key: Key) -> None:
+    keys = index.get(entry)
+    if keys is None:
+        index[entry] = {key: None}
+    else:
+        keys[key] = None
+
+
+def _drop(index: Dict[Any, Keys], entry: Any, key: Key) -> None:
+    keys = index.get(entry)
+    if keys is not None:
+        keys.pop(key, None)
+        if not keys:
+            del index[entry]
+
+
 class ArgumentTable(Table[R]):
-    """A table whose keys are (name, argument, ...), indexed by name and by each argument's position."""
+    """A table whose keys are (name, argument, ...), indexed by name and by each argument's position.
+
+    Of a table that does not change any number of threads may ask at once: two that make the same index make
+    it twice, and either one is whole when it is seen.
+    """
 
     def __init__(self, kind: str) -> None:
         super().__init__(kind)
-        self._by_name: Dict[str, Keys] = {}
-        self._by_place: Dict[Tuple[str, int, str], Keys] = {}
-        self._by_object: Dict[str, Keys] = {}
+        self._forget()
 
-    def _indexes(self, key: Key) -> Iterable[Tuple[Dict[Any, Keys], Any]]:
-        name = key[0]
-        yield self._by_name, name
-        for place in range(1, len(key)):
-            yield self._by_place, (name, place, key[place])
-            yield self._by_object, key[place]
+    def _forget(self) -> None:
+        self._by_name: Optional[Dict[str, Keys]] = None
+        self._by_place: Optional[Dict[Tuple[str, int, str], Keys]] = None
+        self._by_object: Optional[Dict[str, Keys]] = None
 
     def _enter(self, key: Key) -> None:
-        for index, entry in self._indexes(key):
-            keys = index.get(entry)
-            if keys is None:
-                index[entry] = {key: None}
-            else:
-                keys[key] = None
+        self._change(key, _add)
 
     def _leave(self, key: Key) -> None:
-        for index, entry in self._indexes(key):
-            keys = index.get(entry)
-            if keys is not None:
-                keys.pop(key, None)
-                if not keys:
-                    del index[entry]
+        self._change(key, _drop)
 
-    def _rebuild(self) -> None:
-        self._by_name, self._by_place, self._by_object = {}, {}, {}
-        for key in self.rows:
-            self._enter(key)
+    def _change(self, key: Key, change: Callable[[Dict[Any, Keys], Any, Key], None]) -> None:
+        if self._by_name is not None:
+            change(self._by_name, key[0], key)
+        if self._by_place is not None:
+            for place in range(1, len(key)):
+                change(self._by_place, (key[0], place, key[place]), key)
+        if self._by_object is not None:
+            for place in range(1, len(key)):
+                change(self._by_object, key[place], key)
+
+    def _names(self) -> Dict[str, Keys]:
+        index = self._by_name
+        if index is None:
+            index = {}
+            for key in self.rows:
+                _add(index, key[0], key)
+            self._by_name = index
+        return index
+
+    def _places(self) -> Dict[Tuple[str, int, str], Keys]:
+        index = self._by_place
+        if index is None:
+            index = {}
+            for key in self.rows:
+                for place in range(1, len(key)):
+                    _add(index, (key[0], place, key[place]), key)
+            self._by_place = index
+        return index
 
     def named(self, name: str) -> List[R]:
         """Rows of a name (lower-case)."""
-        return [self.rows[key] for key in self._by_name.get(name, ())]
+        return [self.rows[key] for key in self._names().get(name, ())]
 
     def mentioning(self, obj: str) -> List[Key]:
         """Keys with that object (lower-case) among the arguments."""
-        return list(self._by_object.get(obj, ()))
+        index = self._by_object
+        if index is None:
+            index = {}
+            for key in self.rows:
+                for arg in key[1:]:
+                    _add(index, arg, key)
+            self._by_object = index
+        return list(index.get(obj, ()))
 
     def match(self, name: str, args: Sequence[str]) -> Iterator[Key]:
         """Keys that fit (all lower-case): an empty name fits everything, an empty argument any object.
@@ -118,9 +170,9 @@ class ArgumentTable(Table[R]):
             if key in self.rows:
                 yield key
             return
-        smallest = self._by_name.get(name, {})
+        smallest = self._names().get(name, {})
         for place, arg in given:
-            keys = self._by_place.get((name, place, arg), {})
+            keys = self._places().get((name, place, arg), {})
             if len(keys) < len(smallest):
                 smallest = keys
         length = len(args) + 1
@@ -134,37 +186,43 @@ class InstanceTable(Table[Instance]):
 
     def __init__(self, kind: str) -> None:
         super().__init__(kind)
-        self._by_type: Dict[str, Keys] = {}
-        self._by_name: Dict[str, Keys] = {}
+        self._forget()
+
+    def _forget(self) -> None:
+        self._indexes: Optional[Tuple[Dict[str, Keys], Dict[str, Keys]]] = None
 
     def _enter(self, key: Key) -> None:
-        self._by_type.setdefault(key[0], {})[key] = None
-        self._by_name.setdefault(key[1], {})[key] = None
+        for index, entry in zip(self._indexes or (), key):
+            _add(index, entry, key)
 
     def _leave(self, key: Key) -> None:
-        for index, entry in ((self._by_type, key[0]), (self._by_name, key[1])):
-            index[entry].pop(key, None)
-            if not index[entry]:
-                del index[entry]
+        for index, entry in zip(self._indexes or (), key):
+            _drop(index, entry, key)
 
-    def _rebuild(self) -> None:
-        self._by_type, self._by_name = {}, {}
-        for key in self.rows:
-            self._enter(key)
+    def _made(self) -> Tuple[Dict[str, Keys], Dict[str, Keys]]:
+        """By type and by name."""
+        if self._indexes is None:
+            by_type: Dict[str, Keys] = {}
+            by_name: Dict[str, Keys] = {}
+            for key in self.rows:
+                _add(by_type, key[0], key)
+                _add(by_name, key[1], key)
+            self._indexes = by_type, by_name
+        return self._indexes
 
     def types(self) -> List[str]:
         """Types (lower-case) that have instances."""
-        return list(self._by_type)
+        return list(self._made()[0])
 
     def of_type(self, type_name: str) -> List[Instance]:
         """Instances of exactly that type (lower-case)."""
-        return [self.rows[key] for key in self._by_type.get(type_name, ())]
+        return [self.rows[key] for key in self._made()[0].get(type_name, ())]
 
     def named(self, name: str) -> List[Instance]:
         """The instances that one object (lower-case) is: one for each of its types."""
-        return [self.rows[key] for key in self._by_name.get(name, ())]
+        return [self.rows[key] for key in self._made()[1].get(name, ())]
 
     def spelling(self, name: str) -> Optional[str]:
         """An object (lower-case) as it was first written; None when there is none."""
-        keys = self._by_name.get(name)
+        keys = self._made()[1].get(name)
         return None if not keys else self.rows[next(iter(keys))].name

@@ -1,11 +1,12 @@
-"""The conditions of an operator that a DomainOperator message cannot carry, from the domain itself.
+"""What a DomainOperator message cannot carry of an operator, from the domain itself.
 
-Disjunctions, quantifiers, numeric equality and derived predicates: whoever has the domain checks them too;
-parser and dispatcher take it from the knowledge base in their process, or from its file.
+Disjunctions, quantifiers, numeric equality and derived predicates; conditional, quantified and continuous
+effects; whether it is durative. Parser and dispatcher take the domain from the knowledge base in their
+process, or from its file.
 """
 
 import dataclasses
-from typing import FrozenSet, List, Mapping, Set
+from typing import FrozenSet, Iterable, List, Mapping, Set
 
 from merlin_rosplan.domain import Derived, Domain
 from merlin_rosplan.domain_messages import literals
@@ -18,6 +19,7 @@ from merlin_rosplan.formula import (
     Atom,
     Comparison,
     Condition,
+    Effect,
     Exists,
     Fluent,
     Forall,
@@ -27,18 +29,19 @@ from merlin_rosplan.formula import (
     Preference,
     Special,
 )
-from merlin_rosplan.operator_model import Conditions, Expression, Operator
+from merlin_rosplan.operator_model import Conditions, Effects, Expression, Operator
 
 
 def with_expressions(operator: Operator, domain: Domain) -> Operator:
-    """An operator that was read from a message, with the rest of its conditions.
+    """An operator that was read from a message, with the rest of its conditions and effects.
 
     Parameters
     ----------
     operator: not grounded.
     domain: it is one of this domain's.
     """
-    conditions = domain.operators[operator.name.lower()].conditions
+    known_operator = domain.operators[operator.name.lower()]
+    conditions = known_operator.conditions
 
     def complete(known: Conditions, when: str) -> Conditions:
         found = [
@@ -59,7 +62,30 @@ def with_expressions(operator: Operator, domain: Domain) -> Operator:
         at_start=complete(operator.at_start, START),
         over_all=complete(operator.over_all, OVER_ALL),
         at_end=complete(operator.at_end, END),
+        start_effects=_with_wild(operator.start_effects, known_operator.effects, START, domain),
+        end_effects=_with_wild(operator.end_effects, known_operator.effects, END, domain),
+        durative=known_operator.durative,
     )
+
+
+def _with_wild(effects: Effects, written: Iterable[Effect], when: str, domain: Domain) -> Effects:
+    """The effects at one time, with the names that effects change which a message cannot carry.
+
+    A continuous effect is applied at the end of its action, with all the time that has passed.
+    """
+    changed: Set[str] = set()
+    read: Set[str] = set()
+    for effect in written:
+        if not (effect.variables or effect.conditions or effect.when == OVER_ALL):
+            continue
+        if (effect.when == START) == (when == START):
+            target = effect.atom or effect.fluent
+            changed.update([target.name] if target is not None else [])
+            read.update(term.name for term in (_terms(effect.value) if effect.value is not None else []))
+        for timed in effect.conditions:
+            if (timed.when == START) == (when == START):
+                read |= _names(timed.condition, domain.derived)
+    return dataclasses.replace(effects, wild=frozenset(changed), wild_reads=frozenset(read))
 
 
 def _rest(condition: Condition, domain: Domain) -> List[Condition]:

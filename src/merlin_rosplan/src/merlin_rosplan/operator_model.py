@@ -5,8 +5,8 @@ that message cannot carry (disjunctions, quantifiers, derived predicates) comes 
 :mod:`merlin_rosplan.operator_expressions`.
 """
 
-from dataclasses import dataclass, field
-from typing import Any, Dict, FrozenSet, Iterable, Sequence, Tuple
+from dataclasses import dataclass, field, replace
+from typing import Any, Dict, FrozenSet, Iterable, Sequence, Set, Tuple
 
 from merlin_rosplan import formula
 
@@ -132,12 +132,21 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Effects:
-    """Effects of one time label; of numeric ones only which function terms they change and read."""
+    """Effects of one time label; of numeric ones only which function terms they change and read.
+
+    Parameters
+    ----------
+    additive: those of `writes` that are only increased or decreased; such changes commute.
+    wild, wild_reads: names that conditional, quantified and continuous effects change and read.
+    """
 
     add: Tuple[Atom, ...] = ()
     delete: Tuple[Atom, ...] = ()
     writes: Tuple[Atom, ...] = ()
     reads: Tuple[Atom, ...] = ()
+    additive: Tuple[Atom, ...] = ()
+    wild: FrozenSet[str] = frozenset()
+    wild_reads: FrozenSet[str] = frozenset()
 
     @property
     def functions(self) -> FrozenSet[str]:
@@ -147,12 +156,22 @@ class Effects:
     @property
     def names(self) -> FrozenSet[str]:
         """Names of the predicates and functions they change."""
-        return self.functions.union(atom.name.lower() for atom in self.add + self.delete)
+        return self.functions.union(self.wild, (atom.name.lower() for atom in self.add + self.delete))
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing changes."""
+        return not (self.add or self.delete or self.writes or self.wild)
 
     def ground(self, binding: Dict[str, str]) -> "Effects":
         """Atoms and terms grounded."""
         return Effects(
-            *(_ground(atoms, binding) for atoms in (self.add, self.delete, self.writes, self.reads))
+            *(
+                _ground(atoms, binding)
+                for atoms in (self.add, self.delete, self.writes, self.reads, self.additive)
+            ),
+            self.wild,
+            self.wild_reads,
         )
 
 
@@ -162,7 +181,11 @@ class BindingError(ValueError):
 
 @dataclass(frozen=True)
 class Operator:
-    """An operator, or with objects for variables one of its ground actions."""
+    """An operator, or with objects for variables one of its ground actions.
+
+    A plain one (not `durative`) has its conditions in `at_start` and its effects in `start_effects`, as the
+    messages carry them. They are applied when it ends.
+    """
 
     name: str
     parameters: Tuple[str, ...]
@@ -171,11 +194,16 @@ class Operator:
     at_end: Conditions = field(default_factory=Conditions)
     start_effects: Effects = field(default_factory=Effects)
     end_effects: Effects = field(default_factory=Effects)
+    durative: bool = True
 
     @staticmethod
     def from_message(message: Any) -> "Operator":
-        """Reads a DomainOperator."""
-        return Operator(
+        """Reads a DomainOperator.
+
+        The message does not say whether it is durative: one with nothing over all and at its end counts as
+        plain, as it does for the action interfaces.
+        """
+        found = Operator(
             message.formula.name,
             tuple(parameter.key for parameter in message.formula.typed_parameters),
             _conditions(
@@ -192,6 +220,8 @@ class Operator:
             ),
             _effects(message.at_end_add_effects, message.at_end_del_effects, message.at_end_assign_effects),
         )
+        plain = found.over_all.empty and found.at_end.empty and found.end_effects.empty
+        return replace(found, durative=not plain)
 
     def bind(self, arguments: Sequence[str]) -> Dict[str, str]:
         """Objects by parameter, from a plan's list of arguments.
@@ -217,6 +247,7 @@ class Operator:
             self.at_end.ground(binding),
             self.start_effects.ground(binding),
             self.end_effects.ground(binding),
+            self.durative,
         )
 
 
@@ -225,24 +256,25 @@ def over_all_before_start(action: Operator) -> Conditions:
 
     Those its own start effects bring about do not: they hold from the start on, not before it.
     """
-    added = {atom.key for atom in action.start_effects.add}
-    deleted = {atom.key for atom in action.start_effects.delete}
+    effects = action.start_effects
+    added = {atom.key for atom in effects.add}
+    deleted = {atom.key for atom in effects.delete}
+
+    def own(atom: Atom, made: Set[Atom]) -> bool:
+        return atom.key in made or atom.name.lower() in effects.wild
+
     return Conditions(
-        tuple(atom for atom in action.over_all.positive if atom.key not in added),
-        tuple(atom for atom in action.over_all.negative if atom.key not in deleted),
-        tuple(
-            comparison
-            for comparison in action.over_all.comparisons
-            if not comparison.functions & action.start_effects.functions
-        ),
-        tuple(entry for entry in action.over_all.expressions if not entry.reads & action.start_effects.names),
+        tuple(atom for atom in action.over_all.positive if not own(atom, added)),
+        tuple(atom for atom in action.over_all.negative if not own(atom, deleted)),
+        tuple(entry for entry in action.over_all.comparisons if not entry.functions & effects.names),
+        tuple(entry for entry in action.over_all.expressions if not entry.reads & effects.names),
     )
 
 
 def broken_by_own_end(action: Operator, atom: Atom, negative: bool) -> bool:
     """Whether the end effects of a ground action make one of its own over-all conditions false."""
     effects = action.end_effects.add if negative else action.end_effects.delete
-    return atom.key in {effect.key for effect in effects}
+    return atom.key in {effect.key for effect in effects} or atom.name.lower() in action.end_effects.wild
 
 
 def _atom(formula: Any) -> Atom:
@@ -281,4 +313,5 @@ def _effects(add: Iterable[Any], delete: Iterable[Any], assign: Iterable[Any]) -
         _atoms(delete),
         tuple(_atom(entry.LHS) for entry in assign),
         tuple(term for entry in assign for term in _terms(entry.RHS)),
+        tuple(_atom(entry.LHS) for entry in assign if entry.assign_type in (entry.INCREASE, entry.DECREASE)),
     )

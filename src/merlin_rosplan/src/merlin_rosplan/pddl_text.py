@@ -169,7 +169,14 @@ def is_variable(text: str) -> bool:
     return _VARIABLE.match(text) is not None
 
 
+def shortened(text: str, limit: int = 500) -> str:
+    """A text for the log: its beginning and its end, when a client sent names without end."""
+    return text if len(text) <= limit else f"{text[: limit // 2]} ... {text[-limit // 2 :]}"
+
+
 def suggestion(name: str, known: Iterable[str]) -> str:
     """`` (did you mean 'x'?)`` or nothing."""
+    if len(name) > 200:  # nobody mistyped that, and comparing takes seconds
+        return ""
     close: Optional[List[str]] = difflib.get_close_matches(name, list(known), n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""

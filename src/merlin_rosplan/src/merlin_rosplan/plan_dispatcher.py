@@ -20,34 +20,34 @@ from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceRequest, D
 from rosplan_knowledge_msgs.msg import StatusUpdate
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
-from merlin_rosplan.component import Component, ComponentError, run_component
+from merlin_rosplan.component import Component, ComponentError, caller, run_component
 from merlin_rosplan.dispatch import Dispatch
+from merlin_rosplan.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch_outside import (
     DispatchLimits,
     DispatchReport,
     DispatchState,
     Feedback,
+    FeedbackStatus,
     KnowledgeChanged,
     Tick,
 )
-from merlin_rosplan.dispatch_schedule import (
-    GraphSchedule,
-    PlanError,
-    PlannedAction,
-    Schedule,
-    SequentialSchedule,
-)
+from merlin_rosplan.dispatch_owner import DispatchOwner
+from merlin_rosplan.dispatch_schedule import PlanError, PlannedAction, Schedule, SequentialSchedule
+from merlin_rosplan.dispatch_settler import DispatchSettler
 from merlin_rosplan.dispatch_topics import OWN_MARK, SHUTDOWN_DEADLINE, DispatchTopics
 from merlin_rosplan.handover import Handover
 from merlin_rosplan.plan_graph_drawer import PlanGraphDrawer
 from merlin_rosplan.plan_graph_messages import graph_from_message
 from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError, goals_text
 from merlin_sm.action_server import ActionServer, ServerGoal
-from merlin_sm.deadline import limit
+from merlin_sm.deadline import Deadline, limit
 from merlin_sm.health import OK, WARN, Health
+from merlin_sm.lease import LeaseState
 
 SCOPE = "rosplan_plan_dispatcher"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
+SLACK = 1.0  # s beyond the cancel deadline that the dispatch of an owner who is gone gets to end
 
 
 class PlanDispatcher(Component):
@@ -82,8 +82,12 @@ class PlanDispatcher(Component):
         self._topics = DispatchTopics(
             self, self._knowledge, self.publishes_feedback, self._tick, self._forward, self.progressed
         )
+        self._settler = self.own(
+            DispatchSettler(self.knowledge_base, self._topics.silence, self._limits.liveness)
+        )
+        self._owner = self.own(DispatchOwner(self.scope))
         feedback_topic = str(self.param("action_feedback_topic", "action_feedback"))
-        self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback, queue_size=1000)
+        self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback)  # no answer may be dropped
         self._changes = self.subscriber(
             f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes
         )
@@ -98,6 +102,7 @@ class PlanDispatcher(Component):
                 NonBlockingDispatchAction,
                 self._accept,
                 self._cancel_goal,
+                self._goal_owner_changed,
             )
         )
         self._server.start()
@@ -140,9 +145,14 @@ class PlanDispatcher(Component):
 
     # --- services and action ------------------------------------------------------------------------
 
-    def _serve(self, _: DispatchServiceRequest) -> DispatchServiceResponse:
+    def _serve(self, request: DispatchServiceRequest) -> DispatchServiceResponse:
         if not self._occupy(None):
-            raise rospy.ServiceException("a plan is being dispatched already")
+            stays = self._owner.abandoned()
+            if stays or not self._occupy(None, wait=True):
+                raise rospy.ServiceException(
+                    f"a plan is being dispatched already, {stays or 'and does not end'}"
+                )
+        self._owner.begin(caller(request))
         report, goal_achieved = self._run()
         return DispatchServiceResponse(success=report.success, goal_achieved=goal_achieved)
 
@@ -160,6 +170,7 @@ class PlanDispatcher(Component):
         if not self._occupy(goal):
             goal.reject(NonBlockingDispatchResult(), "a plan is being dispatched already")
             return
+        self._owner.begin("")
         goal.accept()
         threading.Thread(
             target=self._run_goal, args=(goal,), name=f"dispatch {self.scope}", daemon=True
@@ -180,12 +191,30 @@ class PlanDispatcher(Component):
         with self._state:
             dispatch = self._dispatch if self._goal is goal else None
         if dispatch is not None:
-            dispatch.cancel("cancelled through dispatch_plan_action")
+            lost = goal.cancel_reason != "cancelled"
+            dispatch.cancel(
+                f"its owner is gone: {goal.cancel_reason}"
+                if lost
+                else "cancelled through dispatch_plan_action"
+            )
+
+    def _goal_owner_changed(self, goal: ServerGoal, state: LeaseState, reason: str) -> None:
+        with self._state:
+            mine = self._goal is goal
+        if mine and state is not LeaseState.LOST:  # the server cancels the goal of an owner who is gone
+            self._owner.changed(state, reason)
 
     # --- one dispatch -------------------------------------------------------------------------------
 
-    def _occupy(self, goal: Optional[ServerGoal]) -> bool:
+    def _occupy(self, goal: Optional[ServerGoal], wait: bool = False) -> bool:
+        """Makes the dispatcher busy; False when it is.
+
+        :param wait: for the end of a dispatch that is being cancelled.
+        """
+        patience = self._limits.cancel
+        deadline = Deadline((None if patience is None else patience + SLACK) if wait else 0.0)
         with self._state:
+            deadline.wait(self._state, lambda: not self._busy or self.closed)
             if self._busy:
                 return False
             self._busy = True
@@ -210,9 +239,11 @@ class PlanDispatcher(Component):
             if report.success and unmet:
                 rospy.logwarn("%s: every action succeeded, but %s", self.scope, unmet)
         finally:
+            self._owner.end()
             with self._state:
                 self._dispatch = self._goal = None
                 self._busy = False
+                self._state.notify_all()
                 self._failure = report.reason if report.state == DispatchState.FAILED else ""
         return told, not unmet
 
@@ -226,7 +257,11 @@ class PlanDispatcher(Component):
         # A cancel before this point found no dispatch to stop.
         if self.closed or (goal is not None and goal.cancel_requested):
             dispatch.cancel("cancelled before it began")
-        return dispatch.run()
+        self._owner.attach(dispatch, self._topics.owner_key)
+        try:
+            return dispatch.run()
+        finally:
+            self._settler.settle(dispatch.plan_id, self._topics.unanswered())
 
     def _take_plan(self) -> Any:
         self._plans.catch_up()
@@ -262,6 +297,9 @@ class PlanDispatcher(Component):
             dispatch, goal = self._dispatch, self._goal
         if dispatch is None:
             return
+        final = message.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
+        if final and message.plan_id in (0, dispatch.plan_id):
+            self._topics.answered(message.action_id)
         reason = next((entry.value for entry in message.information if entry.key == "reason"), "")
         if goal is not None:  # first: the event may end the goal
             goal.feedback(NonBlockingDispatchFeedback(feedback=message))
@@ -289,12 +327,12 @@ class PlanDispatcher(Component):
         dispatch.put(KnowledgeChanged(frozenset(names)))
 
     def _receive_update(self, _: StatusUpdate) -> None:
-        # A knowledge base that publishes the changes themselves says more there.
-        if self._changes.get_num_connections() == 0:
-            with self._state:
-                dispatch = self._dispatch
-            if dispatch is not None:
-                dispatch.put(KnowledgeChanged())
+        with self._state:
+            dispatch = self._dispatch
+        if dispatch is not None:
+            # A knowledge base that publishes the changes themselves says there what they were.
+            told = self._changes.get_num_connections() > 0
+            dispatch.put(KnowledgeChanged(frozenset() if told else None))
 
     def _tick(self) -> None:
         with self._state:

@@ -45,7 +45,11 @@ class Node:
 
 @dataclass
 class Edge:
-    """`sink` happens between `lower` and `upper` seconds after `source`."""
+    """`sink` happens between `lower` and `upper` seconds after `source`.
+
+    `strict`: when an action ends before the source of such an edge into its end has happened, the plan was
+    not carried out, and nothing else would notice.
+    """
 
     id: int
     type: EdgeType
@@ -53,6 +57,7 @@ class Edge:
     sink: int
     lower: float = MIN_BOUND
     upper: float = NO_BOUND
+    strict: bool = False
 
 
 class TimedLiteral(NamedTuple):
@@ -61,6 +66,14 @@ class TimedLiteral(NamedTuple):
     time: float
     atom: Atom
     negative: bool = False
+
+
+class TimedValue(NamedTuple):
+    """A function term that gets a value at a time of the plan, s from its start."""
+
+    time: float
+    term: Atom
+    value: float
 
 
 @dataclass
@@ -72,7 +85,13 @@ class PlanGraph:
     _pairs: Dict[Tuple[int, int], int] = field(default_factory=dict, repr=False)
 
     def connect(
-        self, type_: EdgeType, source: int, sink: int, lower: float = 0.0, upper: float = NO_BOUND
+        self,
+        type_: EdgeType,
+        source: int,
+        sink: int,
+        lower: float = 0.0,
+        upper: float = NO_BOUND,
+        strict: bool = False,
     ) -> Edge:
         """Adds an edge; a second one between the same nodes only tightens the first."""
         lower = max(lower, MIN_BOUND)
@@ -82,10 +101,25 @@ class PlanGraph:
             edge = self.edges[known]
             edge.lower = max(edge.lower, lower)
             edge.upper = min(edge.upper, upper)
+            edge.strict |= strict
             return edge
-        edge = Edge(len(self.edges), type_, source, sink, lower, upper)
+        edge = Edge(len(self.edges), type_, source, sink, lower, upper, strict)
         self.edges.append(edge)
         self._pairs[(source, sink)] = edge.id
         self.nodes[source].edges_out.append(edge.id)
         self.nodes[sink].edges_in.append(edge.id)
         return edge
+
+    def snapshot(self) -> List[Tuple[float, float, bool]]:
+        """The edges as they are, for :meth:`restore`."""
+        return [(edge.lower, edge.upper, edge.strict) for edge in self.edges]
+
+    def restore(self, snapshot: List[Tuple[float, float, bool]]) -> None:
+        """Takes back what was connected since."""
+        for edge in self.edges[len(snapshot) :]:
+            self.nodes[edge.source].edges_out.remove(edge.id)
+            self.nodes[edge.sink].edges_in.remove(edge.id)
+            del self._pairs[edge.source, edge.sink]
+        del self.edges[len(snapshot) :]
+        for edge, kept in zip(self.edges, snapshot):
+            edge.lower, edge.upper, edge.strict = kept

@@ -7,7 +7,8 @@ import rospy
 from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlan
 from std_msgs.msg import String
 
-from merlin_rosplan.dispatch_schedule import GraphSchedule, PlanError
+from merlin_rosplan.dispatch_graph import GraphSchedule
+from merlin_rosplan.dispatch_schedule import PlanError
 from merlin_rosplan.plan_graph import Node, NodeType, PlanGraph
 from merlin_rosplan.plan_graph_messages import graph_from_message, graph_to_dot
 from merlin_sm.publishing import publish

@@ -10,6 +10,10 @@ from merlin_rosplan.plan_graph import NO_BOUND, EdgeType, Node, NodeType, PlanGr
 _EDGE_COLOURS = {EdgeType.CONDITION: "green", EdgeType.START_END: "red", EdgeType.INTERFERENCE: "blue"}
 
 
+#: `signal_type` of an edge that an action must not overtake; ROSPlan leaves it 0.
+STRICT = 1
+
+
 def graph_to_message(graph: PlanGraph, actions: Sequence[ActionDispatch]) -> EsterelPlan:
     """A graph on the wire; `actions` by index."""
     nothing = ActionDispatch()
@@ -30,6 +34,7 @@ def graph_to_message(graph: PlanGraph, actions: Sequence[ActionDispatch]) -> Est
                 edge_type=int(edge.type),
                 edge_id=edge.id,
                 edge_name=f"edge_{edge.id}",
+                signal_type=STRICT if edge.strict else 0,
                 source_ids=[edge.source],
                 sink_ids=[edge.sink],
                 duration_lower_bound=edge.lower,
@@ -81,6 +86,7 @@ def graph_from_message(plan: EsterelPlan) -> Tuple[PlanGraph, List[ActionDispatc
                     position[sink],
                     edge.duration_lower_bound,
                     edge.duration_upper_bound,
+                    edge.signal_type == STRICT,
                 )
     return graph, actions
 

@@ -2,9 +2,10 @@
 
 import copy
 import threading
-from typing import Callable, Dict, List, Optional, Sequence, TypeVar
+from typing import Callable, Dict, FrozenSet, Iterable, List, Optional, Sequence, Tuple, TypeVar, Union
 
 import rospy
+from merlin_msgs.srv import ListExecutions
 from rosplan_knowledge_msgs.msg import DomainInequality, KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
@@ -12,7 +13,7 @@ from merlin_rosplan.component import Component
 from merlin_rosplan.domain_file import DomainFile
 from merlin_rosplan.operator_expressions import with_expressions
 from merlin_rosplan.operator_model import Atom, Conditions, Operator
-from merlin_rosplan.plan_graph import TimedLiteral
+from merlin_rosplan.plan_graph import TimedLiteral, TimedValue
 from merlin_sm.knowledge_client import CALL_LIMIT, fact, knowledge_client
 from merlin_sm.pddl_text import to_pddl
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
@@ -41,6 +42,8 @@ class PlanKnowledge:
         self._operators: Dict[str, Operator] = {}
         self._domain_file = DomainFile(knowledge_base)
         self._timed = ServiceProxy(f"{knowledge_base}/state/timed_knowledge", GetAttributeService, CALL_LIMIT)
+        self._executions = ServiceProxy(f"{knowledge_base}/executions", ListExecutions, CALL_LIMIT)
+        self._lists: Optional[bool] = None  # whether there is such a service
 
     def operator(self, name: str) -> Operator:
         """One operator of the domain; one that it does not have is an error too."""
@@ -83,27 +86,30 @@ class PlanKnowledge:
         conditions: ground atoms; comparisons are grounded here.
         binding: objects by operator variable.
         """
-        positive = [atom for atom in conditions.positive if atom.name != "="]
-        negative = [atom for atom in conditions.negative if atom.name != "="]
-        items = [fact(atom.name, *atom.arguments) for atom in positive + negative]
-        items += [comparison_item(entry.message, binding) for entry in conditions.comparisons]
-        items += [expression_item(str(entry)) for entry in conditions.expressions]
-        results = self.query(items) if items else []
-        holds = dict(zip(positive + negative, results))
-        numeric = len(positive) + len(negative)
-        other = numeric + len(conditions.comparisons)
-        return Conditions(
-            tuple(
-                atom
-                for atom in conditions.positive
-                if not (_equal(atom) if atom.name == "=" else holds[atom])
-            ),
-            tuple(
-                atom for atom in conditions.negative if (_equal(atom) if atom.name == "=" else holds[atom])
-            ),
-            tuple(entry for entry, true in zip(conditions.comparisons, results[numeric:other]) if not true),
-            tuple(entry for entry, true in zip(conditions.expressions, results[other:]) if not true),
-        )
+        return self.false_of_each([(conditions, binding)])[0]
+
+    def false_of_each(self, asked: Sequence[Tuple[Conditions, Dict[str, str]]]) -> List[Conditions]:
+        """:meth:`false_of` for several conditions, each with its binding, all in one call."""
+        items: List[KnowledgeItem] = []
+        for conditions, binding in asked:
+            atoms = [atom for atom in conditions.positive + conditions.negative if atom.name != "="]
+            items += [fact(atom.name, *atom.arguments) for atom in atoms]
+            items += [comparison_item(entry.message, binding) for entry in conditions.comparisons]
+            items += [expression_item(str(entry)) for entry in conditions.expressions]
+        results = iter(self.query(items) if items else [])
+
+        def holds(atom: Atom) -> bool:
+            return _equal(atom) if atom.name == "=" else next(results)
+
+        return [
+            Conditions(
+                tuple([atom for atom in conditions.positive if not holds(atom)]),
+                tuple([atom for atom in conditions.negative if holds(atom)]),
+                tuple([entry for entry in conditions.comparisons if not next(results)]),
+                tuple([entry for entry in conditions.expressions if not next(results)]),
+            )
+            for conditions, _ in asked
+        ]
 
     def query(self, items: Sequence[KnowledgeItem]) -> List[bool]:
         """Whether each item is true now; negative facts are asked as positive ones and turned round."""
@@ -119,19 +125,49 @@ class PlanKnowledge:
         goals = _answer(self._client.goals)
         return [goal for goal, true in zip(goals, self.query(goals) if goals else []) if not true]
 
-    def timed_literals(self) -> List[TimedLiteral]:
-        """Facts that wait for their time; times in s from now."""
+    def timed(self) -> List[Union[TimedLiteral, TimedValue]]:
+        """Facts and function values that wait for their time; times in s from now."""
         items = _answer(lambda: self._timed(predicate_name="")).attributes
         now = rospy.Time.now()
-        return [
-            TimedLiteral(
-                (item.initial_time - now).to_sec(),
-                Atom(item.attribute_name, tuple(value.value for value in item.values)),
-                bool(item.is_negative),
-            )
-            for item in items
-            if item.knowledge_type == KnowledgeItem.FACT
-        ]
+        found: List[Union[TimedLiteral, TimedValue]] = []
+        for item in items:
+            atom = Atom(item.attribute_name, tuple(value.value for value in item.values))
+            time = (item.initial_time - now).to_sec()
+            if item.knowledge_type == KnowledgeItem.FACT:
+                found.append(TimedLiteral(time, atom, bool(item.is_negative)))
+            elif item.knowledge_type == KnowledgeItem.FUNCTION:
+                found.append(TimedValue(time, atom, item.function_value))
+        return found
+
+    def timed_changes(self) -> List[Tuple[float, str]]:
+        """ROS time, s, and name of everything that waits for its time."""
+        items = _answer(lambda: self._timed(predicate_name="")).attributes
+        return [(item.initial_time.to_sec(), item.attribute_name.lower()) for item in items]
+
+    def values(self, names: Iterable[str]) -> Dict[Atom, float]:
+        """What the terms of some functions are worth now."""
+        return {
+            Atom(item.attribute_name, tuple(value.value for value in item.values)).key: item.function_value
+            for name in sorted(names)
+            for item in _answer(lambda name=name: self._client.functions(name))
+        }
+
+    def objects(self) -> FrozenSet[str]:
+        """All objects and constants, lower-case."""
+        return frozenset(name.lower() for name in _answer(self._client.instances))
+
+    def begun(self, plan_id: int, action_id: int) -> Optional[bool]:
+        """Whether an action's execution is open; None when the knowledge base does not list executions."""
+        if self._lists is None:
+            self._lists = self._executions.available()
+        if not self._lists:
+            return None
+        try:
+            executions = self._executions("").executions
+        except ServiceError:
+            return None
+        token = f"{plan_id}/{action_id}/"
+        return any(execution.token.startswith(token) for execution in executions)
 
 
 def goals_text(goals: Sequence[KnowledgeItem]) -> str:

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from typing import Any, Dict, List, Tuple, Type
+from typing import Any, Dict, List, Set, Tuple, Type
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -13,7 +13,9 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_rosplan.component import Component, ComponentError, run_component
 from merlin_rosplan.handover import Handover, digest_service
-from merlin_rosplan.operator_model import BindingError, Operator
+from merlin_rosplan.operator_model import Atom, BindingError, Operator
+from merlin_rosplan.pddl_text import suggestion
+from merlin_rosplan.plan_graph import TimedValue
 from merlin_rosplan.plan_graph_builder import build_graph
 from merlin_rosplan.plan_graph_messages import graph_to_message
 from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError
@@ -34,6 +36,7 @@ class PlanParser(Component):
         self._text = ""
         self._new = False
         self._parsing = threading.Lock()  # one plan at a time, published in the order of the calls
+        self._strict = bool(self.param("strict", True))
         self._knowledge = PlanKnowledge(self.knowledge_base)
         topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
         self._plan = self.publisher(topic, self.plan_class, queue_size=1, latch=True)
@@ -73,8 +76,10 @@ class PlanParser(Component):
             self._parse(text, "the planner's output")
         elif text:
             rospy.logwarn("%s: parse_plan: nothing new since the last plan; nothing is published", self.scope)
-        else:
+        elif self._strict:
             raise rospy.ServiceException(f"no plan was received on {self._planner_topic}")
+        else:
+            rospy.logwarn("%s: parse_plan: no plan was received on %s", self.scope, self._planner_topic)
         return EmptyResponse()
 
     def _serve_file(self, request: ParsingServiceRequest) -> ParsingServiceResponse:
@@ -84,8 +89,10 @@ class PlanParser(Component):
             self._parse(text, request.plan_path)
         except (OSError, ValueError) as error:  # ValueError: a path with a null byte
             reason = getattr(error, "strerror", None) or error
-            rospy.logerr("%s: cannot read %r: %s", self.scope, request.plan_path, reason)
-            return ParsingServiceResponse(plan_parsed=False)
+            rospy.logerr("%s: cannot read %r: %s", self.scope, request.plan_path[:200], reason)
+            if self._strict:
+                return ParsingServiceResponse(plan_parsed=False)
+            self._parse("", "nothing")  # as ROSPlan: what cannot be read is an empty plan
         except rospy.ServiceException:  # it is in the log
             return ParsingServiceResponse(plan_parsed=False)
         return ParsingServiceResponse(plan_parsed=True)
@@ -115,14 +122,23 @@ class PlanParser(Component):
     def _ground(self, steps: List[PlanStep]) -> List[Tuple[Operator, Operator]]:
         operators: Dict[str, Operator] = {}
         actions: List[Tuple[Operator, Operator]] = []
+        objects = self._knowledge.objects() if any(step.arguments for step in steps) else frozenset()
         for step in steps:
-            if step.name not in operators:
-                operators[step.name] = self._knowledge.operator(step.name)
-            operator = operators[step.name]
+            unknown = next((each for each in step.arguments if each.lower() not in objects), None)
+            if unknown is not None:
+                raise PlanTextError(
+                    f"line {step.line}: {step} names '{unknown}', an object that the knowledge base does not "
+                    f"know{suggestion(unknown, objects)}"
+                )
             try:
+                if step.name not in operators:
+                    operators[step.name] = self._knowledge.operator(step.name)
+                operator = operators[step.name]
                 actions.append((operator, operator.ground(operator.bind(step.arguments))))
             except BindingError as error:
                 raise BindingError(f"line {step.line}: {error}") from None
+            except PlanKnowledgeError as error:
+                raise PlanKnowledgeError(f"line {step.line}: {error}") from None
         return actions
 
 
@@ -147,10 +163,25 @@ class EsterelPlanParser(PlanParser):
 
     def message(self, steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> EsterelPlan:
         """The plan graph, with the timed literals that the knowledge base waits for."""
-        timed = self._knowledge.timed_literals() if steps else []
+        timed = self._knowledge.timed() if steps else []
         reduce = len(steps) > self._full_graph_limit
-        graph = build_graph(steps, [ground for _, ground in actions], timed, self._epsilon, reduce)
+        ground = [action for _, action in actions]
+        values: Dict[Atom, float] = {}
+        if any(isinstance(entry, TimedValue) for entry in timed):
+            values = self._knowledge.values(_compared(ground))
+        graph = build_graph(steps, ground, timed, self._epsilon, reduce, values)
         return graph_to_message(graph, action_messages(steps, actions))
+
+
+def _compared(actions: List[Operator]) -> Set[str]:
+    """Names of the functions in the actions' comparisons."""
+    return {
+        name
+        for action in actions
+        for conditions in (action.at_start, action.over_all, action.at_end)
+        for entry in conditions.comparisons
+        for name in entry.functions
+    }
 
 
 def action_messages(steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> List[ActionDispatch]:

@@ -7,8 +7,13 @@ from typing import Dict, Iterable, List, Optional, Tuple
 #: Duration that stands for an action without one, s.
 NO_DURATION = 0.001
 
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_LINE = re.compile(rf"^\s*({_NUMBER})\s*:\s*\(([^()]*)\)+\s*\[\s*(?:D:\s*)?({_NUMBER})\s*[^\]]*\]")
+#: The latest time and longest duration of a plan, s: ROS counts its seconds in 32 bits.
+LONGEST = 1e9
+
+_LINE = re.compile(r"^\s*([^\s:]+)\s*:\s*\(([^()]*)\)+\s*\[\s*(?:D:\s*)?([^\s\];]+)\s*[^\]]*\]")
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+# a time and a colon, or something in parentheses: meant as an action, whatever is missing
+_MEANT = re.compile(r"^\s*(?:[+-]?[\d.]+(?:[eE][+-]?\d+)?\s*:|\()")
 _SYMBOL = re.compile(r"[^\s()?;:]+")
 
 
@@ -46,38 +51,70 @@ def is_action_line(line: str) -> bool:
 
 def parse_line(line: str, number: int = 0) -> Optional[PlanStep]:
     """The action of one line, or None when it is none or cannot be read."""
+    try:
+        return _step(line, number)
+    except PlanTextError:
+        return None
+
+
+def _step(line: str, number: int) -> PlanStep:
     found = _LINE.match(line)
-    if not found:
-        return None
-    words = found.group(2).split()
-    if not words:
-        return None
-    return PlanStep(float(found.group(1)), words[0], tuple(words[1:]), float(found.group(3)), number)
+    words = found.group(2).split() if found else []
+    if not found or not words:
+        raise PlanTextError(f"{_place(line, number)}, is not '<time>: (<action> <arguments>) [<duration>]'")
+    time, duration = (
+        _seconds(found.group(group), what, line, number) for group, what in ((1, "time"), (3, "duration"))
+    )
+    return PlanStep(time, words[0], tuple(words[1:]), duration, number)
+
+
+def _seconds(text: str, what: str, line: str, number: int) -> float:
+    if not _NUMBER.fullmatch(text):
+        raise PlanTextError(f"{_place(line, number)}: the {what} '{_short(text)}' is not a number of seconds")
+    seconds = float(text)
+    if not 0.0 <= seconds <= LONGEST:
+        raise PlanTextError(
+            f"{_place(line, number)}: the {what} {_short(text)} is not between 0 and {LONGEST:g} s"
+        )
+    return seconds
+
+
+def _place(line: str, number: int) -> str:
+    return f"line {number}, '{_short(line.strip())}'"
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def parse_plan(text: str) -> List[PlanStep]:
     """The actions of a plan's text, by time; equal times keep their order.
 
-    Lines that are no actions are skipped; the first empty line after an action ends the plan.
+    Planners write other lines around a plan: they are skipped. The first empty line after an action ends the
+    plan. A text without any action is a plan only when it has nothing but comments.
 
     Raises
     ------
-    PlanTextError: a line has all the marks of an action and cannot be read.
+    PlanTextError: a line is meant as an action and cannot be read, its time or duration is negative or too
+        large, or there is text and no action in it.
     """
     steps: List[PlanStep] = []
+    other = ""  # the first line that is neither an action nor a comment
     for number, line in enumerate(text.splitlines(), 1):
         if len(line.strip()) < 2:
             if steps:
                 break
+            if line.strip(" \t\0"):
+                other = other or _place(line, number)
             continue
-        if not is_action_line(line):
+        if line.lstrip().startswith(";"):
             continue
-        step = parse_line(line, number)
-        if step is None:
-            raise PlanTextError(
-                f"line {number}, '{line.strip()}', is not '<time>: (<action> <arguments>) [<duration>]'"
-            )
-        steps.append(step)
+        if is_action_line(line) or _MEANT.match(line):
+            steps.append(_step(line, number))
+        else:
+            other = other or _place(line, number)
+    if other and not steps:
+        raise PlanTextError(f"{other}, is not an action, and there is none in the whole text")
     # Not every planner writes them in order, and the simple dispatcher goes by the list.
     return sorted(steps, key=lambda step: round(step.time, 6))
 

@@ -48,14 +48,13 @@ class PlannerCommand:
         """Where the program is, None when it is missing or not executable."""
         return shutil.which(self.program)
 
-    def arguments(self, domain: Path, problem: Path, directory: Path, limit: float) -> List[str]:
+    def arguments(self, domain: Path, problem: Path, directory: Path) -> List[str]:
         """The command to start: a shell with all placeholders filled in.
 
         Parameters
         ----------
         domain, problem: absolute paths; they stand for the first DOMAIN and the first PROBLEM.
         directory: where the planner runs and LPG's ``-out`` goes.
-        limit: s after which even an orphan ends itself; 0 means never.
         """
         paths = {"DOMAIN": str(domain), "PROBLEM": str(problem)}
 
@@ -69,11 +68,7 @@ class PlannerCommand:
         if os.sep in self.program and not os.path.isabs(self.program):
             # The planner runs in a folder of its own; a relative path was meant from ours.
             text = text.replace(self.program, shlex.quote(os.path.abspath(self.program)), 1)
-        shell = ["/bin/sh", "-c", text]
-        if limit > 0 and shutil.which("timeout"):
-            # Were this process killed, nobody else would end the planner.
-            return ["timeout", "-s", "KILL", f"{limit + 2.0:.1f}"] + shell
-        return shell
+        return ["/bin/sh", "-c", text]
 
 
 def parse_command(text: str) -> PlannerCommand:

@@ -19,10 +19,13 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 from merlin_rosplan import pddl_check
 from merlin_rosplan.component import Component, run_component
 from merlin_rosplan.handover import Handover, digest_service
-from merlin_rosplan.planner import PlannerSettings, Planning
+from merlin_rosplan.planner import PlannerSettings
+from merlin_rosplan.planner_host import HostError, PlannerHosts
+from merlin_rosplan.planning import Planning
 from merlin_rosplan.planning_outcome import PlannerState, PlanningOutcome
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.health import OK, WARN, Health
+from merlin_sm.master_link import get_param
 from merlin_sm.serial_action_server import SerialActionServer
 
 SCOPE = "rosplan_planner_interface"
@@ -47,6 +50,7 @@ class PlannerInterface(Component):
         self._numbers = itertools.count(1)
         self._folder = tempfile.TemporaryDirectory(prefix="planner_interface-")
         self._settings = self._read_settings()
+        self._strict = bool(self.param("strict", True))
         if not pddl_check.available():
             rospy.logwarn("%s: kairos is not installed: PDDL and plans are not checked", self.scope)
         topic = self.resolve(str(self.param("planner_topic", "planner_output")))
@@ -64,6 +68,10 @@ class PlannerInterface(Component):
         self._action.start()
         self.service("planning_server", Empty, self._serve)
         self.service("planning_server_params", PlanningService, self._serve_params)
+        try:
+            PlannerHosts.of_process().warm_up()
+        except HostError as error:  # tried again at each planning, which then says why
+            rospy.logerr("%s: %s", self.scope, error)
 
     def on_shutdown(self) -> None:
         """Kills the planner that runs."""
@@ -91,13 +99,15 @@ class PlannerInterface(Component):
         return PlannerSettings(
             fallback=bool(self.param("planner_fallback", True)),
             time_limit=self.number("time_limit", 60.0, 0.0),
-            anytime=self.number("anytime", 0.0, 0.0),
+            anytime=self.number("anytime", 0.2, 0.0),
             check_input=bool(self.param("check_input", True)),
+            memory_limit=self.number("memory_limit", 4096.0, 0.0),
+            output_limit=self.number("output_limit", 64.0, 0.0),
         )
 
     def _request_of_params(self) -> PlanningServiceRequest:
         # All in one look-up: each costs a call to the master.
-        values = rospy.get_param(self.scope, {})
+        values = get_param(self.scope, {})
         return PlanningServiceRequest(
             use_problem_topic=bool(values.get("use_problem_topic", False)),
             domain_path=str(values.get("domain_path", "")),
@@ -171,7 +181,7 @@ class PlannerInterface(Component):
             "%s: %s by %s in %.3f s: %s",
             self.scope,
             outcome.state.name,
-            outcome.planner or "nobody",
+            outcome.planner or "no planner",
             outcome.seconds,
             outcome.reason,
         )
@@ -188,6 +198,11 @@ class PlannerInterface(Component):
         for name, path in (("domain", domain_path), ("problem", problem_path)):
             if not path:
                 return PlanningOutcome(PlannerState.INVALID, f"no {name}: {name}_path is empty")
+            if not self._strict and not os.path.exists(path):
+                # As ROSPlan: the call succeeds and nothing is published.
+                return PlanningOutcome(
+                    PlannerState.SOLVED, f"there is no file {path[:200]} (~strict is false)"
+                )
         settings = dataclasses.replace(self._settings, command=request.planner_command)
         planning = Planning(settings, domain_path, problem_path, self._data_folder(request.data_path))
         with self._state:
@@ -238,8 +253,8 @@ class PlannerInterface(Component):
         return data_path
 
     def _domain_of_knowledge_base(self) -> str:
-        path = rospy.get_param(f"{self.knowledge_base}/domain_path", "")
-        return str(path or rospy.get_param("/rosplan/domain_path", ""))
+        path = get_param(f"{self.knowledge_base}/domain_path", "")
+        return str(path or get_param("/rosplan/domain_path", ""))
 
     def _tell(self, status: PlannerStatus) -> None:
         status.header.stamp = rospy.Time.now()

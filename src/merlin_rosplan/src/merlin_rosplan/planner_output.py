@@ -1,4 +1,4 @@
-"""What planners print: POPF, OPTIC, FF, Metric-FF, Fast Downward, Temporal Fast Downward, LPG and kairos.
+"""What planners print: POPF, OPTIC, FF, Metric-FF, LPG, Fast Downward, TFD, SMTPlan, Tamer and others.
 
 A planner is recognised by what it prints and not by its name, so a wrapper script around one works too.
 """
@@ -24,17 +24,34 @@ _FF_PLAN = re.compile(r"ff: found legal plan", re.IGNORECASE)
 _FF_STEP = re.compile(r"^\s*(?:step)?\s*(\d+):\s*([A-Za-z][^()\[\]]*?)\s*$")
 _FD_PLAN = re.compile(r"^(?:\[t=[^\]]*\]\s*)?Actual search time", re.MULTILINE)
 _FD_STEP = re.compile(r"^([a-z][^()\[\]:]*?)\s+\((\d+)\)\s*$")
+_ENHSP_PLAN = re.compile(r"^Found Plan:", re.MULTILINE | re.IGNORECASE)
+_ENHSP_STEP = re.compile(r"^\d+(?:\.\d+)?:\s*(\([^()]+\))\s*$")
 _FILE_STEP = re.compile(r"^\s*\(([^()]+)\)\s*$")
 _SOLVED_MARK = re.compile(
     r"; Plan found|;;;; Solution Found|goal can be simplified to TRUE|"
     r"The empty plan solves it|^Solution found",
     re.IGNORECASE | re.MULTILINE,
 )
+# Said with a proof: an empty relaxation, or a search of every state that counts as complete for its planner.
 _UNSOLVABLE = re.compile(
-    r"^.*(?:problem unsolvable|problem proven unsolvable|problem is unsolvable|problem not solvable|"
+    r"^.*(?:problem unsolvable|unsolvable problem|deemed unsolvable|detected as unsolvable|"
+    r"problem proven unsolvable|problem is unsolvable|problem not solvable|"
     r"goal can be simplified to FALSE|no plan will solve it|no plan exists|provably unsolvable|"
-    r"completely explored state space|search stopped without finding a solution|"
+    r"trivially false goal|no relaxed solution|unsolvable_proven|"
     r"goals? .*(?:cannot|can not|can't|not) (?:be )?reach(?:ed|able)|kairos: unsolvable).*$",
+    re.IGNORECASE | re.MULTILINE,
+)
+# The planner gave up: its search was not complete, or bounded.
+_NO_PLAN = re.compile(
+    r"^.*(?:completely explored state space|search stopped without finding a solution|"
+    r"unsolvable_incompletely|kairos: no plan|search space empty|search limit exceeded|"
+    r"no (?:plan|solution) (?:was |could be |has been )?found|"
+    r"(?:unable to|cannot|can't|could not|did not) find (?:a|any) (?:plan|solution)).*$",
+    re.IGNORECASE | re.MULTILINE,
+)
+_TIME = re.compile(
+    r"^.*(?:(?:time ?limit|time-?out|max(?:imum)?(?: cpu| search)? time).*(?:reached|exceeded|expired)|"
+    r"no (?:plan|solution) .*time ?limit|status: timeout|caught signal 24|SIGXCPU).*$",
     re.IGNORECASE | re.MULTILINE,
 )
 _BAD_INPUT = re.compile(
@@ -51,10 +68,7 @@ _PLAN_FILES = ("sas_plan", "fdplan", "tfdplan", "lpgplan", "plan", "found_plan",
 _FAST_DOWNWARD_EXIT = {
     10: (PlannerState.UNSOLVABLE, "the translator proved that the problem has no plan"),
     11: (PlannerState.UNSOLVABLE, "the search proved that the problem has no plan"),
-    12: (
-        PlannerState.UNSOLVABLE,
-        "the search ended without a plan; it was not complete, so this is no proof",
-    ),
+    12: (PlannerState.NO_PLAN, "the search ended without a plan; this is no proof that there is none"),
     20: (PlannerState.CRASHED, "the translator ran out of memory"),
     21: (PlannerState.TIMEOUT, "the translator ran out of time"),
     22: (PlannerState.CRASHED, "the search ran out of memory"),
@@ -92,6 +106,7 @@ def candidate_plans(output: str, files: Iterable[Tuple[str, str]] = ()) -> List[
         plans.extend(_ff_plans(output))
     elif _FD_PLAN.search(output):
         plans.extend(_fast_downward_plans(output))
+    plans.extend(_enhsp_plans(output))
     plans.extend(_kairos_plans(output))
     plans.extend(_timed_blocks(output))
     if not plans and re.search(r"^;\s*cost\s*=", output, re.MULTILINE):
@@ -133,9 +148,14 @@ def verdict(output: str, errors: str, returncode: int, name: str = "") -> Option
         if detail.endswith(":") and where:
             detail += " " + where[0].strip()
         return Verdict(PlannerState.INVALID, detail)
-    found = _MEMORY.search(text)
-    if found:
-        return Verdict(PlannerState.CRASHED, _sentence(found.group(0)))
+    for pattern, state in (
+        (_MEMORY, PlannerState.CRASHED),
+        (_TIME, PlannerState.TIMEOUT),
+        (_NO_PLAN, PlannerState.NO_PLAN),
+    ):
+        found = pattern.search(text)
+        if found:
+            return Verdict(state, _sentence(found.group(0)))
     return None
 
 
@@ -178,6 +198,16 @@ def _sequential(pattern: "re.Pattern[str]", lines: Iterable[str]) -> Plan:
             words = found.group(1).split()
             steps.append(PlanStep(float(len(steps)), words[0], tuple(words[1:]), NO_DURATION))
     return steps
+
+
+def _enhsp_plans(output: str) -> List[Plan]:
+    """ENHSP's plans, which have no durations."""
+    plans: List[Plan] = []
+    for part in _ENHSP_PLAN.split(output)[1:]:
+        lines = part.split("Plan-Length", 1)[0].splitlines()
+        found = [match.group(1) for match in map(_ENHSP_STEP.match, lines) if match]
+        plans.append(_sequential(_FILE_STEP, found))
+    return plans
 
 
 def _kairos_plans(output: str) -> List[Plan]:

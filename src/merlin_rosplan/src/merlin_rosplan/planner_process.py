@@ -1,4 +1,4 @@
-"""A planner as a child process: in a group of its own, killed with everything it started."""
+"""A planner as a child process, in a group of its own, with files for its output."""
 
 import contextlib
 import os
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import List, Optional
 
-MAX_OUTPUT = 64 * 1024 * 1024  # bytes of output that are read; a planner gone mad must not fill the memory
+from merlin_rosplan.planner_files import STDERR, STDOUT
 
 
 @dataclass(frozen=True)
@@ -20,67 +20,63 @@ class ProcessResult:
     Parameters
     ----------
     returncode: exit code, or minus the signal that killed it.
+    stdout, stderr: what it printed.
     timed_out: it was killed because its time was over.
-    cancelled: it was killed because somebody asked for it.
-    seconds: of wall time.
+    stopped: it was killed by :meth:`PlannerProcess.stop`.
+    seconds: of running time.
     """
 
     returncode: int
     stdout: str
     stderr: str
     timed_out: bool
-    cancelled: bool
+    stopped: bool
     seconds: float
 
 
 class PlannerProcess:
-    """Runs one command once; :meth:`cancel` ends it from any thread, before or while it runs.
+    """Runs one command once; :meth:`stop` ends it from any thread, before or while it runs.
 
-    Parameters
-    ----------
-    command: program and arguments.
-    directory: where it runs and where its output is kept; must exist.
-    limit: wall time after which it is killed, s; 0 means never.
+    Only its process group is killed here. The supervising process ends what has left the group
+    (:mod:`merlin_rosplan.planner_supervisor`), and sets the limits of memory and files.
     """
 
-    def __init__(self, command: List[str], directory: Path, limit: float = 0.0) -> None:
-        self._command = command
-        self._directory = directory
-        self._limit = limit
+    def __init__(self) -> None:
         self._lock = threading.Lock()  # guards the fields below; a kill never meets a reaped process
         self._process: Optional[subprocess.Popen] = None
         self._timed_out = False
-        self._cancelled = False
+        self._stopped = False
 
-    def cancel(self) -> None:
+    def stop(self) -> None:
         """Kills it at once; if it has not started yet, it never will."""
         with self._lock:
-            self._cancelled = True
+            self._stopped = True
             self._kill()
 
-    def run(self) -> ProcessResult:
+    def run(self, command: List[str], directory: Path, limit: float = 0.0) -> ProcessResult:
         """Runs the command to its end, however that comes.
 
-        Raises
-        ------
-        OSError: the program cannot be started.
+        :param command: program and arguments.
+        :param directory: where it runs and where its output is kept; must exist.
+        :param limit: running time after which it is killed, s; 0 means never.
+        :raises OSError: the program cannot be started.
         """
         started = time.monotonic()
         # Files and no pipes: a grandchild that keeps a pipe open would keep us waiting.
-        output, errors = self._directory / "stdout.txt", self._directory / "stderr.txt"
+        output, errors = directory / STDOUT, directory / STDERR
         with output.open("wb") as out, errors.open("wb") as err:
             with self._lock:
-                if self._cancelled:
+                if self._stopped:
                     return ProcessResult(-signal.SIGKILL, "", "", False, True, 0.0)
                 self._process = subprocess.Popen(
-                    self._command,
-                    cwd=str(self._directory),
+                    command,
+                    cwd=str(directory),
                     stdin=subprocess.DEVNULL,
                     stdout=out,
                     stderr=err,
                     start_new_session=True,
                 )
-            timer = threading.Timer(self._limit, self._time_out) if self._limit > 0 else None
+            timer = threading.Timer(limit, self._time_out) if limit > 0 else None
             if timer is not None:
                 timer.name = "planner limit"
                 timer.daemon = True
@@ -95,10 +91,10 @@ class PlannerProcess:
                 timer.cancel()
         return ProcessResult(
             returncode,
-            _read(output),
-            _read(errors),
+            output.read_text(errors="replace"),
+            errors.read_text(errors="replace"),
             self._timed_out,
-            self._cancelled,
+            self._stopped,
             time.monotonic() - started,
         )
 
@@ -112,8 +108,3 @@ class PlannerProcess:
         if self._process is not None:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self._process.pid, signal.SIGKILL)
-
-
-def _read(path: Path) -> str:
-    with path.open("rb") as file:
-        return file.read(MAX_OUTPUT).decode(errors="replace")

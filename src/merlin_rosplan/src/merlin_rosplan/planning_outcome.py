@@ -10,11 +10,12 @@ class PlannerState(IntEnum):
     IDLE = 0
     RUNNING = 1
     SOLVED = 2
-    UNSOLVABLE = 3  # proven, or the search space is exhausted
+    UNSOLVABLE = 3  # proven: no plan exists
     TIMEOUT = 4
     CRASHED = 5  # could not start, ended abnormally, ran out of memory, or said nothing
     INVALID = 6  # the domain or the problem is not valid PDDL, or the plan did not validate
     CANCELLED = 7
+    NO_PLAN = 8  # the planner gave up without a plan and without a proof that there is none
 
 
 @dataclass(frozen=True)

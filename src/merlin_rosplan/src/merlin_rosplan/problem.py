@@ -12,7 +12,7 @@ class Problem:
     """A problem as its file, or a knowledge base, states it.
 
     `timed` holds nanoseconds after the start; `goals` is a conjunction; `instance_goals` want an object to
-    exist, which PDDL cannot say.
+    exist, which PDDL cannot say; `constraints` are trajectory constraints as PDDL text.
     """
 
     name: str
@@ -24,3 +24,4 @@ class Problem:
     goals: List[Condition] = field(default_factory=list)
     instance_goals: List[Instance] = field(default_factory=list)
     metric: Optional[Metric] = None
+    constraints: List[str] = field(default_factory=list)

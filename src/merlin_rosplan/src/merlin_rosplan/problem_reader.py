@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Dict, Mapping, Optional, Tuple, Union
 
+from merlin_rosplan.constraint_reader import ConstraintReader
 from merlin_rosplan.domain import Domain
 from merlin_rosplan.domain_reader import open_definition
 from merlin_rosplan.evaluation import arithmetic
@@ -16,24 +17,31 @@ from merlin_rosplan.problem import Problem
 NANOSECONDS = 1_000_000_000
 
 
+#: Why a knowledge base takes no trajectory constraints, and what to do.
+NO_TRAJECTORY = (
+    "a knowledge base keeps what holds now and no trajectory, so it cannot keep (:constraints ...) of "
+    "a problem: write them into the domain, where every plan obeys them, or plan for this file itself"
+)
+
+
 def read_problem(path: Union[str, Path], domain: Domain) -> Problem:
-    """Reads a problem file.
+    """Reads a problem file for a knowledge base.
 
     Raises
     ------
-    PddlError: with file, line and column.
+    PddlError: with file, line and column; also for trajectory constraints, which it cannot keep.
     """
     return ProblemReader(read_file(path), domain).read()
 
 
-def parse_problem(text: str, domain: Domain, source: str = "problem") -> Problem:
-    """Reads a problem from text.
+def parse_problem(text: str, domain: Domain, source: str = "problem", constraints: bool = False) -> Problem:
+    """Reads a problem from text; with `constraints` one that is planned for as it is.
 
     Raises
     ------
     PddlError: with `source`, line and column.
     """
-    return ProblemReader(read_expression(text, source), domain).read()
+    return ProblemReader(read_expression(text, source), domain, constraints).read()
 
 
 def parse_condition(
@@ -49,9 +57,13 @@ def parse_condition(
 
 
 class ProblemReader:
-    """Turns the expression of a problem into the model. Use it once."""
+    """Turns the expression of a problem into the model. Use it once.
 
-    def __init__(self, node: Expression, domain: Domain) -> None:
+    :param constraints: take trajectory constraints; a knowledge base cannot.
+    """
+
+    def __init__(self, node: Expression, domain: Domain, constraints: bool = False) -> None:
+        self._takes_constraints = constraints
         name, self._sections = open_definition(node, "problem")
         self._domain = domain
         self._problem = Problem(str(name), domain.name)
@@ -71,9 +83,10 @@ class ProblemReader:
             ":init": self._init,
             ":goal": self._goal,
             ":metric": self._metric,
+            ":constraints": self._constraints,
         }
         for section in self._sections:
-            if section.head not in (*readers, ":requirements", ":constraints", ":length"):
+            if section.head not in (*readers, ":requirements", ":length"):
                 raise section.error(f"unknown section '{section.head}'")
         for head, reader in readers.items():
             for section in self._sections:
@@ -142,6 +155,12 @@ class ProblemReader:
         if len(section) != 2:
             raise section.error("expected (:goal <condition>)")
         self._problem.goals.extend(conjuncts(self._formulas.condition(section[1], {})))
+
+    def _constraints(self, section: Expression) -> None:
+        if not self._takes_constraints:
+            raise section.error(NO_TRAJECTORY)
+        reader = ConstraintReader(self._domain, self._formulas)
+        self._problem.constraints.extend(map(reader.read, section[1:]))
 
     def _metric(self, section: Expression) -> None:
         if len(section) != 3 or section[1] not in ("minimize", "maximize"):

@@ -1,11 +1,13 @@
 """Writes a problem as PDDL, without losing anything that the knowledge base holds."""
 
-from typing import Dict, List, Tuple
+from typing import Dict, Iterable, List, Tuple, TypeVar
 
 from merlin_rosplan.domain import Domain
 from merlin_rosplan.formula import numeric_text, to_pddl, types_text
-from merlin_rosplan.knowledge import Fact, FunctionValue, Instance, Row
+from merlin_rosplan.knowledge import Fact, FunctionValue, Instance
 from merlin_rosplan.problem import Problem
+
+Named = TypeVar("Named", Fact, FunctionValue)
 
 #: A timed item that is due now still has to come after the start.
 EARLIEST = 0.001
@@ -26,23 +28,53 @@ def write_problem(problem: Problem, domain: Domain) -> str:
     lines.extend(f"    {line}" for line in object_lines(problem, domain))
     lines.append(")")
     lines.append("(:init")
-    lines.extend(f"    {fact.text()}" for fact in _in_domain_order(problem.facts, list(domain.predicates)))
-    values = _in_domain_order(problem.values, list(domain.functions))
-    lines.extend(f"    {_value_text(value)}" for value in values)
-    for row in sorted(problem.timed, key=lambda timed: timed.at):
-        if isinstance(row.item, Instance):
-            raise ProblemWriteError(f"the instance {row.item.text()} is to appear later: PDDL cannot say so")
-        item = row.item.text() if isinstance(row.item, Fact) else _value_text(row.item)
-        lines.append(f"    (at {numeric_text(max(EARLIEST, round(row.at / 1e9, 6)))} {item})")
+    lines.extend(_init_lines(problem, domain))
     lines.append(")")
     goals = [to_pddl(condition) for condition in problem.goals]
     lines.append("(:goal (and")
     lines.extend(f"    {goal}" for goal in goals)
     lines.append("))")
+    if problem.constraints:
+        lines.append("(:constraints (and")
+        lines.extend(f"    {constraint}" for constraint in problem.constraints)
+        lines.append("))")
     if problem.metric is not None:
         lines.append(f"(:metric {problem.metric.optimization} {to_pddl(problem.metric.value)})")
     lines.append(")")
     return "\n".join(lines) + "\n"
+
+
+def _init_lines(problem: Problem, domain: Domain) -> List[str]:
+    """What holds, grouped as ROSPlan does it, whose clients compare the text byte for byte.
+
+    A group for each predicate of the domain, one for its timed facts if there are any, and one for each
+    function; an empty line ends a group, also an empty one. What ROSPlan cannot say comes last: rows that the
+    domain does not declare, and values that change later.
+    """
+    facts = _by_name(problem.facts, list(domain.predicates))
+    values = _by_name(problem.values, list(domain.functions))
+    timed: Dict[str, List[str]] = {}
+    for row in sorted(problem.timed, key=lambda row: row.at):
+        if isinstance(row.item, Instance):
+            raise ProblemWriteError(f"the instance {row.item.text()} is to appear later: PDDL cannot say so")
+        item = row.item.text() if isinstance(row.item, Fact) else _value_text(row.item)
+        name = row.item.name.lower() if isinstance(row.item, Fact) else ""
+        text = f"    (at {numeric_text(max(EARLIEST, round(row.at / 1e9, 6)))} {item})"
+        timed.setdefault(name if name in domain.predicates else "", []).append(text)
+    lines: List[str] = []
+    for name in domain.predicates:
+        lines.extend(f"    {fact.text()}" for fact in facts.pop(name, ()))
+        lines.append("")
+        if name in timed:
+            lines.extend(timed.pop(name))
+            lines.append("")
+    for name in domain.functions:
+        lines.extend(f"    {_value_text(value)}" for value in values.pop(name, ()))
+        lines.append("")
+    lines.extend(f"    {fact.text()}" for rest in facts.values() for fact in rest)
+    lines.extend(f"    {_value_text(value)}" for rest in values.values() for value in rest)
+    lines.extend(timed.get("", ()))
+    return lines
 
 
 def object_lines(problem: Problem, domain: Domain) -> List[str]:
@@ -63,7 +95,11 @@ def _value_text(value: FunctionValue) -> str:
     return f"(= {value.text()} {numeric_text(value.value)})"
 
 
-def _in_domain_order(rows: List[Row], names: List[str]) -> List[Row]:
-    """Rows in the order in which the domain declares their names; those it does not declare come last."""
-    order = {name: number for number, name in enumerate(names)}
-    return sorted(rows, key=lambda row: order.get(row.name.lower(), len(order)))
+def _by_name(rows: Iterable[Named], names: List[str]) -> Dict[str, List[Named]]:
+    """Rows by their name, in lower case where the domain declares it so."""
+    known = set(names)
+    found: Dict[str, List[Named]] = {}
+    for row in rows:
+        lower = row.name.lower()
+        found.setdefault(lower if lower in known else row.name, []).append(row)
+    return found

@@ -1,26 +1,35 @@
 """Keeps a knowledge base in an SQLite file, so that a killed process finds everything again.
 
-Write-ahead logging with ``synchronous=NORMAL``: what was committed survives the process, whatever kills it;
-a power failure may take the last moments, never the file's consistency.
+What was acknowledged survives the process, whatever kills it: it is in the write-ahead log before the
+answer. A power cut is another matter, because a sync to the disk costs milliseconds: a transaction of the
+journal of executions waits for one, and takes all earlier ones with it; the others are synced within 0.1 s.
+So a power cut may take the knowledge of the last 0.1 s, never the beginning or the end of an execution, and
+never the file's consistency.
 """
 
 import json
 import os
 import sqlite3
-from typing import Any, List, Sequence, Tuple
+from operator import itemgetter
+from typing import Any, Dict, List, NoReturn, Optional, Sequence, Tuple
 
 from merlin_rosplan.domain import Domain
 from merlin_rosplan.knowledge import Row
 from merlin_rosplan.knowledge_store import Journal
+from merlin_rosplan.late_sync import LateSync
 from merlin_rosplan.state_codec import decode_row, encode_row
+from merlin_rosplan.state_lock import StateLock, StateLockedError
 from merlin_rosplan.transaction import Step
 
 FORMAT = "1"
-_TABLES = """
-CREATE TABLE IF NOT EXISTS meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS row (kind TEXT, key TEXT, place INTEGER NOT NULL, data TEXT NOT NULL,
-    PRIMARY KEY (kind, key)) WITHOUT ROWID;
-"""
+_TABLES = {
+    "meta": "(name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID",
+    "row": "(kind TEXT, key TEXT, place INTEGER NOT NULL, data TEXT NOT NULL, PRIMARY KEY (kind, key)) "
+    "WITHOUT ROWID",
+}
+#: what reading a row raises that something else has written
+_DAMAGE = (ValueError, KeyError, TypeError, AssertionError, AttributeError, RecursionError)
+_WHAT_TO_DO = "move it away, or start once with reset_state"
 
 
 class StateFileError(Exception):
@@ -30,32 +39,30 @@ class StateFileError(Exception):
 class StateFile(Journal):
     """A state file, opened for this process alone. The store's lock guards it.
 
-    Parameters
-    ----------
-    path: of the file; it is made when it does not exist.
-    domain: whose knowledge it holds.
-    reset: forget what the file holds.
-
-    Raises
-    ------
-    StateFileError: it is damaged, in use, not writable, or holds the knowledge of another domain.
+    :param path: of the file; it is made when it does not exist.
+    :param domain: whose knowledge it holds.
+    :param reset: forget what the file holds.
+    :raises StateFileError: when it is damaged, in use, not writable, or of another domain.
     """
 
     def __init__(self, path: str, domain: Domain, reset: bool = False) -> None:
         self._path = os.path.abspath(os.path.expanduser(path))
         self._domain = domain
+        self._sync: Optional[LateSync] = None
         try:
             os.makedirs(os.path.dirname(self._path), exist_ok=True)
-            if reset:
-                self._remove()
-            self._database = sqlite3.connect(
-                self._path, timeout=1.0, isolation_level=None, check_same_thread=False
-            )
+            self._lock = StateLock(self._path)
             try:
-                self._open()
+                if reset:
+                    self._remove()
+                self._connect()
             except BaseException:
-                self._database.close()
+                self._lock.close()
                 raise
+        except StateLockedError as error:
+            raise StateFileError(
+                f"the state file {self._path} cannot be used: {error}; is another knowledge base using it?"
+            ) from error
         except (sqlite3.Error, OSError) as error:
             hint = "; is another knowledge base using it?" if "locked" in str(error) else ""
             raise StateFileError(f"the state file {self._path} cannot be used: {error}{hint}") from error
@@ -65,59 +72,98 @@ class StateFile(Journal):
             if os.path.exists(self._path + suffix):
                 os.remove(self._path + suffix)
 
+    def _connect(self) -> None:
+        self._database = sqlite3.connect(
+            self._path, timeout=1.0, isolation_level=None, check_same_thread=False
+        )
+        try:
+            self._open()
+            log = f"{self._path}-wal"
+            if os.path.exists(log):  # otherwise the file system allows none, and every commit is synced
+                self._sync = LateSync(log)
+        except BaseException:
+            self._database.close()
+            raise
+
     def _open(self) -> None:
         execute = self._database.execute
         execute("PRAGMA locking_mode = EXCLUSIVE")
         execute("PRAGMA journal_mode = WAL")
         execute("PRAGMA synchronous = NORMAL")
-        self._database.executescript(_TABLES)
+        execute("BEGIN IMMEDIATE")
+        tables = {name for (name,) in execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        if not tables:
+            for name, columns in _TABLES.items():
+                execute(f"CREATE TABLE {name} {columns}")
+        for name in _TABLES:
+            if tables and name not in tables:
+                self._damaged(f"the table '{name}' is missing")
         known = dict(execute("SELECT name, value FROM meta"))
         ours = {"format": FORMAT, "domain": self._domain.name, "digest": self._domain.digest}
-        if not known:
-            execute("BEGIN IMMEDIATE")
-            self._database.executemany("INSERT INTO meta VALUES (?, ?)", [*ours.items(), ("version", "0")])
-            execute("COMMIT")
-            return
+        if not known and execute("SELECT 1 FROM row LIMIT 1").fetchone() is None:
+            known = {**ours, "version": "0"}
+            self._database.executemany("INSERT INTO meta VALUES (?, ?)", list(known.items()))
+        execute("COMMIT")
+        self._check(known, ours)
+
+    def _check(self, known: Dict[str, Any], ours: Dict[str, str]) -> None:
+        for name in (*ours, "version"):
+            if name not in known:
+                self._damaged(f"the row '{name}' of the table 'meta' is missing")
         for name, value in ours.items():
-            if known.get(name) != value:
+            if known[name] != value:
                 raise StateFileError(
                     f"the state file {self._path} holds knowledge of another domain or of another version "
-                    f"of it ({name} '{known.get(name)}', not '{value}'): "
-                    "move it away, or start once with reset_state"
+                    f"of it ({name} '{known[name]}', not '{value}'): {_WHAT_TO_DO}"
                 )
+
+    def _damaged(self, what: str, cause: Optional[Exception] = None) -> NoReturn:
+        raise StateFileError(f"the state file {self._path} is damaged: {what}; {_WHAT_TO_DO}") from cause
 
     def load(self) -> Tuple[int, List[Tuple[str, Row]]]:
         """Version and rows of the last commit. Version 0: nothing was ever stored.
 
-        Raises
-        ------
-        StateFileError: a row cannot be read.
+        :raises StateFileError: when a row cannot be read; the text names it.
         """
+        found: List[Tuple[str, Row]] = []
         try:
-            (version,) = self._database.execute("SELECT value FROM meta WHERE name = 'version'").fetchone()
-            found: List[Tuple[str, Row]] = []
-            for kind, place, data in self._database.execute(
-                "SELECT kind, place, data FROM row ORDER BY place"
-            ):
-                row = decode_row(kind, json.loads(data))
-                row.order = place
-                found.append((kind, row))
-            return int(version), found
-        except (sqlite3.Error, ValueError, KeyError, TypeError, AssertionError) as error:
-            raise StateFileError(
-                f"the state file {self._path} is damaged ({error}): "
-                "move it away, or start once with reset_state"
-            ) from error
+            (text,) = self._database.execute("SELECT value FROM meta WHERE name = 'version'").fetchone()
+            stored = self._database.execute("SELECT kind, key, place, data FROM row").fetchall()
+        except (sqlite3.Error, TypeError) as error:
+            self._damaged(str(error), error)
+        values = _decoded(stored)
+        for (kind, key, place, data), value in zip(stored, values or [None] * len(stored)):
+            try:
+                found.append(
+                    (kind, self._row(kind, key, place, json.loads(data) if values is None else value))
+                )
+            except _DAMAGE as error:
+                shown = str(key).replace(_SEPARATOR, " ")[:100]
+                self._damaged(f"the row '{kind}' '{shown}' of the table 'row' is wrong: {error}", error)
+        version = int(text) if str(text).isdigit() else -1
+        if version < (1 if found else 0):
+            self._damaged(f"the row 'version' of the table 'meta' is '{text}'")
+        return version, found
+
+    @staticmethod
+    def _row(kind: Any, key: Any, place: Any, value: Any) -> Row:
+        if not isinstance(place, int):
+            raise ValueError(f"its place is {place!r}, not a whole number")
+        row = decode_row(kind, value)
+        row.order = place
+        if _text(row.key) != key:
+            raise ValueError(f"it holds '{_text(row.key).replace(_SEPARATOR, ' ')}'")
+        return row
 
     def commit(self, steps: Sequence[Step], version: int) -> None:
-        """Writes a transaction.
+        """Writes a transaction; one that opens or closes an execution survives a power cut, too.
 
-        Raises
-        ------
-        OSError: it could not be written; the file holds what it held before.
+        :raises OSError: when it could not be written; the file holds what it held before.
         """
         execute = self._database.execute
+        journalled = any(table.kind == "execution" for table, *_ in steps)
         try:
+            execute(f"PRAGMA synchronous = {'FULL' if journalled else 'NORMAL'}")
             execute("BEGIN IMMEDIATE")
             try:
                 for table, key, _, after in steps:
@@ -138,11 +184,33 @@ class StateFile(Journal):
                 raise
         except sqlite3.Error as error:
             raise OSError(f"{self._path}: {error}") from error
+        if self._sync is not None and not journalled:
+            self._sync.soon()
 
     def close(self) -> None:
         """Closes the file."""
+        if self._sync is not None:
+            self._sync.close()
+            self._sync = None
         self._database.close()
+        self._lock.close()
+
+
+_SEPARATOR = "\x1f"
 
 
 def _text(key: Any) -> str:
-    return "\x1f".join(key) if isinstance(key, tuple) else str(key)
+    return _SEPARATOR.join(key) if isinstance(key, tuple) else str(key)
+
+
+def _decoded(stored: List[Tuple[Any, Any, Any, Any]]) -> Optional[List[Any]]:
+    """Sorts rows by their place and decodes them; None when each has to be looked at by itself.
+
+    One document is decoded in half the time of its lines, and sorting here is faster than by SQLite.
+    """
+    try:
+        stored.sort(key=itemgetter(2))
+        values = json.loads(f"[{','.join([data for *_, data in stored])}]")
+    except (ValueError, TypeError, RecursionError):
+        return None
+    return values if len(values) == len(stored) else None

@@ -3,7 +3,6 @@
 from typing import Any
 
 import rospy
-from rosplan_knowledge_msgs.msg import KnowledgeItem
 from rosplan_knowledge_msgs.srv import (
     GetAttributeService,
     GetAttributeServiceRequest,
@@ -14,9 +13,6 @@ from rosplan_knowledge_msgs.srv import (
     GetMetricService,
     GetMetricServiceRequest,
     GetMetricServiceResponse,
-    KnowledgeQueryService,
-    KnowledgeQueryServiceRequest,
-    KnowledgeQueryServiceResponse,
 )
 
 from merlin_rosplan.component import Component
@@ -24,13 +20,21 @@ from merlin_rosplan.knowledge import Fact
 from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.knowledge_store import KnowledgeStore
-from merlin_rosplan.wire_items import StoredItems
+from merlin_rosplan.wire_items import (
+    AnyItem,
+    Query,
+    QueryRequest,
+    QueryResponse,
+    StoredItems,
+    bounded,
+    refuse_too_many,
+)
 
 
 class StateServices:
     """Offers ``state/...`` and ``query_state`` below a component."""
 
-    def __init__(self, component: Component, store: KnowledgeStore) -> None:
+    def __init__(self, component: Component, store: KnowledgeStore, max_items: int) -> None:
         self._name = component.scope
         self._store = store
         self._reader = KnowledgeReader(store.domain)
@@ -41,7 +45,7 @@ class StateServices:
         component.service("state/timed_knowledge", GetAttributeService, self._timed)
         component.service("state/goals", GetAttributeService, self._goals)
         component.service("state/metric", GetMetricService, self._metric)
-        component.service("query_state", KnowledgeQueryService, self._query)
+        component.service("query_state", bounded(Query, max_items), self._query)
 
     def _instances(self, request: GetInstanceServiceRequest) -> GetInstanceServiceResponse:
         names = self._store.instances(request.type_name, request.include_constants, request.include_subtypes)
@@ -63,12 +67,13 @@ class StateServices:
     def _metric(self, _request: GetMetricServiceRequest) -> GetMetricServiceResponse:
         return GetMetricServiceResponse(self._writer.metric(self._store.metric))
 
-    def _query(self, request: KnowledgeQueryServiceRequest) -> KnowledgeQueryServiceResponse:
+    def _query(self, request: QueryRequest) -> QueryResponse:
+        refuse_too_many(request)
         results = self._store.query([self._asked(message) for message in request.knowledge])
         false = [message for message, result in zip(request.knowledge, results) if not result]
-        return KnowledgeQueryServiceResponse(not false, results, false)
+        return QueryResponse(results, false)
 
-    def _asked(self, message: KnowledgeItem) -> Any:
+    def _asked(self, message: AnyItem) -> Any:
         try:
             item = self._reader.query(message, self._store.objects)
         except KnowledgeError as error:

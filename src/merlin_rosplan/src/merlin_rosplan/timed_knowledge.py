@@ -8,6 +8,7 @@ import rospy
 from rospy.rostime import get_rostime_cond, is_wallclock
 
 from merlin_rosplan.knowledge_store import JournalError, KnowledgeStore
+from merlin_rosplan.pddl_text import shortened
 from merlin_rosplan.transaction import Change
 
 RETRY = 1.0  # s of wall time before a state file that could not be written is tried again
@@ -53,7 +54,7 @@ class TimedKnowledge:
                 self._changed = False
             try:
                 for reason in self._store.fire_due(self._client):
-                    rospy.logwarn("%s: %s", self._client, reason)
+                    rospy.logwarn("%s: %s", self._client, shortened(reason))
             except JournalError as error:
                 rospy.logerr_throttle(60.0, f"{self._client}: what is due has to wait: {error}")
                 self._pause(RETRY)

@@ -106,7 +106,7 @@ class Transaction:
         ------
         KnowledgeError: it is refused.
         """
-        checked = self._checked(item)
+        checked = self.checked(item)
         if at > self.now:
             self.put(self.state.timed, self._in_order(Timed(at, checked)))
         elif isinstance(checked, Instance):
@@ -116,7 +116,13 @@ class Transaction:
         else:
             self.add_value(checked)
 
-    def _checked(self, item: Item) -> Item:
+    def checked(self, item: Item) -> Item:
+        """The item with the domain's spelling, if it may be added.
+
+        Raises
+        ------
+        KnowledgeError: it may not.
+        """
         if self._checks is None:
             return item
         if isinstance(item, Instance):

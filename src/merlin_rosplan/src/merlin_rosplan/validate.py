@@ -1,15 +1,23 @@
 """``rosrun merlin_rosplan validate domain.pddl [problem.pddl] [goal]``: checks PDDL, without ROS.
 
 Says with file, line and column what is wrong, and, when a goal is stated, whether a plan exists. Our own
-reader decides what the knowledge base can use; kairos, where it is installed, checks the rest and plans.
+reader decides what the knowledge base can use; kairos, where it is installed, checks the rest and plans. All
+of it happens in a process of its own, which is ended when its time is over.
 """
 
 import argparse
 import importlib
+import json
+import os
+import select
+import signal
 import sys
+import time
+import traceback
 from pathlib import Path
-from typing import Any, List, Optional
+from typing import Any, Callable, List, Optional, Tuple
 
+from merlin_rosplan import portability
 from merlin_rosplan.domain import Domain
 from merlin_rosplan.domain_reader import parse_domain
 from merlin_rosplan.formula import to_pddl
@@ -20,6 +28,9 @@ from merlin_rosplan.problem_reader import parse_condition, parse_problem
 from merlin_rosplan.problem_writer import write_problem
 
 VALID, INVALID, USAGE = 0, 1, 2
+#: MB that a file may have; reading one MB takes about a second.
+MAX_SIZE = 8.0
+TIME_LIMIT = 10.0
 
 
 def kairos() -> Optional[Any]:
@@ -36,24 +47,38 @@ class Validation:
     Parameters
     ----------
     time_limit: s for the search for a plan.
+    max_size: MB that a file may have.
+    on_stage: called with what is done next.
     """
 
-    def __init__(self, time_limit: float = 10.0) -> None:
+    def __init__(
+        self,
+        time_limit: float = TIME_LIMIT,
+        max_size: float = MAX_SIZE,
+        on_stage: Callable[[str], None] = lambda stage: None,
+    ) -> None:
+        # The best plan so far still has to be told before the time is over.
+        self._ends = time.monotonic() + time_limit - min(1.0, 0.2 * time_limit)
+        self._max_size = max_size
+        self._stage = on_stage
         self.messages: List[str] = []
         self.valid = True
-        self._time_limit = time_limit
         self._kairos = kairos()
 
     def run(self, domain_path: str, problem_path: Optional[str] = None, goal: Optional[str] = None) -> bool:
         """Checks everything; returns whether it is valid and, if a goal is stated, solvable."""
         try:
-            domain_text = _read(domain_path)
+            self._stage(f"reading {domain_path}")
+            domain_text = _read(domain_path, self._max_size)
             domain = self._check_domain(domain_text, domain_path)
             if problem_path is None:
                 return self.valid
-            problem_text = _read(problem_path)
-            problem = parse_problem(problem_text, domain, problem_path)
+            self._stage(f"reading {problem_path}")
+            problem_text = _read(problem_path, self._max_size)
+            problem = parse_problem(problem_text, domain, problem_path, constraints=True)
+            self.messages.extend(portability.warnings(problem_text, problem_path))
             if self._kairos is not None:
+                self._stage(f"checking {problem_path}")
                 self._report(
                     self._kairos.check_problem(problem_text, domain_text, problem_path, domain_path),
                     problem_path,
@@ -71,6 +96,7 @@ class Validation:
         if self._kairos is not None:
             self._report(self._kairos.check_domain(text, path), path)
         domain = parse_domain(text, path)
+        self.messages.extend(portability.warnings(text, path))
         if self.valid:
             self.messages.append(
                 f"{path}: domain '{domain.name}': {len(list(domain.types))} types, "
@@ -94,7 +120,9 @@ class Validation:
         if self._kairos is None:
             self.messages.append("kairos is not installed here: whether a plan exists was not checked")
             return
-        result = self._kairos.solve(domain_text, write_problem(problem, domain), timeout=self._time_limit)
+        self._stage(f"looking for a plan for {goals}")
+        left = max(0.1, self._ends - time.monotonic())
+        result = self._kairos.solve(domain_text, write_problem(problem, domain), timeout=left)
         if result.status == self._kairos.Status.SOLVED:
             self.messages.append(f"a plan for {goals}:\n{str(result.plan).strip()}")
             return
@@ -110,13 +138,76 @@ class Validation:
             self.messages.append(message)
 
 
-def _read(path: str) -> str:
+def _read(path: str, max_size: float) -> str:
     try:
+        size = os.stat(path).st_size / 1e6
+        if size > max_size:
+            raise PddlError(
+                f"has {size:.1f} MB, and at most {max_size:g} are read (--max-size; each takes about 1 s)",
+                path,
+            )
         return Path(path).read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise PddlError(f"cannot be read: {error.strerror or error}", path) from error
     except ValueError as error:
         raise PddlError(f"is not UTF-8 text: {error}", path) from error
+
+
+def run_limited(
+    files: Tuple[str, Optional[str], Optional[str]], time_limit: float, max_size: float
+) -> Tuple[bool, List[str]]:
+    """Checks in a child process, which does not outlive the limit whatever it is doing.
+
+    :param files: domain, problem and goal.
+    :param time_limit: s of running time for everything.
+    :param max_size: MB that a file may have.
+    :return: whether all is valid, and what there is to tell.
+    """
+    reads, writes = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        _child(files, time_limit, max_size, writes)
+    os.close(writes)
+    deadline = time.monotonic() + time_limit
+    received = b""
+    ended = False
+    while not ended and time.monotonic() < deadline:
+        if select.select([reads], [], [], max(0.0, deadline - time.monotonic()))[0]:
+            part = os.read(reads, 65536)
+            received += part
+            ended = not part
+    os.close(reads)
+    if not ended:
+        os.kill(pid, signal.SIGKILL)
+    _, status = os.waitpid(pid, 0)
+    lines = [json.loads(line) for line in received.split(b"\n")[:-1]]
+    if lines and "valid" in lines[-1]:
+        return lines[-1]["valid"], lines[-1]["messages"]
+    stage = lines[-1]["stage"] if lines else "starting"
+    if not ended:
+        return False, [f"not checked to the end: {stage} takes more than {time_limit:g} s (--time-limit)"]
+    return False, [f"not checked to the end: {stage} ended with status {status} (is the memory full?)"]
+
+
+def _child(
+    files: Tuple[str, Optional[str], Optional[str]], time_limit: float, max_size: float, pipe: int
+) -> None:
+    """Checks, tells the parent by the pipe, ends."""
+
+    def tell(**message: Any) -> None:
+        data = json.dumps(message).encode() + b"\n"
+        while data:
+            data = data[os.write(pipe, data) :]
+
+    try:
+        validation = Validation(time_limit, max_size, lambda stage: tell(stage=stage))
+        valid = validation.run(*files)
+        tell(valid=valid, messages=validation.messages)
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)
+    os._exit(0)
 
 
 def validate(arguments: List[str]) -> int:
@@ -130,11 +221,11 @@ def validate(arguments: List[str]) -> int:
     parser.add_argument(
         "goal", nargs="?", help='goal instead of the problem\'s own, e.g. "(checked kitchen)"'
     )
-    parser.add_argument("--time-limit", type=float, default=10.0, help="s for the search for a plan")
+    parser.add_argument("--time-limit", type=float, default=TIME_LIMIT, help="s for everything")
+    parser.add_argument("--max-size", type=float, default=MAX_SIZE, help="MB that a file may have")
     given = parser.parse_args(arguments)
-    validation = Validation(given.time_limit)
-    valid = validation.run(given.domain, given.problem, given.goal)
-    for message in validation.messages:
+    valid, messages = run_limited((given.domain, given.problem, given.goal), given.time_limit, given.max_size)
+    for message in messages:
         print(message)
     print("valid" if valid else "NOT valid")
     return VALID if valid else INVALID

@@ -7,12 +7,16 @@ read into plain objects.
 
 import io
 import struct
-from typing import Any, List, NamedTuple, Sequence, Tuple, Union
+from typing import Any, List, NamedTuple, Sequence, Tuple, Type, Union
 
 import genpy
+import rospy
 from rosplan_knowledge_msgs.msg import DomainInequality, ExprComposite, KnowledgeItem
 from rosplan_knowledge_msgs.srv import (
     GetAttributeServiceResponse,
+    KnowledgeQueryService,
+    KnowledgeQueryServiceRequest,
+    KnowledgeQueryServiceResponse,
     KnowledgeUpdateServiceArray,
     KnowledgeUpdateServiceArrayRequest,
 )
@@ -56,7 +60,10 @@ class WireValue(NamedTuple):
 
 
 class WireItem:
-    """A knowledge item that was read: the fields of the message, without expression and inequality."""
+    """A knowledge item that was read: the fields of the message, without expression and inequality.
+
+    `wire` is what it was read from.
+    """
 
     __slots__ = (
         "knowledge_type",
@@ -69,6 +76,7 @@ class WireItem:
         "function_value",
         "assign_op",
         "optimization",
+        "wire",
     )
     expr = ExprComposite()
     ineq = DomainInequality()
@@ -78,6 +86,7 @@ _HEAD = struct.Struct("<BIIB")
 _LENGTH = struct.Struct("<I")
 _NUMBER = struct.Struct("<dB")
 _TAIL = struct.Struct("<IBIIB")  # tokens of expr; comparison type, tokens left and right, grounded
+_SHORTEST = _HEAD.size + 5 * _LENGTH.size + _NUMBER.size + _TAIL.size
 _NOW = genpy.Time(0)
 
 
@@ -86,7 +95,14 @@ class _HasExpressions(Exception):
 
 
 class UpdateArrayRequest(KnowledgeUpdateServiceArrayRequest):
-    """The request of update_array. Items without expressions are read as :class:`WireItem`."""
+    """The request of update_array. Items without expressions are read as :class:`WireItem`.
+
+    :cvar max_items: of a request with more only the number is read; 0: no limit.
+    :ivar too_many: how many items a request has that was not read.
+    """
+
+    max_items = 0
+    too_many = 0
 
     def deserialize(self, data: bytes) -> "UpdateArrayRequest":
         """Reads the request.
@@ -98,17 +114,83 @@ class UpdateArrayRequest(KnowledgeUpdateServiceArrayRequest):
         try:
             (count,) = _LENGTH.unpack_from(data, 0)
             self.update_type = data[4 : 4 + count]
-            (items,) = _LENGTH.unpack_from(data, 4 + count)
-            position = 8 + count
-            self.knowledge = []
-            for _ in range(items):
-                item, position = _read_item(data, position)
-                self.knowledge.append(item)
+            self.too_many, self.knowledge = _read_items(data, 4 + count, self.max_items)
         except _HasExpressions:
             super().deserialize(data)
         except struct.error as error:
             raise genpy.DeserializationError(str(error)) from error
         return self
+
+
+class QueryRequest(KnowledgeQueryServiceRequest):
+    """The request of query_state, read like that of update_array."""
+
+    max_items = 0
+    too_many = 0
+
+    def deserialize(self, data: bytes) -> "QueryRequest":
+        """Reads the request.
+
+        Raises
+        ------
+        genpy.DeserializationError: the bytes end too early.
+        """
+        try:
+            self.too_many, self.knowledge = _read_items(data, 0, self.max_items)
+        except _HasExpressions:
+            super().deserialize(data)
+        except struct.error as error:
+            raise genpy.DeserializationError(str(error)) from error
+        return self
+
+
+class QueryResponse(genpy.Message):
+    """A KnowledgeQueryService response; what was not true goes back as it came."""
+
+    _type = KnowledgeQueryServiceResponse._type
+    _md5sum = KnowledgeQueryServiceResponse._md5sum
+    _full_text = KnowledgeQueryServiceResponse._full_text
+    __slots__ = ["results", "false_knowledge"]
+    _slot_types: List[str] = []
+
+    def __init__(self, results: List[bool], false_knowledge: Sequence["AnyItem"]) -> None:
+        super().__init__()
+        self.results = results
+        self.false_knowledge = false_knowledge
+
+    def serialize(self, buff: Any) -> None:
+        """Writes the response."""
+        parts = [
+            struct.pack("<BI", not self.false_knowledge, len(self.results)),
+            bytes(self.results),
+            struct.pack("<I", len(self.false_knowledge)),
+        ]
+        for item in self.false_knowledge:
+            if isinstance(item, WireItem):
+                parts.append(item.wire)
+            else:
+                single = io.BytesIO()
+                item.serialize(single)
+                parts.append(single.getvalue())
+        buff.write(b"".join(parts))
+
+
+def _read_items(data: bytes, position: int, max_items: int) -> Tuple[int, List[WireItem]]:
+    """The items of a list, or none of them and their number when they are too many."""
+    (count,) = _LENGTH.unpack_from(data, position)
+    position += _LENGTH.size
+    # An item is at least as long as this: a number that cannot be true is none to be told.
+    if count * _SHORTEST > len(data) - position:
+        raise genpy.DeserializationError(f"{len(data) - position} bytes cannot hold {count} items")
+    if 0 < max_items < count:
+        return count, []
+    items = []
+    for _ in range(count):
+        start = position
+        item, position = _read_item(data, position)
+        item.wire = data[start:position]
+        items.append(item)
+    return 0, items
 
 
 def _read_text(data: bytes, position: int) -> Tuple[str, int]:
@@ -147,5 +229,31 @@ class UpdateArray(KnowledgeUpdateServiceArray):
     _request_class = UpdateArrayRequest
 
 
-#: What an update may come as.
+class Query(KnowledgeQueryService):
+    """KnowledgeQueryService for who serves it."""
+
+    _request_class = QueryRequest
+
+
+def bounded(service_class: Type[Any], max_items: int) -> Type[Any]:
+    """One of the two services above, whose requests have at most so many items (0: any number)."""
+    request: Type[Any] = service_class._request_class
+    limited = type(request.__name__, (request,), {"max_items": max_items})
+    return type(service_class.__name__, (service_class,), {"_request_class": limited})
+
+
+def refuse_too_many(request: Any) -> None:
+    """Lets the call of a request fail that was too long to be read.
+
+    Raises
+    ------
+    rospy.ServiceException: it was.
+    """
+    if request.too_many:
+        raise rospy.ServiceException(
+            f"{request.too_many} items, more than the {request.max_items} of ~max_items: send them in parts"
+        )
+
+
+#: What an update or a question may come as.
 AnyItem = Union[KnowledgeItem, WireItem]

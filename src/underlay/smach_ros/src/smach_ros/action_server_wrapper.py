@@ -26,9 +26,10 @@ class ActionServerWrapper:
     :param succeeded_outcomes: container outcomes that mean SUCCEEDED.
     :param aborted_outcomes: container outcomes that mean ABORTED, as all that are not listed do.
     :param preempted_outcomes: container outcomes that mean PREEMPTED.
-    :param goal_key: userdata key that gets the goal.
-    :param feedback_key: key in the container's userdata; if it is there, it is sent after each transition.
-    :param result_key: userdata key that holds the result at the end.
+    :param goal_key: userdata key that gets the goal; an empty one before the first.
+    :param feedback_key: userdata key that gets an empty feedback for each goal. A container that declares
+        it as input key, or sets it, has it sent after each transition.
+    :param result_key: userdata key that gets an empty result for each goal, and holds the result at the end.
     :param goal_slots_map: field of the goal -> userdata key that gets it.
     :param feedback_slots_map: field of the feedback -> key in the container's userdata that it is taken from.
     :param result_slots_map: field of the result -> userdata key that it is taken from.
@@ -60,6 +61,12 @@ class ActionServerWrapper:
         self._feedback_type = type(action.action_feedback.feedback)
         self.wrapped_container = wrapped_container
         self.userdata = smach.UserData()
+        for key, message in (
+            (goal_key, self._goal_type),
+            (feedback_key, self._feedback_type),
+            (result_key, self._result_type),
+        ):
+            self.userdata[key] = message()
         self._server_name = server_name
         self._outcome_kinds = self._kinds(
             wrapped_container, succeeded_outcomes, aborted_outcomes, preempted_outcomes
@@ -169,6 +176,8 @@ class ActionServerWrapper:
     def _execute(self, goal: Any) -> Optional[str]:
         ud = self.userdata
         ud[self._goal_key] = copy.deepcopy(goal)
+        # States fill in their fields without making one; new ones, for the last goal's states may have.
+        ud[self._feedback_key], ud[self._result_key] = self._feedback_type(), self._result_type()
         if self._expand_goal_slots:
             for slot in goal.__slots__:
                 ud[slot] = copy.deepcopy(getattr(goal, slot))

@@ -1,0 +1,39 @@
+"""What a planner writes: how much it may be, and what is kept of it."""
+
+import contextlib
+import os
+from pathlib import Path
+from typing import Optional
+
+MEGABYTE = 1024 * 1024
+STDOUT, STDERR = "stdout.txt", "stderr.txt"
+#: What all files of a planning may have together, of what one may have.
+TOGETHER = 2
+
+
+def too_much(folder: Path, limit: float) -> Optional[str]:
+    """What is too much in a folder, as the end of a sentence; None when nothing is.
+
+    :param limit: MB for one file; 0 means none. Twice as much for all together.
+    """
+    together = 0
+    for path, _, names in os.walk(str(folder)):
+        for name in names:
+            with contextlib.suppress(OSError):
+                size = os.lstat(os.path.join(path, name)).st_size
+                together += size
+                if limit and size >= limit * MEGABYTE:
+                    what = "printed" if name in (STDOUT, STDERR) else f"wrote into {name}"
+                    return f"it {what} more than {limit:g} MB (~output_limit)"
+    if limit and together > TOGETHER * limit * MEGABYTE:
+        return f"its files have more than {TOGETHER * limit:g} MB (~output_limit is {limit:g} MB)"
+    return None
+
+
+def keep(path: Path, content: str) -> Optional[str]:
+    """Writes a file for the user; returns what is wrong if that fails: a planning does not fail for it."""
+    try:
+        path.write_text(content)
+    except OSError as error:
+        return f"cannot write {path}: {error.strerror}"
+    return None

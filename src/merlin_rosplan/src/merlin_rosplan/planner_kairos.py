@@ -1,0 +1,106 @@
+"""kairos as an engine, in the process that plans."""
+
+import importlib
+import importlib.util
+import os
+import threading
+from typing import Any, List, Optional
+
+from merlin_rosplan.plan_text import NO_DURATION, PlanStep
+from merlin_rosplan.planner import Attempt, Task
+from merlin_rosplan.planning_outcome import PlannerState
+
+KAIROS = "kairos"
+MISSING = (
+    "there is no planner: kairos needs Python 3.10 (pip install kairos-planner); "
+    "set ~planner_command to another one, with DOMAIN and PROBLEM"
+)
+_THREADS = 4  # more bring nothing for the problems of a robot
+
+# kairos' status → how it ended; a status that is not here is an error of kairos.
+_ENDED = {
+    "UNSOLVABLE": (PlannerState.UNSOLVABLE, "the problem has no plan"),
+    "NO_PLAN_FOUND": (
+        PlannerState.NO_PLAN,
+        "the search ended without a plan; this is no proof that there is none",
+    ),
+    "TIMEOUT": (PlannerState.TIMEOUT, "kairos found no plan within the time limit"),
+    "CANCELLED": (PlannerState.TIMEOUT, "kairos was stopped before it found a plan"),
+    "INVALID_INPUT": (PlannerState.INVALID, "kairos does not accept the input"),
+    "UNSUPPORTED": (PlannerState.CRASHED, "kairos does not support a feature of the task"),
+    "GROUNDING_TOO_LARGE": (PlannerState.CRASHED, "the task is too large for kairos when grounded"),
+    "OUT_OF_MEMORY": (PlannerState.CRASHED, "kairos ran out of memory"),
+}
+
+
+def installed() -> bool:
+    """Whether kairos is installed; does not load it."""
+    return importlib.util.find_spec(KAIROS) is not None
+
+
+class KairosPlanner:
+    """Plans with kairos."""
+
+    name = KAIROS
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()  # guards the two fields below
+        self._stopped = False
+        self._search: Optional[Any] = None
+
+    def stop(self) -> None:
+        """Ends the search; the best plan so far counts."""
+        with self._lock:
+            self._stopped = True
+            search = self._search
+        if search is not None:
+            search.stop()
+
+    def plan(self, task: Task) -> Attempt:
+        """Plans."""
+        try:
+            kairos = importlib.import_module(KAIROS)
+        except ImportError:
+            return Attempt(KAIROS, PlannerState.CRASHED, MISSING)
+        try:
+            domain = kairos.parse_domain(task.domain, str(task.domain_path))
+            problem = kairos.parse_problem(task.problem, domain, str(task.problem_path))
+        except kairos.PddlError as error:
+            return Attempt(KAIROS, PlannerState.INVALID, str(error).splitlines()[0])
+        settings = task.settings
+        options = {
+            # kairos knows no search without an end; a day is more than a robot waits.
+            "timeout": settings.time_limit or 86400.0,
+            "anytime": settings.anytime > 0,
+            "stop_after_no_improvement": settings.anytime or None,
+            "memory_limit_mb": int(settings.memory_limit),
+            "threads": min(_THREADS, os.cpu_count() or 1),
+        }
+        with self._lock:
+            if self._stopped:
+                return Attempt(KAIROS, *_ENDED["CANCELLED"])
+            self._search = kairos.Planner().start(problem, **options)
+        result = self._search.wait()
+        if result.plan is not None:
+            return Attempt(KAIROS, PlannerState.SOLVED, "", [_steps(result.plan)])
+        name = result.status.name
+        state, reason = _ENDED.get(name, (PlannerState.CRASHED, f"internal error of kairos ({name})"))
+        if name == "TIMEOUT":
+            reason = f"kairos found no plan within {settings.time_limit:g} s"
+        why = _why([entry.message for entry in result.diagnostics])
+        return Attempt(KAIROS, state, f"{reason}: {why}" if why else reason)
+
+
+def _steps(plan: Any) -> List[PlanStep]:
+    # An action without duration has the duration 0 in kairos.
+    return [
+        PlanStep(float(step.time), step.name, tuple(step.args), step.duration or NO_DURATION)
+        for step in plan.steps
+    ]
+
+
+def _why(messages: List[str]) -> str:
+    """What kairos tried, in one line; hints that do not speak of the missing plan are left out."""
+    texts = [" ".join(message.split()) for message in messages]
+    telling = [text for text in texts if text.startswith("no plan")] or texts
+    return "; ".join(text[len("no plan: ") :] if text.startswith("no plan: ") else text for text in telling)

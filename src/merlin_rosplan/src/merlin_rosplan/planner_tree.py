@@ -1,0 +1,103 @@
+"""Everything a process has started: found, measured and ended, sessions of its own included."""
+
+import contextlib
+import ctypes
+import os
+import signal
+import time
+from typing import Dict, List, NamedTuple
+
+_PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
+_PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+class TreeSize(NamedTuple):
+    """What the descendants of a process use."""
+
+    processes: int
+    memory: int  #: bytes in physical memory
+
+
+def adopt_orphans() -> None:
+    """Makes the calling process the parent of every orphan below it, so that none can leave its tree.
+
+    :raises OSError: the kernel refuses.
+    """
+    library = ctypes.CDLL(None, use_errno=True)
+    if library.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0):
+        raise OSError(ctypes.get_errno(), "PR_SET_CHILD_SUBREAPER")
+
+
+def descendants(root: int) -> List[int]:
+    """Process ids below a process, without itself."""
+    children: Dict[int, List[int]] = {}
+    for name in os.listdir("/proc"):
+        if name.isdigit():
+            with contextlib.suppress(OSError), open(f"/proc/{name}/stat", "rb") as file:
+                # The command's name may hold blanks and parentheses; what follows its last one cannot.
+                parent = int(file.read().rsplit(b")", 1)[1].split()[1])
+                children.setdefault(parent, []).append(int(name))
+    found: List[int] = []
+    waiting = [root]
+    while waiting:
+        below = children.get(waiting.pop(), [])
+        found.extend(below)
+        waiting.extend(below)
+    return found
+
+
+def tree_size(root: int) -> TreeSize:
+    """How many processes there are below a process, and their memory."""
+    memory = 0
+    pids = descendants(root)
+    for pid in pids:
+        with contextlib.suppress(OSError, IndexError), open(f"/proc/{pid}/statm", "rb") as file:
+            memory += int(file.read().split()[1]) * _PAGE
+    return TreeSize(len(pids), memory)
+
+
+def end_descendants(limit: float) -> bool:
+    """Kills and reaps everything below the calling process, which must have called :func:`adopt_orphans`.
+
+    :param limit: s of running time; a process in an uninterruptible call of the kernel outlives its kill.
+    :return: whether none is left.
+    """
+    deadline = time.monotonic() + limit
+    # Blocked, the end of a child waits for sigtimedwait and is not lost to a handler.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGCHLD])
+    try:
+        return _end_all(deadline)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_all(deadline: float) -> bool:
+    stopped = False
+    while _reap():
+        pids = descendants(os.getpid())
+        if not stopped:  # a stopped process starts no further one while the others are killed
+            _send(pids, signal.SIGSTOP)
+            pids = descendants(os.getpid())
+            stopped = True
+        _send(pids, signal.SIGKILL)
+        if time.monotonic() > deadline:
+            return False
+        signal.sigtimedwait([signal.SIGCHLD], max(0.0, deadline - time.monotonic()))
+    return True
+
+
+def _send(pids: List[int], number: int) -> None:
+    for pid in pids:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.kill(pid, number)
+
+
+def _reap() -> bool:
+    """Reaps the children that have ended; returns whether others are left."""
+    while True:
+        try:
+            pid, _ = os.waitpid(-1, os.WNOHANG)
+        except ChildProcessError:
+            return False
+        if pid == 0:
+            return True
