@@ -4,7 +4,7 @@ import { byId, clockText, el, keyed, svg } from "./dom.js";
 const KINDS = ["mission", "goal", "plan", "action", "machine", "knowledge", "health", "control", "monitor"];
 const QUIET = new Set(["machine", "knowledge"]); // not shown until asked for
 const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", machine: "⬡", knowledge: "+", health: "♥", control: "✎", monitor: "·" };
-const BAD = /\b(failed|error|unsolvable|refused|timeout|crashed|invalid|internal|silent)\b/;
+const BAD = /\b(failed|error|unsolvable|no plan|refused|timeout|crashed|invalid|internal|silent)\b/;
 const PAGE = 200; // events asked for at once
 const MOST = 3000; // events on the page; the export has them all
 const FEW = 30; // rows that need not be scrolled

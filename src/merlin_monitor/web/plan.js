@@ -2,7 +2,7 @@
 import { byId, clockText, el, GLYPHS, keyed, part, secondsText, setHidden, setText } from "./dom.js";
 import { GraphView } from "./graph.js";
 
-const TROUBLE = ["unsolvable", "timeout", "crashed", "invalid"];
+const TROUBLE = ["unsolvable", "no plan", "timeout", "crashed", "invalid"];
 
 export function showPlan(store) {
   const graph = new GraphView(byId("plan-graph"));

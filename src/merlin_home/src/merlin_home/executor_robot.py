@@ -8,6 +8,7 @@ from merlin_msgs.msg import ExecutorStatus
 
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
 from merlin_executor.readiness import missing_interfaces
+from merlin_executor.resending import END
 from merlin_sm.deadline import Deadline
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
@@ -53,11 +54,12 @@ class ExecutorRobot(MerlinROSPlanAssistant):
         doing: what it does now, for people.
     """
 
-    def __init__(self, trajectory: Trajectory, on_action: Callable[[str], None]) -> None:
+    def __init__(self, trajectory: Trajectory, on_action: Callable[[str], None], on_lost: str = END) -> None:
         """
         Parameters:
             trajectory: filled by somebody else.
             on_action: called with its operator when an action was dispatched.
+            on_lost: END or RESEND, what happens to a task during which the Executor is lost.
         """
         self.trajectory = trajectory
         self.doing = ""
@@ -66,7 +68,7 @@ class ExecutorRobot(MerlinROSPlanAssistant):
         self._status: Optional[ExecutorStatus] = None
         self._running: Dict[Tuple[int, int], Tuple[str, float]] = {}
         self._actions: List[Tuple[str, float, float]] = []
-        self._client = MerlinExecutorClient()
+        self._client = MerlinExecutorClient(on_lost=on_lost)
         self._subscriber = rospy.Subscriber(
             "merlin/status", ExecutorStatus, self._receive, queue_size=20, tcp_nodelay=True
         )

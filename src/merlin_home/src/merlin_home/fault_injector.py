@@ -7,12 +7,11 @@ happens next is up to the robot: the launch file may start the node again.
 import os
 import signal
 import threading
-import xmlrpc.client
 
-import rosgraph
 import rospy
 from merlin_msgs.msg import MissionStatus
 
+from merlin_sm.master_link import ERRORS, bounded_master, bounded_proxy
 from merlin_sm.node import run_node
 from merlin_sm.parameters import number
 
@@ -40,9 +39,9 @@ class FaultInjector:
 
     def _kill(self, _event: object) -> None:
         try:
-            address = rosgraph.Master(rospy.get_name()).lookupNode(self._node)
-            process = int(xmlrpc.client.ServerProxy(address).getPid(rospy.get_name())[2])
-        except (rosgraph.MasterException, OSError, xmlrpc.client.Error) as error:
+            address = bounded_master().lookupNode(self._node)
+            process = int(bounded_proxy(address, 1.0).getPid(rospy.get_name())[2])
+        except ERRORS as error:
             rospy.logerr(f"cannot kill {self._node}: {error}")
             return
         rospy.loginfo(f"killing {self._node}, process {process}")

@@ -55,7 +55,7 @@ class MissionNode:
         self._reporter = MissionReporter(f"home mission {settings.mission}", len(self._tasks))
         self._set_factor_service: Optional[ServiceProxy] = None
         self._trajectory = Trajectory()
-        self._robot = ExecutorRobot(self._trajectory, self._action_starts)
+        self._robot = ExecutorRobot(self._trajectory, self._action_starts, settings.on_lost)
         self._speech = 0.0  # length of the question, s; 0: not known
         self._arrives_in = 0  # number of the last task in which the robot came near its point
         self._requested, self._spoken = 1.0, 0  # what the simulator says of its factor, how often in a row

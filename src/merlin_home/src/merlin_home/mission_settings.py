@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
+from merlin_executor.resending import ON_LOST
+
 from .mission_list import Task, make_mission, mission_tasks
 from .motion_limits import MotionLimits
 from .real_time_factor import POLICIES
@@ -37,6 +39,7 @@ class MissionSettings:
         goal_tolerance: m by which a drive may end before a point of interest.
         speech_length: s; 0: measured.
         world_file: of the simulated world, whose exact shapes the oracle uses; None: it uses the map.
+        on_lost: what happens to a task during which the Executor is lost: end, or resend when it is back.
     """
 
     mission: int
@@ -54,6 +57,7 @@ class MissionSettings:
     goal_tolerance: float
     speech_length: float
     world_file: Optional[Path] = None
+    on_lost: str = ON_LOST[0]
 
     @classmethod
     def read(cls, get: Callable[[str, Any], Any], points: Any) -> "MissionSettings":
@@ -91,6 +95,7 @@ class MissionSettings:
             goal_tolerance=_number(get, "goal_tolerance", 0.1),
             speech_length=_number(get, "speech_length", 0.0),
             world_file=_file(str(get("world_file", ""))),
+            on_lost=_one_of(get, "on_lost", ON_LOST),
         )
         settings.make_list()
         return settings

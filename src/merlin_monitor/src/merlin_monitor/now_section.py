@@ -24,6 +24,7 @@ OUTCOMES = (
     "action failed",
     "cancel timeout",
     "internal",
+    "no plan",
 )
 _STAGES = {
     "ADD_GOALS": "noting the goals",
@@ -34,7 +35,7 @@ _STAGES = {
     "REPLAN": "preparing a new plan",
     "REMOVE_GOALS": "clearing up",
 }
-_REQUEST = re.compile(r"(?P<node>.+?)-\d+-\d+\.\d+\Z")
+_REQUEST = re.compile(r"(?P<node>[^-]+)(?:-[0-9a-f]{12})?-\d+-\d+\.\d+(?:-leased)?\Z")
 LIVE = ("starting", "running", "paused")
 
 

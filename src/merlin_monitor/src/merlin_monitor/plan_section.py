@@ -16,7 +16,17 @@ CANCEL_ACTION = "cancel_action"
 MOST_REPLANS = 20  # that are shown
 LONGEST_WORDS = 4000  # characters of what a planner printed
 _FEEDBACK = {0: FAILED, 1: RUNNING, 3: RUNNING, 2: SUCCEEDED, 4: SUCCEEDED, 10: FAILED}
-_PLANNER = ("idle", "planning", "solved", "unsolvable", "timeout", "crashed", "invalid", "cancelled")
+_PLANNER = (
+    "idle",
+    "planning",
+    "solved",
+    "unsolvable",
+    "timeout",
+    "crashed",
+    "invalid",
+    "cancelled",
+    "no plan",
+)
 _DISPATCHER = ("idle", "running", "cancelling")
 
 

@@ -14,7 +14,7 @@ GLYPHS = {
 STYLES = {"title": "\x1b[1m", "soft": "\x1b[2m", "good": "\x1b[32m", "bad": "\x1b[31m", "": ""}
 RESET = "\x1b[0m"
 MOST_STEPS, MOST_FACTS, MOST_EVENTS = 12, 12, 12
-BAD = ("failed", "error", "unsolvable", "crashed", "silent", "refused")
+BAD = ("failed", "error", "unsolvable", "no plan", "crashed", "silent", "refused")
 
 
 class Line(NamedTuple):
@@ -94,7 +94,7 @@ def _plan(plan: Dict[str, Any]) -> List[Line]:
     planner = plan.get("planner", {})
     note = f"{planner.get('planner', '')} {planner.get('state', '')}".strip()
     shown = _section("Plan", note)
-    if planner.get("state") in ("unsolvable", "timeout", "crashed", "invalid"):
+    if planner.get("state") in ("unsolvable", "no plan", "timeout", "crashed", "invalid"):
         shown.append(Line(f"  {planner.get('reason', '')}", "bad"))
     for step in [step for step in steps if step][:MOST_STEPS]:
         style = {"running": "good", "failed": "bad"}.get(step["state"], "")

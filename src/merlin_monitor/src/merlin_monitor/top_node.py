@@ -12,7 +12,6 @@ import tty
 from collections import deque
 from typing import Any, Deque, Iterator, List
 
-import rosgraph
 import rospy
 
 from merlin_monitor.events import Event
@@ -20,6 +19,7 @@ from merlin_monitor.inbox import Inbox
 from merlin_monitor.monitor_state import MonitorState
 from merlin_monitor.ros_listeners import RosListeners
 from merlin_monitor.terminal_view import lines, paint
+from merlin_sm.master_link import master_answers
 from merlin_sm.node import init_node
 
 REDRAW = 0.2  # s between two pictures
@@ -91,7 +91,7 @@ def _screen() -> Iterator[Any]:
 
 def main() -> int:
     """Entry point; returns the exit code."""
-    if not rosgraph.is_master_online():
+    if not master_answers():
         print(
             f"top: there is no ROS master at {os.environ.get('ROS_MASTER_URI', '')}; "
             "set ROS_MASTER_URI, or start something",

@@ -3,8 +3,9 @@
 import threading
 from typing import Callable, Dict, List, Optional, Set
 
-import rosgraph
 import rospy
+
+from merlin_sm.master_link import ERRORS, bounded_master
 
 PERIOD = 1.0  # s of wall time
 
@@ -17,7 +18,6 @@ class TopicWatch:
 
     def __init__(self, look: Callable[[Dict[str, str]], None]) -> None:
         self._look = look
-        self._master = rosgraph.Master(rospy.get_name())
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._work, name="topic watch", daemon=True)
 
@@ -33,8 +33,8 @@ class TopicWatch:
     def address_of(self, service: str) -> str:
         """Where a service is served, empty when nowhere; a new address means a new process."""
         try:
-            return str(self._master.lookupService(service))
-        except (rosgraph.MasterException, OSError):
+            return str(bounded_master().lookupService(service))
+        except ERRORS:
             return ""
 
     def _work(self) -> None:
@@ -50,8 +50,9 @@ class TopicWatch:
 
     def _published(self) -> Optional[Dict[str, str]]:
         try:
-            published: Set[str] = {topic for topic, nodes in self._master.getSystemState()[0] if nodes}
-            types: List[List[str]] = self._master.getTopicTypes()
-        except (rosgraph.MasterException, OSError):
+            master = bounded_master()
+            published: Set[str] = {topic for topic, nodes in master.getSystemState()[0] if nodes}
+            types: List[List[str]] = master.getTopicTypes()
+        except ERRORS:
             return None  # no master for a moment; what is known stays
         return {topic: kind for topic, kind in types if topic in published}

@@ -4,6 +4,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence
 
 from merlin_executor.goal_dispatcher import MissionSM
 from merlin_executor.goal_state import NOTHING
+from merlin_executor.resending import RESEND
 from merlin_restaurant.menu import CALL, table_called
 from merlin_restaurant.table_state import remember_state
 from merlin_sm.merlin_sm import MerlinSM
@@ -23,16 +24,19 @@ class Evening(MissionSM):
 
     :param closed: tells whether the restaurant has closed.
     :param tell: takes a line about what the mission decides and why.
+    :param on_lost: END or RESEND, what happens to goals during which the Executor is lost.
     """
 
-    def __init__(self, closed: Callable[[], bool], tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, closed: Callable[[], bool], tell: Callable[[str], None], on_lost: str = RESEND
+    ) -> None:
         self._closed = closed
         self._tell = tell
         self._table = ""
         self._last_round = False
         self._closing_rounds = 0
         self._tried: List[str] = []
-        super().__init__()
+        super().__init__(on_lost=on_lost)
 
     def build(self) -> None:
         """ROUNDS and CALLS at the same time; the end of the rounds is the end of the evening."""

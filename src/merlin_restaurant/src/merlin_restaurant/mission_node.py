@@ -14,6 +14,7 @@ from merlin_msgs.msg import GuestEvent
 from rospy.core import is_shutdown_requested
 
 from merlin_executor.readiness import missing_interfaces, missing_servers
+from merlin_executor.resending import ON_LOST, RESEND
 from merlin_restaurant.books import Books
 from merlin_restaurant.evening import Evening
 from merlin_restaurant.robot_watch import RobotWatch
@@ -40,9 +41,14 @@ class EveningStopped(RuntimeError):
 
 
 class EveningNode:
-    """Runs the mission and keeps the books."""
+    """Runs the mission and keeps the books.
 
-    def __init__(self, results: Path, startup: float) -> None:
+    :param results: folder.
+    :param startup: s of wall time for everything to appear.
+    :param on_lost: END or RESEND, what happens to goals during which the Executor is lost.
+    """
+
+    def __init__(self, results: Path, startup: float, on_lost: str = RESEND) -> None:
         self._results = results
         self._startup = startup
         self._start: Optional[float] = None
@@ -50,7 +56,7 @@ class EveningNode:
         self._books_lock = threading.Lock()  # guards the books
         self._books = Books()
         self._watch = RobotWatch(lambda text: self._line("robot", text), self._delivered, self._failed)
-        self._evening = Evening(self._closed, lambda text: self._line("mission", text))
+        self._evening = Evening(self._closed, lambda text: self._line("mission", text), on_lost)
         rospy.Subscriber("restaurant/guests", GuestEvent, self._guest, queue_size=100)
 
     def run(self) -> int:
@@ -158,12 +164,19 @@ def main() -> int:
     init_node("mission")
     try:
         startup = number("~startup_timeout", 90.0, 1.0)
-        return EveningNode(_results(), startup).run()
+        return EveningNode(_results(), startup, _on_lost()).run()
     except (ParameterError, EveningStopped, ServiceError) as error:
         if is_shutdown_requested():  # otherwise it is no error that something was not found
             return EXIT_INTERRUPTED
         print(f"mission: {error}", file=sys.stderr)
     return EXIT_STOPPED
+
+
+def _on_lost() -> str:
+    on_lost = str(rospy.get_param("~on_lost", RESEND))
+    if on_lost not in ON_LOST:
+        raise ParameterError(f"parameter ~on_lost is {on_lost!r}; it has to be one of {', '.join(ON_LOST)}")
+    return on_lost
 
 
 def _results() -> Path:

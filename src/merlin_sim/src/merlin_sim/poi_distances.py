@@ -31,13 +31,17 @@ def main(arguments: Optional[List[str]] = None) -> int:
     """The command ``poi_distances``; returns its exit code."""
     parser = argparse.ArgumentParser(
         prog="poi_distances",
-        description="Prints the distances between points of interest for a PDDL problem.",
+        description="Prints the distances between points of interest for a PDDL problem, or their times.",
     )
     parser.add_argument("world", help="world file (YAML), or the name of one that comes with merlin_sim")
     parser.add_argument("--function", default="distance", help="of the domain (default: distance)")
     parser.add_argument("--from", dest="also", default="", help="a further place, at the mean distance")
     parser.add_argument("--without", nargs="*", default=[], help="points that the problem does not need")
+    parser.add_argument("--speed", type=float, default=0.0, help="m/s: prints times in s, not distances in m")
+    parser.add_argument("--turning", type=float, default=0.0, help="s for the turns of each drive")
     options = parser.parse_args(arguments)
+    if options.speed < 0 or options.turning < 0 or (options.turning and not options.speed):
+        parser.error("--speed and --turning are positive, and --turning needs --speed")
     try:
         world = load_world(find_world(options.world))
         for name in options.without:
@@ -49,9 +53,13 @@ def main(arguments: Optional[List[str]] = None) -> int:
     except (WorldError, NoPath, OSError) as error:
         print(f"poi_distances: {error}", file=sys.stderr)
         return 1
+
+    def value(length: float) -> str:
+        return f"{length / options.speed + options.turning if options.speed else length:.1f}"
+
     for name in world.points_of_interest if options.also else ():
         lengths = [length for (_, end), length in found.items() if end == name]
-        print(f"(= ({options.function} {options.also} {name}) {sum(lengths) / len(lengths):.1f})")
+        print(f"(= ({options.function} {options.also} {name}) {value(sum(lengths) / len(lengths))})")
     for (start, end), length in sorted(found.items()):
-        print(f"(= ({options.function} {start} {end}) {length:.1f})")
+        print(f"(= ({options.function} {start} {end}) {value(length)})")
     return 0

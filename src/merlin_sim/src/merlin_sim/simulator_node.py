@@ -39,6 +39,7 @@ from merlin_sim.simulation import PHYSICS_RATE, Simulation
 from merlin_sim.world_file import WorldError, load_world
 from merlin_sim.world_services import WorldServices
 from merlin_sm.health import OK, WARN, Health, HealthReporter
+from merlin_sm.master_link import bounded_master
 from merlin_sm.node import run_node
 from merlin_sm.parameters import ParameterError
 from merlin_sm.publishing import publish
@@ -233,7 +234,7 @@ class SimulatorNode:
 
 def _refuse_second_clock() -> None:
     # Two clocks make time jump back and forth for every node of the master.
-    for topic, nodes in rospy.get_master().getSystemState()[2][0]:
+    for topic, nodes in bounded_master().getSystemState()[0]:
         others = [node for node in nodes if node != rospy.get_name()]
         if topic == "/clock" and others:
             raise ParameterError(f"{others[0]} already publishes /clock; one simulator per master")
