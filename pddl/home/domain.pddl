@@ -10,15 +10,16 @@
     anywhere - place)   ; where a robot is that stopped between two points of interest
 
   (:predicates
+    (in_service)              ; what a problem asks for that asks for nothing else: an empty goal is no PDDL
     (robot_at ?p - place)
     (checked ?p - poi))
 
   (:functions
-    (duration ?from - place ?to - poi))   ; seconds from one place to another
+    (travel_time ?from - place ?to - poi))   ; s from one place to another
 
   (:durative-action navigate
     :parameters (?from - place ?to - poi)
-    :duration (= ?duration (duration ?from ?to))
+    :duration (= ?duration (travel_time ?from ?to))
     :condition (at start (robot_at ?from))
     :effect (and
       (at start (not (robot_at ?from)))

@@ -74,5 +74,5 @@
     (= (distance table_6 table_3) 4.8)
     (= (distance table_6 table_4) 2.9)
     (= (distance table_6 table_5) 2.4))
-  (:goal (and))
+  (:goal (quiet))
   (:metric minimize (total-time)))
