@@ -14,7 +14,7 @@ DISTURBANCES ?= 5
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment restaurant test lint bench soak screenshots clean
+.PHONY: help build demo experiment restaurant test lint bench chaos soak screenshots clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD=)"
@@ -22,7 +22,8 @@ help:
 	@echo "make restaurant   an evening in the simulated restaurant (GUESTS= DISTURBANCES= SEED= RTF= RECORD=)"
 	@echo "make test   all tests"
 	@echo "make bench  benchmarks"
-	@echo "make soak   10 000 cancels and interruptions, and the long tests (CYCLES=)"
+	@echo "make chaos  the fault campaign (TRIALS= MINUTES= SEED= FAULT= MOMENT= RESPAWN=yes|no)"
+	@echo "make soak   10 000 cancels and interruptions, the long tests, an hour of faults, 3 000 goals (CYCLES= MINUTES=)"
 	@echo "make lint   ruff, catkin_lint, roslaunch-check"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
 	@echo "make build  only what the others need"
@@ -51,9 +52,17 @@ test: build
 bench: build
 	@$(IN) python bench/run.py
 
+# What was given narrows the campaign; FAULT and MOMENT may name several, and patterns.
+CHAOS = $(IN) python bench/chaos
+chaos: build
+	@$(CHAOS) $(call given,TRIALS,trials) $(call given,MINUTES,minutes) --seed $(SEED) \
+	  $(call given,FAULT,faults) $(call given,MOMENT,moments) $(call given,RESPAWN,respawn)
+
 soak: build
 	@CYCLES=$(CYCLES) LIMIT=20000 $(IN) python bench/run.py cancel_stress
 	@$(IN) python -m pytest -m long test
+	@$(CHAOS) --goals 3000 --results $(CURDIR)/results/chaos_soak
+	@$(CHAOS) --minutes $(or $(MINUTES),60) --seed $(SEED) --results $(CURDIR)/results/chaos_soak
 
 screenshots: build
 	@$(IN) python tools/monitor_screenshots.py

@@ -1,0 +1,26 @@
+; The apartment with its four points of interest, and notes: facts that must never be lost.
+(define (problem apartment)
+  (:domain chaos)
+  (:objects
+    dorm_room bathroom kitchen main_door - poi
+    n0 n1 n2 n3 n4 n5 n6 n7 n8 n9 n10 n11 n12 n13 n14 n15 n16 n17 n18 n19 - note)
+  (:init
+    (robot_at anywhere)
+    (= (duration anywhere dorm_room) 25)
+    (= (duration anywhere bathroom) 25)
+    (= (duration anywhere kitchen) 25)
+    (= (duration anywhere main_door) 25)
+    (= (duration dorm_room bathroom) 25)
+    (= (duration dorm_room kitchen) 25)
+    (= (duration dorm_room main_door) 25)
+    (= (duration bathroom dorm_room) 25)
+    (= (duration bathroom kitchen) 25)
+    (= (duration bathroom main_door) 25)
+    (= (duration kitchen dorm_room) 25)
+    (= (duration kitchen bathroom) 25)
+    (= (duration kitchen main_door) 25)
+    (= (duration main_door dorm_room) 25)
+    (= (duration main_door bathroom) 25)
+    (= (duration main_door kitchen) 25))
+  (:goal (and))
+  (:metric minimize (total-time)))

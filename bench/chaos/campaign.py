@@ -1,0 +1,168 @@
+"""Runs trials one after the other, on one running system while it is healthy, and writes what they showed."""
+
+import json
+import time
+from itertools import islice
+from pathlib import Path
+from typing import Dict, Iterator, List, Optional, TextIO, Tuple
+
+from chaos import events, table
+from chaos.faults import LINK
+from chaos.network import why_impossible
+from chaos.runner import Result, Runner
+from chaos.system import StartError, System
+from chaos.trials import Trial
+
+STARTS = 2
+"""How often in a row a system may fail to come up."""
+BATCH = 8
+"""Trials that are looked at together, so that those of one variant share a system."""
+
+
+class Campaign:
+    """A series of trials.
+
+    :param results: file that takes a row per trial.
+    :param points: x, y of the points of interest.
+    :param out: takes a line per trial.
+    :param reuse: use a healthy system for the next trial.
+    """
+
+    def __init__(
+        self, results: Path, points: Dict[str, Tuple[float, float]], out: TextIO, reuse: bool = True
+    ) -> None:
+        self._results = results
+        self._points = points
+        self._out = out
+        self._reuse = reuse
+        self._system: Optional[System] = None
+        self._runner: Optional[Runner] = None
+        self._unstarted: List[str] = []
+        self.rows: List[Dict[str, str]] = []
+
+    def run(self, trials: Iterator[Trial], count: Optional[int], seconds: Optional[float]) -> int:
+        """Runs trials until there are enough, or the time is over; returns how many had violations.
+
+        A trial that did not come to its moment does not count; another one takes its place.
+
+        :raises StartError: the system never came up.
+        """
+        end = None if seconds is None else time.monotonic() + seconds
+        valid = attempts = 0
+        ordered = _batches(trials, BATCH if count is None else max(1, min(BATCH, count)))
+        try:
+            while count is None or valid < count:
+                if end is not None and time.monotonic() >= end:
+                    break
+                if count is not None and attempts >= 2 * count + 5:
+                    self._say("too many trials were not valid; giving up")
+                    break
+                trial = next(ordered, None)
+                if trial is None:
+                    break
+                attempts += 1
+                valid += self._one(attempts, trial)
+        finally:
+            self.stop()
+        if self._unstarted and not self.rows:
+            raise StartError(self._unstarted[-1])
+        return sum(bool(fields["violations"]) for fields in self.rows)
+
+    def stop(self, keep: bool = False) -> None:
+        """Ends the system that runs, if any.
+
+        :param keep: the folder of its logs.
+        """
+        if self._system is not None:
+            self._system.stop(keep)
+            self._system = None
+
+    def _one(self, number: int, trial: Trial) -> bool:
+        if trial.fault.kind == LINK and why_impossible():
+            self._say(f"{number:3} {trial.label}: left out, {why_impossible()}")
+            return False
+        begin = time.monotonic()
+        try:
+            fresh = self._ready(trial)
+        except StartError as error:
+            self._say(f"{number:3} {trial.label}: the system does not start: {error}")
+            self._unstarted.append(str(error))
+            return False
+        assert self._runner is not None and self._system is not None
+        result = self._runner.run(trial)
+        fields = table.row(number, result, fresh)
+        self.rows.append(fields)
+        table.append(self._results, fields)
+        self._tell(number, result, time.monotonic() - begin)
+        used_up = not self._reuse or trial.variant.shuffled
+        if not result.clean or used_up or self._system.missing_nodes():
+            logs, bad = self._system.logs, not result.clean
+            self.stop(keep=bad)
+            if bad:
+                _write_events(logs / "events.jsonl", result)
+                self._say(f"      logs and events: {logs}")
+        return result.judgement is not None
+
+    def _ready(self, trial: Trial) -> bool:
+        """Has a system of the trial's variant; True when it was started for it."""
+        if self._system is not None and self._system.variant == trial.variant:
+            return False
+        self.stop()
+        for attempt in range(STARTS):
+            self._system = System(trial.variant, trial.seed % 1000 + 1)
+            try:
+                self._system.start()
+                break
+            except StartError as error:
+                self.stop(keep=True)
+                if attempt + 1 == STARTS:
+                    raise
+                self._say(f"      the system did not start: {error}; again")
+        self._runner = Runner(self._system, self._points)
+        return True
+
+    def _tell(self, number: int, result: Result, seconds: float) -> None:
+        judgement = result.judgement
+        if judgement is None:
+            self._say(f"{number:3} {result.trial.label}: {result.note} ({seconds:.0f} s)")
+            return
+        figures = ", ".join(
+            f"{name} {value:.2f} s"
+            for name, value in (
+                ("stands", judgement.stand),
+                ("told", judgement.answer),
+                ("next", judgement.following),
+            )
+            if value is not None
+        )
+        verdict = f"{len(judgement.violations)} VIOLATIONS" if judgement.violations else "good"
+        told = f"{judgement.outcome or '-'}; {figures}"
+        self._say(f"{number:3} {result.trial.label}: {verdict} [{told}] ({seconds:.0f} s)")
+        for violation in judgement.violations:
+            self._say(f"      {violation}")
+        for ended in (event for event in result.log if event.kind == events.ENDED and judgement.violations):
+            self._say(f"      told: {ended['label']} {ended['outcome']}: {ended['reason'][:200]}")
+        if result.note:
+            self._say(f"      {result.note}")
+
+    def _say(self, line: str) -> None:
+        self._out.write(line + "\n")
+        self._out.flush()
+
+
+def _write_events(path: Path, result: Result) -> None:
+    """What the witness saw, a line of JSON per event."""
+    with path.open("w") as file:
+        for event in result.log:
+            file.write(json.dumps({"at": event.at, "kind": event.kind, **event.data}) + "\n")
+
+
+def _batches(trials: Iterator[Trial], size: int) -> Iterator[Trial]:
+    """The trials, those of one variant together within a batch."""
+    while True:
+        batch = list(islice(trials, size))
+        if not batch:
+            return
+        variants = list(dict.fromkeys(trial.variant for trial in batch))
+        for variant in variants:
+            yield from (trial for trial in batch if trial.variant == variant)

@@ -1,0 +1,129 @@
+"""Does a fault, and takes it back when it is over."""
+
+import signal
+import threading
+import time
+from typing import Dict, List, Optional
+
+from chaos import events, processes
+from chaos.events import Event
+from chaos.faults import CLIENT, CLOCK_BACK, DISK_FULL, LINK, MASTER, SECOND_NODE, SIGNAL, Fault
+from chaos.system import System
+
+SIGNALS = {"KILL": signal.SIGKILL, "STOP": signal.SIGSTOP, "TERM": signal.SIGTERM}
+BALLAST = "ballast"
+"""The file that fills the disk."""
+CHUNK = b"\0" * 4096
+
+
+class Injector:
+    """One fault on one system.
+
+    :param fault: what to do; its targets are looked up now, so that the fault itself takes no time.
+    :raises LookupError: when a target does not run.
+    """
+
+    def __init__(self, system: System, fault: Fault) -> None:
+        self._system = system
+        self._fault = fault
+        self._pids: Dict[str, int] = {}
+        self._timer: Optional[threading.Timer] = None
+        self._over = threading.Event()
+        if fault.kind == SIGNAL:
+            for target in fault.targets:
+                pid = system.pid(target)
+                if pid is not None:
+                    self._pids[target] = pid
+                elif target in system.nodes or target in (MASTER, CLIENT):
+                    raise LookupError(f"{target} does not run")
+            if not self._pids:
+                raise LookupError(f"this system has no {' and no '.join(fault.targets)}")
+
+    @property
+    def over(self) -> bool:
+        """Whether a fault that ends by itself has ended."""
+        return self._over.is_set()
+
+    def strike(self) -> float:
+        """Does the fault and returns when, on the monotonic clock."""
+        fault = self._fault
+        at = time.monotonic()
+        if fault.kind == SIGNAL:
+            for pid in self._pids.values():
+                processes.send(pid, SIGNALS[fault.signal])
+        elif fault.kind == LINK:
+            self._system.network.shape(fault.loss, fault.delay)
+        elif fault.kind == CLOCK_BACK:
+            self._system.tell_client(do="clock_back")
+        elif fault.kind == DISK_FULL:
+            self._fill()
+        elif fault.kind == SECOND_NODE:
+            self._system.start_second(fault.targets[0])
+        self._system.log.add(Event(at, events.FAULT, {"fault": fault.name, "targets": list(fault.targets)}))
+        if fault.lasts is not None:
+            # Ends with the fault, or by end().
+            self._timer = threading.Timer(fault.lasts, self._end_by_itself)
+            self._timer.daemon = True
+            self._timer.start()
+        return at
+
+    def help(self) -> List[str]:
+        """Repairs what does not come back by itself, as an operator would; returns what."""
+        fault, system = self._fault, self._system
+        helped: List[str] = []
+        if fault.kind == LINK and fault.lasts is None:
+            system.network.shape()
+            helped.append("link healed")
+        if fault.kind == SIGNAL:
+            helped += self._help_processes()
+        if helped:
+            self._report(events.HELPED, what=", ".join(helped))
+        return helped
+
+    def end(self) -> None:
+        """Takes back what is still there; nothing of a fault outlives its trial."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._fault.lasts is not None and not self.over:
+            self._end_by_itself()
+
+    def _help_processes(self) -> List[str]:
+        fault, system = self._fault, self._system
+        helped = []
+        if fault.signal == "STOP" and fault.lasts is None:
+            for target, pid in self._pids.items():
+                if target not in (MASTER, CLIENT):
+                    processes.send(pid, signal.SIGKILL)
+                    helped.append(f"{target} killed")
+        for target in self._pids:
+            if target == MASTER and (fault.lasts is None):
+                system.start_master_again()
+                helped.append("master started again")
+            elif target == CLIENT and fault.lasts is None:
+                system.start_client()  # the next client is another one; that is no help
+            elif target in system.nodes and not system.variant.respawn and fault.lasts is None:
+                system.start_again(target)
+                helped.append(f"{target} started again")
+        return helped
+
+    def _end_by_itself(self) -> None:
+        if self._fault.kind == SIGNAL:
+            for pid in self._pids.values():
+                processes.send(pid, signal.SIGCONT)
+        elif self._fault.kind == LINK:
+            self._system.network.shape()
+        elif self._fault.kind == DISK_FULL:
+            (self._system.disk / BALLAST).unlink(missing_ok=True)
+        self._report(events.OVER)
+        self._over.set()
+
+    def _fill(self) -> None:
+        with (self._system.disk / BALLAST).open("wb", buffering=0) as ballast:
+            try:
+                while True:
+                    ballast.write(CHUNK)
+            except OSError:
+                return  # it is full
+
+    def _report(self, kind: str, **data: object) -> None:
+        self._system.log.add(Event(time.monotonic(), kind, data))

@@ -1,0 +1,70 @@
+"""Two network namespaces, one for the robot and one for its mind, and the link between them."""
+
+import contextlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Callable, Dict, List, Optional
+
+from chaos.child import Child
+from chaos.events import Event
+
+ROBOT, MIND = "robot", "mind"
+ADDRESSES = {ROBOT: "10.213.7.1", MIND: "10.213.7.2"}
+
+
+class NetworkError(RuntimeError):
+    """Network namespaces cannot be made; the text says why."""
+
+
+def why_impossible() -> str:
+    """Why there can be no namespaces here; empty when there can."""
+    if os.geteuid() != 0:
+        return "network namespaces need root"
+    if not Path("/dev/net/tun").exists():
+        return "there is no /dev/net/tun"
+    return ""
+
+
+class Network:
+    """Makes the namespaces and the link.
+
+    :param run: name of the run, part of the namespaces' names.
+    :raises NetworkError: when that is not possible.
+    """
+
+    def __init__(
+        self, run: str, env: Dict[str, str], folder: Path, on_event: Callable[[Event], None]
+    ) -> None:
+        reason = why_impossible()
+        if reason:
+            raise NetworkError(reason)
+        self.names = {side: f"{run}_{side}" for side in (ROBOT, MIND)}
+        self._link: Optional[Child] = None
+        try:
+            for name in self.names.values():
+                subprocess.run(["ip", "netns", "add", name], check=True, capture_output=True, text=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            self.close()
+            raise NetworkError(f"ip netns add: {getattr(error, 'stderr', '') or error}") from error
+        ends = [word for side in (ROBOT, MIND) for word in (self.names[side], ADDRESSES[side])]
+        script = str(Path(__file__).with_name("link.py"))
+        self._link = Child("link", [sys.executable, script, *ends], env, folder, on_event)
+
+    def inside(self, side: str, command: List[str]) -> List[str]:
+        """A command line that runs in a namespace."""
+        return ["nsenter", f"--net=/run/netns/{self.names[side]}", *command]
+
+    def shape(self, loss: float = 0.0, delay: float = 0.0) -> None:
+        """Makes the link lossy and slow; the defaults heal it."""
+        if self._link is not None:
+            self._link.tell(loss=loss, delay=delay)
+
+    def close(self) -> None:
+        """Takes the link and the namespaces away."""
+        if self._link is not None:
+            self._link.close()
+        for name in self.names.values():
+            with contextlib.suppress(OSError):
+                subprocess.run(["ip", "netns", "del", name], capture_output=True, check=False)

@@ -1,0 +1,362 @@
+"""Carries one trial out on a running system and judges it."""
+
+import os
+import random
+import threading
+import time
+from dataclasses import dataclass, field
+from typing import Callable, Dict, List, Optional, Set, Tuple
+
+from chaos import events, processes
+from chaos.events import Event, LogClosed
+from chaos.evidence import NEXT, REQUEST, Evidence
+from chaos.faults import CLIENT, MASTER, NONE, SECOND_NODE
+from chaos.injector import Injector
+from chaos.moments import WINDOWS, Moment, begins, holds
+from chaos.rules import Judgement, judge
+from chaos.scene import DRIVING_SPEED, Scene, scene_at
+from chaos.system import StartError, System
+from chaos.trials import DRIVE, LISTEN, REQUESTS, SPEAK, Trial
+
+MOMENT_LIMIT = 40.0
+"""s for a moment to come; the longest way to one is a plan and a turn on the spot."""
+ANSWER_WATCH = 20.0
+"""s that an answer is waited for: twice what it may take, so that it is measured."""
+UNTOLD_WATCH = 10.5
+"""s after which a request that was not cancelled is cancelled."""
+NEXT_WATCH = 12.0
+SETTLE = 1.5
+"""s watched after an end, for what must not move any more."""
+LOOK_WATCH = 12.0
+TRIAL_LIMIT = 180.0
+"""s after which the watchdog ends a trial with everything that it runs."""
+PLANNER_CHILD = "planner_child"
+"""Last word of the command line of what the campaign's planner leaves behind."""
+FAR = 2.0
+"""m that a place to drive to is away at least."""
+
+
+class Missed(Exception):
+    """The moment did not come, or was over before the fault; the trial says nothing."""
+
+
+@dataclass
+class Result:
+    """A trial that was carried out.
+
+    :param trial: what was done.
+    :param judgement: what it showed; None when it is not valid.
+    :param note: what else is to be said.
+    :param log: the events.
+    :param helped: what the campaign repaired.
+    :param load: load average of the machine.
+    """
+
+    trial: Trial
+    judgement: Optional[Judgement]
+    note: str = ""
+    log: List[Event] = field(default_factory=list)
+    helped: str = ""
+    load: float = 0.0
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated seconds per second of the trial: below 1 the machine was too busy for its figures."""
+        truth = [event for event in self.log if event.kind == events.TRUTH]
+        if len(truth) < 2 or truth[-1].at <= truth[0].at:
+            return 0.0
+        return float(truth[-1]["ros"] - truth[0]["ros"]) / (truth[-1].at - truth[0].at)
+
+    @property
+    def clean(self) -> bool:
+        """Whether the system can be trusted with the next trial."""
+        return self.judgement is not None and not self.judgement.violations
+
+
+class Runner:
+    """Runs trials on one system.
+
+    :param points: x, y of the points of interest.
+    """
+
+    def __init__(self, system: System, points: Dict[str, Tuple[float, float]]) -> None:
+        self._system = system
+        self._points = points
+        self._notes: List[str] = []
+        self._number = 0
+
+    def run(self, trial: Trial) -> Result:
+        """Carries a trial out; bounded in time, whatever hangs."""
+        watchdog = threading.Timer(TRIAL_LIMIT, self._system.kill, [f"no end after {TRIAL_LIMIT:.0f} s"])
+        watchdog.name, watchdog.daemon = "watchdog", True
+        watchdog.start()
+        try:
+            return _Course(self._system, trial, self._points, self._notes, self._take_number()).run()
+        except LogClosed as closed:
+            broken = Judgement((f"the trial was broken off: {closed}",), None, None, None, "")
+            return Result(trial, broken)
+        except (Missed, LookupError, StartError) as missed:
+            return Result(trial, None, f"not valid: {missed}")
+        finally:
+            watchdog.cancel()
+
+    def _take_number(self) -> int:
+        self._number += 1
+        return self._number
+
+
+class _Course:
+    """One trial under way."""
+
+    def __init__(
+        self,
+        system: System,
+        trial: Trial,
+        points: Dict[str, Tuple[float, float]],
+        notes: List[str],
+        number: int,
+    ) -> None:
+        self._system = system
+        self._log = system.log
+        self._trial = trial
+        self._points = points
+        self._notes = notes
+        self._note = f"n{number % 20}"
+        self._begin = self._log.position()
+        self._random = random.Random(f"trial {trial.seed}")
+        self._injector: Optional[Injector] = None
+        self._looks = 0
+        self._late: Set[int] = set()
+
+    def run(self) -> Result:
+        trial = self._trial
+        try:
+            self._prepare()
+            if REQUESTS[trial.moment] is not None:
+                self._send(REQUEST, self._goals())
+            self._await_moment()
+            self._injector = Injector(self._system, trial.fault)
+            fault_at = self._await_delay_and_strike()
+            if REQUESTS[trial.moment] is None and trial.goals:
+                self._send(REQUEST, self._goals())
+            self._follow_request(fault_at)
+            helped = self._repair(fault_at)
+            if trial.variant.planner:
+                # Without a planner there is no next goal, but there are processes.
+                words = (f"{trial.variant.planner}.py", PLANNER_CHILD)
+                left = {pid for word in words for pid in processes.with_word(self._system.run, word)}
+                self._report(events.LEFT, count=len(left))
+            else:
+                self._next_goal()
+        finally:
+            if self._injector is not None:
+                self._injector.end()
+        self._pause(SETTLE)
+        self._look()
+        self._report(events.CLOSED)
+        log = [event for event in self._log.since(self._begin) if not self._too_late(event)]
+        judgement = judge(Evidence(trial, log, self._points, self._notes))
+        note = "; ".join(f"{event['do']}: {event['error']}" for event in log if event.kind == "failed")
+        return Result(trial, judgement, note, log, ", ".join(helped), os.getloadavg()[0])
+
+    # ------------------------------------------------------------------------------------ before the fault
+
+    def _prepare(self) -> None:
+        """One fact more that must not be lost; what the moment needs is made true or false."""
+        note = f"(noted {self._note})"
+        add, remove = [note], [f"(said {self._note})", f"(heard {self._note})", f"(quitted {self._note})"]
+        if REQUESTS[self._trial.moment] == LISTEN:
+            add.append(remove.pop(0))
+        remove += [f"({name} {place})" for name in ("deaf_at", "touchy_at") for place in self._points]
+        self._system.tell_client(do="prepare", add=add, remove=remove)
+        prepared = self._find("prepared", 15.0)
+        if prepared is None or prepared.kind == "failed":
+            raise Missed(
+                f"the knowledge base takes no facts: {prepared['error'] if prepared else 'no answer'}"
+            )
+        if note not in self._notes:
+            self._notes.append(note)
+
+    def _goals(self) -> List[str]:
+        if self._trial.goals:
+            return [goal.format(place=self._far_place(), note=self._note) for goal in self._trial.goals]
+        request = REQUESTS[self._trial.moment]
+        if request == DRIVE:
+            return [f"(robot_at {self._far_place()})"]
+        return [f"(said {self._note})" if request == SPEAK else f"(heard {self._note})"]
+
+    def _far_place(self) -> str:
+        """A place to drive to, away from where the robot is."""
+        truth = scene_at(self._log.since(0), time.monotonic()).truth
+        if truth is None:
+            raise Missed("there is no ground truth")
+        far = [
+            name
+            for name, (x, y) in sorted(self._points.items())
+            if ((truth["x"] - x) ** 2 + (truth["y"] - y) ** 2) ** 0.5 > FAR
+        ]
+        return self._random.choice(far)
+
+    def _send(self, label: str, goals: List[str]) -> None:
+        self._system.tell_client(do="send", label=label, goals=goals)
+
+    def _await_moment(self) -> None:
+        trial, scene = self._trial, Scene()
+        for event in self._log.since(0):
+            scene.apply(event)
+        position = self._log.position()
+        if holds(trial.moment, scene):
+            return
+        if trial.moment is Moment.CANCELLING:
+            self._await(lambda event: self._applied(scene, event, Moment.DRIVING), position)
+            position = self._log.position()
+            self._system.tell_client(do="cancel", label=REQUEST)
+        self._await(lambda event: self._applied(scene, event, trial.moment), position)
+
+    @staticmethod
+    def _applied(scene: Scene, event: Event, moment: Moment) -> Optional[bool]:
+        scene.apply(event)
+        return True if begins(moment, scene, event) else None
+
+    def _await(self, find: Callable[[Event], Optional[bool]], position: int) -> None:
+        ended: List[Event] = []
+
+        def look(event: Event) -> Optional[bool]:
+            if event.kind == events.ENDED and event["label"] == REQUEST:
+                ended.append(event)
+                return True
+            return find(event)
+
+        found = self._log.wait_for(position, look, time.monotonic() + MOMENT_LIMIT, time.monotonic)
+        if found is None:
+            raise Missed(f"the moment '{self._trial.moment.value}' did not come in {MOMENT_LIMIT:.0f} s")
+        if ended:
+            event = ended[0]
+            raise Missed(f"the request ended before its moment: {event['outcome']}: {event['reason'][:120]}")
+
+    def _await_delay_and_strike(self) -> float:
+        trial = self._trial
+        self._pause(trial.delay)
+        scene = scene_at(self._log.since(0), time.monotonic())
+        if WINDOWS[trial.moment].holds and not holds(trial.moment, scene):
+            raise Missed(f"the moment '{trial.moment.value}' was over before the fault")
+        assert self._injector is not None
+        at = self._injector.strike()
+        if trial.cancel:
+            self._system.tell_client(do="cancel", label=REQUEST)
+        return at
+
+    # ------------------------------------------------------------------------------------ after the fault
+
+    def _follow_request(self, fault_at: float) -> None:
+        """Until the request has ended; one that nobody cancelled is cancelled when it goes on too long."""
+        trial = self._trial
+        if REQUESTS[trial.moment] is None and not trial.goals:
+            self._pause(SETTLE)
+            return
+        if CLIENT in trial.fault.targets and trial.fault.lasts is None:
+            self._until(events.STATUS, fault_at, ANSWER_WATCH, lambda event: event["state"] == 0)
+            return
+        cancelled = trial.cancel or trial.moment is Moment.CANCELLING
+        if not cancelled:
+            lasts = trial.fault.lasts or 0.0
+            if self._ended(REQUEST, UNTOLD_WATCH + min(lasts, 10.0)):
+                return
+            self._system.tell_client(do="cancel", label=REQUEST)
+        self._ended(REQUEST, ANSWER_WATCH)
+
+    def _repair(self, fault_at: float) -> List[str]:
+        """Waits for the end of a fault that ends by itself; repairs one that does not."""
+        trial, injector = self._trial, self._injector
+        assert injector is not None
+        self._pause(SETTLE)
+        if trial.fault.lasts is not None and not injector.over:
+            left = fault_at + trial.fault.lasts + 1.0 - time.monotonic()
+            self._find(events.OVER, max(0.0, left))
+        lasting = trial.fault.lasts is None and trial.fault.kind not in (NONE, SECOND_NODE)
+        helped = injector.help() if lasting else []
+        if MASTER in trial.fault.targets and helped:
+            self._report(events.HELPED, what="a new master knows nobody")
+        return helped
+
+    def _next_goal(self) -> None:
+        self._report(events.NEXT)
+        self._look()
+        ready = self._log.position()
+        self._send(NEXT, [f"(robot_at {self._far_place()})"])
+        if not self._next_begins(ready):
+            self._system.tell_client(do="cancel", label=NEXT)
+            self._ended(NEXT, ANSWER_WATCH / 2)
+            return
+        self._system.tell_client(do="cancel", label=NEXT)
+        self._ended(NEXT, ANSWER_WATCH)
+
+    def _next_begins(self, position: int) -> bool:
+        """Whether the base drives to the next goal before the time is over or the request has ended."""
+        scene = Scene()
+
+        def find(event: Event) -> Optional[bool]:
+            scene.apply(event)
+            if event.kind == events.ENDED and event["label"] == NEXT:
+                return False
+            return True if scene.speed > DRIVING_SPEED and scene.active.get("move_base") else None
+
+        found = self._log.wait_for(position, find, time.monotonic() + NEXT_WATCH, time.monotonic)
+        return bool(found)
+
+    def _look(self) -> None:
+        position = self._log.position()
+        self._looks += 1
+        number = self._looks
+        self._system.tell_client(do="look", number=number)
+        found = self._log.wait_for(
+            position,
+            lambda event: True if event.kind == events.FACTS and event["look"] == number else None,
+            time.monotonic() + LOOK_WATCH,
+            time.monotonic,
+        )
+        if found is None:
+            self._late.add(number)
+            self._report(events.FACTS, look=number, error=f"no answer within {LOOK_WATCH:.0f} s")
+
+    def _too_late(self, event: Event) -> bool:
+        """Whether it answers a look that was given up."""
+        answers = event.kind == events.FACTS and event["look"] in self._late
+        return answers and "no answer" not in event.get("error", "")
+
+    # ------------------------------------------------------------------------------------ waiting
+
+    def _ended(self, label: str, limit: float) -> bool:
+        found = self._log.wait_for(
+            self._begin,
+            lambda event: True if event.kind == events.ENDED and event["label"] == label else None,
+            time.monotonic() + limit,
+            time.monotonic,
+        )
+        return bool(found)
+
+    def _find(self, kind: str, limit: float) -> Optional[Event]:
+        return self._log.wait_for(
+            self._begin,
+            lambda event: event if event.kind in (kind, "failed") else None,
+            time.monotonic() + limit,
+            time.monotonic,
+        )
+
+    def _until(self, kind: str, begin: float, limit: float, holds_: Callable[[Event], bool]) -> bool:
+        found = self._log.wait_for(
+            self._begin,
+            lambda event: True if event.kind == kind and event.at >= begin and holds_(event) else None,
+            time.monotonic() + limit,
+            time.monotonic,
+        )
+        return bool(found)
+
+    def _pause(self, seconds: float) -> None:
+        """Lets time go by, in which the witness watches."""
+        self._log.wait_for(
+            self._log.position(), lambda event: None, time.monotonic() + seconds, time.monotonic
+        )
+
+    def _report(self, kind: str, **data: object) -> None:
+        self._log.add(Event(time.monotonic(), kind, data))

@@ -1,0 +1,125 @@
+"""The results of a campaign: a row per trial as CSV, and a table of faults and moments."""
+
+import csv
+import statistics
+from pathlib import Path
+from typing import Dict, Iterable, List, Optional, Sequence, Tuple
+
+from chaos.runner import Result
+
+COLUMNS = (
+    "number",
+    "name",
+    "fault",
+    "moment",
+    "cancel",
+    "respawn",
+    "seed",
+    "delay_s",
+    "fresh",
+    "valid",
+    "outcome",
+    "stand_s",
+    "answer_s",
+    "next_s",
+    "rtf",
+    "load",
+    "helped",
+    "violations",
+    "note",
+)
+HEADS = (
+    "fault",
+    "moment",
+    "trials",
+    "stand p50 / max, s",
+    "answer p50 / max, s",
+    "next goal p50 / max, s",
+    "violations",
+)
+
+
+def row(number: int, result: Result, fresh: bool) -> Dict[str, str]:
+    """A trial as a row of the CSV file.
+
+    :param fresh: the system was started for it; else it had been through earlier trials.
+    """
+    trial, judgement = result.trial, result.judgement
+    return {
+        "number": str(number),
+        "name": trial.name,
+        "fault": trial.fault.name,
+        "moment": trial.moment.value,
+        "cancel": str(int(trial.cancel)),
+        "respawn": str(int(trial.variant.respawn)),
+        "seed": str(trial.seed),
+        "delay_s": f"{trial.delay:.3f}",
+        "fresh": str(int(fresh)),
+        "valid": str(int(judgement is not None)),
+        "outcome": judgement.outcome if judgement else "",
+        "stand_s": _number(judgement.stand if judgement else None),
+        "answer_s": _number(judgement.answer if judgement else None),
+        "next_s": _number(judgement.following if judgement else None),
+        "rtf": f"{result.real_time_factor:.2f}",
+        "load": f"{result.load:.1f}",
+        "helped": result.helped,
+        "violations": " | ".join(judgement.violations) if judgement else "",
+        "note": result.note,
+    }
+
+
+def append(path: Path, fields: Dict[str, str]) -> None:
+    """Adds a row to a file, with the heads when it is new."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        if new:
+            writer.writeheader()
+        writer.writerow(fields)
+
+
+def read(path: Path) -> List[Dict[str, str]]:
+    """The rows of a file."""
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def summary(rows: Iterable[Dict[str, str]]) -> List[Tuple[str, ...]]:
+    """The table: a line per fault and moment, and one of all, as text."""
+    groups: Dict[Tuple[str, str], List[Dict[str, str]]] = {}
+    valid = [fields for fields in rows if fields["valid"] == "1"]
+    for fields in valid:
+        name = fields["name"] if fields["respawn"] == "1" else f"{fields['name']} (alone)"
+        groups.setdefault((name, fields["moment"]), []).append(fields)
+    lines = [(*key, *_figures(group)) for key, group in sorted(groups.items())]
+    return [*lines, ("all", "", *_figures(valid))]
+
+
+def text(rows: Iterable[Dict[str, str]]) -> str:
+    """The table for the screen."""
+    lines = [HEADS, *summary(rows)]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(HEADS))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in lines
+    )
+
+
+def markdown(rows: Iterable[Dict[str, str]]) -> str:
+    """The table for a page."""
+    lines = [HEADS, ("---",) * len(HEADS), *summary(rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _figures(group: Sequence[Dict[str, str]]) -> Tuple[str, ...]:
+    bad = sum(bool(fields["violations"]) for fields in group)
+    return (str(len(group)), *(_spread(group, key) for key in ("stand_s", "answer_s", "next_s")), str(bad))
+
+
+def _spread(group: Sequence[Dict[str, str]], key: str) -> str:
+    values = [float(fields[key]) for fields in group if fields[key]]
+    return f"{statistics.median(values):.2f} / {max(values):.2f}" if values else "–"
+
+
+def _number(value: Optional[float]) -> str:
+    return "" if value is None else f"{value:.3f}"

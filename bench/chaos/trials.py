@@ -1,0 +1,226 @@
+"""Trials: a fault at a moment of a request. Those of the known failures, and those drawn from a seed."""
+
+import fnmatch
+import random
+from dataclasses import dataclass, field, replace
+from typing import Dict, Iterator, List, Optional, Sequence, Tuple
+
+from chaos.faults import (
+    CLIENT,
+    DISK_FULL,
+    GUARD,
+    LINK,
+    MASTER,
+    NODES,
+    NONE,
+    SIGNAL,
+    Fault,
+    all_faults,
+)
+from chaos.moments import WINDOWS, Moment
+
+DRIVE, SPEAK, LISTEN, SPEAK_AND_LISTEN = "drive", "speak", "listen", "speak_and_listen"
+PLANNER_TIME = 3.0
+"""s that a planner of the campaign's own gets to misbehave."""
+REQUESTS: Dict[Moment, Optional[str]] = {
+    Moment.DRIVING: DRIVE,
+    Moment.SPEAKING: SPEAK,
+    Moment.LISTENING: LISTEN,
+    Moment.PLANNING: DRIVE,
+    Moment.BETWEEN: SPEAK_AND_LISTEN,
+    Moment.IDLE: None,
+    Moment.CANCELLING: DRIVE,
+}
+"""What the client asks for, so that the moment comes."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """How the system is started. Trials of one variant share a running system while it is healthy.
+
+    :param respawn: whether nodes that die are started again by the launcher.
+    :param base_timeout: s after which the base stops without commands; None: a base that never does.
+    :param network: robot and the rest in network namespaces of their own.
+    :param state_file: the knowledge base keeps its state in a file; "full": on a small file system.
+    :param planner: name of a planner of the campaign's own; empty: the default one.
+    :param navigation: name of a navigation of the campaign's own; empty: the default one.
+    :param shuffled: nodes start in an order drawn from the seed.
+    """
+
+    respawn: bool = True
+    base_timeout: Optional[float] = None
+    network: bool = False
+    state_file: str = ""
+    planner: str = ""
+    navigation: str = ""
+    shuffled: bool = False
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial.
+
+    :param name: of the fault, or of the known failure.
+    :param cancel: the client cancels right after the fault.
+    :param goals: that the client sends instead of those of the moment.
+    :param seed: of the delay within the moment, and of the place to drive to.
+    :param wait: s by which the fault comes later still, so that what misbehaves has begun to.
+    """
+
+    name: str
+    fault: Fault
+    moment: Moment
+    cancel: bool = False
+    goals: Tuple[str, ...] = ()
+    variant: Variant = field(default_factory=Variant)
+    seed: int = 0
+    wait: float = 0.0
+
+    @property
+    def delay(self) -> float:
+        """s between the begin of the moment and the fault."""
+        return self.wait + random.Random(f"delay {self.seed}").uniform(0.0, WINDOWS[self.moment].delay)
+
+    @property
+    def label(self) -> str:
+        """One line that names it."""
+        parts = [self.name, f"@{self.moment.value}"]
+        if self.cancel:
+            parts.append("+cancel")
+        if not self.variant.respawn:
+            parts.append("alone")
+        return " ".join(parts)
+
+
+def _known() -> Iterator[Trial]:
+    faults = all_faults()
+    driving = Moment.DRIVING
+
+    def known(name: str, fault: str, moment: Moment = driving, cancel: bool = False, **more: object) -> Trial:
+        return Trial(name, faults[fault], moment, cancel, **more)  # type: ignore[arg-type]
+
+    nothing = Fault("none", NONE)
+    # Nothing breaks: what the witness finds here it would find everywhere.
+    yield Trial("nothing", nothing, driving)
+    yield Trial("nothing_cancel", nothing, driving, cancel=True)
+    yield known("fsm_host_killed_cancel", "merlin_fsm_host:kill", cancel=True)
+    yield known("bridges_killed", "merlin_bridges:kill")
+    yield known("bridges_and_host_killed", "merlin_bridges+merlin_fsm_host:kill")
+    yield known("executor_killed", "merlin_executor:kill")
+    yield known("planning_system_killed", "planning_system:kill")
+    everything = Fault("robot:kill", SIGNAL, NODES, "KILL")
+    yield Trial("power_cut_with_state_file", everything, driving, variant=Variant(state_file="kept"))
+    yield known("navigation_killed", "navigation:kill")
+    yield known("speech_killed", "soundplay_node:kill", Moment.SPEAKING)
+    for part in ("merlin_fsm_host", "merlin_bridges", "navigation", "merlin_executor", "planning_system"):
+        short = part.replace("merlin_", "")
+        yield known(f"{short}_hung_cancel", f"{part}:stop", cancel=True)
+    yield known("master_hung_cancel", "master:stop", cancel=True)
+    cut = Variant(network=True)
+    for lasts in (5.0, 12.0, 30.0):
+        fault = Fault(f"link:cut{lasts:g}", LINK, lasts=lasts, loss=1.0)
+        yield Trial(f"link_cut_{lasts:g}_cancel", fault, driving, cancel=True, variant=cut)
+    yield known("link_cut_for_ever_cancel", "link:cut", cancel=True, variant=cut)
+    yield known("master_killed_action_ends", "master:kill", Moment.SPEAKING)
+    yield Trial(
+        "move_base_ignores_cancel",
+        nothing,
+        driving,
+        cancel=True,
+        variant=Variant(navigation="deaf_navigation"),
+    )
+    yield Trial("action_ignores_preempt", nothing, driving, cancel=True, goals=("(deaf_at {place})",))
+    yield Trial("action_raises_in_preempt", nothing, driving, cancel=True, goals=("(touchy_at {place})",))
+    yield Trial("action_raises_system_exit", nothing, Moment.PLANNING, goals=("(quitted {note})",))
+    nested = "(and " * 1000 + "(said {note})" + ")" * 1000
+    yield Trial("goal_of_1000_nested_and", nothing, Moment.IDLE, goals=(nested,))
+    yield known("second_executor", "second:merlin_executor")
+    for planner in ("planner_without_end", "planner_100_mb", "planner_with_daemon"):
+        variant = Variant(planner=planner)
+        # What one without end costs shows at its time limit, what the others cost at a cancel.
+        cancel = planner != "planner_without_end"
+        yield Trial(planner, nothing, Moment.PLANNING, cancel, variant=variant, wait=PLANNER_TIME)
+
+
+def known_failures() -> Dict[str, Trial]:
+    """The failures that were found by hand, as trials, by name."""
+    return {trial.name: trial for trial in _known()}
+
+
+def variant_of(fault: Fault, respawn: bool) -> Variant:
+    """The system that a fault needs."""
+    if fault.kind == LINK:
+        return Variant(respawn, network=True)
+    if fault.kind == DISK_FULL:
+        return Variant(respawn, state_file="full")
+    # Only the guard stops a base that never stops by itself: without a guard nothing does.
+    return Variant(respawn, base_timeout=0.5 if GUARD in fault.targets else None)
+
+
+def fits(fault: Fault, moment: Moment, respawn: bool) -> bool:
+    """Whether a fault makes sense at a moment."""
+    if fault.kind != SIGNAL:
+        return respawn
+    if not respawn and (MASTER in fault.targets or CLIENT in fault.targets):
+        return False  # neither comes back by itself in any case
+    if CLIENT in fault.targets:
+        return moment is not Moment.IDLE
+    return True
+
+
+def draw(
+    seed: int,
+    faults: Sequence[str] = ("*",),
+    moments: Sequence[Moment] = tuple(Moment),
+    respawn: Sequence[bool] = (True, False),
+    absent: Sequence[str] = (),
+) -> Iterator[Trial]:
+    """Trials without end, drawn from a seed: every combination once, in random order, then again.
+
+    :param faults: patterns of names; a known failure is drawn when it is named, `known` stands for all.
+    :param absent: nodes that the system does not have.
+    :raises ValueError: when nothing fits the patterns.
+    """
+    pool = _pool(faults, moments, respawn, set(absent))
+    if not pool:
+        raise ValueError(f"no fault fits {', '.join(faults)} at these moments; --list shows all")
+    numbers = random.Random(f"trials {seed}")
+    round_ = 0
+    while True:
+        order = list(pool)
+        numbers.shuffle(order)
+        for trial in order:
+            cancel = trial.cancel
+            named = trial.name in known_failures()
+            if not named and trial.moment not in (Moment.IDLE, Moment.CANCELLING):
+                cancel = numbers.random() < 0.5 and CLIENT not in trial.fault.targets
+            yield replace(trial, cancel=cancel, seed=numbers.randrange(2**31))
+        round_ += 1
+
+
+def _pool(
+    patterns: Sequence[str], moments: Sequence[Moment], respawn: Sequence[bool], absent: set
+) -> List[Trial]:
+    named = known_failures()
+    chosen = [
+        trial
+        for name, trial in named.items()
+        if "known" in patterns
+        or any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns if pattern != "*")
+    ]
+    for fault in all_faults().values():
+        if absent & set(fault.targets) or not any(fnmatch.fnmatchcase(fault.name, each) for each in patterns):
+            continue
+        chosen += [
+            Trial(fault.name, fault, moment, variant=variant_of(fault, again))
+            for moment in moments
+            for again in respawn
+            if fits(fault, moment, again)
+        ]
+    if "*" in patterns and Moment.IDLE in moments:
+        chosen.append(
+            Trial(
+                "start:shuffled", Fault("start:shuffled", NONE), Moment.IDLE, variant=Variant(shuffled=True)
+            )
+        )
+    return chosen
