@@ -34,6 +34,9 @@ def test_the_install_space_launches_and_runs(tmp_path: Path) -> None:
     nodes = installed("roslaunch --nodes merlin home.launch", tmp_path)
     assert nodes.returncode == 0, nodes.stdout
     assert {"/merlin_sim", "/merlin_executor", "/merlin_bridges", "/mission"} <= set(nodes.stdout.split())
+    command = installed("roslaunch --args /merlin_executor merlin home.launch", tmp_path).stdout.split()
+    prefix = next(word for word in command if word.endswith("/respawn"))
+    assert prefix.startswith(str(WORKSPACE / "install")) and os.access(prefix, os.X_OK), command
     found = installed(
         "python3 -c 'import merlin_executor.executor; print(merlin_executor.__file__)'", tmp_path
     )

@@ -251,12 +251,15 @@ class Bridges(unittest.TestCase):
         self.cancel(dispatch, parameters=[KeyValue("from", "elsewhere")])
         self.assertEqual(self.final(dispatch).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
 
-    def test_a_second_dispatch_while_it_runs_is_refused(self):
+    def test_a_second_dispatch_waits_for_the_end_of_the_first(self):
         self.serve()
         first = self.go()
         self.driving()
-        self.assertIn("runs already", self.reason(self.final(self.go())))
+        second = self.go()
+        self.assertEqual(self.final(second).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
         self.assertEqual(self.final(first).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
+        ends = [answer.action_id for answer in self.answers if answer.status in FINAL][-2:]
+        self.assertEqual(ends, [first.action_id, second.action_id])
 
     def test_a_killed_machine_is_reported(self):
         self.serve()
@@ -293,9 +296,9 @@ class Bridges(unittest.TestCase):
         dispatch = self.dispatch("ask", p="kitchen")
         self.assertTrue(self.speech.wait(LONG))
         self.cancel(dispatch)
-        reason = self.reason(self.final(dispatch))
-        self.assertIn("actions/ask", reason)
-        self.assertIn("does not stop", reason)
+        answer = self.final(dispatch)
+        self.assertIn("sound_play did not stop", self.reason(answer))
+        self.assertIn(KeyValue("stopped", "no"), answer.information)
         self.assertFalse(self.knowledge.holds("(checked kitchen)"))
 
     def bridge(self, operator, **options):

@@ -7,12 +7,13 @@ import unittest
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import Twist
-from merlin_msgs.msg import ExecuteResult, ExecutorStatus
+from merlin_msgs.msg import ExecutorStatus
 from move_base_msgs.msg import MoveBaseActionGoal
 
 import rostest
 from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
+from merlin_executor.goal_state import ACHIEVED
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 60.0
@@ -57,6 +58,7 @@ class Executor(unittest.TestCase):
         cls.velocity = Watch("cmd_vel", Twist)
         cls.drives = Watch("move_base/goal", MoveBaseActionGoal)
         assert cls.client.wait_for_executor(LONG)
+        cls.given = cls.knowledge.goals()
 
     def setUp(self):
         for poi in ("kitchen", "bathroom", "dorm_room", "main_door"):
@@ -65,7 +67,7 @@ class Executor(unittest.TestCase):
     def tearDown(self):
         # The result and the status come over two connections; either may be first.
         self.status.wait_last(lambda status: status.state == ExecutorStatus.IDLE)
-        self.assertEqual(self.knowledge.goals(), [])
+        self.assertEqual(self.knowledge.goals(), self.given)  # those of the problem, and no more
         self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
 
     def assertOutcome(self, result, name):
@@ -149,7 +151,11 @@ class Executor(unittest.TestCase):
         self.assertOutcome(first.result, "SUCCEEDED")
 
     def unreachable_dorm_room(self):
-        """Planning does not know that the point of interest has no place to drive to."""
+        """Planning does not know that the point of interest has no place to drive to.
+
+        The first plan begins in the kitchen, further ones anywhere: two failures that differ, then the same.
+        """
+        self.assertIn(self.client.execute("(robot_at kitchen)", LONG).outcome, ACHIEVED)
         place = rospy.get_param(DORM_ROOM)
         rospy.set_param(DORM_ROOM, {"x": "nowhere"})
         self.addCleanup(rospy.set_param, DORM_ROOM, place)
@@ -159,13 +165,14 @@ class Executor(unittest.TestCase):
         result = self.client.execute("(checked dorm_room)", LONG)
         self.assertOutcome(result, "ACTION_FAILED")
         self.assertIn("navigate", result.action)
-        self.assertIn("planned again 3 times", result.reason)
+        self.assertIn("2 times for the same reason", result.reason)
+        self.assertGreater(result.replans, 0)
 
     def test_a_cancel_reaches_a_request_that_waits_before_it_is_planned_again(self):
         self.unreachable_dorm_room()
         mark = self.status.mark()
         request = self.client.send("(checked dorm_room)")
-        self.status.wait(lambda status: status.stage == "REPLAN" and status.replans == 2, mark)
+        self.status.wait(lambda status: status.stage == "REPLAN" and status.replans == 1, mark)
         request.cancel()
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "CANCELLED")
@@ -192,11 +199,32 @@ class Executor(unittest.TestCase):
         self.assertEqual(request.state, GoalStatus.REJECTED)
         self.assertIn("moon", request.result.reason)
 
+    def test_a_planner_that_gives_up_has_not_proved_anything(self):
+        name = "rosplan_planner_interface/planner_command"
+        rospy.set_param(name, "echo No plan found in 8 happenings: DOMAIN PROBLEM")
+        try:
+            result = self.client.execute("(checked bathroom)", LONG)
+        finally:
+            rospy.set_param(name, "")
+        self.assertOutcome(result, "NO_PLAN")
+        self.assertIn("8 happenings", result.reason)
+
     def test_what_cannot_be_reached_says_why(self):
+        self.assertIn(self.client.execute("(robot_at kitchen)", LONG).outcome, ACHIEVED)
         result = self.client.execute("(robot_at anywhere)", LONG)
-        if result.outcome != ExecuteResult.ALREADY_TRUE:
-            self.assertOutcome(result, "UNSOLVABLE")
-            self.assertTrue(result.reason)
+        self.assertOutcome(result, "UNSOLVABLE")
+        self.assertTrue(result.reason)
+
+    def test_what_is_too_large_is_refused_and_the_executor_goes_on(self):
+        unchecked = MerlinExecutorClient(knowledge_base=None)
+        self.assertTrue(unchecked.wait_for_executor(LONG))
+        nested = "(and " * 1000 + "(checked kitchen)" + ")" * 1000
+        for goal, why in ((nested, "nested deeper"), ("(checked moon)" + " " * 60000, "no object")):
+            request = unchecked.send(goal)
+            self.assertTrue(request.wait(LONG))
+            self.assertOutcome(request.result, "REFUSED")
+            self.assertIn(why, request.result.reason)
+        self.assertOutcome(self.client.execute("(checked kitchen)", LONG), "SUCCEEDED")
 
 
 if __name__ == "__main__":

@@ -56,8 +56,8 @@ def instance(kind, name):
     return Item(knowledge_type=Item.INSTANCE, instance_type=kind, instance_name=name)
 
 
-def duration(origin, goal, value=0.0):
-    item = fact("duration", origin, goal)
+def travel_time(origin, goal, value=0.0):
+    item = fact("travel_time", origin, goal)
     item.knowledge_type, item.function_value = Item.FUNCTION, value
     return item
 
@@ -130,8 +130,8 @@ class KnowledgeBaseTest(unittest.TestCase):
         types = call("domain/types", GetDomainTypeService)
         self.assertEqual((types.types, types.super_types), (["place", "poi"], ["object", "place"]))
         predicates = call("domain/predicates", GetDomainAttributeService).items
-        self.assertEqual([p.name for p in predicates], ["robot_at", "checked"])
-        self.assertEqual(predicates[1].typed_parameters, [KeyValue("p", "poi")])
+        self.assertEqual([p.name for p in predicates], ["in_service", "robot_at", "checked"])
+        self.assertEqual(predicates[2].typed_parameters, [KeyValue("p", "poi")])
         functions = call("domain/functions", GetDomainAttributeService).items
         self.assertEqual([p.key for p in functions[0].typed_parameters], ["from", "to"])
         operators = call("domain/operators", GetDomainOperatorService).operators
@@ -144,7 +144,7 @@ class KnowledgeBaseTest(unittest.TestCase):
             call("domain/operator_details", GetDomainOperatorDetailsService, "navigat")
         self.assertIn("did you mean 'navigate'", str(caught.exception))
         with self.assertRaises(rospy.ServiceException):
-            call("domain/predicate_details", GetDomainPredicateDetailsService, "duration")
+            call("domain/predicate_details", GetDomainPredicateDetailsService, "travel_time")
 
     def test_instances(self):
         pois = ["dorm_room", "bathroom", "kitchen", "main_door"]
@@ -185,7 +185,7 @@ class KnowledgeBaseTest(unittest.TestCase):
             fact("checked"),
             fact("checked", ""),
             instance("table", "t"),
-            duration("kitchen", "moon", 3.0),
+            travel_time("kitchen", "moon", 3.0),
             Item(knowledge_type=9),
         ]
         for item in bad:
@@ -197,7 +197,7 @@ class KnowledgeBaseTest(unittest.TestCase):
         self.assertTrue(self.update([Update.REMOVE_KNOWLEDGE], [fact("nobody", "knows", "this")]))
 
     def test_lenient_knowledge_base_accepts_everything(self):
-        for item in (fact("new", "a", ""), instance("table", "t"), duration("x", "y", 3.0)):
+        for item in (fact("new", "a", ""), instance("table", "t"), travel_time("x", "y", 3.0)):
             self.assertTrue(self.update([0], [item], base=LENIENT))
         self.assertTrue(call("update", KnowledgeUpdateService, 77, fact("x"), base=LENIENT).success)
         found = call("state/propositions", GetAttributeService, "new", base=LENIENT).attributes
@@ -206,15 +206,15 @@ class KnowledgeBaseTest(unittest.TestCase):
         self.assertEqual(call("state/propositions", GetAttributeService, "", base=LENIENT).attributes, [])
 
     def test_numbers(self):
-        self.assertTrue(self.query(duration("kitchen", "bathroom")).all_true)
-        self.assertTrue(self.update([0], [duration("kitchen", "bathroom", 31.0)]))
-        raised = duration("kitchen", "bathroom", 2.0)
+        self.assertTrue(self.query(travel_time("kitchen", "bathroom")).all_true)
+        self.assertTrue(self.update([0], [travel_time("kitchen", "bathroom", 31.0)]))
+        raised = travel_time("kitchen", "bathroom", 2.0)
         raised.assign_op = Item.AP_SCALE_UP
         self.assertTrue(self.update([0], [raised]))
-        found = call("state/functions", GetAttributeService, "duration").attributes
+        found = call("state/functions", GetAttributeService, "travel_time").attributes
         values = {tuple(v.value for v in item.values): item.function_value for item in found}
         self.assertEqual(values["kitchen", "bathroom"], 62.0)
-        path = function("duration", "kitchen", "bathroom")
+        path = function("travel_time", "kitchen", "bathroom")
         left = ExprComposite([*operator(ExprBase.SUB), *path, *number(2.0).tokens])
         nested = ExprComposite([*operator(ExprBase.MUL), *left.tokens, *operator(ExprBase.UMINUS), *path])
         ask = comparison
@@ -226,17 +226,21 @@ class KnowledgeBaseTest(unittest.TestCase):
                     ask(DomainInequality.GREATER, nested, number(-3719.0)),
                     ask(DomainInequality.GREATER, ExprComposite(), number(1.0)),
                     ask(
-                        DomainInequality.GREATER, ExprComposite(function("duration", "a", "b")), number(-1.0)
+                        DomainInequality.GREATER,
+                        ExprComposite(function("travel_time", "a", "b")),
+                        number(-1.0),
                     ),
                 ).results
             ),
             [True, True, False, False, False],
         )
-        self.update([0], [duration("kitchen", "bathroom", 25.0)])
+        self.update([0], [travel_time("kitchen", "bathroom", 25.0)])
 
     def test_goals_come_back_and_reach_the_problem(self):
         more = comparison(
-            DomainInequality.GREATER, ExprComposite(function("duration", "kitchen", "bathroom")), number(5.0)
+            DomainInequality.GREATER,
+            ExprComposite(function("travel_time", "kitchen", "bathroom")),
+            number(5.0),
         )
         either = Item(
             knowledge_type=Item.EXPRESSION, attribute_name="(or (checked kitchen) (checked bathroom))"
@@ -248,7 +252,7 @@ class KnowledgeBaseTest(unittest.TestCase):
         self.assertEqual(list(self.query(*found).results), [False, True, True, False])
         expected = (
             "(:goal (and\n    (checked kitchen)\n    (not (robot_at kitchen))\n"
-            "    (> (duration kitchen bathroom) 5)\n    (or (checked kitchen) (checked bathroom))\n))"
+            "    (> (travel_time kitchen bathroom) 5)\n    (or (checked kitchen) (checked bathroom))\n))"
         )
         for node in ("rosplan_problem_interface", "problem_over_ros"):
             answer = call("problem_generation_server_params", ProblemService, "", True, base=node)
@@ -326,7 +330,10 @@ class KnowledgeBaseTest(unittest.TestCase):
     def test_effects_in_one_transaction(self):
         def apply(phase, token="one", to="kitchen"):
             parameters = [KeyValue("from", "anywhere"), KeyValue("to", to)]
-            return call("apply_effects", ApplyEffects, "navigate", parameters, phase, token)
+            request = ApplyEffectsRequest(
+                operator_name="navigate", parameters=parameters, phase=phase, token=token
+            )
+            return call("apply_effects", ApplyEffects, request)
 
         self.assertTrue(apply(ApplyEffectsRequest.START).success)
         self.assertEqual(self.propositions("robot_at"), [])

@@ -4,15 +4,20 @@
 import contextlib
 import os
 import random
+import shutil
 import signal
+import sqlite3
 import subprocess
+import tempfile
 import time
 import unittest
 import xmlrpc.client
+from pathlib import Path
 
+import rospkg
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest
+from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 from rosplan_dispatch_msgs.srv import ProblemService
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from rosplan_knowledge_msgs.srv import (
@@ -48,6 +53,15 @@ def pid():
     return xmlrpc.client.ServerProxy(uri).getPid("/test")[2]
 
 
+def state_file():
+    return Path(rospkg.get_log_dir()) / rospy.get_param("/run_id") / "rosplan_knowledge_base.sqlite"
+
+
+def effects(phase, token, *more):
+    parameters = [KeyValue("from", "anywhere"), KeyValue("to", "kitchen")]
+    return call(f"{KB}/apply_effects", ApplyEffects, "navigate", parameters, phase, token, *more)
+
+
 def texts(service):
     found = call(f"{KB}/state/{service}", GetAttributeService, "").attributes
     return [(item.attribute_name, *[value.value for value in item.values]) for item in found]
@@ -74,49 +88,104 @@ class KnowledgePersistenceTest(unittest.TestCase):
     def test_killed_while_clients_write(self):
         update = rospy.ServiceProxy(f"{KB}/update", KnowledgeUpdateService, persistent=True)
         rospy.wait_for_service(f"{KB}/apply_effects", LONG)
-        parameters = [KeyValue("from", "anywhere"), KeyValue("to", "kitchen")]
-        started = call(
-            f"{KB}/apply_effects", ApplyEffects, "navigate", parameters, ApplyEffectsRequest.START, "run 1"
-        )
-        self.assertTrue(started.success)
+        self.assertTrue(effects(ApplyEffectsRequest.START, "run 1", "", [], []).success)
         self.assertTrue(update(1, fact("checked", "kitchen")).success)
         for number in range(100):
             poi = KnowledgeItem(instance_type="poi", instance_name=f"spot{number}")
             self.assertTrue(update(0, poi).success)
             self.assertTrue(update(0, fact("checked", f"spot{number}")).success)
         update.close()
-        expected = [("checked", f"spot{number}") for number in range(100)]
+        expected = [("in_service",), *(("checked", f"spot{number}") for number in range(100))]
         self.restart(signal.SIGKILL)
         self.assertEqual(texts("propositions"), expected)
-        self.assertEqual(texts("goals"), [("checked", "kitchen")])
+        self.assertEqual(texts("goals"), [("in_service",), ("checked", "kitchen")])
         self.assertEqual(len(texts("functions")), 16)
-        # the action that was under way is undone by who ran it
-        undone = call(
-            f"{KB}/apply_effects", ApplyEffects, "navigate", parameters, ApplyEffectsRequest.ROLLBACK, "run 1"
-        )
-        self.assertTrue(undone.success)
+        # the action that was under way is undone by its interface
+        self.assertTrue(effects(ApplyEffectsRequest.ROLLBACK, "run 1", "", [], []).success)
         self.assertIn(("robot_at", "anywhere"), texts("propositions"))
 
-    def test_interrupt_ends_the_node(self):
+    def robot_at(self):
+        return [words[1:] for words in texts("propositions") if words[0] == "robot_at"]
+
+    def executions(self, owner=""):
+        return call(f"{KB}/executions", ListExecutions, owner).executions
+
+    def test_killed_while_an_action_runs(self):
+        """What began is known to its owner, and closed as if nothing had happened in between."""
         call(f"{KB}/state/goals", GetAttributeService, "")
-        self.assertLess(self.restart(signal.SIGINT), 2.0 + 8.0)  # 2 s on a machine that does nothing else
+        self.assertEqual(self.robot_at(), [("anywhere",)])
+        for token, phase, expected in (
+            ("1/1/life/1", ApplyEffectsRequest.INTERRUPT, [("anywhere",)]),
+            ("1/2/life/2", ApplyEffectsRequest.ROLLBACK, [("anywhere",)]),
+            ("1/3/life/3", ApplyEffectsRequest.END, [("kitchen",)]),
+        ):
+            meanwhile, interrupted = ["(checked kitchen)"], ["(robot_at anywhere)"]
+            opened = effects(ApplyEffectsRequest.START, token, "/a_bridge", meanwhile, interrupted)
+            self.assertTrue(opened.success, opened.message)
+            self.assertEqual(self.robot_at(), [])
+            self.restart(signal.SIGKILL)
+            self.assertIn(("checked", "kitchen"), texts("propositions"))
+            (found,) = self.executions("a_bridge")
+            self.assertEqual(
+                (found.token, found.operator_name, found.owner), (token, "navigate", "/a_bridge")
+            )
+            self.assertEqual([pair.value for pair in found.parameters], ["anywhere", "kitchen"])
+            for _ in range(2):  # the second finds nothing to do
+                self.assertTrue(effects(phase, token, "", [], []).success)
+            self.assertEqual(self.robot_at(), expected)
+            self.assertNotIn(("checked", "kitchen"), texts("propositions"))
+            self.assertEqual(self.executions(), [])
+        self.assertTrue(effects(ApplyEffectsRequest.INTERRUPT, "never seen", "", [], []).success)
+        for kind, place in ((2, "kitchen"), (0, "anywhere")):
+            self.assertTrue(
+                call(f"{KB}/update", KnowledgeUpdateService, kind, fact("robot_at", place)).success
+            )
+
+    def test_a_signal_ends_the_node(self):
+        call(f"{KB}/state/goals", GetAttributeService, "")
+        self.assertLess(self.restart(signal.SIGTERM), 2.0 + 8.0)  # 2 s on a machine that does nothing else
+
+    def second(self, path, *words):
+        """A knowledge base of another name; it has to end. Returns what it says."""
+        domain = rospy.get_param(f"{KB}/domain_path")
+        command = ["rosrun", "merlin_rosplan", "knowledge_base", "__name:=second", *words]
+        command += [f"_state_file:={path}", f"_domain_path:={domain}"]
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=LONG, check=False)
+        self.assertEqual(ended.returncode, 2)
+        self.assertNotIn("Traceback", ended.stderr)
+        return ended.stderr + ended.stdout
 
     def test_second_knowledge_base_on_the_file_says_so_and_ends(self):
         call(f"{KB}/state/goals", GetAttributeService, "")
-        path = rospy.get_param(f"{KB}/state_file")
-        domain = rospy.get_param(f"{KB}/domain_path")
-        command = ["rosrun", "merlin_rosplan", "knowledge_base", "__name:=second"]
-        command += [f"_state_file:={path}", f"_domain_path:={domain}"]
-        ended = subprocess.run(command, capture_output=True, text=True, timeout=LONG, check=False)
-        self.assertEqual(ended.returncode, 1)
-        self.assertIn("is another knowledge base using it?", ended.stderr + ended.stdout)
-        self.assertNotIn("Traceback", ended.stderr)
+        for words in ((), ("_reset_state:=true",)):
+            said = self.second(state_file(), *words)
+            self.assertIn(f"process {pid()} has it open; is another knowledge base using it?", said)
+        self.assertTrue(call(f"{KB}/update", KnowledgeUpdateService, 1, fact("robot_at", "anywhere")).success)
+        self.restart(signal.SIGKILL)
+        self.assertIn(("robot_at", "anywhere"), texts("goals"))
+        self.assertTrue(call(f"{KB}/update", KnowledgeUpdateService, 3, fact("robot_at", "anywhere")).success)
+
+    def test_damaged_file_is_named_with_its_row(self):
+        call(f"{KB}/state/goals", GetAttributeService, "")
+        with tempfile.TemporaryDirectory() as folder:
+            damaged = Path(folder) / "damaged.sqlite"
+            for suffix in ("", "-wal"):
+                shutil.copy(f"{state_file()}{suffix}", f"{damaged}{suffix}")
+            with contextlib.closing(sqlite3.connect(damaged)) as database:
+                database.execute("UPDATE row SET place = 'first' WHERE kind = 'fact'")
+                database.commit()
+            said = self.second(damaged)
+        self.assertIn(f"the state file {damaged} is damaged: the row 'fact'", said)
+
+    def test_reset_is_done_once(self):
+        call(f"{KB}/state/goals", GetAttributeService, "")
+        self.assertIs(rospy.get_param(f"{KB}/reset_state"), False)
 
     def test_nonsense_to_every_service(self):
         call(f"{KB}/state/goals", GetAttributeService, "")
         before = pid()
         chance = random.Random(1)
-        words = ["", "navigate", "checked", "duration", "(", "é\x00", "/", "kitchen", "poi", "x" * 10_000]
+        words = ["", "navigate", "checked", "travel_time", "(", "é\x00", "/", "kitchen", "poi", "x" * 10_000]
 
         def word():
             return chance.choice(words)
@@ -152,7 +221,14 @@ class KnowledgePersistenceTest(unittest.TestCase):
             (
                 "apply_effects",
                 ApplyEffects,
-                lambda: (word(), [KeyValue(word(), word())], chance.randint(0, 9), word()),
+                lambda: (
+                    word(),
+                    [KeyValue(word(), word())],
+                    chance.randint(0, 9),
+                    *(word() for _ in "to"),
+                    [word()],
+                    [word()],
+                ),
             ),
         ]
         for name, service_class, make in requests:

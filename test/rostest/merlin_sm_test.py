@@ -62,10 +62,10 @@ class Knowledge(unittest.TestCase):
         self.assertEqual(self.sm.goals(), [])
 
     def test_values(self):
-        self.sm.set_value("duration", "kitchen", "bathroom", value=12.5)
-        self.assertEqual(self.sm.value("duration", "kitchen", "bathroom"), 12.5)
-        self.assertIsNone(self.sm.value("duration", "bathroom", "bathroom"))
-        self.assertTrue(self.sm.holds("(> (duration kitchen bathroom) 12)"))
+        self.sm.set_value("travel_time", "kitchen", "bathroom", value=12.5)
+        self.assertEqual(self.sm.value("travel_time", "kitchen", "bathroom"), 12.5)
+        self.assertIsNone(self.sm.value("travel_time", "bathroom", "bathroom"))
+        self.assertTrue(self.sm.holds("(> (travel_time kitchen bathroom) 12)"))
 
     def test_nonsense_is_refused_and_changes_nothing(self):
         before = self.sm.facts()

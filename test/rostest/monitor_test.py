@@ -92,7 +92,7 @@ class MonitorPage(unittest.TestCase):
 
     def test_1_the_page_says_what_the_topics_say_throughout_a_mission(self):
         visit = self.visit()
-        visit.wait_text("#knowledge-list", "(duration kitchen bathroom)")
+        visit.wait_text("#knowledge-list", "(travel_time kitchen bathroom)")
         _, thread, ended = self.start_round()
         agreed = set()
         while self.status.wait(lambda status: bool(status.running) or ended) and not ended:
@@ -124,7 +124,8 @@ class MonitorPage(unittest.TestCase):
         )
         visit.wait_text(".machine[data-active=false] .where", "ended with succeeded")
         # The knowledge is that of the knowledge base, and says who changed it.
-        held = {f"(checked {poi})" for poi in ("kitchen", "bathroom", "main_door")} | {"(robot_at main_door)"}
+        held = {f"(checked {poi})" for poi in ("kitchen", "bathroom", "main_door")}
+        held |= {"(robot_at main_door)", "(in_service)"}
         for fact in held:
             visit.wait_text("#knowledge-list .fact", fact)
         state = visit.page.evaluate("async () => (await (await fetch('/state.json')).json()).state")
@@ -143,12 +144,12 @@ class MonitorPage(unittest.TestCase):
 
     def test_2_search_userdata_and_keyboard(self):
         visit = self.visit(viewport={"width": 390, "height": 800})
-        visit.wait_text("#knowledge-list", "(duration anywhere bathroom)")
+        visit.wait_text("#knowledge-list", "(travel_time anywhere bathroom)")
         visit.page.keyboard.press("/")
-        visit.page.keyboard.type("duration kitchen BATH")
+        visit.page.keyboard.type("travel_time kitchen BATH")
         visit.wait("() => [...document.querySelectorAll('.fact')].filter(x => !x.hidden).length === 2")
         rows = visit.page.locator(".fact:visible .text").all_text_contents()
-        self.assertEqual(sorted(rows), ["(duration bathroom kitchen)", "(duration kitchen bathroom)"])
+        self.assertEqual(sorted(rows), ["(travel_time bathroom kitchen)", "(travel_time kitchen bathroom)"])
         visit.page.keyboard.press("Escape")
         visit.page.keyboard.press("4")
         self.assertEqual(visit.page.evaluate("document.activeElement.id"), "machines")
@@ -162,7 +163,7 @@ class MonitorPage(unittest.TestCase):
 
     def test_3_hostile_names_are_shown_as_text(self):
         visit = self.visit()
-        visit.wait_text("#knowledge-list", "(duration")
+        visit.wait_text("#knowledge-list", "(travel_time")
         publishers = {}
 
         def publish(topic, kind, message, latch=True):
@@ -268,7 +269,7 @@ class MonitorPage(unittest.TestCase):
     def test_6_goals_are_completed_checked_sent_and_cancelled(self):
         visit = self.visit()
         page = visit.page
-        visit.wait_text("#knowledge-list", "(duration")
+        visit.wait_text("#knowledge-list", "(travel_time")
         goal = page.locator("#goal")
         goal.click()
         goal.press_sequentially("(che")

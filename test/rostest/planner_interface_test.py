@@ -84,7 +84,7 @@ class Planner(unittest.TestCase):
 
     def problem(self, goal):
         path = Path(self.folder.name) / "problem.pddl"
-        path.write_text(self.problem_text.replace("(:goal (and))", f"(:goal (and {goal}))"))
+        path.write_text(self.problem_text.replace("(:goal (in_service))", f"(:goal (and {goal}))"))
         return str(path)
 
     def script(self, body):
@@ -114,6 +114,7 @@ class Planner(unittest.TestCase):
         for goal, command, state, part in (
             ("(robot_at kitchen) (robot_at bathroom)", "", "UNSOLVABLE", ""),
             ("(chekd kitchen)", "", "INVALID", "problem.pddl:"),
+            ("(checked kitchen)", self.script("echo No plan found in 8 happenings"), "NO_PLAN", "8 happen"),
             ("(checked kitchen)", self.script("kill -SEGV $$"), "CRASHED", "signal 11"),
             ("(checked kitchen)", "timeout 0.2 " + self.script("sleep 60"), "TIMEOUT", "0.2 s"),
             ("(checked kitchen)", self.script("echo '0.0: (ask kitchen) [5.0]'"), "INVALID", "not valid"),

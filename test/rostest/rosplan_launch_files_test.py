@@ -70,8 +70,8 @@ class RosplanLaunchFilesTest(unittest.TestCase):
         )
         self.assertTrue(done.success)
         facts = self.call("/rosplan_knowledge_base/state/propositions", GetAttributeService, "").attributes
-        texts = {(fact.attribute_name, fact.values[0].value) for fact in facts}
-        self.assertEqual(texts, {("robot_at", "kitchen"), ("checked", "kitchen")})
+        texts = {(fact.attribute_name, *[pair.value for pair in fact.values]) for fact in facts}
+        self.assertEqual(texts, {("in_service",), ("robot_at", "kitchen"), ("checked", "kitchen")})
 
 
 if __name__ == "__main__":

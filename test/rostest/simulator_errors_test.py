@@ -26,7 +26,7 @@ def start(*parameters):
 class Errors(unittest.TestCase):
     def refused(self, words, *parameters):
         code, lines = start(*parameters)
-        self.assertEqual(code, 1)
+        self.assertEqual(code, 2)
         self.assertEqual(len(lines), 1, lines)
         for word in words:
             self.assertIn(word, lines[0])

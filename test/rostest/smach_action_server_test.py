@@ -57,6 +57,25 @@ class Wrapper(unittest.TestCase):
         self.assertEqual(self.run_goal(client, 3), (GoalStatus.ABORTED, 0))
         self.assertEqual(self.run_goal(client, 4), (GoalStatus.SUCCEEDED, 14))
 
+    def test_states_fill_in_the_empty_result_and_feedback(self):
+        seen = []
+
+        def work(state, ud):
+            seen.append((ud.action_result.result, ud.action_feedback.feedback))
+            ud.action_result.result = ud.action_goal.goal + 10
+            ud.action_feedback.feedback = 3
+            return "done"
+
+        keys = ["action_result", "action_feedback"]
+        state = Calling(work, input_keys=["action_goal", *keys], output_keys=keys)
+        client, container, wrapper = self.wrap(state)
+        container.register_input_keys(keys)
+        for key, message in zip(["action_goal", *keys], (TestGoal, TestResult, TestFeedback)):
+            self.assertEqual(wrapper.userdata[key], message())
+        self.assertEqual(self.run_goal(client, 1), (GoalStatus.SUCCEEDED, 11))
+        self.assertEqual(self.run_goal(client, 2), (GoalStatus.SUCCEEDED, 12))
+        self.assertEqual(seen, [(0, 0), (0, 0)], "a goal sees what the one before filled in")
+
     def test_slots(self):
         def work(state, ud):
             ud.answer = ud.goal + ud.number
@@ -83,14 +102,18 @@ class Wrapper(unittest.TestCase):
 
     def test_d11_feedback_slots_map_and_feedback_key(self):
         name = f"feedback{Wrapper.number}"
-        progress = Calling(
-            lambda state, ud: setattr(ud, "progress", 5) or "done", ["done"], output_keys=["progress"]
-        )
-        whole = Calling(
-            lambda state, ud: setattr(ud, "action_feedback", TestFeedback(feedback=6)) or "done",
-            ["done"],
-            output_keys=["action_feedback"],
-        )
+        # A client drops feedback that comes before send_goal() has returned.
+        sent = threading.Event()
+
+        def telling(key, value):
+            def tell(state, ud):
+                assert sent.wait(LONG)
+                ud[key] = value
+                return "done"
+
+            return Calling(tell, ["done"], output_keys=[key])
+
+        progress, whole = telling("progress", 5), telling("action_feedback", TestFeedback(feedback=6))
         for state, how, expected in (
             (progress, {"feedback_slots_map": {"feedback": "progress"}}, 5),
             (whole, {}, 6),
@@ -106,9 +129,11 @@ class Wrapper(unittest.TestCase):
             self.assertTrue(client.wait_for_server(rospy.Duration(LONG)))
             while not wrapper._action_server.feedback_pub.get_num_connections():
                 rospy.rostime.wallsleep(0.01)
+            sent.clear()
             client.send_goal(
                 TestGoal(), feedback_cb=lambda m, s=seen, c=came: s.append(m.feedback) or c.set()
             )
+            sent.set()
             self.assertTrue(client.wait_for_result(rospy.Duration(LONG)))
             self.assertEqual(seen, [expected])
 

@@ -21,14 +21,16 @@ import rostest
 from merlin_sm import deadline
 from merlin_sm.action_client import SILENCE, ActionClient
 from merlin_sm.action_server import ActionServer
+from merlin_sm.lease import LeaseState
+from merlin_sm.ownership import ownership
 from merlin_sm.serial_action_server import SerialActionServer
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 LONG = 60.0
 
 
-def start_victim() -> subprocess.Popen:
-    return subprocess.Popen([sys.executable, str(Path(__file__).with_name("victim_server.py"))])
+def start_victim(name: str = "victim_server", *arguments: str) -> subprocess.Popen:
+    return subprocess.Popen([sys.executable, str(Path(__file__).with_name(f"{name}.py")), *arguments])
 
 
 class Deadlines(unittest.TestCase):
@@ -130,6 +132,27 @@ class Actions(unittest.TestCase):
         self.assertEqual(sent.status, GoalStatus.ABORTED)
         self.assertIn("broken on purpose", sent.text)
 
+    def test_whatever_a_server_raises_its_client_gets_an_answer(self):
+        for error in (SystemExit(3), RecursionError("too deep"), MemoryError()):
+
+            def fail(goal, error=error):
+                raise error
+
+            name = f"raises_{type(error).__name__}"
+            client = self.serve(name, fail)
+            server = ActionServer(f"{name}_at_once", Action, fail, fail)
+            server.start()
+            self.addCleanup(server.shutdown)
+            at_once = ActionClient(f"{name}_at_once", Action)
+            self.addCleanup(at_once.shutdown)
+            self.assertTrue(at_once.wait_for_server(LONG))
+            for each in (client, at_once):
+                for _ in range(2):  # and the server goes on
+                    sent = each.send(Goal())
+                    self.assertTrue(sent.wait(LONG))
+                    self.assertEqual(sent.status, GoalStatus.ABORTED)
+                    self.assertIn(type(error).__name__, sent.text)
+
     def wait_for_the_victim(self):
         """A client, and a goal that the victim works on."""
         client = ActionClient("victim/wait", Action)
@@ -147,7 +170,7 @@ class Actions(unittest.TestCase):
         victim.wait()
         self.assertTrue(sent.wait(LONG))
         self.assertEqual(sent.status, GoalStatus.LOST)
-        self.assertIn("silent", sent.text)
+        self.assertIn("/victim/wait is gone", sent.text)
 
     def test_a_server_without_a_processor_for_a_while_is_not_given_up(self):
         victim = start_victim()
@@ -161,6 +184,135 @@ class Actions(unittest.TestCase):
         sent.cancel()
         self.assertTrue(sent.wait(LONG))
         self.assertEqual(sent.status, GoalStatus.PREEMPTED)
+
+
+class Owners(unittest.TestCase):
+    """A server whose client dies, hangs, comes back, or forgets."""
+
+    def setUp(self):
+        self.changed = threading.Condition()
+        self.seen = []  # (goal, state)
+        self.goals = []
+        self.server = ActionServer("owned", Action, self.begin, self.stop, self.note)
+        self.server.start()
+        self.addCleanup(self.server.shutdown)
+        self.stopped = []
+
+    def begin(self, goal):
+        goal.accept()
+        with self.changed:
+            self.goals.append(goal)
+            self.changed.notify_all()
+
+    def stop(self, goal):
+        with self.changed:
+            self.stopped.append(goal)
+            self.changed.notify_all()
+        goal.cancelled(text=goal.cancel_reason)
+
+    def note(self, goal, state, reason):
+        with self.changed:
+            self.seen.append(state)
+            self.changed.notify_all()
+
+    def wait_for(self, predicate):
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(predicate, LONG), self.seen)
+
+    def start_client(self, *arguments):
+        client = start_victim("victim_client", *arguments)
+        self.addCleanup(client.wait)
+        self.addCleanup(client.kill)
+        return client
+
+    def owned_goal(self):
+        """A client, when its goal is held."""
+        client = self.start_client()
+        self.wait_for(lambda: self.goals)
+        # The lease is renewed all the time: it needs no wake-up of its own.
+        while self.server._leases.state(self.goals[0].id) is not LeaseState.HELD:
+            self.assertFalse(self.goals[0].cancel_event.wait(0.02))
+        return client
+
+    def test_the_goal_of_a_killed_client_is_cancelled(self):
+        self.owned_goal().kill()
+        self.wait_for(lambda: self.stopped)
+        self.assertIn("its client /victim_client is gone", self.goals[0].cancel_reason)
+        self.assertFalse(ownership.suspended())
+
+    def test_the_goal_of_a_client_that_hangs_is_suspended_and_then_cancelled(self):
+        client = self.owned_goal()
+        client.send_signal(signal.SIGSTOP)
+        self.wait_for(lambda: LeaseState.SUSPENDED in self.seen)
+        self.assertTrue(ownership.suspended(self.goals[0].id))
+        self.wait_for(lambda: self.stopped)
+        self.assertIn("has been silent", self.goals[0].cancel_reason)
+
+    def test_a_client_that_hangs_for_a_moment_loses_nothing(self):
+        client = self.owned_goal()
+        client.send_signal(signal.SIGSTOP)
+        self.wait_for(lambda: LeaseState.SUSPENDED in self.seen)
+        client.send_signal(signal.SIGCONT)
+        self.wait_for(lambda: self.seen[-1] is LeaseState.HELD)
+        self.assertEqual(self.stopped, [])
+        self.assertFalse(ownership.suspended())
+
+    def test_a_restarted_client_cancels_the_goals_of_its_former_life(self):
+        # Without a lease, as a server of another kind would see it.
+        self.server._leases.shutdown()
+        client = self.start_client()
+        self.wait_for(lambda: self.goals)
+        client.kill()
+        client.wait()
+        self.start_client("--idle")
+        self.wait_for(lambda: self.stopped)
+        self.assertIs(self.stopped[0], self.goals[0])
+
+    def test_a_goal_that_is_given_up_is_cancelled(self):
+        client = ActionClient("owned", Action)
+        self.assertTrue(client.wait_for_server(LONG))
+        client.send(Goal())
+        self.wait_for(lambda: self.goals)
+        client.shutdown()
+        self.wait_for(lambda: self.stopped)
+
+    def test_two_clients_of_one_process_do_not_let_go_of_each_others_goals(self):
+        clients = [ActionClient("owned", Action) for _ in range(2)]
+        for client in clients:
+            self.addCleanup(client.shutdown)
+            self.assertTrue(client.wait_for_server(LONG))
+        sent = [client.send(Goal()) for client in clients]
+        self.wait_for(lambda: len(self.goals) == 2)
+        for goal in self.goals:
+            while self.server._leases.state(goal.id) is not LeaseState.HELD:
+                self.assertFalse(goal.cancel_event.wait(0.02))
+        sent[0].cancel()
+        self.assertTrue(sent[0].wait(LONG))
+        self.assertFalse(sent[1].wait(1.0), "the other client's goal is not wanted any more")
+        self.assertEqual(len(self.stopped), 1)
+
+    def test_a_suspension_travels_down_the_chain(self):
+        below = ActionServer("below", Action, lambda goal: goal.accept(), lambda goal: None, self.note_below)
+        self.below = []
+        below.start()
+        self.addCleanup(below.shutdown)
+        onward = ActionClient("below", Action)
+        self.addCleanup(onward.shutdown)
+        self.assertTrue(onward.wait_for_server(LONG))
+        client = self.owned_goal()
+        sent = [onward.send(Goal(), owner=owner) for owner in (self.goals[0].id, "another goal")]
+        for goal in sent:
+            while below._leases.state(goal.id) is not LeaseState.HELD:
+                self.assertFalse(goal.wait(0.02))
+        client.send_signal(signal.SIGSTOP)
+        self.wait_for(lambda: LeaseState.SUSPENDED in self.below)
+        client.send_signal(signal.SIGCONT)
+        self.wait_for(lambda: self.below == [LeaseState.SUSPENDED, LeaseState.HELD])
+
+    def note_below(self, goal, state, reason):
+        with self.changed:
+            self.below.append(state)
+            self.changed.notify_all()
 
 
 class Services(unittest.TestCase):
@@ -234,7 +386,7 @@ class Services(unittest.TestCase):
         self.assertIn("/nowhere", str(caught.exception))
 
 
-class Transport(Deadlines, Actions, Services):
+class Transport(Deadlines, Actions, Owners, Services):
     pass
 
 

@@ -8,7 +8,8 @@ from merlin_msgs.msg import MissionStatus
 from rospy import core
 
 from merlin_executor import goal_dispatcher, mission_pause, mission_reporter
-from merlin_executor.mission_pause import PAUSED, MissionPause
+from merlin_executor.mission_pause import MissionPause
+from merlin_executor.mission_progress import PAUSED_TEXT as PAUSED
 from merlin_executor.mission_reporter import MissionReporter
 from merlin_sm.states.function_state import FunctionState
 
@@ -100,7 +101,7 @@ class Client:
 @pytest.fixture()
 def client(monkeypatch: pytest.MonkeyPatch) -> Client:
     made = Client()
-    monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", lambda: made)
+    monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", lambda **_: made)
     monkeypatch.setattr(goal_dispatcher.rospy, "on_shutdown", lambda hook: None)
     return made
 
@@ -155,7 +156,7 @@ def test_a_mission_whose_node_goes_down_before_it_begins_does_nothing(
     def down(hook: Callable[[], None]) -> None:
         hook()  # as rospy does once it has shut down
 
-    monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", lambda: None)
+    monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", lambda **_: None)
     monkeypatch.setattr(goal_dispatcher, "show", lambda *_: Server())
     monkeypatch.setattr(goal_dispatcher.rospy, "on_shutdown", down)
     assert Mission().run() == "preempted"

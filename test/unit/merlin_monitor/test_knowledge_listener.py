@@ -6,7 +6,6 @@ from types import SimpleNamespace
 from typing import Any, Callable, Dict, List, Tuple
 
 import pytest
-import rosgraph
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
 
@@ -119,7 +118,7 @@ def test_the_watch_goes_on_after_a_look_that_failed(monkeypatch: pytest.MonkeyPa
         getSystemState=lambda: ([("/tick", ["/node"]), ("/mute", [])], [], []),
         getTopicTypes=lambda: [["/tick", "std_msgs/Empty"], ["/mute", "std_msgs/Empty"]],
     )
-    monkeypatch.setattr(rosgraph, "Master", lambda name: master)
+    monkeypatch.setattr(topic_watch, "bounded_master", lambda: master)
     monkeypatch.setattr(topic_watch, "PERIOD", 0.01)
     monkeypatch.setattr(rospy, "logwarn_throttle", lambda period, text: complaints.append(text))
     complaints: List[str] = []

@@ -109,8 +109,5 @@ def test_items_of_every_kind_have_a_text() -> None:
     comparison = DomainInequality(DomainInequality.GREATER, number, number, False)
     assert item_text(KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=comparison)) == "(> 3 3)"
     broken = ExprComposite([ExprBase(expr_type=9, special_type=9)])
-    assert "cannot be read" in item_text(
-        KnowledgeItem(
-            knowledge_type=KnowledgeItem.INEQUALITY, ineq=DomainInequality(0, broken, broken, False)
-        )
-    )
+    comparison = DomainInequality(0, broken, broken, False)
+    assert item_text(KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=comparison)) == "(> ? ?)"

@@ -59,7 +59,7 @@ class Node:
 def node(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Node:
     made = Node(tmp_path / "results")
 
-    def begin(self: EveningNode, results: Path, startup: float) -> None:
+    def begin(self: EveningNode, results: Path, startup: float, on_lost: str) -> None:
         watch = type("Watch", (), {"deeds": []})
         lock = mission_node.threading.Lock()
         self.__dict__.update(_results=results, _startup=startup, _start=None, _books=made.books)

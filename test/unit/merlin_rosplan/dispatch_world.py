@@ -4,13 +4,14 @@ import threading
 import time
 
 from merlin_rosplan.dispatch import Dispatch
+from merlin_rosplan.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch_outside import (
     DispatchError,
     DispatchLimits,
     Feedback,
     Outside,
 )
-from merlin_rosplan.dispatch_schedule import GraphSchedule, PlannedAction
+from merlin_rosplan.dispatch_schedule import PlannedAction
 from merlin_rosplan.operator_model import Atom, Conditions, Effects, Operator
 from merlin_rosplan.plan_graph_builder import build_graph
 from merlin_rosplan.plan_text import PlanStep

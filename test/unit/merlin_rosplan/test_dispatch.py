@@ -7,6 +7,7 @@ import pytest
 from dispatch_world import GUARDED, LIGHT, LONG, PLAN_ID, WORK, Run, World, actions, parallel
 
 from merlin_rosplan.dispatch import Dispatch
+from merlin_rosplan.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch_outside import (
     DispatchLimits,
     DispatchState,
@@ -14,7 +15,7 @@ from merlin_rosplan.dispatch_outside import (
     KnowledgeChanged,
     Tick,
 )
-from merlin_rosplan.dispatch_schedule import GraphSchedule, SequentialSchedule
+from merlin_rosplan.dispatch_schedule import SequentialSchedule
 from merlin_rosplan.operator_model import Atom
 from merlin_rosplan.plan_graph import TimedLiteral
 from merlin_rosplan.plan_graph_builder import build_graph
@@ -40,6 +41,33 @@ def test_actions_run_in_order_and_a_tombstone_closes_the_dispatch(world):
         ("action", 1),
         ("tombstone", 1),
     ]
+
+
+def test_a_suspended_dispatch_starts_nothing_until_it_goes_on(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")))
+    world.wait("action", 0)
+    run.dispatch.suspend(True)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    run.dispatch.put(Tick())
+    with world.changed_event:
+        assert world.changed_event.wait_for(lambda: world.reports[-1].steps_done == 1, LONG)
+    assert ("action", 1) not in world.published and not run.dispatch.ended.is_set()
+    run.dispatch.suspend(False)
+    world.wait("action", 1)
+    run.feedback(1, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_a_suspended_dispatch_can_be_cancelled(world):
+    run = Run(world, SequentialSchedule(actions("work")))
+    world.wait("action", 0)
+    run.dispatch.suspend(True)
+    run.dispatch.cancel("its owner is gone")
+    world.wait("cancel", 0)
+    run.feedback(0, FeedbackStatus.FAILED)
+    report = run.report()
+    assert report.state == DispatchState.CANCELLED and report.reason == "its owner is gone"
 
 
 def test_an_empty_plan_succeeds_and_publishes_nothing(world):
@@ -94,7 +122,7 @@ def test_an_action_may_end_its_own_over_all_condition(world):
     run.feedback(0, FeedbackStatus.ENABLED)
     world.facts = {Atom("burning", ("o0",))}
     run.dispatch.put(KnowledgeChanged())
-    world.wait_answers(3)  # before the start, as pending, as watched
+    world.wait_answers(2)  # before the start, and once it runs
     world.facts = set()  # the end effects, before the interface reports the end
     run.dispatch.put(KnowledgeChanged())
     run.feedback(0, FeedbackStatus.SUCCEEDED)
@@ -107,7 +135,7 @@ def test_an_action_whose_own_over_all_condition_goes_without_an_end_fails(world,
     world.wait("action", 0)
     world.facts = {Atom("burning", ("o0",))}
     run.dispatch.put(KnowledgeChanged())
-    world.wait_answers(3)
+    world.wait_answers(2)
     world.facts = set()
     run.dispatch.put(KnowledgeChanged())
     report = run.report()

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlan, EsterelPlanEdge, EsterelPlanNode
 
 from merlin_rosplan.dispatch import Dispatch
+from merlin_rosplan.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch_outside import (
     DispatchError,
     DispatchLimits,
@@ -18,7 +19,7 @@ from merlin_rosplan.dispatch_outside import (
     Outside,
     Tick,
 )
-from merlin_rosplan.dispatch_schedule import GraphSchedule, PlanError, PlannedAction, SequentialSchedule
+from merlin_rosplan.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
 from merlin_rosplan.operator_model import Conditions, Operator
 from merlin_rosplan.plan_graph_builder import build_graph
 from merlin_rosplan.plan_graph_messages import graph_from_message, graph_to_dot

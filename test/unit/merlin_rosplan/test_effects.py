@@ -1,7 +1,7 @@
 import pytest
 
 from merlin_rosplan.domain_reader import parse_domain
-from merlin_rosplan.effects import REMEMBERED, EffectApplier
+from merlin_rosplan.executions import REMEMBERED, Executions
 from merlin_rosplan.knowledge import Fact, FunctionValue, Instance
 from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_store import KnowledgeStore
@@ -60,7 +60,8 @@ def store(clock):
 
 def apply(store, phase, operator="drive", parameters=None, token="t"):
     with store.transaction() as change:
-        return getattr(EffectApplier(change, operator, parameters or DRIVE, token), phase)()
+        more = (parameters or DRIVE,) if phase in ("start", "end") else ()
+        return getattr(Executions(change), phase)(token, operator, *more)
 
 
 def facts(store):

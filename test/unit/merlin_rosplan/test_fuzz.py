@@ -6,6 +6,7 @@ import random
 
 import genpy
 import pytest
+import rospy
 from diagnostic_msgs.msg import KeyValue
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,10 +17,14 @@ from rosplan_knowledge_msgs.msg import (
     ExprComposite,
     KnowledgeItem,
 )
-from rosplan_knowledge_msgs.srv import GetAttributeServiceResponse
+from rosplan_knowledge_msgs.srv import (
+    GetAttributeServiceResponse,
+    KnowledgeQueryServiceRequest,
+    KnowledgeQueryServiceResponse,
+)
 
 from merlin_rosplan.domain_reader import parse_domain
-from merlin_rosplan.effects import EffectApplier
+from merlin_rosplan.executions import Executions
 from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.knowledge_store import KnowledgeStore
@@ -27,7 +32,16 @@ from merlin_rosplan.pddl_text import PddlError
 from merlin_rosplan.problem_reader import parse_problem
 from merlin_rosplan.problem_writer import ProblemWriteError, write_problem
 from merlin_rosplan.update_messages import UpdateReader
-from merlin_rosplan.wire_items import StoredItems, UpdateArray, UpdateArrayRequest
+from merlin_rosplan.wire_items import (
+    Query,
+    QueryRequest,
+    QueryResponse,
+    StoredItems,
+    UpdateArray,
+    UpdateArrayRequest,
+    bounded,
+    refuse_too_many,
+)
 
 DOMAIN_TEXT = """(define (domain d) (:requirements :adl :durative-actions :fluents :derived-predicates)
   (:types place - object poi - place robot) (:constants anywhere - place)
@@ -182,8 +196,8 @@ def check_indexes(store):
                 pattern = list(key[1:])
                 pattern[wildcard - 1] = ""
                 assert key in list(table.match(key[0], pattern)) and key in table.mentioning(key[wildcard])
-        assert sum(map(len, table._by_name.values())) == len(table.rows)
-    assert sum(map(len, state.instances._by_type.values())) == len(state.instances.rows)
+        assert sum(map(len, table._names().values())) == len(table.rows)
+    assert sum(map(len, state.instances._made()[0].values())) == len(state.instances.rows)
 
 
 def over_the_wire(array):
@@ -199,6 +213,33 @@ def over_the_wire(array):
         assert len(sent.ineq.LHS.tokens) == len(found.ineq.LHS.tokens)
     assert len(received.knowledge) == len(array)
     return list(zip(received.update_type, received.knowledge))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_not_true_goes_back_as_it_came(seed):
+    items = [Sender(seed).item() for _ in range(5)]
+    buffer = io.BytesIO()
+    KnowledgeQueryServiceRequest(items).serialize(buffer)
+    received = QueryRequest().deserialize(buffer.getvalue()).knowledge
+    results = [number % 2 == 0 for number in range(5)]
+    answer = io.BytesIO()
+    QueryResponse(results, received[1::2]).serialize(answer)
+    read = KnowledgeQueryServiceResponse().deserialize(answer.getvalue())
+    assert repr(read) == repr(KnowledgeQueryServiceResponse(False, results, items[1::2]))  # nan is not nan
+
+
+@pytest.mark.parametrize("service, args", [(UpdateArray, ([0] * 9,)), (Query, ())])
+def test_of_a_request_with_too_many_items_only_the_number_is_read(service, args):
+    buffer = io.BytesIO()
+    service._request_class(*args, [KnowledgeItem()] * 9).serialize(buffer)
+    request = bounded(service, 8)._request_class().deserialize(buffer.getvalue())
+    assert (request.too_many, request.knowledge) == (9, [])
+    with pytest.raises(rospy.ServiceException, match="9 items, more than the 8"):
+        refuse_too_many(request)
+    for enough in (9, 0):
+        request = bounded(service, enough)._request_class().deserialize(buffer.getvalue())
+        refuse_too_many(request)
+        assert len(request.knowledge) == 9
 
 
 def test_bytes_that_end_too_early_are_no_request():
@@ -276,11 +317,24 @@ def test_effects_count_wholly_or_not_at_all():
             parameters = {key: sender.pick(["r", "a", "b", "B", sender.name()]) for key in "rab"}
             if sender.number(0, 9) == 0:
                 parameters.pop("a")
-            phase, token = sender.pick(["start", "end", "rollback"]), sender.pick(["", "one", "two"])
+            phase = sender.pick(["start", "end", "rollback", "interrupt"])
+            token = sender.pick(["", "one", "two"])
+            more = (parameters,) if phase in ("start", "end") else ()
+            if phase == "start":
+                literals = [
+                    "(at r b)",
+                    "(not (at r a))",
+                    "(at r nowhere)",
+                    "(at r",
+                    "at",
+                    "(= 1 1)",
+                    sender.name(),
+                ]
+                more += ("/n", [sender.pick(literals)][: sender.number(0, 1)], [sender.pick(literals)])
             before = everything(store)
             try:
                 with store.transaction() as transaction:
-                    getattr(EffectApplier(transaction, operator, parameters, token), phase)()
+                    getattr(Executions(transaction), phase)(token, operator, *more)
             except KnowledgeError as error:
                 assert str(error)
                 assert everything(store) == before

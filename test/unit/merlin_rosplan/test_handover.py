@@ -4,7 +4,6 @@ import threading
 from unittest import mock
 
 import pytest
-import rosgraph
 from std_msgs.msg import String
 from std_srvs.srv import TriggerRequest
 
@@ -52,6 +51,19 @@ def test_without_a_sender_in_the_process_the_topic_is_all_there_is(received):
     assert texts == ["c"]
 
 
+def test_a_receiver_that_is_made_later_gets_what_was_handed_over_before(received):
+    texts, _ = received
+    sender = Handover.sender("/later")
+    sender.hand_over(Message("old", "/me"))
+    sender.hand_over(Message("new", "/me"))
+    later = Handover.receiver("/later", lambda message: texts.append(message.text))
+    assert texts == ["new"]
+    later.shutdown()
+    sender.shutdown()
+    Handover.receiver("/later", lambda message: texts.append(message.text)).shutdown()
+    assert texts == ["new"]
+
+
 def test_other_topics_and_ended_receivers_get_nothing(received):
     texts, subscription = received
     sender = Handover.sender("/elsewhere")
@@ -68,7 +80,7 @@ def test_other_topics_and_ended_receivers_get_nothing(received):
 def in_another_process(monkeypatch):
     """A receiver whose sender can only be asked; returns it, its texts and the sender."""
     sender = handover.Sender("/topic")
-    monkeypatch.setattr(rosgraph, "Master", lambda _: mock.Mock())
+    monkeypatch.setattr(handover, "bounded_master", mock.Mock)
     monkeypatch.setattr(
         handover, "ServiceProxy", lambda *_, **__: lambda: sender.tell_digest(TriggerRequest())
     )

@@ -9,8 +9,9 @@ from merlin_rosplan.domain_reader import parse_domain
 from merlin_rosplan.formula import Atom, Comparison, Fluent, Not, Number
 from merlin_rosplan.knowledge import Fact, FunctionValue, Goal, Instance, Metric
 from merlin_rosplan.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge_store import Journal, JournalError, KnowledgeStore
-from merlin_rosplan.problem_reader import parse_problem
+from merlin_rosplan.knowledge_state import KnowledgeState
+from merlin_rosplan.knowledge_store import LONG, Journal, JournalError, KnowledgeStore
+from merlin_rosplan.problem_reader import parse_condition, parse_problem
 
 DOMAIN = parse_domain(
     """(define (domain d)
@@ -370,3 +371,51 @@ def test_readers_never_see_half_a_transaction(store):
     stop.set()
     reader.join()
     assert halves == []
+
+
+def test_nobody_waits_for_a_question_over_all_objects(store, monkeypatch):
+    anywhere = parse_condition("(exists (?p - poi) (checked ?p))", store.domain, store.objects())
+    searching, go_on = threading.Event(), threading.Event()
+    objects = KnowledgeState.objects
+
+    def slow_objects(state, types):
+        if threading.current_thread().name == "searcher":
+            searching.set()
+            assert go_on.wait(30)
+        return objects(state, types)
+
+    monkeypatch.setattr(KnowledgeState, "objects", slow_objects)
+    answers = []
+    searcher = threading.Thread(
+        target=lambda: answers.append(store.query([anywhere])), name="searcher", daemon=True
+    )
+    searcher.start()
+    assert searching.wait(30)
+    others = []
+
+    def work():
+        others.append(store.query([Fact("checked", ("kitchen",))]))
+        add(store, Fact("checked", ("kitchen",)))
+        others.append(store.query([anywhere]))
+
+    other = threading.Thread(target=work, daemon=True)
+    other.start()
+    other.join(30)
+    waited = other.is_alive()
+    go_on.set()
+    searcher.join(30)
+    assert not waited and others == [[False], [True]]
+    assert answers == [[False]], "the answer is of the moment of the question"
+
+
+def test_long_lists_are_answered_like_short_ones(store):
+    add(store, *[Instance("poi", f"p{number}") for number in range(LONG)])
+    add(store, *[Fact("checked", (f"p{number}",)) for number in range(1, LONG, 2)])
+    items = [Fact("checked", (f"p{number}",)) for number in range(LONG)]
+    items += [
+        Fact("checked", ("",)),
+        Fact("checked", ("elsewhere",), negative=True),
+        Instance("poi", "p7"),
+        None,
+    ]
+    assert store.query(items) == [answer for item in items for answer in store.query([item])]

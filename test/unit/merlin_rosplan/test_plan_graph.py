@@ -4,7 +4,8 @@ import random
 
 import pytest
 
-from merlin_rosplan.dispatch_schedule import GraphSchedule, PlanError, PlannedAction, SequentialSchedule
+from merlin_rosplan.dispatch_graph import GraphSchedule
+from merlin_rosplan.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
 from merlin_rosplan.formula import Atom as FormulaAtom
 from merlin_rosplan.formula import Forall, Or, Variable
 from merlin_rosplan.operator_model import (
@@ -311,3 +312,38 @@ def test_expressions_follow_earlier_changes_of_their_names_and_precede_later_one
 def test_grounding_leaves_quantified_variables_alone():
     inner = Forall((Variable("?p"),), FormulaAtom("near", ("?p", "?q")))
     assert str(Expression(inner).ground({"p": "a", "q": "b"})) == "(forall (?p - object) (near ?p b))"
+
+
+def test_effects_of_plain_actions_belong_to_their_end():
+    give = Operator("give", (), start_effects=Effects(add=(Atom("a"),)), durative=False)
+    take = Operator("take", (), at_start=Conditions(positive=(Atom("a"),)), durative=False)
+    steps = [PlanStep(0.0, "give", (), 3.0), PlanStep(0.001, "take", (), 3.0)]
+    graph = edges(build_graph(steps, [give, take]))
+    assert graph[2, 3].type == EdgeType.CONDITION and (1, 3) not in graph
+
+
+def test_a_window_waits_for_what_its_content_waits_for():
+    light = Operator(
+        "light", (), start_effects=Effects(add=(Atom("lit"),)), end_effects=Effects(delete=(Atom("lit"),))
+    )
+    fetch = Operator("fetch", (), end_effects=Effects(add=(Atom("free"),)))
+    mend = Operator(
+        "mend",
+        (),
+        at_start=Conditions(positive=(Atom("free"),)),
+        over_all=Conditions(positive=(Atom("lit"),)),
+    )
+    steps = [PlanStep(0.0, "fetch", (), 5.0), PlanStep(1.0, "light", (), 8.0), PlanStep(5.1, "mend", (), 3.0)]
+    graph = edges(build_graph(steps, [fetch, light, mend]))
+    assert (2, 3) in graph  # planned the other way round, and slack
+    assert graph[6, 4].strict is False  # the over-all condition is watched anyway
+
+
+def test_orders_of_what_ends_read_and_write_are_strict():
+    set_, read = (
+        Operator("set", (), end_effects=Effects(writes=(Atom("x"),), reads=(Atom("y"),))),
+        Operator("read", (), end_effects=Effects(writes=(Atom("y"),), reads=(Atom("x"),))),
+    )
+    steps = [PlanStep(0.0, "set", (), 2.0), PlanStep(0.0, "read", (), 3.0)]
+    graph = build_graph(steps, [set_, read])
+    assert (2, 3) in edges(graph) and edges(graph)[2, 4].strict  # one after the other

@@ -54,3 +54,28 @@ def test_objects_get_the_spelling_of_the_problem():
     restored = restore_case(steps, problem)[0]
     assert restored.name == "navigate"
     assert restored.arguments == ("Kitchen", "main_door", "HALL")
+
+
+@pytest.mark.parametrize(
+    "line, reason",
+    [
+        ("1e300: (a) [1]", "time 1e300 is not between 0 and"),
+        ("-1: (a) [1]", "time -1 is not between 0 and"),
+        ("0: (a) [-1]", "duration -1 is not between 0 and"),
+        ("nan: (a) [1]", "time 'nan' is not a number"),
+        ("0: (a) [inf]", "duration 'inf' is not a number"),
+        ("0: (a [1]", "is not '<time>"),
+        ("0: (a)", "is not '<time>"),
+        ("(a)", "is not '<time>"),
+        ("0: () [1]", "is not '<time>"),
+        ("garbage", "is not an action, and there is none in the whole text"),
+    ],
+)
+def test_what_makes_no_plan_is_refused_with_its_line(line, reason):
+    with pytest.raises(PlanTextError) as error:
+        parse_plan(f"; a comment\n{line}\n")
+    assert "line 2" in str(error.value) and reason in str(error.value)
+
+
+def test_comments_alone_are_an_empty_plan():
+    assert parse_plan("; cost = 0\n\n; done\n") == []

@@ -12,14 +12,15 @@ import pytest
 
 from merlin_rosplan import pddl_check
 from merlin_rosplan.plan_text import parse_plan
-from merlin_rosplan.planner import PlannerSettings, Planning
+from merlin_rosplan.planner import PlannerSettings
 from merlin_rosplan.planner_command import PlannerCommandError, parse_command
 from merlin_rosplan.planner_process import PlannerProcess
+from merlin_rosplan.planning import Planning
 from merlin_rosplan.planning_outcome import PlannerState
 
 DOMAIN = Path(__file__).parents[3] / "pddl" / "home" / "domain.pddl"
 PROBLEM = (DOMAIN.parent / "problem.pddl").read_text()
-PLAN = "0.000: (navigate anywhere kitchen)  [25.000]\n25.000: (ask kitchen)  [5.000]\n"
+PLAN = "0.000: (navigate anywhere kitchen)  [28.200]\n28.200: (ask kitchen)  [5.000]\n"
 LONG = 30.0
 
 needs_kairos = pytest.mark.skipif(not pddl_check.available(), reason="kairos needs Python 3.10")
@@ -29,7 +30,7 @@ needs_kairos = pytest.mark.skipif(not pddl_check.available(), reason="kairos nee
 def problem(tmp_path):
     def write(goal):
         path = tmp_path / "problem.pddl"
-        path.write_text(PROBLEM.replace("(:goal (and))", f"(:goal (and {goal}))"))
+        path.write_text(PROBLEM.replace("(:goal (in_service))", f"(:goal (and {goal}))"))
         return str(path)
 
     return write
@@ -85,6 +86,31 @@ def test_goals_that_hold_give_an_empty_plan(problem):
 def test_unsolvable_says_why(problem):
     outcome = plan(problem("(robot_at kitchen) (robot_at bathroom)"))
     assert outcome.state == PlannerState.UNSOLVABLE and len(outcome.reason) > 20
+
+
+# The level has to be between 3.3 and 3.5 while it rises: kairos looks at it in steps of time.
+WINDOW = """(define (domain window)
+  (:requirements :durative-actions :fluents :continuous-effects :duration-inequalities)
+  (:predicates (closed) (done)) (:functions (level))
+  (:durative-action fill :parameters () :duration (and (>= ?duration 0.1) (<= ?duration 50))
+    :condition (and (at start (closed)) (over all (<= (level) 10)))
+    :effect (and (at start (not (closed))) (at end (closed)) (increase (level) (* #t 1))))
+  (:durative-action sample :parameters () :duration (= ?duration 2)
+    :condition (and (at start (>= (level) 3.3)) (at start (<= (level) 3.5)))
+    :effect (at end (done))))"""
+WINDOW_PROBLEM = """(define (problem p) (:domain window) (:init (closed) (= (level) 0)) (:goal (done)))"""
+
+
+@needs_kairos
+def test_unsolvable_needs_a_proof(tmp_path):
+    domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
+    domain.write_text(WINDOW)
+    problem.write_text(WINDOW_PROBLEM)
+    steps = parse_plan("0.0: (fill) [3.4]\n3.45: (sample) [2.0]\n")
+    assert pddl_check.PlanValidator(WINDOW, WINDOW_PROBLEM).fault(steps) is None
+    outcome = Planning(PlannerSettings(), str(domain), str(problem)).run()
+    assert outcome.state == PlannerState.NO_PLAN
+    assert "no proof" in outcome.reason and "steps of time" in outcome.reason
 
 
 @needs_kairos
@@ -156,6 +182,8 @@ def test_of_several_plans_the_best_valid_one_counts(problem, script):
         ("echo no idea >&2; exit 3\n", PlannerState.CRASHED, "code 3: no idea"),
         ("exit 0\n", PlannerState.CRASHED, "without a plan"),
         ("echo ';; Problem unsolvable!'\n", PlannerState.UNSOLVABLE, "unsolvable"),
+        ("echo 'The problem has been deemed unsolvable'\n", PlannerState.UNSOLVABLE, "unsolvable"),
+        ("echo 'No plan found in 8 happenings'\n", PlannerState.NO_PLAN, "8 happenings"),
         ("echo \"syntax error in line 5, 'PREDICATEZ'\"; exit 1\n", PlannerState.INVALID, "line 5"),
     ],
 )
@@ -263,21 +291,21 @@ def test_a_command_that_makes_no_sense_is_refused(text):
 
 def test_only_whole_words_are_placeholders(tmp_path):
     shell = parse_command("/opt/DOMAIN_tools/plan --x=DOMAIN PROBLEM").arguments(
-        Path("/a/PROBLEM/d.pddl"), Path("/b c/p.pddl"), tmp_path, 0.0
+        Path("/a/PROBLEM/d.pddl"), Path("/b c/p.pddl"), tmp_path
     )
     assert shell[-1] == "/opt/DOMAIN_tools/plan --x=/a/PROBLEM/d.pddl '/b c/p.pddl'"
 
 
 def test_lpg_writes_into_the_folder_of_the_planning(tmp_path):
     shell = parse_command("lpg -o DOMAIN -f PROBLEM -out plan -n 1").arguments(
-        Path("/d"), Path("/p"), tmp_path, 0.0
+        Path("/d"), Path("/p"), tmp_path
     )
     assert shell[-1] == f"lpg -o /d -f /p -out {tmp_path}/lpgplan -n 1"
 
 
 def test_a_grandchild_that_keeps_the_output_open_does_not_keep_us(tmp_path):
     began = time.monotonic()
-    result = PlannerProcess(["/bin/sh", "-c", "sleep 60 & echo done"], tmp_path).run()
+    result = PlannerProcess().run(["/bin/sh", "-c", "sleep 60 & echo done"], tmp_path)
     assert result.stdout == "done\n" and result.returncode == 0 and time.monotonic() - began < LONG
 
 
@@ -285,9 +313,10 @@ def test_cancel_from_many_threads_at_any_moment(tmp_path):
     for index in range(20):
         folder = tmp_path / str(index)
         folder.mkdir()
-        process = PlannerProcess([sys.executable, "-c", "import time; time.sleep(60)"], folder)
-        threads = [threading.Thread(target=process.cancel) for _ in range(3)]
-        runner = threading.Thread(target=process.run, daemon=True)
+        process = PlannerProcess()
+        command = [sys.executable, "-c", "import time; time.sleep(60)"]
+        threads = [threading.Thread(target=process.stop) for _ in range(3)]
+        runner = threading.Thread(target=process.run, args=(command, folder), daemon=True)
         for thread in [runner, *threads] if index % 2 else [*threads, runner]:
             thread.start()
         runner.join(LONG)
@@ -295,5 +324,5 @@ def test_cancel_from_many_threads_at_any_moment(tmp_path):
 
 
 def test_returncode_of_a_signal(tmp_path):
-    result = PlannerProcess(["/bin/sh", "-c", "kill -TERM $$"], tmp_path).run()
+    result = PlannerProcess().run(["/bin/sh", "-c", "kill -TERM $$"], tmp_path)
     assert result.returncode == -signal.SIGTERM

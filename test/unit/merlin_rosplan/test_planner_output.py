@@ -243,8 +243,8 @@ def test_nothing_is_no_plan(output):
             "Completely explored state space -- no solution!\n",
             12,
             "fast-downward",
-            PlannerState.UNSOLVABLE,
-            "explored",
+            PlannerState.NO_PLAN,
+            "no proof",
         ),
         (
             "[t=0.004s, 9 KB] Search terminated -- no plan exists!\n[t=0.1s, 9 KB] Actual search time: 0s\n",
@@ -299,6 +299,69 @@ def test_nothing_is_no_plan(output):
             PlannerState.CRASHED,
             "bad_alloc",
         ),
+        # POPF and OPTIC: found without a search, by the relaxation; the exit status is 0.
+        (
+            "Number of literals: 6\nConstructing lookup tables: [100%]\n"
+            "The supplied problem has been deemed unsolvable\n",
+            0,
+            "popf",
+            PlannerState.UNSOLVABLE,
+            "deemed unsolvable",
+        ),
+        (
+            "Initial heuristic = 3.000\nb (2.000 | 1.0)\nResorting to best-first search\n"
+            "Problem Unsolvable\n; Time 0.02\n",
+            0,
+            "optic-clp",
+            PlannerState.UNSOLVABLE,
+            "Unsolvable",
+        ),
+        # Fast Downward: the translator's proof, then the search over its stand-in task, with code 12.
+        (
+            "Simplified to trivially false goal! Generating unsolvable task...\n"
+            "Completely explored state space -- no solution!\n",
+            12,
+            "fast-downward.py",
+            PlannerState.UNSOLVABLE,
+            "trivially false goal",
+        ),
+        (
+            "No relaxed solution! Generating unsolvable task...\n",
+            12,
+            "fast-downward.py",
+            PlannerState.UNSOLVABLE,
+            "No relaxed solution",
+        ),
+        ("Search stopped without finding a solution.\n", 12, "downward", PlannerState.NO_PLAN, "no proof"),
+        ("Task is provably unsolvable.\n", 11, "downward", PlannerState.UNSOLVABLE, "provably"),
+        ("Time limit has been reached.\n", 23, "downward", PlannerState.TIMEOUT, "time"),
+        # Temporal Fast Downward tells of its search only.
+        (
+            "Completely explored state space -- no solution!\nActual search time: 0.1 s.\n",
+            0,
+            "tfd",
+            PlannerState.NO_PLAN,
+            "explored",
+        ),
+        ("No solution found within the time limit\n", 0, "tfd", PlannerState.TIMEOUT, "time limit"),
+        # LPG searches locally: what it does not find may exist.
+        ("No plan was found within the search limits\n", 0, "lpg-td", PlannerState.NO_PLAN, "No plan was"),
+        (
+            "Searching:\n...... search limit exceeded. Restart.\n...... search limit exceeded.\n",
+            0,
+            "lpg",
+            PlannerState.NO_PLAN,
+            "limit",
+        ),
+        ("Max time exceeded\n", 0, "lpg", PlannerState.TIMEOUT, "exceeded"),
+        # SMTPlan looks at plans of so many happenings.
+        ("No plan found in 8 happenings\n", 0, "SMTPlan", PlannerState.NO_PLAN, "8 happenings"),
+        # unified-planning's command line prints a status; so Tamer and every other of its engines.
+        ("status: UNSOLVABLE_PROVEN\nengine: Tamer\n", 0, "up", PlannerState.UNSOLVABLE, "PROVEN"),
+        ("status: UNSOLVABLE_INCOMPLETELY\n", 0, "up", PlannerState.NO_PLAN, "INCOMPLETELY"),
+        ("status: TIMEOUT\n", 0, "up", PlannerState.TIMEOUT, "TIMEOUT"),
+        ("Problem Detected as Unsolvable\n", 0, "enhsp", PlannerState.UNSOLVABLE, "Unsolvable"),
+        ("best first search space empty!\n", 0, "ff", PlannerState.NO_PLAN, "empty"),
     ],
 )
 def test_why_there_is_no_plan(output, code, name, state, part):
@@ -308,3 +371,22 @@ def test_why_there_is_no_plan(output, code, name, state, part):
 
 def test_a_planner_that_says_nothing_has_no_verdict():
     assert verdict("Number of literals: 6\n", "", 1, "popf") is None
+
+
+ENHSP = """\
+ g(n)= 2.0 h(n)=1.0
+Problem Solved
+
+Found Plan:
+0.0: (go a b)
+1.0: (sweep b)
+
+Plan-Length:2
+Metric (Search):2.0
+"""
+
+
+def test_enhsp_prints_no_durations():
+    (plan,) = candidate_plans(ENHSP)
+    assert [str(step) for step in plan] == ["(go a b)", "(sweep b)"]
+    assert all(step.duration == NO_DURATION for step in plan)

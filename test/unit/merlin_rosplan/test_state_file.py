@@ -1,12 +1,14 @@
 import os
+import random
 import signal
+import sqlite3
 import subprocess
 import sys
 
 import pytest
 
 from merlin_rosplan.domain_reader import parse_domain
-from merlin_rosplan.effects import EffectApplier
+from merlin_rosplan.executions import Executions
 from merlin_rosplan.knowledge import Fact, FunctionValue, Instance
 from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_store import KnowledgeStore
@@ -81,12 +83,12 @@ def test_action_that_outlives_the_knowledge_base(path):
     store = open_store(path)
     store.load_problem(parse_problem(PROBLEM, DOMAIN))
     with store.transaction() as change:
-        EffectApplier(change, "drive", parameters, "run 1").start()
+        Executions(change).start("run 1", "drive", parameters)
     store.close()
     again = open_store(path)
     assert again.facts("at") == []
     with again.transaction() as change:
-        EffectApplier(change, "drive", parameters, "run 1").rollback()
+        Executions(change).rollback("run 1", "drive")
     assert [fact.text() for fact in again.facts("at")] == ["(at r a)"]
 
 
@@ -142,3 +144,118 @@ def test_damaged_file_is_refused(path):
     with pytest.raises(StateFileError, match="cannot be used: file is not a database"):
         open_store(path)
     open_store(path, reset=True).close()
+
+
+def test_reset_leaves_a_file_alone_that_is_open(path):
+    store = open_store(path)
+    with store.transaction() as change:
+        change.add(Instance("place", "kept"))
+    with pytest.raises(
+        StateFileError, match=f"process {os.getpid()} has it open.*another knowledge base using it"
+    ):
+        open_store(path, reset=True)
+    with store.transaction() as change:
+        change.add(Instance("place", "told_later"))
+    store.close()
+    assert open_store(path).instances() == ["kept", "told_later"]
+
+
+def test_lock_ends_with_a_killed_process(path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path), DOMAIN_TEXT], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline()
+    with pytest.raises(StateFileError, match=f"process {process.pid} has it open"):
+        open_store(path)
+    process.kill()
+    process.wait()
+    process.stdout.close()
+    open_store(path).close()
+
+
+def filled(path):
+    store = open_store(path)
+    store.load_problem(parse_problem(PROBLEM, DOMAIN))
+    with store.transaction() as change:
+        Executions(change).start(
+            "run 1", "drive", {"r": "r", "from": "a", "to": "b"}, "/n", ["(clean c)"], ["(at r c)"]
+        )
+    store.close()
+
+
+@pytest.mark.parametrize(
+    "damage, reason",
+    [
+        ("UPDATE row SET place = 'first' WHERE kind = 'fact'", "the row 'fact' '.*its place is 'first'"),
+        (
+            'UPDATE row SET data = \'["battery", ["r"], "much", 0, "assign", null]\' WHERE kind = \'value\'',
+            "the row 'value' 'battery r' .*'much' is not a number",
+        ),
+        ("UPDATE row SET data = '{' WHERE kind = 'goal'", "the row 'goal'"),
+        ("UPDATE row SET data = '[]' WHERE kind = 'instance'", "the row 'instance' 'place a'"),
+        ("UPDATE row SET data = 7 WHERE kind = 'instance'", "the row 'instance' 'place a'"),
+        (
+            "UPDATE row SET key = 'place' || char(31) || 'moon' WHERE kind = 'instance' AND key LIKE '%a'",
+            "the row 'instance' 'place moon' .* holds 'place a'",
+        ),
+        ("UPDATE row SET kind = 'rumour' WHERE kind = 'metric'", "rows of the kind 'rumour' do not exist"),
+        (
+            'UPDATE row SET data = \'["run 1", {"operator": "drive"}]\' WHERE kind = \'execution\'',
+            "the row 'execution' 'run 1' .*'since'",
+        ),
+        (
+            "UPDATE row SET data = json_set(data, '$[1].since', 'noon') WHERE kind = 'execution'",
+            "'noon' is not a whole number",
+        ),
+        ("UPDATE row SET data = json_set(data, '$[1].undo[0].was', 'odd') WHERE kind = 'execution'", "'odd'"),
+        ("UPDATE row SET data = '" + "[" * 100_000 + "' WHERE kind = 'goal'", "the row 'goal'"),
+        ("DELETE FROM meta", "the row 'format' of the table 'meta' is missing"),
+        ("DELETE FROM meta WHERE name = 'version'", "the row 'version' of the table 'meta' is missing"),
+        ("DELETE FROM meta WHERE name = 'digest'", "the row 'digest' of the table 'meta' is missing"),
+        ("UPDATE meta SET value = 'new' WHERE name = 'version'", "'version' of the table 'meta' is 'new'"),
+        ("UPDATE meta SET value = '0' WHERE name = 'version'", "'version' of the table 'meta' is '0'"),
+        ("DROP TABLE meta", "the table 'meta' is missing"),
+        ("DROP TABLE row", "the table 'row' is missing"),
+        ("ALTER TABLE row RENAME COLUMN place TO spot", "no such column: place"),
+    ],
+)
+def test_damaged_rows_are_named(path, damage, reason):
+    filled(path)
+    database = sqlite3.connect(path)
+    database.execute(damage)
+    database.commit()
+    database.close()
+    with pytest.raises(StateFileError, match=reason) as caught:
+        open_store(path)
+    assert str(path) in str(caught.value) and "start once with reset_state" in str(caught.value)
+    open_store(path, reset=True).close()
+
+
+def test_damaged_texts_are_either_read_or_refused(path):
+    filled(path)
+    chance = random.Random(1)
+    refused = 0
+    for _ in range(300):
+        database = sqlite3.connect(path)
+        rows = database.execute("SELECT kind, key, data FROM row").fetchall()
+        kind, key, data = chance.choice(rows)
+        place = chance.randrange(len(data))
+        wrong = (
+            data[:place]
+            + chance.choice(["", '"', "[", "}", "null", "0", "true", ",", "-"])
+            + data[place + 1 :]
+        )
+        change = "UPDATE row SET data = ? WHERE kind = ? AND key = ?"
+        database.execute(change, (wrong, kind, key))
+        database.commit()
+        database.close()
+        try:
+            open_store(path).close()
+        except StateFileError as error:
+            assert f"the row '{kind}'" in str(error)
+            refused += 1
+        database = sqlite3.connect(path)
+        database.execute(change, (data, kind, key))
+        database.commit()
+        database.close()
+    assert refused > 200

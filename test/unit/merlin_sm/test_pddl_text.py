@@ -3,9 +3,9 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosplan_knowledge_msgs.msg import KnowledgeItem
+from rosplan_knowledge_msgs.msg import ExprBase, ExprComposite, KnowledgeItem
 
-from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal, parse_literals, to_pddl
+from merlin_sm.pddl_text import MAX_DEPTH, PDDLSyntaxError, parse_goal, parse_literals, to_pddl
 
 NAMES = st.from_regex(r"[a-z][a-z0-9_-]{0,8}", fullmatch=True).filter(
     lambda name: name not in ("and", "not", "or", "imply", "forall", "exists", "when")
@@ -85,3 +85,25 @@ def test_variables_are_bound() -> None:
 def test_an_unbound_variable_is_named() -> None:
     with pytest.raises(PDDLSyntaxError, match=r"\?to"):
         parse_literals(["(robot_at ?to)"], {})
+
+
+def nested(depth: int) -> str:
+    return "(and " * (depth - 1) + "(checked kitchen)" + ")" * (depth - 1)
+
+
+def test_text_may_be_nested_but_not_without_end() -> None:
+    assert to_pddl(parse_goal(nested(MAX_DEPTH))[0]) == "(checked kitchen)"
+    for depth in (MAX_DEPTH + 1, 1000, 100_000):
+        with pytest.raises(PDDLSyntaxError, match=f"nested deeper than {MAX_DEPTH}") as caught:
+            parse_goal(nested(depth))
+        assert len(str(caught.value)) < 300
+
+
+def test_an_expression_of_any_depth_has_a_text() -> None:
+    """A knowledge item comes from a client as it is: no parser has checked it."""
+    operators = [ExprBase(expr_type=ExprBase.OPERATOR, op=ExprBase.ADD)] * 5000
+    item = KnowledgeItem(knowledge_type=KnowledgeItem.EXPRESSION, expr=ExprComposite(tokens=operators))
+    assert to_pddl(item).count("(+") == 5000
+    unknown = ExprBase(expr_type=ExprBase.OPERATOR, op=99)
+    item.expr.tokens = [unknown, ExprBase(expr_type=ExprBase.CONSTANT, constant=1.0)]
+    assert to_pddl(item) == " (? 1 ?)"

@@ -1,0 +1,113 @@
+#!/usr/bin/env python3
+"""A part of the conformance cases with the nodes of a launch file, judged by their topics."""
+
+import tempfile
+import threading
+import unittest
+
+import rospy
+from merlin_msgs.msg import DispatchStatus, KnowledgeChanges
+from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
+
+import rostest
+from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
+from merlin_sm.service_proxy import ServiceProxy
+
+LONG = 60.0
+KB = "/rosplan_knowledge_base"
+
+
+class Nodes(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.knowledge = knowledge_client(KB)
+        cls.parse = ServiceProxy("/rosplan_parsing_interface/parse_plan_from_file", ParsingService)
+        cls.dispatch = ServiceProxy("/rosplan_plan_dispatcher/dispatch_plan", DispatchService)
+        cls.changed = threading.Condition()
+        cls.history, cls.reasons = [], []
+        cls.subscribers = [
+            rospy.Subscriber(f"{KB}/changes", KnowledgeChanges, cls.note),
+            rospy.Subscriber("/rosplan_plan_dispatcher/dispatch_status", DispatchStatus, cls.tell),
+        ]
+        assert cls.dispatch.wait(LONG) and cls.parse.wait(LONG) and cls.knowledge.wait(LONG)
+
+    @classmethod
+    def note(cls, message):
+        with cls.changed:
+            for sign, items in (("+", message.added), ("-", message.removed), ("=", message.changed)):
+                for item in items:
+                    values = " ".join([item.attribute_name, *(value.value for value in item.values)])
+                    cls.history.append(f"{sign}{values}")
+            cls.changed.notify_all()
+
+    @classmethod
+    def tell(cls, message):
+        with cls.changed:
+            cls.reasons.append(message.reason)
+            cls.changed.notify_all()
+
+    def setUp(self):
+        self.knowledge.update(
+            [Update(ADD, fact("unused", match)) for match in ("m1", "m2")]
+            + [Update(ADD, fact("free")), Update(REMOVE, fact("mended", "")), Update(REMOVE, fact("told"))]
+            + [Update(ADD, function_value("power", [], 3.0)), Update(ADD, function_value("noted", [], 0.0))]
+        )
+        with self.changed:
+            self.history.clear()
+            self.reasons.clear()
+
+    def give(self, *lines):
+        with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
+            file.write("".join(f"{line}\n" for line in lines))
+            file.flush()
+            return self.parse(plan_path=file.name).plan_parsed
+
+    def run_plan(self, *lines):
+        self.assertTrue(self.give(*lines))
+        return self.dispatch()
+
+    def test_texts_that_make_no_plan_are_refused_and_the_parser_lives(self):
+        for line in (
+            "0: (burn m9) [4]",
+            "1e300: (burn m1) [4]",
+            "0: (burn m1) [-4]",
+            "nan: (burn m1) [4]",
+            "?",
+        ):
+            self.assertFalse(self.give(line), line)
+        self.assertTrue(self.give("0: (burn m1) [4]"))
+
+    def test_matches_are_lit_when_they_are_needed(self):
+        answer = self.run_plan(
+            "0.000: (burn m1) [4.000]",
+            "0.001: (mend f1 m1) [2.500]",
+            "0.502: (burn m2) [4.000]",
+            "2.502: (mend f2 m2) [1.900]",
+            "0.000: (double) [0.001]",
+            "0.002: (note) [0.001]",
+        )
+        self.assertTrue(answer.success and answer.goal_achieved, self.reasons)
+        with self.changed:
+            order = {change: index for index, change in enumerate(self.history)}
+        self.assertLess(order["+mended f1"], order["+light m2"], self.history)
+        self.assertLess(order["+mended f2"], order["-light m2"], self.history)
+        self.assertEqual(
+            [change for change in self.history if change in ("=power", "=noted")], ["=power", "=noted"]
+        )
+
+    def test_plain_actions_that_take_their_time_do_not_overlap(self):
+        answer = self.run_plan("0.000: (double) [0.001]", "0.001: (note) [0.001]")
+        self.assertTrue(answer.success, self.reasons)
+        self.assertEqual([item.function_value for item in self.knowledge.functions("noted")], [6.0])
+
+    def test_a_goal_that_does_not_hold_is_named(self):
+        answer = self.run_plan("0.000: (burn m1) [4.000]", "0.001: (mend f1 m1) [2.500]")
+        self.assertTrue(answer.success and not answer.goal_achieved)
+        with self.changed:
+            told = self.changed.wait_for(lambda: "(mended f2)" in (self.reasons or [""])[-1], LONG)
+        self.assertTrue(told, self.reasons)
+
+
+if __name__ == "__main__":
+    rospy.init_node("nodes_test")
+    rostest.rosrun("merlin_test", "nodes", "__main__")

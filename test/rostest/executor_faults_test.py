@@ -1,0 +1,327 @@
+#!/usr/bin/env python3
+"""Processes around the Executor die, hang, or do not obey (docs/reliability.md).
+
+The robot stops, the answer is true, and the next goal works without help.
+"""
+
+import ctypes
+import os
+import signal
+import subprocess
+import threading
+import unittest
+from contextlib import contextmanager
+
+import rosgraph
+import rospy
+from geometry_msgs.msg import Twist
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GuardStatus
+from rosplan_dispatch_msgs.srv import DispatchService
+from std_srvs.srv import Empty, Trigger, TriggerResponse
+
+import rostest
+from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
+from merlin_executor.resending import RESEND
+from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update, fact
+from merlin_sm.master_link import bounded_proxy
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+
+LONG = 60.0
+LIBC = ctypes.CDLL(None)
+PR_SET_PDEATHSIG = 1
+TOPICS = {
+    "rosplan_planner_interface/problem_instance": "rosplan_problem_interface/problem_instance",
+    "rosplan_parsing_interface/planner_output": "rosplan_planner_interface/planner_output",
+    "rosplan_plan_dispatcher/complete_plan": "rosplan_parsing_interface/complete_plan",
+}
+
+
+class Watch:
+    """Keeps the last message of a topic and waits for one that fits."""
+
+    def __init__(self, topic, message_class):
+        self.last = None
+        self._changed = threading.Condition()
+        self._subscriber = rospy.Subscriber(topic, message_class, self._receive, tcp_nodelay=True)
+
+    def _receive(self, message):
+        with self._changed:
+            self.last = message
+            self._changed.notify_all()
+
+    def wait(self, fits, timeout=LONG):
+        with self._changed:
+            if not self._changed.wait_for(lambda: self.last is not None and fits(self.last), timeout):
+                raise AssertionError(f"the last message does not fit: {self.last}")
+            return self.last
+
+
+class Guard:
+    """A guard of the test's: it says what the test wants, and notes what it is asked."""
+
+    def __init__(self):
+        self.halted = threading.Event()
+        self._publisher = rospy.Publisher("merlin/guard", GuardStatus, latch=True, queue_size=10)
+        self._service = rospy.Service("merlin/halt", Trigger, self._halt)
+        self.says(moving=False)
+
+    def says(self, moving):
+        self._publisher.publish(GuardStatus(moving=moving))
+
+    def _halt(self, request):
+        self.halted.set()
+        return TriggerResponse(True, "halted")
+
+
+class Faults(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.velocity = Watch("cmd_vel", Twist)
+        cls.dispatch = Watch("rosplan_plan_dispatcher/dispatch_status", DispatchStatus)
+        cls.status = Watch("merlin/status", ExecutorStatus)
+        cls.knowledge = MerlinROSPlanAssistant()
+        cls.guard = Guard()
+        cls.planning = cls.start_planning()
+        assert cls.knowledge.knowledge.wait(LONG)
+
+    @classmethod
+    def tearDownClass(cls):
+        kill(cls.planning)
+
+    @classmethod
+    def start_planning(cls):
+        remaps = [f"{own}:={other}" for own, other in TOPICS.items()]
+        return start("merlin_rosplan", "planning_system", "__name:=planning_system", *remaps)
+
+    def setUp(self):
+        self.guard.says(moving=False)
+        self.guard.halted.clear()
+        if self.planning.poll() is not None:
+            type(self).planning = self.start_planning()
+            self.assertTrue(KnowledgeClient("rosplan_knowledge_base").wait(LONG))
+        self.client = MerlinExecutorClient()
+        self.addCleanup(lambda: kill(self.executor))
+        self.start_executor()
+        checked = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "main_door")]
+        self.knowledge.remove_facts([*checked, *self.knowledge.facts("robot_at")])
+        self.knowledge.add_facts("(robot_at bathroom)")  # so that the kitchen is a drive away
+
+    def start_executor(self, *parameters):
+        self.executor = start("merlin_executor", "executor", "__name:=merlin_executor", *parameters)
+        self.assertTrue(self.client.wait_for_executor(LONG))
+
+    def restart_executor(self, *parameters):
+        kill(self.executor, signal.SIGTERM)
+        self.wait_executor_gone()
+        self.start_executor(*parameters)
+
+    def wait_executor_gone(self):
+        deadline = rospy.Time.now() + rospy.Duration(LONG)
+        while self.client.executor_alive:
+            self.assertLess(rospy.Time.now(), deadline)
+            rospy.rostime.wallsleep(0.05)
+
+    def driving(self):
+        self.velocity.wait(lambda velocity: velocity.linear.x > 0)
+
+    def stands(self):
+        self.velocity.wait(lambda velocity: velocity == Twist())
+
+    def assertOutcome(self, result, name):
+        self.assertEqual(outcome_name(result.outcome), name, result.reason)
+
+    def assertNextGoalWorks(self, goal="(checked main_door)"):
+        self.knowledge.remove_facts(goal)
+        self.assertOutcome(self.client.execute(goal, LONG), "SUCCEEDED")
+        self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
+        self.assertNotIn(goal, self.knowledge.goals())
+        self.assertNotIn("(checked kitchen)", self.knowledge.goals())
+
+    # --- the Executor -----------------------------------------------------------------------------------
+
+    def test_an_executor_that_is_killed_leaves_nothing_that_moves(self):
+        request = self.client.send("(checked kitchen)")
+        self.driving()
+        kill(self.executor)
+        self.stands()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "INTERNAL")
+        self.start_executor()
+        self.dispatch.wait(lambda status: status.state == DispatchStatus.IDLE)
+        self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
+        self.assertNextGoalWorks()
+
+    def test_a_mission_survives_its_executor(self):
+        request = self.client.send("(checked kitchen)", on_lost=RESEND)
+        self.driving()
+        kill(self.executor)
+        self.stands()
+        self.start_executor()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "SUCCEEDED")
+        self.assertTrue(self.knowledge.holds("(checked kitchen)"))
+        self.assertNextGoalWorks()
+
+    def test_a_second_executor_names_the_first_and_does_not_serve(self):
+        second = start("merlin_executor", "executor", "__name:=another", output=subprocess.PIPE)
+        output, _ = second.communicate(timeout=LONG)
+        self.assertNotEqual(second.returncode, 0)
+        self.assertIn("/merlin_executor is an executor of the same planning system already", output)
+        self.assertNextGoalWorks()
+
+    # --- its client -------------------------------------------------------------------------------------
+
+    def test_a_client_that_dies_takes_its_request_along(self):
+        with client_process() as client:
+            self.driving()
+            kill(client)
+            self.stands()
+        status = self.status.wait(lambda status: status.state == ExecutorStatus.IDLE)
+        self.assertIn("its client /executor_victim", status.reason)
+        self.assertNextGoalWorks()
+
+    def test_a_request_may_go_on_without_its_client(self):
+        with client_process("--go-on") as client:
+            self.driving()
+            kill(client)
+            status = self.status.wait(lambda status: status.state == ExecutorStatus.IDLE)
+        self.assertTrue(self.knowledge.holds("(checked kitchen)"), status.reason)
+
+    # --- the planning system ----------------------------------------------------------------------------
+
+    def test_a_planning_system_that_returns_is_used_again(self):
+        self.restart_executor(f"_planning_system_return:={LONG}")
+        request = self.client.send("(checked kitchen)")
+        self.driving()
+        kill(self.planning)
+        self.stands()
+        type(self).planning = self.start_planning()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "SUCCEEDED")
+        self.assertGreater(request.result.replans, 0)
+        self.assertNextGoalWorks()
+
+    def test_a_planning_system_that_stays_away_is_named(self):
+        self.restart_executor("_planning_system_return:=1.0")
+        request = self.client.send("(checked kitchen)")
+        self.driving()
+        kill(self.planning)
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "INTERNAL")
+        self.assertIn("the planning system's plan dispatcher", request.result.reason)
+        self.assertIn("did not return within 1 s", request.result.reason)
+        self.assertNotIn("Errno", request.result.reason)
+        self.stands()
+
+    def test_a_hung_planning_system_is_told_within_ten_seconds_of_the_cancel(self):
+        request = self.client.send("(checked kitchen)")
+        self.driving()
+        os.kill(self.planning.pid, signal.SIGSTOP)
+        try:
+            self.stands()  # nothing owns the drive any more
+            request.cancel()
+            self.assertTrue(request.wait(LONG))
+        finally:
+            os.kill(self.planning.pid, signal.SIGCONT)
+        self.assertOutcome(request.result, "CANCEL_TIMEOUT")
+        self.assertIn("the planning system's plan dispatcher", request.result.reason)
+        self.assertIn("the guard has halted the base", request.result.reason)
+        self.assertNextGoalWorks()
+
+    def test_a_plan_without_an_owner_gives_way(self):
+        self.knowledge.knowledge.update([Update(ADD_GOAL, fact("checked", "kitchen"))])
+        for service in (
+            "rosplan_problem_interface/problem_generation_server",
+            "rosplan_planner_interface/planning_server",
+            "rosplan_parsing_interface/parse_plan",
+        ):
+            rospy.ServiceProxy(service, Empty)()
+        dispatch = rospy.ServiceProxy("rosplan_plan_dispatcher/dispatch_plan", DispatchService)
+        by_hand = threading.Thread(target=dispatch, name="dispatch by hand", daemon=True)
+        by_hand.start()
+        self.driving()
+        self.knowledge.knowledge.update([Update(REMOVE_GOAL, fact("checked", "kitchen"))])
+        self.assertNextGoalWorks()
+        by_hand.join(LONG)
+        self.assertFalse(self.knowledge.holds("(checked kitchen)"))
+
+    # --- what does not stop -----------------------------------------------------------------------------
+
+    def test_what_does_not_stop_is_named_and_the_base_halted(self):
+        request = self.client.send("(checked kitchen)")
+        self.driving()
+        host = pid_of("/merlin_fsm_host")
+        os.kill(host, signal.SIGSTOP)
+        try:
+            request.cancel()
+            self.assertTrue(request.wait(LONG))
+        finally:
+            os.kill(host, signal.SIGCONT)
+        self.assertOutcome(request.result, "CANCEL_TIMEOUT")
+        self.assertIn("(navigate", request.result.reason)
+        self.assertIn("did not stop; the guard has halted the base", request.result.reason)
+        self.assertTrue(self.guard.halted.is_set())
+        self.stands()
+        self.assertNextGoalWorks()
+
+    def test_a_cancel_is_not_complete_while_the_base_moves(self):
+        request = self.client.send("(checked kitchen)")
+        self.driving()
+        self.guard.says(moving=True)
+        self.status.wait(lambda status: status.state == ExecutorStatus.RUNNING)
+        request.cancel()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "CANCEL_TIMEOUT")
+        self.assertIn("the base still moves", request.result.reason)
+        self.assertTrue(self.guard.halted.is_set())
+
+    def test_a_base_that_comes_to_rest_a_moment_later_is_a_complete_cancel(self):
+        request = self.client.send("(checked kitchen)")
+        self.driving()
+        self.guard.says(moving=True)
+        request.cancel()
+        self.stands()
+        self.guard.says(moving=False)
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "CANCELLED")
+        self.assertFalse(self.guard.halted.is_set())
+
+
+def start(package, kind, *arguments, output=None):
+    """Starts a node in a session of its own; it dies with the test."""
+    return subprocess.Popen(
+        ["rosrun", package, kind, *arguments],
+        start_new_session=True,
+        stdout=output,
+        stderr=subprocess.STDOUT if output else None,
+        text=True,
+        preexec_fn=lambda: LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL),
+    )
+
+
+def kill(process, number=signal.SIGKILL):
+    """Ends a process and all that it started."""
+    if process.poll() is None:
+        os.killpg(process.pid, number)
+    process.wait(LONG)
+
+
+@contextmanager
+def client_process(*arguments):
+    """A client of its own that wants the kitchen checked."""
+    client = start("merlin_test", "executor_victim.py", *arguments)
+    try:
+        yield client
+    finally:
+        kill(client)
+
+
+def pid_of(node):
+    """The process id of a node."""
+    uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
+    return bounded_proxy(uri, 5.0).getPid(rospy.get_name())[2]
+
+
+if __name__ == "__main__":
+    rospy.init_node("executor_faults_test")
+    rostest.rosrun("merlin_test", "executor_faults", Faults)

@@ -1,0 +1,461 @@
+#!/usr/bin/env python3
+"""The guard's node: what reaches the base while goals, their owners and the guard itself come and go."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import unittest
+import xmlrpc.client
+from pathlib import Path
+
+import rosgraph
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from geometry_msgs.msg import PoseStamped, Twist
+from merlin_msgs.msg import GuardStatus, SimStatus
+from move_base_msgs.msg import MoveBaseActionGoal
+from rosgraph_msgs.msg import Log
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Empty
+from std_srvs.srv import Empty as EmptyService
+from std_srvs.srv import SetBool, Trigger
+
+import rostest
+from merlin_sm import guard_watch
+from merlin_sm.states.merlin_state import ABORTED
+from merlin_sm.states.navigation import NavigationState
+
+LONG = 60.0
+IDLE, PASSING, HOLDING, STOPPED = range(4)
+LIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
+
+
+class Witness:
+    """What the base gets, what the guard says and what the motion server does."""
+
+    def __init__(self, velocity_topic="cmd_vel"):
+        self.changed = threading.Condition()
+        self.velocities = []  # whether each was a motion
+        self.status = None
+        self.said = []  # all statuses since `forget`, because some last for moments only
+        self.goals = {}
+        self.log = []
+        self.topics = [
+            rospy.Subscriber(velocity_topic, Twist, self.receive_velocity, tcp_nodelay=True),
+            rospy.Subscriber("merlin/guard", GuardStatus, self.receive_status, tcp_nodelay=True),
+            rospy.Subscriber("move_base/status", GoalStatusArray, self.receive_goals, tcp_nodelay=True),
+            rospy.Subscriber("/rosout", Log, self.receive_log),
+        ]
+
+    def close(self):
+        for topic in self.topics:
+            topic.unregister()
+
+    def receive_velocity(self, velocity):
+        with self.changed:
+            self.velocities.append(velocity != Twist())
+            self.changed.notify_all()
+
+    def receive_status(self, status):
+        with self.changed:
+            self.status = status
+            self.said.append((status.state, status.reason))
+            self.changed.notify_all()
+
+    def statuses(self, count):
+        """Waits for so many messages of the guard."""
+        for _ in range(count):
+            with self.changed:
+                heard = len(self.said)
+            self.wait(lambda: len(self.said) > heard)  # noqa: B023
+
+    def receive_goals(self, message):
+        with self.changed:
+            self.goals = {entry.goal_id.id: entry.status for entry in message.status_list}
+            self.changed.notify_all()
+
+    def receive_log(self, message):
+        with self.changed:
+            self.log.append(message.msg)
+            self.changed.notify_all()
+
+    def wait(self, holds):
+        with self.changed:
+            if not self.changed.wait_for(holds, LONG):
+                raise AssertionError(f"did not happen; goals {self.goals}, guard:\n{self.status}")
+
+    def state(self, state, reason=""):
+        self.wait(lambda: self.status and self.status.state == state and reason in self.status.reason)
+
+    def has_said(self, state, reason=""):
+        self.wait(lambda: any(state == was and reason in why for was, why in self.said))
+
+    def forget(self):
+        with self.changed:
+            self.velocities.clear()
+            self.said.clear()
+
+
+class Client:
+    """The process of a client that leases its goal."""
+
+    def __init__(self):
+        self.process = subprocess.Popen(
+            [sys.executable, str(Path(__file__).with_name("motion_client.py"))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def ask(self, command):
+        self.process.stdin.write(command + "\n")
+        self.process.stdin.flush()
+        return self.process.stdout.readline().strip()
+
+    def end(self):
+        self.process.kill()
+        self.process.wait()
+        self.process.stdin.close()
+        self.process.stdout.close()
+
+
+def pid_of(node):
+    uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
+    return xmlrpc.client.ServerProxy(uri).getPid(rospy.get_name())[2]
+
+
+class Guard(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.witness = Witness()
+        cls.cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=10)
+        cls.commands = rospy.Publisher("cmd_vel_in", Twist, queue_size=10)
+        rospy.wait_for_service("move_base/stubborn", LONG)
+        cls.stubborn = rospy.ServiceProxy("move_base/stubborn", SetBool)
+        cls.stop_topic = rospy.Publisher("merlin/stop", Empty, queue_size=1)
+        cls.joy = rospy.Publisher("joy", Joy, queue_size=1)
+        cls.witness.wait(lambda: cls.witness.status is not None and cls.connected())
+
+    @classmethod
+    def connected(cls):
+        peers = (cls.cancel, 2), (cls.commands, 1), (cls.stop_topic, 1), (cls.joy, 1)
+        return all(publisher.get_num_connections() >= count for publisher, count in peers)
+
+    def setUp(self):
+        self.call("merlin/release")
+        self.addCleanup(self.end_goals)
+        self.client = self.start_client()
+
+    def start_client(self):
+        client = Client()
+        self.addCleanup(client.end)
+        return client
+
+    def end_goals(self):
+        self.stubborn(False)
+        rospy.ServiceProxy("move_base/end", EmptyService)()
+        self.witness.wait(self.nothing_runs)
+        self.call("merlin/release")
+        self.witness.state(IDLE)
+
+    def nothing_runs(self):
+        return not any(status in LIVE for status in self.witness.goals.values())
+
+    def call(self, service):
+        rospy.wait_for_service(service, LONG)
+        return rospy.ServiceProxy(service, Trigger)()
+
+    def drive(self, client=None):
+        goal = (client or self.client).ask("drive")
+        self.witness.forget()
+        self.witness.wait(lambda: any(self.witness.velocities))
+        self.witness.wait(lambda: (self.witness.status.state, self.witness.status.goals) == (PASSING, [goal]))
+        return goal
+
+    def zero(self):
+        """Waits until the last velocity is zero."""
+        self.witness.wait(lambda: self.witness.velocities and not self.witness.velocities[-1])
+
+    def stands(self):
+        """Waits for the zero velocity, and for some commands more, none of which may pass."""
+        self.zero()
+        self.witness.forget()
+        self.witness.wait(lambda: len(self.witness.velocities) > 5)
+        self.assertNotIn(True, self.witness.velocities)
+
+    def ended(self, goal, status=GoalStatus.PREEMPTED):
+        self.witness.wait(lambda: self.witness.goals.get(goal) == status)
+
+    def test_a_motion_ends_with_its_goal(self):
+        self.drive()
+        self.witness.wait(lambda: self.witness.status.moving)
+        rospy.ServiceProxy("move_base/end", EmptyService)()
+        self.witness.state(IDLE)
+        self.witness.wait(lambda: not self.witness.velocities[-1] and not self.witness.status.moving)
+
+    def test_a_command_without_a_goal_does_not_pass(self):
+        forward = Twist()
+        forward.angular.z = 1.0
+        self.witness.forget()
+        for number in range(1, 6):
+            self.commands.publish(forward)
+            self.witness.wait(lambda: len(self.witness.velocities) >= number)  # noqa: B023
+        self.assertNotIn(True, self.witness.velocities)
+
+    def test_a_velocity_that_is_not_finite_does_not_pass(self):
+        self.drive()
+        wrong = Twist()
+        wrong.linear.x = float("nan")
+        with self.witness.changed:
+            self.witness.velocities.clear()
+        self.commands.publish(wrong)
+        self.witness.wait(lambda: False in self.witness.velocities)
+
+    def test_an_owner_that_is_killed_stops_the_base_and_its_goal(self):
+        goal = self.drive()
+        self.client.process.kill()
+        self.witness.has_said(HOLDING, "motion_client")
+        self.ended(goal)
+        self.witness.state(IDLE)
+        self.zero()
+        self.drive(self.start_client())
+
+    def test_an_owner_that_hangs_stops_the_base_until_it_goes_on(self):
+        goal = self.drive()
+        self.client.process.send_signal(signal.SIGSTOP)
+        self.witness.has_said(HOLDING, "silent")
+        self.zero()
+        self.client.process.send_signal(signal.SIGCONT)
+        self.witness.state(PASSING)
+        self.witness.wait(lambda: self.witness.velocities[-1])
+        self.assertEqual(self.witness.goals[goal], GoalStatus.ACTIVE)
+
+    def test_an_owner_that_hangs_for_long_loses_its_goal(self):
+        goal = self.drive()
+        self.client.process.send_signal(signal.SIGSTOP)
+        self.ended(goal)
+        self.zero()
+
+    def test_a_suspended_goal_stands_until_it_is_resumed(self):
+        self.drive()
+        self.client.ask("suspend")
+        self.witness.state(HOLDING, "its own owner is silent")
+        self.stands()
+        self.client.ask("resume")
+        self.witness.state(PASSING)
+        self.witness.wait(lambda: self.witness.velocities[-1])
+
+    def test_a_goal_that_its_owner_lets_go_is_cancelled(self):
+        goal = self.drive()
+        self.client.ask("release")
+        self.ended(goal)
+
+    def test_a_restarted_owner_loses_the_goals_of_its_former_life(self):
+        goal = self.drive()
+        self.stubborn(True)
+        self.client.process.kill()
+        self.drive_of_new_life()
+        self.witness.state(HOLDING)
+        self.stands()
+        self.assertIn(self.witness.goals[goal], LIVE)
+        self.stubborn(False)
+        rospy.ServiceProxy("move_base/end", EmptyService)()
+
+    def drive_of_new_life(self):
+        goal = self.start_client().ask("drive")
+        self.witness.wait(lambda: goal in self.witness.status.goals)
+
+    def test_a_cancel_that_is_ignored_stops_the_base_until_the_goal_ends(self):
+        goal = self.drive()
+        self.stubborn(True)
+        self.cancel.publish(GoalID(id=goal))
+        self.witness.state(HOLDING, "was cancelled and still runs")
+        self.stands()
+        rospy.ServiceProxy("move_base/end", EmptyService)()
+        self.witness.state(IDLE)
+        self.drive()
+
+    def test_a_cancel_that_is_followed_is_not_the_guards_concern(self):
+        goal = self.drive()
+        self.cancel.publish(GoalID())
+        self.ended(goal)
+        self.witness.state(IDLE)
+
+    def test_a_stop_lasts_until_its_release(self):
+        goal = self.drive()
+        self.assertTrue(self.call("merlin/stop").success)
+        self.witness.state(STOPPED, "stopped by /guard")
+        self.ended(goal)
+        second = self.client.ask("drive")
+        self.ended(second)
+        self.witness.state(STOPPED)
+        self.zero()
+        self.assertEqual(self.call("merlin/release").message, "released")
+        self.drive()
+
+    def test_a_stop_wins_over_a_base_that_goes_on(self):
+        self.drive()
+        self.stubborn(True)
+        self.stop_topic.publish(Empty())
+        self.witness.state(STOPPED, "topic merlin/stop")
+        self.stands()
+        self.call("merlin/release")
+        self.witness.state(HOLDING, "topic merlin/stop")
+        self.stands()
+
+    def test_a_button_stops(self):
+        goal = self.drive()
+        self.joy.publish(Joy(buttons=[1, 1, 1, 0, 1]))
+        self.joy.publish(Joy(buttons=[0]))
+        self.joy.publish(Joy(buttons=[0, 0, 0, 1]))
+        self.witness.state(STOPPED, "button 3 of /joy")
+        self.ended(goal)
+
+    def test_halt_concerns_the_goals_that_run(self):
+        goal = self.drive()
+        self.stubborn(True)
+        answer = self.call("merlin/halt")
+        self.assertIn(goal, answer.message)
+        self.witness.state(HOLDING, "halted by /guard")
+        self.stands()
+        rospy.ServiceProxy("move_base/end", EmptyService)()
+        self.drive()
+
+    def test_a_guard_that_was_killed_begins_with_zero_and_lets_the_owned_goal_go_on(self):
+        self.drive()
+        os.kill(pid_of("/merlin_guard"), signal.SIGKILL)
+        self.witness.wait(lambda: False in self.witness.velocities)
+        self.witness.forget()
+        self.witness.wait(lambda: any(self.witness.velocities))
+        self.witness.wait(self.connected)
+
+    def test_a_guard_that_was_killed_does_not_adopt_a_goal_without_an_owner(self):
+        sender = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
+        self.addCleanup(sender.unregister)
+        self.witness.wait(lambda: sender.get_num_connections() == 2)
+        sender.publish(MoveBaseActionGoal(goal_id=GoalID(rospy.Time.now(), "rviz")))
+        self.witness.wait(lambda: self.witness.velocities and self.witness.velocities[-1])
+        os.kill(pid_of("/merlin_guard"), signal.SIGKILL)
+        self.witness.has_said(HOLDING, "it ran before the guard began, and no lease names it")
+        self.witness.forget()
+        self.ended("rviz")
+        self.assertNotIn(True, self.witness.velocities)
+        self.witness.wait(self.connected)
+
+    def test_a_motion_server_that_hangs_stops_the_base_unless_the_simulator_is_paused(self):
+        simulator = rospy.Publisher("/merlin_sim/status", SimStatus, latch=True, queue_size=1)
+        self.addCleanup(simulator.publish, SimStatus())
+        simulator.publish(SimStatus(paused=True, achieved_factor=1.0))
+        self.drive()
+        pid = pid_of("/base")
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            self.witness.statuses(5)  # 2.5 s
+            self.assertEqual((self.witness.status.state, self.witness.status.moving), (PASSING, True))
+            simulator.publish(SimStatus(paused=False, achieved_factor=1.0))
+            self.witness.has_said(HOLDING, "status has been silent for 1 s")
+            self.zero()
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        self.witness.state(PASSING)
+
+    def test_a_guard_that_ends_sends_zero(self):
+        side = Witness("/side/cmd_vel")
+        self.addCleanup(side.close)
+        guard = ["rosrun", "merlin_guard", "guard", "__ns:=/side", "cmd_vel_in:=/cmd_vel_in"]
+        process = subprocess.Popen([*guard, "_motion_servers:=[/move_base]"])
+        self.addCleanup(process.kill)
+        side.wait(lambda: side.velocities)  # the zero of a new connection
+        self.drive()
+        side.wait(lambda: side.velocities[-1])
+        os.kill(pid_of("/side/merlin_guard"), signal.SIGTERM)
+        self.assertEqual(process.wait(LONG), 128 + signal.SIGTERM)
+        side.wait(lambda: not side.velocities[-1])
+
+    def test_a_guard_that_was_killed_is_still_stopped(self):
+        self.call("merlin/stop")
+        with self.witness.changed:
+            self.witness.status = None
+        os.kill(pid_of("/merlin_guard"), signal.SIGKILL)
+        self.witness.wait(lambda: self.witness.status is not None and self.connected())
+        self.witness.state(STOPPED)
+        goal = self.client.ask("drive")
+        self.ended(goal)
+
+    def test_nothing_sets_off_while_the_guard_is_stopped_or_silent(self):
+        state = NavigationState(target=PoseStamped())
+        self.call("merlin/stop")
+        self.witness.state(STOPPED)
+        self.assertEqual(state.execute(None), ABORTED)
+        self.assertEqual(
+            state.reason, "the velocity guard has stopped the base: stopped by " + rospy.get_name()
+        )
+        self.call("merlin/release")
+        self.witness.state(IDLE)
+        pid = pid_of("/merlin_guard")
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            while state._guard._fresh():  # what it said before counts for a while
+                rospy.rostime.wallsleep(0.05)
+            self.assertEqual(state.execute(None), ABORTED)
+            self.assertEqual(state.reason, guard_watch.SILENT)
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        ended = threading.Event()
+        driver = threading.Thread(target=lambda: (state.execute(None), ended.set()), daemon=True)
+        driver.start()
+        self.witness.state(PASSING)
+        state.request_preempt()
+        self.assertTrue(ended.wait(LONG))
+
+    def run_guard(self, *arguments):
+        process = subprocess.run(
+            ["rosrun", "merlin_guard", "guard", *arguments], capture_output=True, text=True, timeout=LONG
+        )
+        self.assertEqual(process.returncode, 2, process)  # not to be started again
+        return process.stdout + process.stderr
+
+    def test_a_guard_whose_input_is_its_output_does_not_begin(self):
+        text = self.run_guard("__name:=loop", "__ns:=/side", "cmd_vel_in:=/other", "cmd_vel:=/other")
+        self.assertIn("cmd_vel_in and cmd_vel are the same topic, /other", text)
+
+    def test_a_second_guard_does_not_begin_and_harms_nothing(self):
+        goal = self.drive()
+        self.assertIn("/merlin_guard guards /cmd_vel already", self.run_guard("__name:=second"))
+        self.assertIn("a guard named /merlin_guard runs already", self.run_guard())
+        text = self.run_guard("__name:=second", "cmd_vel:=/other")
+        self.assertIn("/merlin_guard publishes /merlin/guard and serves merlin/stop already", text)
+        self.assertEqual(self.witness.goals[goal], GoalStatus.ACTIVE)
+        self.witness.state(PASSING)
+
+    def test_parameters_that_cannot_be_used_are_named(self):
+        for argument, text in (
+            ("_cancel_deadline:=soon", "~cancel_deadline is 'soon'"),
+            ("_command_timeout:=-1", "~command_timeout is -1"),
+            ("_motion_servers:=move_base", "~motion_servers is 'move_base'; it has to be a list"),
+            ("_motion_servers:=[3]", "~motion_servers has 3"),
+            ("_motion_servers:=[]", "~motion_servers is []"),
+            ("_require_lease:=perhaps", "~require_lease is 'perhaps'"),
+            ("_stop_button:=-3", "~stop_button is -3"),
+            ("_suspend_after:=9.0", "suspend_after (9 s) is longer than lose_after (3 s)"),
+        ):
+            found = self.run_guard("__name:=wrong", "cmd_vel:=/other", argument)
+            self.assertIn(text, found)
+            rospy.delete_param("/wrong")
+
+    def test_a_node_that_publishes_past_the_guard_is_named(self):
+        direct = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self.addCleanup(direct.unregister)
+        text = f"{rospy.get_name()} publishes on /cmd_vel, past the guard"
+        self.witness.wait(lambda: any(text in line for line in self.witness.log))
+
+    def test_a_motion_server_that_does_not_exist_is_named(self):
+        text = "no motion server /dock after 1 s"
+        self.witness.wait(lambda: any(text in line and "/move_base" in line for line in self.witness.log))
+
+
+if __name__ == "__main__":
+    rospy.init_node("guard_test")
+    rostest.rosrun("merlin_test", "guard", Guard)

@@ -1,0 +1,185 @@
+#!/usr/bin/env python3
+"""State machines whose code does what it must not: their goals are answered, and the next one works."""
+
+import threading
+import unittest
+
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped
+from merlin_msgs.msg import RunActionAction, RunActionGoal
+from move_base_msgs.msg import MoveBaseAction
+
+import rostest
+import smach
+from merlin_actions.merlin_action_server import MerlinActionServer
+from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_sm.action_client import ActionClient
+from merlin_sm.action_server import ActionServer
+from merlin_sm.health import ERROR
+
+LONG = 60.0
+CANCEL_LIMIT = 1.0
+
+
+class Stubborn(smach.State):
+    """Goes on until the test ends, whatever it is told; at its second run it succeeds at once."""
+
+    release = threading.Event()
+    runs = 0
+
+    def __init__(self):
+        super().__init__(["succeeded"])
+
+    def execute(self, userdata):
+        Stubborn.runs += 1
+        if Stubborn.runs == 1:
+            self.release.wait()
+        return "succeeded"
+
+
+class LoopsInPreempt(Stubborn):
+    def request_preempt(self):
+        super().request_preempt()
+        self.release.wait()
+
+
+class RaisesInPreempt(Stubborn):
+    def request_preempt(self):
+        super().request_preempt()
+        raise SystemExit("I will not stop")
+
+
+class Exits(smach.State):
+    def __init__(self):
+        super().__init__(["succeeded"])
+
+    def execute(self, userdata):
+        raise SystemExit(3)
+
+
+class Recurses(smach.State):
+    def __init__(self):
+        super().__init__(["succeeded"])
+
+    def execute(self, userdata):
+        return self.execute(userdata)
+
+
+def machine(name, state):
+    def build(self):
+        self.add("ONLY", state())
+
+    return type(name, (MerlinActionSM,), {"build": build})()
+
+
+class DriveBesideStubborn(MerlinActionSM):
+    """Drives, and beside it runs a state that does not stop."""
+
+    def build(self):
+        both = smach.Concurrence(
+            ["succeeded", "aborted", "preempted"],
+            "aborted",
+            outcome_map={"succeeded": {"DRIVE": "succeeded"}},
+        )
+        with both:
+            smach.Concurrence.add("DRIVE", self.state("navigation", target=pose()))
+            smach.Concurrence.add("STUBBORN", Stubborn())
+        self.add("BOTH", both)
+
+
+def pose():
+    target = PoseStamped()
+    target.header.frame_id = "map"
+    target.pose.orientation.w = 1.0
+    return target
+
+
+class MachineHost(unittest.TestCase):
+    def setUp(self):
+        Stubborn.runs = 0
+        Stubborn.release = threading.Event()
+        self.addCleanup(Stubborn.release.set)
+
+    def serve(self, action):
+        server = MerlinActionServer(action, CANCEL_LIMIT)
+        server.start()
+        self.addCleanup(server.shutdown)
+        client = ActionClient(f"actions/{server.operator}", RunActionAction)
+        self.addCleanup(client.shutdown)
+        self.assertTrue(client.wait_for_server(LONG))
+        return server, client
+
+    def start(self, client):
+        goal = client.send(RunActionGoal())
+        while goal.status != GoalStatus.ACTIVE or not goal.feedback:
+            self.assertFalse(goal.wait(0.01))
+        return goal
+
+    def finish(self, goal):
+        self.assertTrue(goal.wait(LONG))
+        return goal
+
+    def test_what_does_not_stop_is_named_and_replaced(self):
+        for name, state in (
+            ("IgnoresPreempt", Stubborn),
+            ("LoopsInPreempt", LoopsInPreempt),
+            ("RaisesInPreempt", RaisesInPreempt),
+        ):
+            with self.subTest(name):
+                self.setUp()
+                server, client = self.serve(machine(name, state))
+                goal = self.start(client)
+                goal.cancel()
+                self.finish(goal)
+                self.assertEqual(goal.status, GoalStatus.ABORTED)
+                self.assertIn("in state ONLY did not stop", goal.result.reason)
+                self.assertIn("ONLY", goal.result.unstopped)
+                self.assertEqual(server.health().level, ERROR)
+                # The next goal works while the first run still hangs.
+                following = self.finish(client.send(RunActionGoal()))
+                self.assertEqual(following.status, GoalStatus.SUCCEEDED)
+
+    def test_a_newer_goal_does_not_wait_for_ever(self):
+        _, client = self.serve(machine("Busy", Stubborn))
+        first = self.start(client)
+        second = self.finish(client.send(RunActionGoal()))
+        self.assertEqual(second.status, GoalStatus.SUCCEEDED)
+        self.assertEqual(self.finish(first).status, GoalStatus.ABORTED)
+
+    def test_whatever_a_state_raises_its_goal_is_answered(self):
+        for name, state in (("Exits", Exits), ("Recurses", Recurses)):
+            with self.subTest(name):
+                _, client = self.serve(machine(name, state))
+                for _ in range(2):
+                    goal = self.finish(client.send(RunActionGoal()))
+                    self.assertEqual(goal.status, GoalStatus.ABORTED)
+                    self.assertTrue(goal.result.reason)
+
+    def test_what_an_abandoned_machine_drives_is_stopped(self):
+        stopped = threading.Event()
+        goals = []
+
+        def drive(goal):
+            goal.accept()
+            goals.append(goal)
+
+        def stop(goal):
+            stopped.set()
+            goal.cancelled()
+
+        base = ActionServer("move_base", MoveBaseAction, drive, stop)
+        base.start()
+        self.addCleanup(base.shutdown)
+        _, client = self.serve(DriveBesideStubborn())
+        goal = self.start(client)
+        while not goals:
+            self.assertFalse(goal.wait(0.01))
+        goal.cancel()
+        self.assertTrue(stopped.wait(LONG))
+        self.assertIn("BOTH/STUBBORN", self.finish(goal).result.unstopped)
+
+
+if __name__ == "__main__":
+    rospy.init_node("machine_host_test")
+    rostest.rosrun("merlin_test", "machine_host", MachineHost)

@@ -1,0 +1,51 @@
+#!/usr/bin/env python3
+"""A client of move_base that leases its goal: for tests that kill, hang and restart it.
+
+Reads commands from its input, one a line: `drive`, `suspend`, `resume`, `release`; answers each with a line.
+"""
+
+import sys
+import threading
+import uuid
+
+import rospy
+from actionlib_msgs.msg import GoalID
+from merlin_msgs.msg import Lease
+from move_base_msgs.msg import MoveBaseActionGoal
+
+rospy.init_node("motion_client", disable_signals=True)
+goals = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
+leases = rospy.Publisher("move_base/lease", Lease, queue_size=1)
+life = uuid.uuid4().hex
+changed = threading.Condition()
+held, suspended = [], []
+
+
+def beat():
+    with changed:
+        while True:
+            if held:
+                leases.publish(Lease(owner=rospy.get_name(), life=life, held=held, suspended=suspended))
+            changed.wait(0.15)
+
+
+threading.Thread(target=beat, daemon=True).start()
+for line in sys.stdin:
+    answer = line.strip()
+    with changed:
+        if answer == "drive":
+            while goals.get_num_connections() < 2 or leases.get_num_connections() < 1:  # server and guard
+                changed.wait(0.02)
+            answer = f"goal-{uuid.uuid4().hex}"
+            held[:] = [answer]
+            leases.publish(Lease(owner=rospy.get_name(), life=life, held=held))
+            goals.publish(MoveBaseActionGoal(goal_id=GoalID(rospy.Time.now(), answer)))
+        elif answer == "suspend":
+            suspended[:] = held
+        elif answer == "resume":
+            suspended.clear()
+        elif answer == "release":
+            held.clear()
+            leases.publish(Lease(owner=rospy.get_name(), life=life))
+        changed.notify_all()
+    print(answer, flush=True)

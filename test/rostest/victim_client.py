@@ -1,0 +1,16 @@
+#!/usr/bin/env python3
+"""An action client that sends one goal to the action ``owned`` and wants it until it is killed; or none."""
+
+import sys
+
+import rospy
+from rosplan_dispatch_msgs.msg import NonBlockingDispatchAction, NonBlockingDispatchGoal
+
+from merlin_sm.action_client import ActionClient
+
+rospy.init_node("victim_client")
+client = ActionClient("owned", NonBlockingDispatchAction)
+client.wait_for_server()
+if "--idle" not in sys.argv:
+    client.send(NonBlockingDispatchGoal())
+rospy.spin()

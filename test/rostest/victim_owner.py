@@ -1,0 +1,21 @@
+#!/usr/bin/env python3
+"""Has a dispatcher carry out its plan, until it is killed: victim_owner.py DISPATCHER [--plain]."""
+
+import sys
+
+import rospy
+from rosplan_dispatch_msgs.srv import DispatchService
+
+from merlin_sm.dispatch_client import DispatchClient
+from merlin_sm.service_proxy import ServiceProxy
+
+rospy.init_node("victim_owner", anonymous=True)
+words = rospy.myargv(sys.argv)[1:]
+if "--plain" in words:
+    print("begins", flush=True)
+    ServiceProxy(f"{words[0]}/dispatch_plan", DispatchService)()
+else:
+    client = DispatchClient(words[0])
+    client.wait_status(60.0)
+    print("begins", flush=True)
+    client.dispatch(lambda interrupt: None)

@@ -1,0 +1,23 @@
+"""Growth is seen, and noise is not taken for growth."""
+
+from chaos.endurance import leaks
+from chaos.processes import Usage
+
+BEFORE = Usage(80.0, 20, 40, 30)
+
+
+def test_a_steady_process_does_not_leak() -> None:
+    assert leaks([(300, {"executor": BEFORE}), (3000, {"executor": Usage(95.0, 21, 41, 31)})]) == []
+    assert leaks([(300, {"executor": BEFORE})]) == []
+
+
+def test_each_kind_of_growth_is_named() -> None:
+    found = leaks([(300, {"executor": BEFORE}), (3000, {"executor": Usage(400.0, 60, 90, 70)})])
+    assert [sentence.split()[1] for sentence in found] == ["memory_mb", "threads", "descriptors", "sockets"]
+    assert "3000 goals" in found[0]
+
+
+def test_a_process_that_ended_is_named() -> None:
+    assert leaks([(300, {"executor": BEFORE}), (3000, {})]) == [
+        "executor does not run any more after 3000 goals"
+    ]

@@ -1,0 +1,85 @@
+"""Processes of a run are found by their mark, whatever became of them."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from chaos import processes
+
+SLEEP = "import sys; print('up', flush=True); sys.stdin.read()"
+
+
+def start(run: str, *words: str) -> subprocess.Popen:
+    env = dict(os.environ, **{processes.MARK: run})
+    command = [sys.executable, "-c", SLEEP, *words]
+    process = subprocess.Popen(
+        command, env=env, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    return process
+
+
+def test_a_node_is_found_while_it_hangs_and_gone_when_killed() -> None:
+    run = f"test{os.getpid()}"
+    node, other = start(run, "__name:=one"), start(run, "__name:=two")
+    try:
+        os.kill(node.pid, signal.SIGSTOP)
+        assert processes.node_pid(run, "one", [os.getpid()]) == node.pid
+        assert processes.node_pid(run, "three", [os.getpid()]) is None
+        assert processes.node_pid(run, "one", [other.pid]) is None
+        assert sorted(processes.marked(run)) == sorted([node.pid, other.pid])
+        held = processes.usage(node.pid)
+        assert held is not None
+        assert held.threads == 1
+        assert held.memory_mb > 1.0
+        assert held.sockets == 0
+        assert held.descriptors >= 3
+        assert processes.kill_marked(run) == 2
+        assert processes.marked(run) == [] or not any(map(processes.alive, processes.marked(run)))
+        assert processes.node_pid(run, "one", [os.getpid()]) is None
+    finally:
+        for process in (node, other):
+            process.kill()
+            process.communicate()
+    assert processes.usage(node.pid) is None
+
+
+def test_the_node_is_meant_and_not_the_script_that_starts_it_again() -> None:
+    run = f"test{os.getpid()}"
+    script = Path(__file__).parents[3] / "src" / "merlin" / "scripts" / "respawn"
+    process = subprocess.Popen(
+        [
+            str(script),
+            sys.executable,
+            "-c",
+            "print('up', flush=True); import time; time.sleep(60)",
+            "__name:=one",
+        ],
+        env=dict(os.environ, **{processes.MARK: run}),
+        stdout=subprocess.PIPE,
+    )
+    try:
+        assert process.stdout is not None
+        process.stdout.readline()
+        found = processes.node_pid(run, "one", [os.getpid()])
+        assert found is not None and found != process.pid
+        os.kill(found, signal.SIGKILL)
+        process.stdout.readline()
+        assert processes.node_pid(run, "one", [os.getpid()]) not in (None, found, process.pid)
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def test_processes_of_another_run_are_left_alone() -> None:
+    node = start("other", "__name:=one")
+    try:
+        assert processes.node_pid(f"test{os.getpid()}", "one", [os.getpid()]) is None
+        assert processes.kill_marked(f"test{os.getpid()}") == 0
+        assert processes.alive(node.pid)
+    finally:
+        node.kill()
+        node.communicate()

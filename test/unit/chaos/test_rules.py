@@ -1,0 +1,262 @@
+"""The witness's judgement: each violation that the campaign knows is seen, and a good robot is not blamed."""
+
+from typing import Any, Dict, List, Optional
+
+import pytest
+from chaos import events
+from chaos.events import Event
+from chaos.evidence import NEXT, REQUEST, Evidence
+from chaos.faults import NONE, SIGNAL, Fault
+from chaos.moments import Moment
+from chaos.rules import Judgement, judge
+from chaos.trials import Trial, Variant
+
+POINTS = {"kitchen": (5.0, 0.0), "bathroom": (0.0, 5.0)}
+NOTES = ["(noted n1)"]
+KILL = Fault("merlin_fsm_host:kill", SIGNAL, ("merlin_fsm_host",), "KILL")
+DRIVING = Trial("test", KILL, Moment.DRIVING, cancel=True)
+
+
+class Story:
+    """Events of a drive with a fault at 10 s; the base obeys `stop`."""
+
+    def __init__(self) -> None:
+        self.events: List[Event] = []
+        self.add(5.0, events.SENT, label=REQUEST, goals=["(robot_at kitchen)"])
+        self.add(5.1, events.GOALS, server="move_base", active=["a"], ended={})
+        self.add(10.0, events.FAULT, fault="x", targets=[])
+
+    def add(self, at: float, kind: str, **data: Any) -> "Story":
+        self.events.append(Event(at, kind, data))
+        return self
+
+    def drive(self, begin: float, end: float, until: float) -> "Story":
+        """0.3 m/s from begin to end, then standing; the truth comes with 20 Hz."""
+        for tick in range(round(begin * 20), round(until * 20) + 1):
+            at = tick / 20
+            x = 0.3 * (min(at, end) - begin)
+            self.add(at, events.TRUTH, speed=0.3 if at < end else 0.0, turn=0.0, x=x, y=0.0)
+        return self
+
+    def told(
+        self, at: float, outcome: str = "CANCELLED", reason: str = "cancelled", label: str = REQUEST
+    ) -> "Story":
+        return self.add(at, events.ENDED, label=label, outcome=outcome, reason=reason, action="", state=2)
+
+    def facts(self, at: float, places: Optional[List[str]] = None, **data: Any) -> "Story":
+        names = ["anywhere"] if places is None else places
+        fields: Dict[str, Any] = {
+            "robot_at": [f"(robot_at {name})" for name in names],
+            "notes": NOTES,
+            "goals": [],
+        }
+        return self.add(at, events.FACTS, **{**fields, **data})
+
+    def next_goal(self, at: float, after: float = 0.5) -> "Story":
+        self.add(at, events.NEXT)
+        self.add(at + 0.1, events.SENT, label=NEXT, goals=["(robot_at bathroom)"])
+        self.add(at + after, events.GOALS, server="move_base", active=["b"], ended={"a": 2})
+        self.add(at + after + 0.1, events.CANCEL, label=NEXT)
+        self.add(at + after + 0.15, events.GOALS, server="move_base", active=[], ended={"a": 2, "b": 2})
+        return self.told(at + after + 0.2, label=NEXT)
+
+    def judge(self, trial: Trial = DRIVING) -> Judgement:
+        log = sorted(self.events, key=lambda event: event.at)
+        log.append(Event(log[-1].at + 0.01, events.CLOSED))
+        return judge(Evidence(trial, log, POINTS, NOTES))
+
+
+def good() -> Story:
+    story = Story().drive(6.0, 10.6, 20.0).add(10.01, events.CANCEL, label=REQUEST)
+    story.add(10.6, events.GOALS, server="move_base", active=[], ended={"a": 2})
+    return story.told(10.8).facts(12.0).next_goal(12.1)
+
+
+def only(judgement: Judgement, *words: str) -> None:
+    assert len(judgement.violations) == 1, judgement.violations
+    for word in words:
+        assert word in judgement.violations[0]
+
+
+def test_a_robot_that_stops_tells_and_goes_on_is_not_blamed() -> None:
+    judgement = good().judge()
+    assert judgement.violations == ()
+    assert judgement.stand == pytest.approx(0.6)
+    assert judgement.answer == pytest.approx(0.79)
+    assert judgement.following == pytest.approx(0.5)
+    assert judgement.outcome == "CANCELLED"
+
+
+def test_a_base_that_drives_on_is_seen_with_how_far() -> None:
+    story = Story().drive(6.0, 99.0, 20.0)
+    story.add(10.5, events.GOALS, server="move_base", active=[], ended={"a": 2})
+    judgement = story.judge(Trial("test", KILL, Moment.DRIVING))
+    assert any("drives on" in text and "3.0 m" in text for text in judgement.violations)
+    assert judgement.stand is None
+
+
+@pytest.mark.parametrize(("signal", "blamed"), [("KILL", True), ("STOP", False)])
+def test_a_hung_owner_gives_half_a_second_more(signal: str, blamed: bool) -> None:
+    fault = Fault("x", SIGNAL, ("merlin_fsm_host",), signal)
+    story = Story().drive(6.0, 11.3, 20.0).add(11.3, events.GOALS, server="move_base", active=[], ended={})
+    judgement = story.told(11.4, "ACTION_FAILED", "fsm host is gone").judge(Trial("t", fault, Moment.DRIVING))
+    assert bool(judgement.violations) == blamed
+
+
+def test_a_base_that_a_wall_has_stopped_does_not_stand() -> None:
+    story = Story().drive(6.0, 10.6, 20.0).add(9.9, events.COMMAND, speed=0.3, turn=0.0)
+    story.add(10.6, events.GOALS, server="move_base", active=[], ended={"a": 2}).told(10.7, "ACTION_FAILED")
+    only(story.judge(Trial("t", KILL, Moment.DRIVING)), "drives on, or would")
+    story.add(10.5, events.COMMAND, speed=0.0, turn=0.0)
+    assert story.judge(Trial("t", KILL, Moment.DRIVING)).violations == ()
+
+
+def test_a_fault_that_takes_no_owner_lets_the_base_drive() -> None:
+    fault = Fault("x", SIGNAL, ("soundplay_node",), "KILL")
+    story = Story().drive(6.0, 15.0, 20.0).add(15.0, events.GOALS, server="move_base", active=[], ended={})
+    judgement = story.told(15.1, "SUCCEEDED", "").judge(Trial("t", fault, Moment.DRIVING))
+    assert judgement.violations == ()
+    assert judgement.stand is None
+
+
+def test_cancelled_while_the_base_drives_is_a_lie() -> None:
+    story = Story().drive(6.0, 14.0, 20.0).add(10.0, events.CANCEL, label=REQUEST).told(10.5)
+    story.add(14.0, events.GOALS, server="move_base", active=[], ended={"a": 2})
+    found = " | ".join(story.judge().violations)
+    assert "CANCELLED is told at 0.50 s, and the base moves with 0.30 m/s" in found
+    assert "move_base has not ended its goal" in found
+    assert "the base moves until 3.95 s" in found or "the base moves until 4.00 s" in found
+
+
+def test_a_base_may_brake_after_the_end_but_nothing_may_command_it() -> None:
+    braking = Story().drive(6.0, 10.4, 20.0).add(10.0, events.CANCEL, label=REQUEST)
+    braking.add(10.0, events.GOALS, server="move_base", active=[], ended={"a": 2}).told(10.05)
+    assert braking.judge().violations == ()
+    braking.add(12.0, events.COMMAND, speed=0.3, turn=0.0)
+    only(braking.judge(), "cmd_vel is not zero until 2.00 s")
+
+
+def test_a_slow_world_brakes_slowly() -> None:
+    """At a fifth of real time a base needs five times as long to brake, and is not blamed for it."""
+    story = Story().drive(6.0, 11.6, 20.0).add(10.0, events.CANCEL, label=REQUEST).told(10.1)
+    story.add(10.0, events.GOALS, server="move_base", active=[], ended={"a": 2})
+    assert story.judge().violations
+    story.events = [
+        Event(event.at, event.kind, {**event.data, "ros": event.at / 5})
+        if event.kind == events.TRUTH
+        else event
+        for event in story.events
+    ]
+    assert story.judge().violations == ()
+
+
+def test_a_dead_server_runs_nothing_any_more() -> None:
+    fault = Fault("x", SIGNAL, ("navigation",), "KILL")
+    story = Story().drive(6.0, 10.5, 20.0).add(10.0, events.CANCEL, label=REQUEST).told(11.0)
+    assert story.judge(Trial("t", fault, Moment.DRIVING, cancel=True)).violations == ()
+
+
+def test_an_end_that_comes_late_or_never_is_seen() -> None:
+    late = Story().drive(6.0, 10.5, 40.0).add(10.0, events.CANCEL, label=REQUEST)
+    late.add(10.5, events.GOALS, server="move_base", active=[], ended={"a": 2})
+    never = Story()
+    never.events = list(late.events)
+    only(late.told(21.0).judge(), "only 11.0 s after its cancel")
+    only(never.judge(), "it hangs")
+
+
+def test_a_request_that_does_nothing_hangs() -> None:
+    story = (
+        Story().drive(6.0, 10.5, 25.0).add(10.5, events.GOALS, server="move_base", active=[], ended={"a": 2})
+    )
+    story.add(21.0, events.CANCEL, label=REQUEST).told(21.2)
+    only(story.judge(Trial("t", KILL, Moment.DRIVING)), "neither ends nor goes on")
+
+
+def test_a_request_that_goes_on_does_not_hang() -> None:
+    story = (
+        Story().drive(6.0, 10.5, 25.0).add(10.5, events.GOALS, server="move_base", active=[], ended={"a": 2})
+    )
+    story.add(18.0, events.DISPATCH, name="navigate", action=0, plan=1)
+    story.add(21.0, events.CANCEL, label=REQUEST).told(21.2)
+    assert story.judge(Trial("t", KILL, Moment.DRIVING)).violations == ()
+
+
+@pytest.mark.parametrize(
+    ("places", "words"),
+    [([], "0 robot_at"), (["kitchen", "anywhere"], "2 robot_at"), (["bathroom"], "away from there")],
+)
+def test_the_place_is_one_and_true(places: List[str], words: str) -> None:
+    story = good()
+    story.events = [event for event in story.events if event.kind != events.FACTS]
+    only(story.facts(12.0, places).judge(), words)
+
+
+def test_lost_facts_left_goals_and_silence_are_seen() -> None:
+    only(good().facts(19.0, notes=[]).judge(), "lost", "(noted n1)")
+    only(good().facts(19.0, goals=["(robot_at kitchen)"]).judge(), "goals are left")
+    only(good().add(19.0, events.FACTS, error="no answer").judge(), "does not answer")
+
+
+def test_a_reason_names_a_part() -> None:
+    story = Story().drive(6.0, 10.5, 20.0).add(10.5, events.GOALS, server="move_base", active=[], ended={})
+    only(story.told(10.6, "INTERNAL", "[Errno 111] Connection refused").judge(), "names no part")
+
+
+def test_a_timeout_names_what_did_not_stop() -> None:
+    story = Story().drive(6.0, 10.5, 20.0).add(10.0, events.CANCEL, label=REQUEST)
+    only(story.told(15.0, "CANCEL_TIMEOUT", "").judge(), "does not name")
+
+
+def test_the_next_goal_has_to_begin_in_time() -> None:
+    story = good()
+    story.events = [event for event in story.events if event.at < 12.1 or event.kind == events.TRUTH]
+    late = Story()
+    late.events = list(story.events)
+    refused = Story()
+    refused.events = list(story.events)
+    only(late.next_goal(12.1, 6.0).judge(), "began only after 6.0 s")
+    refused.add(12.1, events.NEXT).add(12.2, events.SENT, label=NEXT, goals=[])
+    only(
+        refused.told(12.4, "UNSOLVABLE", "no plan", NEXT).judge(),
+        "ended UNSOLVABLE before any action: no plan",
+    )
+    story.add(12.1, events.NEXT).add(12.2, events.SENT, label=NEXT, goals=[])
+    only(story.judge(), "has not begun")
+
+
+def test_help_gives_the_next_goal_more_time() -> None:
+    story = good()
+    story.events = [event for event in story.events if event.at < 12.1 or event.kind == events.TRUTH]
+    assert story.add(12.0, events.HELPED, what="x").next_goal(12.1, 7.0).judge().violations == ()
+
+
+@pytest.mark.parametrize(("idle_at", "words"), [(11.0, ""), (22.0, "runs for 12.0 s"), (None, "still runs")])
+def test_a_dead_clients_request_is_cancelled(idle_at: Optional[float], words: str) -> None:
+    fault = Fault("client:kill", SIGNAL, ("client",), "KILL")
+    story = Story().drive(6.0, 10.5, 25.0).add(10.5, events.GOALS, server="move_base", active=[], ended={})
+    story.add(10.1, events.STATUS, state=1, stage="x")
+    if idle_at is not None:
+        story.add(idle_at, events.STATUS, state=0, stage="")
+    judgement = story.judge(Trial("t", fault, Moment.DRIVING))
+    if words:
+        only(judgement, words)
+    else:
+        assert judgement.violations == ()
+
+
+def test_a_planner_does_not_delay_a_cancel() -> None:
+    def story(at: float) -> Judgement:
+        told = Story().add(9.0, events.GOALS, server="move_base", active=[], ended={"a": 3})
+        told.add(10.0, events.CANCEL, label=REQUEST).told(at)
+        return told.judge(
+            Trial("t", Fault("none", NONE), Moment.PLANNING, True, variant=Variant(planner="slow"))
+        )
+
+    assert story(11.5).violations == ()
+    only(story(13.7), "only 3.7 s after its cancel")
+
+
+def test_processes_left_behind_are_seen() -> None:
+    trial = Trial("t", Fault("none", NONE), Moment.PLANNING, cancel=True)
+    only(good().add(18.0, events.LEFT, count=2).judge(trial), "2 processes of the planner")

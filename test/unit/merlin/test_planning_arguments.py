@@ -1,0 +1,97 @@
+"""planning:=merlin|rosplan, dispatcher:= and planner_command:= of the applications' launch files."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+import rospkg
+from roslaunch.config import ROSLaunchConfig
+from roslaunch.core import RLException
+from roslaunch.xmlloader import XmlLoader
+
+LAUNCH = Path(rospkg.RosPack().get_path("merlin")) / "launch"
+ROBOT = {
+    "domain_path": "/d.pddl",
+    "problem_path": "/p.pddl",
+    "points_of_interest": str(Path(__file__).parents[2] / "data" / "points_of_interest.yaml"),
+    "actions": "[]",
+}
+FILES = {"home.launch": {}, "restaurant.launch": {}, "include/robot.launch": ROBOT}
+COMPONENTS = {
+    "rosplan_knowledge_base": "knowledgeBase",
+    "rosplan_problem_interface": "problemInterface",
+    "rosplan_planner_interface": "popf_planner_interface",
+    "rosplan_parsing_interface": "pddl_{}_plan_parser",
+    "rosplan_plan_dispatcher": "pddl_{}_plan_dispatcher",
+}
+
+
+def load(file, **arguments):
+    inner = "".join(f'<arg name="{name}" value="{value}"/>' for name, value in arguments.items())
+    config = ROSLaunchConfig()
+    text = f'<launch><include file="{LAUNCH / file}">{inner}</include></launch>'
+    XmlLoader(resolve_anon=False).load_string(text, config)
+    return config
+
+
+@pytest.mark.parametrize("file, arguments", FILES.items())
+@pytest.mark.parametrize("dispatcher", ["simple", "esterel"])
+def test_merlin_plans_unless_told_otherwise(file, arguments, dispatcher):
+    config = load(file, **arguments, dispatcher=dispatcher, planner_command="popf DOMAIN PROBLEM")
+    assert [node.name for node in config.nodes if node.name.startswith(("planning", "rosplan"))] == [
+        "planning_system"
+    ]
+    components = {
+        name.rsplit("/", 1)[1]: parameter.value
+        for name, parameter in config.params.items()
+        if name.startswith("/planning_system/components/")
+    }
+    assert components["rosplan_plan_dispatcher"] == f"{dispatcher}_plan_dispatcher"
+    assert config.params["/rosplan_planner_interface/planner_command"].value == "popf DOMAIN PROBLEM"
+
+
+@pytest.mark.parametrize("file, arguments", FILES.items())
+@pytest.mark.parametrize("dispatcher", ["simple", "esterel"])
+def test_rosplan_plans_when_asked_to(file, arguments, dispatcher):
+    config = load(file, **arguments, planning="rosplan", dispatcher=dispatcher)
+    nodes = {node.name: node for node in config.nodes if node.name.startswith(("planning", "rosplan"))}
+    wanted = {name: kind.format(dispatcher) for name, kind in COMPONENTS.items()}
+    assert {name: node.type for name, node in nodes.items()} == wanted
+    values = {name: parameter.value for name, parameter in config.params.items()}
+    assert values["/rosplan_plan_dispatcher/timeout_actions"] is False
+    assert values["/rosplan_planner_interface/use_problem_topic"] is True
+    assert values["/rosplan_planner_interface/planner_command"].endswith("popf DOMAIN PROBLEM")
+    assert (
+        values["/rosplan_planner_interface/problem_path"] == values["/rosplan_problem_interface/problem_path"]
+    )
+    topics = [
+        value for name, value in values.items() if name.endswith("_topic") and name.startswith("/rosplan_")
+    ]
+    assert "/rosplan_planner_interface/planner_output" in topics
+    assert "/rosplan_parsing_interface/complete_plan" in topics
+
+
+def test_names_carry_the_robot():
+    config = load("home.launch", robot="one", planning="rosplan")
+    values = {name: parameter.value for name, parameter in config.params.items()}
+    for node in ("rosplan_parsing_interface", "rosplan_plan_dispatcher", "rosplan_problem_interface"):
+        assert values[f"/one/{node}/knowledge_base"] == "one/rosplan_knowledge_base"
+    assert values["/one/rosplan_plan_dispatcher/plan_topic"] == "/one/rosplan_parsing_interface/complete_plan"
+
+
+def test_another_planning_system_does_not_exist():
+    with pytest.raises((RLException, OSError), match="somebody.launch"):
+        load("home.launch", planning="somebody")
+
+
+def test_our_own_nodes_are_refused_with_a_sentence():
+    prefix = LAUNCH.parent / "scripts" / "rosplan_node"
+    for package, executable in (
+        ("rosplan_knowledge_base", "knowledgeBase"),
+        ("rosplan_planning_system", "pddl_simple_plan_dispatcher"),
+    ):
+        script = Path(rospkg.RosPack().get_path(package)) / "scripts" / executable
+        done = subprocess.run([prefix, script, "__name:=x"], capture_output=True, text=True)
+        assert done.returncode == 2 and "needs ROSPlan's own nodes" in done.stderr
+    done = subprocess.run([prefix, "/bin/echo", "a node of its own"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "a node of its own\n")

@@ -1,0 +1,175 @@
+"""The launch-prefix that starts a crashed node again, and ends with one that could not begin."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Callable, List
+
+import pytest
+
+RESPAWN = Path(__file__).parents[3] / "src" / "merlin" / "scripts" / "respawn"
+LONG = 30.0
+
+# Adds its pid to a file, then does what its life's word says; the last word holds for all further lives.
+NODE = """
+import os, signal, sys
+lives, *words = sys.argv[1:-1]
+codes = {signal.SIGTERM: 7, signal.SIGINT: 8}
+for number in codes:
+    signal.signal(number, lambda *_: None)  # also where the parent had it ignored
+signal.pthread_sigmask(signal.SIG_BLOCK, codes)
+with open(lives, "a") as file:
+    file.write(f"{os.getpid()}\\n")
+word = words[min(len(open(lives).readlines()), len(words)) - 1]
+if word in ("wait", "deaf"):
+    print("ready", flush=True)
+    while word == "deaf":
+        signal.pause()
+    sys.exit(codes[signal.sigwait(codes)])
+if word.startswith("-"):
+    os.kill(os.getpid(), -int(word))
+sys.exit(int(word))
+"""
+
+
+class Run:
+    """One run of the script, in a session of its own as roslaunch starts it."""
+
+    def __init__(self, folder: Path, *words: str) -> None:
+        self.lives = folder / "lives"
+        self.process = subprocess.Popen(
+            [str(RESPAWN), sys.executable, "-c", NODE, str(self.lives), *words, "__name:=wheel"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            # As roslaunch starts it: what a script starts with & ignores SIGINT, which a shell cannot trap.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )
+
+    def pids(self) -> List[int]:
+        return [int(line) for line in self.lives.read_text().split()] if self.lives.exists() else []
+
+    def wait_ready(self) -> int:
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline() == "ready\n"
+        return self.pids()[-1]
+
+    def end(self) -> List[str]:
+        _, error = self.process.communicate(timeout=LONG)
+        return [line for line in error.splitlines() if line.startswith("respawn: ")]
+
+
+@pytest.fixture
+def run(tmp_path: Path):
+    started: List[Run] = []
+
+    def start(*words: str) -> Run:
+        started.append(Run(tmp_path, *words))
+        return started[-1]
+
+    yield start
+    for one in started:
+        for pid in (one.process.pid, *one.pids()):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        one.process.communicate()
+
+
+def gone(pid: int) -> bool:
+    """Whether a process ends; waits for it."""
+    until = time.monotonic() + LONG
+    while time.monotonic() < until:
+        try:
+            if Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z":
+                return True
+        except FileNotFoundError:
+            return True
+        time.sleep(0.01)
+    return False
+
+
+@pytest.mark.parametrize("code", [0, 2, 126, 127])
+def test_a_node_that_ended_or_could_not_begin_is_not_started_again(
+    run: Callable[..., Run], code: int
+) -> None:
+    node = run(str(code))
+    assert node.end() == []
+    assert node.process.returncode == code and len(node.pids()) == 1
+
+
+def test_a_program_that_does_not_exist() -> None:
+    done = subprocess.run([str(RESPAWN), "/nowhere/node"], capture_output=True, text=True, timeout=LONG)
+    assert done.returncode == 127 and "/nowhere/node" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("word", "how"), [("-9", "signal KILL"), ("-11", "signal SEGV"), ("1", "exit code 1")]
+)
+def test_a_node_that_died_starts_again(run: Callable[..., Run], word: str, how: str) -> None:
+    node = run(word, word, "2")
+    assert node.end() == [
+        f"respawn: wheel died ({how}); it is started again, {count} of 5 times within 30 s"
+        for count in (1, 2)
+    ]
+    assert node.process.returncode == 2 and len(node.pids()) == 3
+
+
+def test_it_gives_up_in_the_end(run: Callable[..., Run]) -> None:
+    node = run("-9")
+    assert node.end()[-1] == (
+        "respawn: wheel died (signal KILL) for the 6th time within 30 s; it is not started again"
+    )
+    assert node.process.returncode == 137 and len(node.pids()) == 6
+
+
+def test_more_starts_on_demand(run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RESPAWN_MOST", "1")
+    node = run("-9")
+    assert len(node.end()) == 2 and len(node.pids()) == 2
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 8), (signal.SIGTERM, 7)])
+@pytest.mark.parametrize("group", [True, False])
+def test_a_stop_reaches_the_node_and_is_the_end(
+    run: Callable[..., Run], number: signal.Signals, code: int, group: bool
+) -> None:
+    node = run("wait")
+    pid = node.wait_ready()
+    (os.killpg if group else os.kill)(node.process.pid, number)
+    assert node.end() == []
+    assert node.process.returncode == code and node.pids() == [pid]
+    assert gone(pid)
+
+
+def test_a_stop_while_it_waits_to_start_again(run: Callable[..., Run]) -> None:
+    node = run("-9")
+    assert node.process.stderr is not None
+    for line in node.process.stderr:
+        if "4 of 5" in line:
+            break
+    began = time.monotonic()
+    node.process.send_signal(signal.SIGINT)
+    assert node.process.wait(LONG) == 0
+    assert time.monotonic() - began < 1.5 and len(node.pids()) == 4
+
+
+def test_a_node_that_does_not_listen_is_not_given_up(run: Callable[..., Run]) -> None:
+    node = run("deaf")
+    pid = node.wait_ready()
+    os.killpg(node.process.pid, signal.SIGTERM)
+    with pytest.raises(subprocess.TimeoutExpired):
+        node.process.wait(0.5)
+    os.killpg(node.process.pid, signal.SIGKILL)  # as roslaunch does in the end
+    assert gone(pid)
+
+
+def test_the_node_ends_when_the_script_is_killed(run: Callable[..., Run]) -> None:
+    node = run("wait")
+    pid = node.wait_ready()
+    node.process.kill()
+    assert gone(pid)

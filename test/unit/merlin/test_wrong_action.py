@@ -1,0 +1,35 @@
+"""A wrong configuration ends the launch, with the reason; a node does not start for ever to say it."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ACTIONS = Path(__file__).parents[3] / "launch" / "include" / "actions.launch"
+
+
+@pytest.mark.parametrize(
+    ("actions", "reason"),
+    [
+        (
+            "['merlin_actions.actions.navigate:Navigat']",
+            "module merlin_actions.actions.navigate has no Navigat",
+        ),
+        ("['merlin_actions.no_such_module:Navigate']", "No module named 'merlin_actions.no_such_module'"),
+    ],
+)
+def test_a_misspelt_class_ends_the_launch(tmp_path: Path, actions: str, reason: str) -> None:
+    done = subprocess.run(
+        ["rosrun", "merlin", "run", str(ACTIONS), f"actions:={actions}"],
+        env={**os.environ, "ROS_LOG_DIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert reason in done.stderr
+    assert "required node 'merlin_fsm_host' died with exit code 2" in done.stderr
+    assert "started again" not in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,80 @@
+"""The goals of one state machine: one at a time, each answered, none in the way for ever."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from merlin_actions.machine_slot import Decision, Do, MachineSlot
+
+
+def kinds(decisions):
+    return [(decision.what, decision.goal) for decision in decisions]
+
+
+def test_a_newer_goal_preempts_the_older_and_starts_after_it():
+    slot = MachineSlot()
+    assert slot.arrive("a") == [Decision(Do.START, "a")]
+    assert kinds(slot.arrive("b")) == [(Do.PREEMPT, "a")]
+    assert kinds(slot.end("a")) == [(Do.START, "b")]
+
+
+def test_a_run_that_does_not_stop_is_abandoned():
+    slot = MachineSlot()
+    slot.arrive("a")
+    assert kinds(slot.cancel("a", "cancelled")) == [(Do.PREEMPT, "a")]
+    slot.arrive("b")
+    assert kinds(slot.limit_passed("a")) == [(Do.ABANDON, "a"), (Do.START, "b")]
+    assert slot.end("a") == []  # late, and of no interest any more
+
+
+def test_a_limit_without_a_preempt_does_nothing():
+    slot = MachineSlot()
+    slot.arrive("a")
+    assert slot.limit_passed("a") == []
+    assert slot.running == "a"
+
+
+_events = st.tuples(st.sampled_from(["arrive", "cancel", "end", "limit"]), st.integers(0, 5))
+
+
+@given(st.lists(_events, max_size=60))
+def test_every_goal_is_answered_and_one_runs_at_a_time(events):
+    slot = MachineSlot()
+    running, open_goals = [], set()
+    number = 0
+
+    def carry_out(decisions):
+        for what, goal, _ in decisions:
+            if what is Do.START:
+                assert not running
+                running.append(goal)
+            elif what is Do.PREEMPT:
+                assert running == [goal]
+            elif what is Do.ABANDON:
+                assert running == [goal]
+                running.clear()
+                open_goals.remove(goal)
+            else:
+                assert goal not in running
+                open_goals.remove(goal)
+
+    for event, choice in events:
+        if event == "arrive":
+            number += 1
+            open_goals.add(str(number))
+            carry_out(slot.arrive(str(number)))
+            continue
+        goal = str(max(1, number - choice))
+        if event == "cancel":
+            carry_out(slot.cancel(goal, "cancelled"))
+        elif event == "limit":
+            carry_out(slot.limit_passed(goal))
+        elif running == [goal]:
+            running.clear()
+            open_goals.remove(goal)
+            carry_out(slot.end(goal))
+        assert len(open_goals) <= 2
+    while running:
+        goal = running.pop()
+        open_goals.remove(goal)
+        carry_out(slot.end(goal))
+    assert not open_goals

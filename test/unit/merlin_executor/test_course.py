@@ -1,0 +1,180 @@
+"""The course of a request: what each end of a stage means for it."""
+
+from typing import List, Tuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from merlin_executor.course import Course, StageEnd
+from merlin_executor.outcome import Outcome
+from merlin_executor.replanning import REPLAN_WAIT, Failure, Replanning
+
+STAGES = ["SETTLE", "ADD_GOALS", "GENERATE_PROBLEM", "PLAN", "PARSE_PLAN", "DISPATCH_PLAN"]
+
+
+def run(course: Course, *ends: Tuple[str, str, str], gone: bool = False) -> None:
+    """Stages and how they ended."""
+    for stage, outcome, reason in ends:
+        course.enter(stage, 0.0)
+        course.ended(StageEnd(stage, outcome, reason, gone))
+
+
+@pytest.mark.parametrize(
+    ("stage", "outcome", "expected"),
+    [
+        ("DISPATCH_PLAN", "succeeded", Outcome.SUCCEEDED),
+        ("ADD_GOALS", "already_true", Outcome.ALREADY_TRUE),
+        ("ADD_GOALS", "aborted", Outcome.INTERNAL),
+        ("SETTLE", "aborted", Outcome.INTERNAL),
+        ("PLAN", "unsolvable", Outcome.UNSOLVABLE),
+        ("PLAN", "timeout", Outcome.PLANNER_TIMEOUT),
+        ("PLAN", "aborted", Outcome.PLANNER_ERROR),
+        ("PARSE_PLAN", "aborted", Outcome.INTERNAL),
+        ("DISPATCH_PLAN", "failed", Outcome.ACTION_FAILED),
+        ("DISPATCH_PLAN", "cancel_timeout", Outcome.CANCEL_TIMEOUT),
+        ("DISPATCH_PLAN", "aborted", Outcome.INTERNAL),
+        *((stage, "preempted", Outcome.CANCELLED) for stage in [*STAGES, "REPLAN"]),
+    ],
+)
+def test_the_last_stage_decides(stage: str, outcome: str, expected: Outcome) -> None:
+    course = Course(3)
+    course.begin()
+    run(course, (stage, outcome, "why"))
+    assert course.verdict()[:2] == (expected, "why")
+
+
+def test_a_planner_that_is_gone_is_no_planner_error() -> None:
+    course = Course(3)
+    course.begin()
+    run(course, ("PLAN", "aborted", "the planning system's planner interface is gone"), gone=True)
+    assert course.verdict().outcome is Outcome.INTERNAL
+    assert course.unreachable
+
+
+def test_a_cancel_while_a_part_is_gone_is_a_cancel() -> None:
+    course = Course(3)
+    course.begin()
+    run(course, ("DISPATCH_PLAN", "preempted", "cancelled"), gone=True)
+    assert course.verdict().outcome is Outcome.CANCELLED
+
+
+def test_unsolvable_after_a_failure_says_what_made_another_way_necessary() -> None:
+    course = Course(3)
+    course.begin()
+    course.action = "(navigate a b)"
+    run(course, ("DISPATCH_PLAN", "failed", "the way is blocked"))
+    assert course.replan().again
+    run(course, ("PLAN", "unsolvable", "no plan"))
+    verdict = course.verdict()
+    assert verdict.outcome is Outcome.UNSOLVABLE
+    assert verdict.reason == "the way is blocked; planned again: no plan"
+    assert verdict.action == "(navigate a b)"
+
+
+def test_a_goal_that_came_true_meanwhile_succeeded() -> None:
+    course = Course(3)
+    course.begin()
+    run(course, ("DISPATCH_PLAN", "failed", "no answer"))
+    assert course.replan().again
+    run(course, ("ADD_GOALS", "already_true", "the goal holds already"))
+    assert course.verdict()[:2] == (Outcome.SUCCEEDED, "the goal holds")
+
+
+@pytest.mark.parametrize(
+    "end",
+    [
+        StageEnd("PLAN", "unsolvable", "no plan"),
+        StageEnd("PLAN", "aborted", "the planner crashed"),
+        StageEnd("DISPATCH_PLAN", "cancel_timeout", "x did not stop", gone=True),
+        StageEnd("DISPATCH_PLAN", "preempted", "cancelled", gone=True),
+    ],
+)
+def test_what_planning_again_does_not_help_ends(end: StageEnd) -> None:
+    course = Course(3)
+    course.begin()
+    course.ended(end)
+    assert not course.replan().again
+    assert course.replans == 0
+
+
+def test_a_part_that_is_gone_is_waited_for_a_bounded_number_of_times() -> None:
+    course = Course(2)
+    course.begin()
+    for expected in (True, True, False):
+        run(course, ("GENERATE_PROBLEM", "aborted", "the problem interface is gone"), gone=True)
+        assert course.replan().again is expected
+    assert course.verdict().outcome is Outcome.INTERNAL
+
+
+def test_stage_times_add_up_over_runs() -> None:
+    course = Course(3)
+    for begin in (0.0, 100.0):
+        course.begin()
+        course.enter("PLAN", begin)
+        course.enter("DISPATCH_PLAN", begin + 2.0)
+        course.enter("", begin + 5.0)
+    assert course.stage_times == {"PLAN": 4.0, "DISPATCH_PLAN": 6.0}
+    assert course.stage == ""
+
+
+def test_an_interrupted_request_has_all_its_new_plans_again() -> None:
+    course = Course(1)
+    course.begin()
+    run(course, ("DISPATCH_PLAN", "failed", "blocked"))
+    assert course.replan().again
+    course.begin()
+    assert not course.dispatched and course.action == ""
+    run(course, ("DISPATCH_PLAN", "failed", "blocked"))
+    assert course.replan().again
+    assert course.replans == 2
+
+
+def test_only_a_dispatched_plan_can_have_moved_the_base() -> None:
+    course = Course(3)
+    course.begin()
+    course.enter("PLAN", 0.0)
+    assert not course.dispatched
+    course.enter("DISPATCH_PLAN", 1.0)
+    course.enter("REMOVE_GOALS", 2.0)
+    assert course.dispatched
+
+
+def test_the_same_failure_is_not_tried_a_third_time() -> None:
+    policy = Replanning(10)
+    failure = Failure("the way is blocked", "(navigate a b)")
+    assert policy.failed(failure) == (True, 0.0, "")
+    decision = policy.failed(failure)
+    assert not decision.again
+    assert decision.reason == "the way is blocked (2 times for the same reason)"
+
+
+def test_other_failures_are_bounded_and_wait_longer_each_time() -> None:
+    policy = Replanning(4)
+    decisions = [policy.failed(Failure(f"reason {number}", "(navigate a b)")) for number in range(5)]
+    assert [decision.wait for decision in decisions[:4]] == [0.0, *(REPLAN_WAIT * n for n in (1, 2, 4))]
+    assert not decisions[4].again
+    assert decisions[4].reason == "reason 4 (planned again 4 times)"
+
+
+def test_without_new_plans_the_reason_stands_alone() -> None:
+    assert Replanning(0).failed(Failure("blocked", "(navigate a b)")).reason == "blocked"
+
+
+@given(
+    st.integers(0, 6),
+    st.lists(st.builds(Failure, st.sampled_from("xyz"), st.sampled_from(["(a)", "(b)", ""]), st.booleans())),
+)
+def test_every_run_ends(limit: int, failures: List[Failure]) -> None:
+    policy = Replanning(limit)
+    seen: List[Failure] = []
+    for failure in failures:
+        decision = policy.failed(failure)
+        seen.append(failure)
+        assert policy.count <= limit
+        if not decision.again:
+            assert decision.reason.startswith(failure.reason)
+            return
+        same = [other for other in seen if other[:2] == failure[:2]]
+        assert failure.gone or len(same) < 2
+    assert len(failures) <= limit

@@ -1,0 +1,224 @@
+"""A goal whose Executor is lost: it ends, or is sent again; and it always ends once."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, Callable, List, Optional
+
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from hypothesis import given
+from hypothesis import strategies as st
+from merlin_msgs.msg import ExecuteGoal, ExecuteResult
+
+from merlin_executor import executor_request
+from merlin_executor.executor_request import ExecutorRequest
+from merlin_executor.resending import END, RESEND, RESENDS, Next, Resending
+
+LONG = 20.0
+
+
+def test_by_default_a_lost_goal_ends() -> None:
+    assert Resending().ended(lost=True) == (Next.FINISH, "")
+
+
+def test_a_goal_that_ended_by_itself_is_not_sent_again() -> None:
+    assert Resending(RESEND).ended(lost=False) == (Next.FINISH, "")
+
+
+def test_a_lost_goal_is_sent_again_when_the_executor_is_back() -> None:
+    resending = Resending(RESEND)
+    assert resending.ended(lost=True).next is Next.AWAIT
+    assert resending.executor(True, 30.0).next is Next.SEND
+    assert resending.sent_again == 1
+
+
+def test_an_executor_that_stays_away_is_named() -> None:
+    resending = Resending(RESEND)
+    resending.ended(lost=True)
+    decision = resending.executor(False, 30.0)
+    assert decision == (Next.FINISH, "the executor is gone and did not return within 30 s")
+
+
+def test_a_cancelled_goal_is_never_sent_again() -> None:
+    resending = Resending(RESEND)
+    resending.cancel()
+    assert resending.ended(lost=True).next is Next.FINISH
+    resending = Resending(RESEND)
+    resending.ended(lost=True)
+    resending.cancel()
+    assert resending.executor(True, 30.0) == (Next.FINISH, "cancelled while the executor was gone")
+
+
+def test_what_to_do_has_to_be_a_known_word() -> None:
+    with pytest.raises(ValueError, match="'again'.*end, resend"):
+        Resending("again")
+
+
+@given(st.sampled_from([END, RESEND]), st.lists(st.tuples(st.booleans(), st.booleans(), st.booleans())))
+def test_every_goal_is_sent_a_bounded_number_of_times(on_lost: str, events: List[tuple]) -> None:
+    resending = Resending(on_lost)
+    for lost, there, cancelled in events:
+        if cancelled:
+            resending.cancel()
+        if resending.ended(lost).next is Next.FINISH:
+            break
+        assert on_lost == RESEND and lost and not resending.cancelled
+        if resending.executor(there, 1.0).next is Next.FINISH:
+            break
+    assert resending.sent_again <= (RESENDS if on_lost == RESEND else 0)
+
+
+# --- the request around it ------------------------------------------------------------------------------
+
+
+class Sent:
+    """A goal at an action server of the test's."""
+
+    def __init__(self, number: int, on_done: Callable[[Any], None]) -> None:
+        self.id = f"goal-{number}"
+        self.status = GoalStatus.PENDING
+        self.text = ""
+        self.result = ExecuteResult()
+        self.feedback = None
+        self.cancelled = threading.Event()
+        self._on_done = on_done
+
+    def cancel(self) -> None:
+        self.cancelled.set()
+
+    def end(self, status: int, text: str = "", **result: Any) -> None:
+        self.status, self.text, self.result = status, text, ExecuteResult(**result)
+        self._on_done(self)
+
+
+class Client:
+    """An action client whose server lives while `there` is set."""
+
+    name = "/merlin/execute"
+
+    def __init__(self) -> None:
+        self.there = threading.Event()
+        self.there.set()
+        self.sent: List[Sent] = []
+        self.changed = threading.Condition()
+
+    def send(self, goal: Any, on_done: Callable, on_feedback: Optional[Callable], **_: Any) -> Sent:
+        with self.changed:
+            self.sent.append(Sent(len(self.sent), on_done))
+            self.changed.notify_all()
+            return self.sent[-1]
+
+    def wait_for_server(self, timeout: float, unless: Callable[[], bool]) -> bool:
+        return self.there.is_set() and not unless()
+
+    def wait_sent(self, count: int) -> Sent:
+        with self.changed:
+            assert self.changed.wait_for(lambda: len(self.sent) >= count, LONG)
+            return self.sent[count - 1]
+
+
+class Statuses:
+    """The subscribers of the Executor's status."""
+
+    def __init__(self) -> None:
+        self.callbacks: List[Callable] = []
+        self.subscribed = threading.Event()
+
+    def __call__(self, topic: str, message_class: type, callback: Callable, **_: Any) -> SimpleNamespace:
+        assert topic == "/merlin/execute/status"
+        self.callbacks.append(callback)
+        self.subscribed.set()
+        return SimpleNamespace(unregister=lambda: None)
+
+    def publish(self) -> None:
+        assert self.subscribed.wait(LONG)
+        self.subscribed.clear()
+        self.callbacks[-1](None)
+
+
+@pytest.fixture
+def client() -> Client:
+    return Client()
+
+
+@pytest.fixture
+def statuses(monkeypatch: pytest.MonkeyPatch) -> Statuses:
+    made = Statuses()
+    monkeypatch.setattr(rospy, "Subscriber", made)
+    monkeypatch.setattr(rospy, "logwarn", lambda text: None)
+    return made
+
+
+def request(client: Client, on_lost: str, done: Optional[List[ExecutorRequest]] = None) -> ExecutorRequest:
+    told = done.append if done is not None else None
+    return ExecutorRequest(client, ExecuteGoal(), told, on_lost=on_lost)  # type: ignore[arg-type]
+
+
+def test_a_request_ends_with_the_reason_of_the_loss(client: Client) -> None:
+    done: List[ExecutorRequest] = []
+    sent = request(client, END, done)
+    client.sent[0].end(GoalStatus.LOST, "the action server /merlin/execute is gone")
+    assert done == [sent] and sent.done
+    assert sent.result.outcome == ExecuteResult.INTERNAL
+    assert sent.result.reason == "the action server /merlin/execute is gone"
+
+
+def test_a_request_survives_its_executor(client: Client, statuses: Statuses) -> None:
+    done: List[ExecutorRequest] = []
+    sent = request(client, RESEND, done)
+    client.sent[0].end(GoalStatus.LOST, "gone")
+    assert not sent.done
+    statuses.publish()
+    second = client.wait_sent(2)
+    assert sent.id == "goal-1" and not done
+    second.end(GoalStatus.SUCCEEDED, reason="done")
+    assert sent.result.reason == "done" and done == [sent]
+
+
+@pytest.mark.parametrize(
+    ("status", "text", "reason"),
+    [
+        (GoalStatus.PREEMPTED, "", "the executor shuts down"),
+        (GoalStatus.ABORTED, "the action server shuts down", ""),
+    ],
+)
+def test_an_executor_that_goes_down_in_order_is_lost_too(
+    client: Client, statuses: Statuses, status: int, text: str, reason: str
+) -> None:
+    request(client, RESEND)
+    client.sent[0].end(status, text, outcome=ExecuteResult.CANCELLED, reason=reason)
+    statuses.publish()
+    client.wait_sent(2)
+
+
+def test_a_cancel_ends_the_wait_for_the_executor(client: Client, statuses: Statuses) -> None:
+    sent = request(client, RESEND)
+    client.sent[0].end(GoalStatus.LOST, "gone")
+    sent.cancel()
+    assert sent.wait(LONG)
+    assert sent.result.outcome == ExecuteResult.CANCELLED
+    assert sent.result.reason == "cancelled while the executor was gone"
+    assert len(client.sent) == 1
+
+
+def test_an_executor_that_does_not_return_ends_the_request(
+    client: Client, statuses: Statuses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executor_request, "RETURN_WAIT", 0.01)
+    client.there.clear()
+    sent = request(client, RESEND)
+    client.sent[0].end(GoalStatus.LOST, "gone")
+    assert sent.wait(LONG)
+    assert sent.result.outcome == ExecuteResult.INTERNAL
+    assert "did not return within" in sent.result.reason
+
+
+def test_an_answer_without_a_result_still_has_a_reason(client: Client) -> None:
+    for status, outcome in (
+        (GoalStatus.RECALLED, ExecuteResult.CANCELLED),
+        (GoalStatus.ABORTED, ExecuteResult.INTERNAL),
+    ):
+        sent = request(client, END)
+        client.sent[-1].end(status, "the action server shuts down")
+        assert (sent.result.outcome, sent.result.reason) == (outcome, "the action server shuts down")

@@ -1,0 +1,509 @@
+"""The guard's decisions, event by event, and in random orders of events."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from merlin_guard.motion_permit import MotionPermit, Send, State
+from merlin_guard.motion_server import ACTIVE, PENDING, PREEMPTING, GoalReport
+from merlin_guard.settings import GuardSettings
+
+BASE, DOCK = "/move_base", "/dock"
+SUCCEEDED, PREEMPTED = 3, 2
+
+
+class World:
+    """A guard, a clock, and peers that speak at their usual rates."""
+
+    def __init__(self, **options):
+        self.permit = MotionPermit([BASE, DOCK], GuardSettings(**options))
+        self.now = 100.0
+        self.cancels = []
+        self.sent = []
+
+    def do(self, decision):
+        self.cancels += [cancel.goal_id for cancel in decision.cancels]
+        self.sent.append(decision.send)
+        return decision
+
+    def status(self, *goals, server=BASE):
+        return self.do(self.permit.status(server, [GoalReport(*goal) for goal in goals], self.now))
+
+    def lease(self, held=(), suspended=(), owner="/host", life="1"):
+        return self.do(self.permit.lease(BASE, owner, life, held, suspended, self.now))
+
+    def cancel(self, goal_id="", stamp=0.0):
+        return self.do(self.permit.cancel(BASE, goal_id, stamp, self.now))
+
+    def drive(self):
+        """Whether a velocity passes now."""
+        return self.do(self.permit.command(True, self.now)).send is Send.COMMAND
+
+    def after(self, seconds, goals=None, held=None, commands=True):
+        """Lets time pass; the motion server, the owner and navigation go on speaking unless they are None."""
+        end = self.now + seconds
+        while self.now < end - 1e-9:
+            self.now += 0.05
+            if goals is not None:
+                self.status(*goals)
+            if held is not None:
+                self.lease(held)
+            if commands:
+                self.do(self.permit.command(True, self.now))
+            self.do(self.permit.tick(self.now))
+        return self
+
+    @property
+    def state(self):
+        return self.permit.view.state
+
+    @property
+    def reason(self):
+        return self.permit.view.reason
+
+
+DRIVING = [("a", ACTIVE)]
+
+
+def driving(**options):
+    """A world whose goal `a` is held by its owner and drives."""
+    world = World(**options)
+    world.lease(["a"])
+    world.status(*DRIVING)
+    assert world.drive()
+    return world
+
+
+def test_nothing_passes_without_a_goal():
+    world = World()
+    assert not world.drive()
+    assert world.sent[-1] is Send.ZERO
+    world.status()
+    assert not world.drive()
+    assert (world.state, world.reason) == (State.IDLE, "no motion goal is active")
+
+
+@pytest.mark.parametrize("status", [PENDING, SUCCEEDED, PREEMPTED])
+def test_nothing_passes_for_a_goal_that_is_not_active(status):
+    world = World()
+    world.status(("a", status))
+    assert not world.drive()
+
+
+def test_a_zero_velocity_always_passes():
+    world = World()
+    assert world.permit.command(False, world.now).send is Send.COMMAND
+    world.permit.stop("by hand", world.now)
+    assert world.permit.command(False, world.now).send is Send.COMMAND
+
+
+def test_a_foreign_goal_passes_and_its_end_stops_the_base():
+    world = World()
+    world.status(("rviz", ACTIVE))
+    assert world.drive() and world.state is State.PASSING
+    assert world.status(("rviz", SUCCEEDED)).send is Send.ZERO
+    assert world.state is State.IDLE and not world.permit.view.moving
+
+
+def test_a_foreign_goal_is_refused_where_a_lease_is_required():
+    world = World(require_lease=True)
+    world.status(("rviz", ACTIVE))
+    assert not world.drive() and "no lease" in world.reason
+    world.after(2.5, [("rviz", ACTIVE)])
+    assert world.cancels == []
+    world.after(1.0, [("rviz", ACTIVE)])
+    assert "rviz" in world.cancels
+
+
+def test_a_goal_older_than_the_guard_needs_an_owner():
+    world = World()
+    world.status(("a", ACTIVE, 5.0, True))
+    assert not world.drive() and "before the guard" in world.reason
+    world.lease(["a"])
+    assert world.drive()
+    orphan = World()
+    orphan.after(3.5, [("a", ACTIVE, 5.0, True)])
+    assert orphan.cancels[0] == "a"
+
+
+def test_a_silent_owner_suspends_then_loses_its_goal():
+    world = driving()
+    world.after(0.5, DRIVING)
+    assert world.state is State.PASSING
+    world.after(0.2, DRIVING)
+    assert world.state is State.HOLDING and "/host has been silent for 0.6 s" in world.reason
+    assert Send.ZERO in world.sent and world.cancels == []
+    world.after(2.5, DRIVING)
+    assert "silent for 3 s" in world.reason and world.cancels
+    world.lease(["a"])  # too late: it was cancelled
+    assert not world.drive()
+
+
+def test_an_owner_that_is_gone_loses_its_goal_sooner():
+    world = driving()
+    world.permit.tick(world.now, {BASE: [], DOCK: []})
+    world.after(0.8, DRIVING)
+    assert world.state is State.HOLDING and not world.cancels
+    world.after(0.2, DRIVING)
+    assert world.cancels == ["a"] and "/host is gone" in world.reason
+
+
+def test_a_connection_that_closes_between_two_leases_harms_nothing():
+    world = driving()
+    world.permit.tick(world.now, {BASE: [], DOCK: []})
+    world.after(2.0, DRIVING, held=["a"])
+    world.permit.tick(world.now, {BASE: ["/host"], DOCK: []})
+    assert world.drive() and not world.cancels
+
+
+def test_an_owner_that_returns_resumes():
+    world = driving().after(1.0, DRIVING)
+    assert not world.drive()
+    world.lease(["a"])
+    assert world.drive() and world.cancels == []
+
+
+def test_a_suspended_lease_holds_and_resumes():
+    world = driving()
+    assert world.lease([], ["a"]).send is Send.ZERO
+    assert not world.drive() and "its own owner is silent" in world.reason
+    world.lease(["a"])
+    assert world.drive()
+
+
+def test_a_new_life_of_the_owner_loses_its_goals_at_once():
+    world = driving()
+    decision = world.lease([], life="2")
+    assert decision.send is Send.ZERO
+    assert [cancel.goal_id for cancel in decision.cancels] == ["a"] and "new life" in world.reason
+
+
+def test_a_new_life_may_take_its_goals_over():
+    world = driving()
+    world.lease(["a"], life="2")
+    assert world.drive() and not world.cancels
+
+
+def test_a_goal_that_its_owner_let_go_holds_at_once_and_is_cancelled():
+    world = driving()
+    assert world.lease([]).send is Send.ZERO
+    assert world.cancels == []  # as a rule it has just ended, and its status is on the way
+    world.after(0.3, DRIVING, held=[])
+    assert world.cancels == ["a"] and "has let go" in world.reason
+
+
+def test_a_let_go_goal_that_ends_is_not_cancelled():
+    world = driving()
+    world.lease([])
+    world.status(("a", SUCCEEDED))
+    world.after(1.0, [("a", SUCCEEDED)], held=[])
+    assert world.cancels == [] and world.state is State.IDLE
+
+
+def test_another_owner_changes_nothing():
+    world = driving()
+    world.lease(["b"], owner="/other")
+    world.lease([], owner="/other")
+    assert world.drive() and not world.cancels
+
+
+@pytest.mark.parametrize("seen", ["cancel", "status", "all"])
+def test_a_cancelled_goal_may_move_until_the_deadline(seen):
+    world = driving()
+    if seen == "status":
+        goals = [("a", PREEMPTING)]
+    else:
+        goals = DRIVING
+        world.cancel("a" if seen == "cancel" else "")
+    world.after(0.45, goals, held=["a"])
+    assert world.state is State.PASSING and not world.cancels
+    world.after(0.15, goals, held=["a"])
+    assert world.state is State.HOLDING and "still runs 0.5 s later" in world.reason
+    assert Send.ZERO in world.sent
+    world.after(2.0, goals, held=["a"])
+    assert world.cancels.count("a") in (4, 5)  # now, and every 0.5 s
+    world.status()
+    assert world.state is State.IDLE
+    world.status(("b", ACTIVE))
+    assert world.drive()
+
+
+def test_a_cancel_by_stamp_concerns_the_older_goals():
+    world = World()
+    world.status(("old", ACTIVE, 5.0), ("new", PENDING, 9.0))
+    world.cancel(stamp=7.0)
+    world.after(0.6, [("old", ACTIVE, 5.0), ("new", PENDING, 9.0)])
+    assert world.state is State.HOLDING
+    world.status(("new", ACTIVE, 9.0))
+    assert world.drive()
+
+
+def test_a_cancel_that_overtakes_its_goal_counts():
+    world = World()
+    world.cancel("a")
+    world.status(("a", ACTIVE))
+    world.after(0.6, [("a", ACTIVE)])
+    assert world.state is State.HOLDING
+
+
+def test_no_command_stops_the_base():
+    world = driving()
+    world.after(0.25, DRIVING, held=["a"], commands=False)
+    assert world.permit.view.moving
+    world.after(0.1, DRIVING, held=["a"], commands=False)
+    assert not world.permit.view.moving and world.sent.count(Send.ZERO) == 1
+    assert world.state is State.PASSING and "no command comes" in world.reason
+    assert world.drive()
+
+
+@pytest.mark.parametrize("rate, passes", [(0.0, True), (0.25, True), (0.9, False)])
+def test_a_paused_or_slow_simulation_makes_no_command_late(rate, passes):
+    world = driving()
+    world.permit.world_rate(rate, world.now)
+    world.after(0.5, None, held=["a"], commands=False)
+    assert world.permit.view.moving is passes
+
+
+def test_a_paused_simulation_makes_no_server_silent():
+    world = driving()
+    world.permit.world_rate(0.0, world.now)
+    world.after(20.0, None, held=["a"])
+    assert world.state is State.PASSING
+    world.permit.world_rate(1.0, world.now)
+    world.after(1.2, None, held=["a"])
+    assert world.state is State.HOLDING
+
+
+def test_a_silent_server_holds_until_it_speaks_again():
+    world = driving()
+    world.after(1.2, None, held=["a"])
+    assert world.state is State.HOLDING and "status has been silent" in world.reason and not world.cancels
+    world.status(*DRIVING)
+    assert world.drive()
+
+
+def test_a_dead_server_is_forgotten_but_not_what_it_did():
+    world = driving()
+    world.cancel("a")
+    world.after(15.5, None, held=["a"])
+    assert world.state is State.IDLE and world.permit.view.goals == ()
+    world.status(*DRIVING)  # it was not dead
+    assert not world.drive() and "was cancelled" in world.reason
+    world.status()
+    world.status(("b", ACTIVE))
+    assert world.drive()
+
+
+def test_a_refused_goal_of_one_server_holds_what_another_commands():
+    world = driving()
+    world.status(("d", ACTIVE), server=DOCK)
+    assert world.drive()
+    world.permit.halt("halted", world.now)
+    world.status(("e", ACTIVE), server=DOCK)  # d has ended; a has not
+    assert not world.drive()
+    world.status()
+    assert world.drive()
+
+
+def test_halt_blocks_the_goals_there_are_and_no_later_one():
+    world = driving()
+    world.permit.goal_sent(BASE, "b", 1.0, world.now)  # on its way
+    decision = world.permit.halt("halted by /executor", world.now)
+    assert decision.send is Send.ZERO and [cancel.goal_id for cancel in decision.cancels] == ["a", "b"]
+    assert not world.drive() and "halted by /executor" in world.reason
+    world.status(("b", ACTIVE))
+    assert not world.drive()
+    world.status(("c", ACTIVE))
+    assert world.drive()
+
+
+def test_a_stop_wins_until_it_is_released():
+    world = driving()
+    decision = world.permit.stop("by hand", world.now)
+    assert decision.send is Send.ZERO and decision.cancels
+    world.after(1.0, DRIVING, held=["a"])
+    assert not world.drive() and (world.state, world.reason) == (State.STOPPED, "by hand")
+    world.status(("b", ACTIVE))  # sent while stopped: it is not to set off at the release
+    assert "b" in world.cancels
+    world.permit.release(world.now)
+    assert not world.drive()
+    world.status(("c", ACTIVE))
+    assert world.drive()
+
+
+def test_a_guard_that_begins_stopped_is_stopped():
+    permit = MotionPermit([BASE], stopped="by hand")
+    permit.status(BASE, [GoalReport("a", ACTIVE)], 1.0)
+    assert permit.command(True, 1.0).send is Send.ZERO and permit.view.state is State.STOPPED
+
+
+def test_a_guard_that_was_away_blames_nobody_and_waits_to_hear_again():
+    world = driving()
+    world.now += 10.0
+    assert world.do(world.permit.tick(world.now)).send is Send.ZERO
+    assert world.state is State.HOLDING and "the guard was held up" in world.reason and not world.cancels
+    world.status(*DRIVING)
+    assert not world.drive() and "heard its owner" in world.reason
+    world.lease(["a"])
+    assert world.drive()
+
+
+def test_settings_that_do_not_fit_are_refused():
+    with pytest.raises(ValueError, match="cancel_deadline is 0"):
+        GuardSettings(cancel_deadline=0.0).check()
+    with pytest.raises(ValueError, match="suspend_after .5 s. is longer than lose_after .3 s."):
+        GuardSettings(suspend_after=5.0).check()
+
+
+class RandomOrders(RuleBasedStateMachine):
+    """Any order of events; what the base gets is checked against what was said last."""
+
+    ids = st.sampled_from("abc")
+    owners = st.sampled_from(("/x", "/y"))
+
+    def __init__(self):
+        super().__init__()
+        self.permit = MotionPermit([BASE, DOCK])
+        self.now = 0.0
+        self.listed = {BASE: {}, DOCK: {}}  # last status lists
+        self.leases = {}  # (server, owner) → last lease and its time
+        self.halted = set()
+        self.stopped = False
+        self.moving = False
+
+    def note(self, decision, command=None):
+        if decision.send is Send.COMMAND:
+            self.moving = bool(command)
+            if command:
+                self.check_allowed()
+        elif decision.send is Send.ZERO:
+            self.moving = False
+
+    def check_allowed(self):
+        assert not self.stopped
+        active = {
+            (server, goal_id)
+            for server, goals in self.listed.items()
+            for goal_id, status in goals.items()
+            if status in (ACTIVE, PREEMPTING)
+        }
+        assert active
+        assert not active & self.halted
+        for server, goal_id in active:
+            naming = [
+                (life_at, goal_id in held and goal_id not in suspended)
+                for (where, _), (held, suspended, life_at) in self.leases.items()
+                if where == server and goal_id in held | suspended
+            ]
+            if naming:  # owned: at least one owner holds it and spoke lately
+                assert any(good and self.now - at <= 0.6 + 1e-9 for at, good in naming)
+
+    @rule(
+        server=st.sampled_from((BASE, DOCK)), goals=st.dictionaries(ids, st.sampled_from((0, 1, 2, 3, 6, 7)))
+    )
+    def status(self, server, goals):
+        for goal_id in set(self.listed[server]) | set("abc"):
+            if goals.get(goal_id, 3) not in (0, 1, 6, 7):
+                self.halted.discard((server, goal_id))
+        self.listed[server] = goals
+        reports = [GoalReport(goal_id, status) for goal_id, status in goals.items()]
+        self.note(self.permit.status(server, reports, self.now))
+
+    @rule(
+        server=st.sampled_from((BASE, DOCK)),
+        owner=owners,
+        life=st.sampled_from("12"),
+        held=st.sets(ids),
+        suspended=st.sets(ids),
+    )
+    def lease(self, server, owner, life, held, suspended):
+        self.leases[server, owner] = held, suspended, self.now
+        self.note(self.permit.lease(server, owner, life, held, suspended, self.now))
+
+    @rule(server=st.sampled_from((BASE, DOCK)), goal_id=st.sampled_from(("", "a", "b", "c")))
+    def cancel(self, server, goal_id):
+        self.note(self.permit.cancel(server, goal_id, 0.0, self.now))
+
+    @rule(server=st.sampled_from((BASE, DOCK)), goal_id=ids)
+    def goal_sent(self, server, goal_id):
+        self.note(self.permit.goal_sent(server, goal_id, 0.0, self.now))
+
+    @rule(moving=st.booleans())
+    def command(self, moving):
+        self.note(self.permit.command(moving, self.now), moving)
+
+    @rule()
+    def stop(self):
+        self.stopped = True
+        self.note(self.permit.stop("by hand", self.now))
+
+    @rule()
+    def release(self):
+        self.stopped = False
+        self.note(self.permit.release(self.now))
+
+    @rule()
+    def halt(self):
+        for server, goals in self.listed.items():
+            self.halted |= {(server, goal_id) for goal_id, status in goals.items() if status in (0, 1, 6, 7)}
+        self.note(self.permit.halt("halted", self.now))
+
+    @rule(seconds=st.floats(0.0, 0.15))
+    def short_time(self, seconds):
+        self.now += seconds
+        self.note(self.permit.tick(self.now))
+
+    @rule(seconds=st.floats(0.15, 30.0))
+    def long_time(self, seconds):
+        self.now += seconds
+        for key, (held, suspended, at) in self.leases.items():  # what the guard missed it does not count
+            self.leases[key] = held, suspended, max(at, at + seconds - 0.2)
+        self.note(self.permit.tick(self.now))
+
+    @precondition(lambda self: self.stopped)
+    @rule()
+    def nothing_passes_while_stopped(self):
+        assert self.permit.command(True, self.now).send is Send.ZERO
+
+    @invariant()
+    def what_moves_is_permitted(self):
+        view = self.permit.view
+        assert view.moving == self.moving
+        if self.moving:
+            assert view.state is State.PASSING
+            self.check_allowed()
+        if self.stopped:
+            assert view.state is State.STOPPED
+
+    @rule()
+    def all_is_well_again(self):
+        """Whatever happened: once all goals have ended and a new, owned one is active, it drives."""
+        self.release()
+        self.status(BASE, {})
+        self.status(DOCK, {})
+        fresh = f"fresh {self.now} {id(object())}"
+        self.lease(BASE, "/z", "1", {fresh}, set())
+        self.status(BASE, {fresh: ACTIVE})
+        decision = self.permit.command(True, self.now)
+        assert decision.send is Send.COMMAND and not decision.cancels
+        self.moving = True
+        self.status(BASE, {})
+
+
+RandomOrders.TestCase.settings = settings(max_examples=300, stateful_step_count=30)
+TestRandomOrders = RandomOrders.TestCase
+
+
+@given(st.lists(st.floats(0.0, 0.09), max_size=60))
+def test_every_refused_goal_is_cancelled_at_least_every_second_until_it_ends(steps):
+    world = driving()
+    world.permit.halt("halted", world.now)
+    since = world.now
+    for step in steps:
+        world.now += step
+        decision = world.permit.tick(world.now)
+        if decision.cancels:
+            assert world.now - since >= 0.5 - 1e-6
+            since = world.now
+        assert world.now - since < 0.6

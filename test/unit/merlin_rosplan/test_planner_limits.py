@@ -1,0 +1,222 @@
+"""A planner ends with everything it has started, within its limits, and a cancel never waits for it."""
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from merlin_rosplan.planner import PlannerSettings
+from merlin_rosplan.planner_host import PlannerHost, PlannerHosts
+from merlin_rosplan.planner_tree import descendants
+from merlin_rosplan.planning import Planning
+from merlin_rosplan.planning_outcome import PlannerState
+
+HOME = Path(__file__).parents[3] / "pddl" / "home"
+LONG = 30.0
+# Leaves the group and the session of the planner, twice, and writes its number.
+RUNAWAY = """
+setsid sh -c 'echo $$ >> {pids}; setsid sh -c "echo \\$\\$ >> {pids}; sleep 600" & sleep 600' &
+echo $$ >> {pids}
+"""
+
+
+@pytest.fixture
+def planner(tmp_path):
+    """Writes a planner; returns its command."""
+
+    def write(body):
+        path = tmp_path / "planner"
+        path.write_text("#!/bin/sh\n" + body)
+        path.chmod(path.stat().st_mode | stat.S_IXUSR)
+        return f"{path} DOMAIN PROBLEM"
+
+    return write
+
+
+def planning(command, **settings):
+    return Planning(
+        PlannerSettings(command=command, **settings), str(HOME / "domain.pddl"), str(HOME / "problem.pddl")
+    )
+
+
+def gone(pid):
+    end = time.monotonic() + LONG
+    while time.monotonic() < end:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        if state == "Z":
+            return True
+        time.sleep(0.002)
+    return False
+
+
+def three(pids):
+    """The numbers of the planner and of its two runaways, once all are there."""
+    end = time.monotonic() + LONG
+    while time.monotonic() < end:
+        found = pids.read_text().split() if pids.exists() else []
+        if len(found) == 3:
+            return [int(pid) for pid in found]
+        time.sleep(0.005)
+    raise AssertionError(f"only {found} have started")
+
+
+def test_what_leaves_the_session_ends_with_the_time_limit(planner, tmp_path):
+    pids = tmp_path / "pids"
+    outcome = planning(planner(RUNAWAY.format(pids=pids) + "sleep 600"), time_limit=2.0).run()
+    assert outcome.state == PlannerState.TIMEOUT
+    assert all(gone(pid) for pid in three(pids))
+
+
+def test_what_leaves_the_session_ends_with_the_planner(planner, tmp_path):
+    pids = tmp_path / "pids"
+    body = RUNAWAY.format(pids=pids) + f"until [ $(wc -l < {pids}) = 3 ]; do sleep 0.01; done; exit 3"
+    outcome = planning(planner(body)).run()
+    assert outcome.state == PlannerState.CRASHED
+    assert all(gone(pid) for pid in three(pids))
+
+
+def test_what_leaves_the_session_ends_with_a_cancel(planner, tmp_path):
+    pids = tmp_path / "pids"
+    wanted = planning(planner(RUNAWAY.format(pids=pids) + "sleep 600"))
+    outcomes = []
+    thread = threading.Thread(target=lambda: outcomes.append(wanted.run()), daemon=True)
+    thread.start()
+    found = three(pids)
+    wanted.cancel()
+    thread.join(LONG)
+    assert outcomes[0].state == PlannerState.CANCELLED
+    # CANCELLED is told when they have ended, not when they were killed.
+    assert not any(Path(f"/proc/{pid}").exists() for pid in found)
+
+
+def test_nothing_survives_the_death_of_the_node(planner, tmp_path):
+    pids = tmp_path / "pids"
+    command = planner(RUNAWAY.format(pids=pids) + "sleep 600")
+    node = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "import sys; from merlin_rosplan.planner import PlannerSettings; "
+            "from merlin_rosplan.planning import Planning; "
+            "Planning(PlannerSettings(command=sys.argv[1]), sys.argv[2], sys.argv[3]).run()",
+            command,
+            str(HOME / "domain.pddl"),
+            str(HOME / "problem.pddl"),
+        ],
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    )
+    found = three(pids)
+    supervisor = int(Path(f"/proc/{found[0]}/stat").read_text().rsplit(")", 1)[1].split()[1])
+    os.kill(node.pid, signal.SIGKILL)
+    node.wait(LONG)
+    assert all(gone(pid) for pid in [*found, supervisor])
+    end = time.monotonic() + LONG
+    while list(tmp_path.glob("planner-*")) and time.monotonic() < end:
+        time.sleep(0.005)
+    assert not list(tmp_path.glob("planner-*"))
+
+
+def test_a_planner_that_needs_too_much_memory_is_ended_and_the_outcome_says_so(planner):
+    hungry = "python3 -c 'b = bytearray(900000000)' || echo out of memory >&2; exit 1"
+    outcome = planning(planner(hungry), memory_limit=400.0).run()
+    assert outcome.state == PlannerState.CRASHED
+    assert "memory" in outcome.reason and "400 MB" in outcome.reason
+
+
+def test_processes_that_need_too_much_memory_together_are_ended(planner, tmp_path):
+    hungry = "import time; b = bytearray(180000000); time.sleep(600)"
+    outcome = planning(planner(f'for i in 1 2 3; do python3 -c "{hungry}" & done; wait'), memory_limit=400.0)
+    ended = outcome.run()
+    assert ended.state == PlannerState.CRASHED and "~memory_limit" in ended.reason
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "exec yes",
+        "trap '' XFSZ; yes; sleep 600",
+        "yes >&2; sleep 600",
+        "yes > sas_plan; sleep 600",
+        "for i in 1 2 3 4 5 6; do head -c 900000 /dev/zero > part$i; done; sleep 600",
+    ],
+)
+def test_a_planner_that_writes_without_end_is_ended_and_the_outcome_says_so(planner, tmp_path, body):
+    outcome = planning(planner(f"pwd > {tmp_path}/folder\n{body}"), output_limit=1.0, time_limit=8.0).run()
+    assert outcome.state == PlannerState.CRASHED
+    assert "MB" in outcome.reason and "~output_limit" in outcome.reason
+    assert outcome.seconds < 8.0
+    assert not Path((tmp_path / "folder").read_text().strip()).exists()
+
+
+def test_a_cancel_does_not_wait_for_the_output_to_be_read(planner, tmp_path):
+    printed = tmp_path / "printed"
+    os.mkfifo(printed)
+    line = "0.000: (navigate anywhere kitchen)  [25.000]"
+    wanted = planning(planner(f"yes '{line}' | head -c 60000000; exec 1>&-; echo x > {printed}"))
+    outcomes = []
+    thread = threading.Thread(target=lambda: outcomes.append(wanted.run()), daemon=True)
+    thread.start()
+    printed.read_text()
+    time.sleep(0.3)  # into the reading, which takes far longer
+    began = time.monotonic()
+    wanted.cancel()
+    thread.join(LONG)
+    waited = time.monotonic() - began
+    assert outcomes[0].state == PlannerState.CANCELLED
+    assert waited < 1.0, f"{waited:.3f} s"  # 10 to 40 ms on a quiet machine
+
+
+def test_reading_without_end_keeps_the_time_limit(planner, monkeypatch):
+    monkeypatch.setattr("merlin_rosplan.planning.READING", 0.5)
+    line = "0.000: (navigate anywhere kitchen)  [25.000]"
+    outcome = planning(planner(f"yes '{line}' | head -c 60000000"), time_limit=2.0).run()
+    assert outcome.state == PlannerState.TIMEOUT and outcome.seconds < LONG
+
+
+def test_a_killed_supervisor_costs_one_planning(planner, tmp_path):
+    hosts = PlannerHosts()
+    host = hosts.take()
+    hosts.give_back(host)
+    fifo = tmp_path / "running"
+    os.mkfifo(fifo)
+    settings = PlannerSettings(command=planner(f"echo x > {fifo}; sleep 600"))
+    paths = str(HOME / "domain.pddl"), str(HOME / "problem.pddl")
+    outcomes = []
+    wanted = Planning(settings, *paths, hosts=hosts)
+    thread = threading.Thread(target=lambda: outcomes.append(wanted.run()), daemon=True)
+    thread.start()
+    fifo.read_text()
+    os.kill(host.pid, signal.SIGKILL)
+    thread.join(LONG)
+    assert outcomes[0].state == PlannerState.CRASHED and "supervising process" in outcomes[0].reason
+    settings = PlannerSettings(command=planner("echo ';; Problem unsolvable!'"))
+    assert Planning(settings, *paths, hosts=hosts).run().state == PlannerState.UNSOLVABLE
+    hosts.take().close()
+
+
+def test_the_child_that_waits_ends_with_its_killed_supervisor(tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    host = PlannerHost()
+    end = time.monotonic() + LONG
+    while not descendants(host.pid) and time.monotonic() < end:
+        time.sleep(0.005)
+    (folder,) = tmp_path.glob("planner-*")
+    os.kill(host.pid, signal.SIGKILL)
+    while folder.exists() and time.monotonic() < end:
+        time.sleep(0.005)
+    assert not folder.exists()
+    host.close()
+
+
+def test_a_planner_may_be_ended_by_a_signal_that_the_supervisor_leaves_alone(planner):
+    outcome = planning(planner("kill -TERM $$; sleep 600"), time_limit=LONG).run()
+    assert outcome.state == PlannerState.CRASHED and "SIGTERM" in outcome.reason

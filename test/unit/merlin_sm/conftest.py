@@ -1,0 +1,153 @@
+"""A master and nodes of the test's own, as processes that can be killed and stopped."""
+
+import contextlib
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+import xmlrpc.client
+from pathlib import Path
+from typing import Dict, Iterator, List, Optional
+
+import pytest
+
+MASTER = """
+import signal, sys
+from merlin.master import Master
+master = Master(int(sys.argv[1]))
+print(master.port, flush=True)
+signal.pause()
+"""
+
+LIMIT = 60.0  # s for anything that a test waits for
+
+
+class Process:
+    """A process whose output is read line by line while it runs."""
+
+    def __init__(self, command: List[str], env: Dict[str, str]) -> None:
+        self.process = subprocess.Popen(
+            command,
+            env=env,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.lines: List[str] = []
+        self._queue: queue.Queue[Optional[str]] = queue.Queue()
+        self._reader = threading.Thread(target=self._read, name="output", daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        for line in self.process.stdout:
+            self._queue.put(line.rstrip("\n"))
+        self._queue.put(None)
+
+    def say(self, line: str) -> None:
+        """Writes a line to its standard input."""
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+
+    def expect(self, text: str, limit: float = LIMIT) -> str:
+        """Waits for a new line that contains the text."""
+        end = time.monotonic() + limit
+        while True:
+            try:
+                line = self._queue.get(timeout=max(0.0, end - time.monotonic()))
+            except queue.Empty:
+                raise AssertionError(f"no {text!r} within {limit:g} s in:\n{self.output}") from None
+            if line is None:
+                raise AssertionError(f"ended without {text!r}:\n{self.output}")
+            self.lines.append(line)
+            if text in line:
+                return line
+
+    @property
+    def output(self) -> str:
+        """What was read so far."""
+        return "\n".join(self.lines)
+
+    def send(self, number: int) -> None:
+        """Sends a signal."""
+        self.process.send_signal(number)
+
+    def end(self, number: int = signal.SIGINT) -> int:
+        """Sends a signal, waits for the end and returns the exit code; `output` is complete then."""
+        if self.process.poll() is None:
+            self.send(number)
+        return self.ended()
+
+    def ended(self) -> int:
+        """Closes its input, waits for the end, returns the exit code; `output` is complete then."""
+        with contextlib.suppress(OSError):
+            self.process.stdin.close()
+        code = self.process.wait(LIMIT)
+        self._reader.join(LIMIT)
+        while True:
+            line = self._queue.get(timeout=LIMIT)
+            if line is None:
+                self._queue.put(None)
+                return code
+            self.lines.append(line)
+
+
+class MasterProcess:
+    """A master that can be killed, stopped and started anew on its port, and what runs on it."""
+
+    def __init__(self, home: Path) -> None:
+        self.env = {
+            **os.environ,
+            "ROS_HOME": str(home),
+            "ROS_LOG_DIR": str(home / "log"),
+            "PYTHONUNBUFFERED": "1",
+        }
+        self.env.pop("ROS_NAMESPACE", None)
+        self._port = 0
+        self._spawned: List[Process] = []
+        self.start()
+
+    def start(self) -> None:
+        """Starts a master that knows nothing; always on the same port."""
+        self.env["ROS_MASTER_URI"] = f"http://localhost:{self._port or 11311}"
+        self.process = self.spawn(sys.executable, "-c", MASTER, str(self._port))
+        self._port = int(self.process.expect(""))
+        self.env["ROS_MASTER_URI"] = self.uri = f"http://localhost:{self._port}"
+        self.api = xmlrpc.client.ServerProxy(self.uri)
+
+    def kill(self) -> None:
+        """Ends the master without warning."""
+        self.process.end(signal.SIGKILL)
+
+    def spawn(self, *command: str) -> Process:
+        """Starts a process that is ended with the test."""
+        process = Process(list(command), self.env)
+        self._spawned.append(process)
+        return process
+
+    def node(self, code: str, *args: str) -> Process:
+        """Starts a node from its source."""
+        return self.spawn(sys.executable, "-c", code, *args)
+
+    def address_of(self, name: str) -> str:
+        """The address that the master has for a node; empty: it has none."""
+        code, _, uri = self.api.lookupNode("/test", name)
+        return str(uri) if code == 1 else ""
+
+    def close(self) -> None:
+        """Ends everything."""
+        for process in reversed(self._spawned):
+            if process.process.poll() is None:
+                process.process.kill()
+            process.process.wait()
+
+
+@pytest.fixture
+def master(tmp_path: Path) -> Iterator[MasterProcess]:
+    """A master of the test's own."""
+    process = MasterProcess(tmp_path)
+    yield process
+    process.close()

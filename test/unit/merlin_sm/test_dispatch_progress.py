@@ -1,0 +1,189 @@
+"""The book of a dispatch: what failed, what may still run, and how the dispatch ended."""
+
+from typing import List, Tuple
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from merlin_sm.dispatch_progress import (
+    PART,
+    Action,
+    Answer,
+    DispatchProgress,
+    Reply,
+    ground,
+)
+
+NAVIGATE = Action(1, 7, "navigate", ("hall", "kitchen"))
+WAVE = Action(2, 7, "wave", ())
+CANCELLED = {"reason": "cancelled"}
+STUCK = {"reason": "the machine does not stop", "stopped": "no"}
+
+
+def book(*actions: Action, taken: bool = True) -> DispatchProgress:
+    progress = DispatchProgress()
+    for action in actions:
+        progress.dispatched(action)
+        if taken:
+            progress.answered(action.id, action.plan_id, Answer.TAKEN, {})
+    return progress
+
+
+def test_actions_run_until_they_are_answered() -> None:
+    progress = book(NAVIGATE, WAVE)
+    assert progress.answered(1, 7, Answer.SUCCEEDED, {})
+    assert progress.steps_done == 1
+    assert [action.text for action in progress.running.values()] == ["(wave)"]
+    assert progress.result(Reply(achieved=True)) == (True, False, False, "", "", (), False)
+
+
+def test_answers_of_other_plans_and_unknown_actions_are_ignored() -> None:
+    progress = book(NAVIGATE)
+    assert not progress.answered(1, 6, Answer.FAILED, {})
+    assert not progress.answered(9, 7, Answer.FAILED, {})
+    assert progress.answered(1, 0, Answer.SUCCEEDED, {})
+    assert not progress.answered(1, 7, Answer.FAILED, {})
+    assert progress.failed == ""
+
+
+def test_a_failure_names_its_action_and_reason() -> None:
+    progress = book(NAVIGATE)
+    progress.answered(1, 7, Answer.FAILED, {"reason": "the way is blocked"})
+    result = progress.result(Reply())
+    assert (result.action, result.reason) == ("(navigate hall kitchen)", "the way is blocked")
+    assert not result.cancelled and not result.unstopped
+
+
+def test_the_first_failure_is_told_not_that_of_what_was_stopped_with_it() -> None:
+    progress = book(NAVIGATE, WAVE)
+    progress.answered(1, 7, Answer.FAILED, {"reason": "the way is blocked"})
+    progress.answered(2, 7, Answer.FAILED, CANCELLED)
+    assert progress.result(Reply()).reason == "the way is blocked"
+    progress = book(NAVIGATE, WAVE)
+    progress.answered(2, 7, Answer.FAILED, CANCELLED)
+    progress.answered(1, 7, Answer.FAILED, {"reason": "the way is blocked"})
+    assert progress.result(Reply()).action == "(navigate hall kitchen)"
+
+
+def test_a_cancel_that_everything_obeys() -> None:
+    progress = book(NAVIGATE)
+    progress.stop()
+    progress.answered(1, 7, Answer.FAILED, CANCELLED)
+    result = progress.result(Reply(), reason="cancelled by cancel_dispatch")
+    assert result.cancelled and not result.unstopped
+
+
+def test_what_says_that_it_did_not_stop_is_named() -> None:
+    progress = book(NAVIGATE, WAVE)
+    progress.stop()
+    progress.answered(1, 7, Answer.FAILED, STUCK)
+    progress.answered(2, 7, Answer.FAILED, CANCELLED)
+    result = progress.result(Reply(), "(navigate hall kitchen)", "cancelled by cancel_dispatch")
+    assert result.cancelled
+    assert result.unstopped == ("(navigate hall kitchen)",)
+
+
+def test_what_did_not_stop_beside_a_failure_is_named_too() -> None:
+    progress = book(NAVIGATE, WAVE)
+    progress.answered(2, 7, Answer.FAILED, {"reason": "no hand"})
+    progress.answered(1, 7, Answer.FAILED, STUCK)
+    result = progress.result(Reply())
+    assert not result.cancelled
+    assert (result.action, result.unstopped) == ("(wave)", ("(navigate hall kitchen)",))
+
+
+def test_an_interface_that_took_an_action_and_does_not_answer_a_cancel_is_named() -> None:
+    progress = book(NAVIGATE)
+    progress.stop()
+    assert progress.result(Reply()).unstopped == ("(navigate hall kitchen)",)
+    told = "cancelled; no answer to the cancel from (navigate hall kitchen), (wave)"
+    assert progress.result(Reply(), reason=told).unstopped == ("(navigate hall kitchen)", "(wave)")
+
+
+def test_an_action_that_no_interface_took_is_not_running() -> None:
+    progress = book(NAVIGATE, taken=False)
+    progress.stop()
+    assert progress.result(Reply()).unstopped == ()
+
+
+def test_an_interface_that_died_is_a_failure_and_no_cancel() -> None:
+    progress = book(NAVIGATE)
+    gone = "the action interface of navigate is gone, silent for 5.1 s"
+    result = progress.result(Reply(), "(navigate hall kitchen)", gone)
+    assert (result.cancelled, result.unstopped, result.reason) == (False, (), gone)
+
+
+def test_a_dispatcher_that_refuses_says_why() -> None:
+    result = book().result(Reply(refused="there is no plan"), reason="an old status")
+    assert (result.reason, result.gone) == ("there is no plan", False)
+
+
+def test_a_dispatcher_that_is_gone_is_told_so() -> None:
+    result = book(NAVIGATE).result(Reply(gone=f"{PART} /d ended while it carried out the plan"))
+    assert result.gone and result.reason.startswith(PART)
+    assert not result.cancelled
+
+
+def test_a_dispatcher_that_hangs_on_a_cancel() -> None:
+    progress = book(NAVIGATE)
+    progress.stop()
+    result = progress.hung("/d", 5.0)
+    assert result.timed_out and result.cancelled
+    assert result.unstopped == ("(navigate hall kitchen)",)
+    assert result.reason.startswith("(navigate hall kitchen) did not stop: the planning system's plan disp")
+    idle = book()
+    idle.stop()
+    assert idle.hung("/d", 5.0).unstopped == (PART,)
+
+
+def test_a_dispatcher_that_hangs_after_a_failure_counts_as_gone() -> None:
+    progress = book(NAVIGATE)
+    progress.answered(1, 7, Answer.FAILED, {"reason": "its owner is gone"})
+    result = progress.hung("/d", 5.0)
+    assert result.gone and not result.timed_out
+    assert "does not answer" in result.reason
+
+
+def test_another_plan_than_the_one_that_is_meant_is_noticed() -> None:
+    progress = DispatchProgress(ground("navigate", ["HALL", "kitchen"]))
+    assert progress.other_plan and not progress.begun
+    progress.dispatched(NAVIGATE)
+    assert progress.begun and not progress.other_plan
+    progress = DispatchProgress(ground("navigate", ["hall", "cellar"]))
+    progress.dispatched(NAVIGATE)
+    assert progress.other_plan
+    assert not book(WAVE).other_plan
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 3), st.sampled_from(["dispatch", "stop", *Answer]), st.sampled_from([{}, STUCK])
+        )
+    )
+)
+def test_whatever_is_heard_a_dispatch_that_was_cancelled_hides_nothing(events: List[Tuple]) -> None:
+    """What was taken and never answered as stopped is in the result of a cancel."""
+    progress = DispatchProgress()
+    open_actions, stuck = set(), set()
+    taken = set()
+    for number, event, information in events:
+        action = Action(number, 1, f"a{number}", ())
+        if event == "dispatch":
+            progress.dispatched(action)
+            open_actions.add(number)
+            taken.discard(number)
+        elif event == "stop":
+            progress.stop()
+        else:
+            progress.answered(number, 1, event, information)
+            if number in open_actions and event is Answer.TAKEN:
+                taken.add(number)
+            elif number in open_actions:
+                open_actions.discard(number)
+                if event is Answer.FAILED and information:
+                    stuck.add(number)
+    progress.stop()
+    expected = {f"(a{number})" for number in stuck | (open_actions & taken)}
+    assert expected <= set(progress.result(Reply()).unstopped)
+    assert {f"(a{number})" for number in open_actions} <= {*progress.hung("/d", 1.0).unstopped, PART}

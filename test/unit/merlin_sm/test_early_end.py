@@ -1,0 +1,49 @@
+"""An executable that is told to end while it starts ends without a traceback, at whatever moment."""
+
+import os
+import random
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+DOMAIN = Path(__file__).parents[3] / "pddl" / "home" / "domain.pddl"
+EXECUTABLES = [
+    ("merlin_rosplan", "planning_system"),
+    ("merlin_rosplan", "knowledge_base"),
+    ("merlin_rosplan", "planner_interface"),
+    ("merlin_rosplan", "plan_dispatcher"),
+    ("merlin_sim", "navigation"),
+    ("merlin_monitor", "monitor"),
+]
+ENDED = {signal.SIGINT: 0, signal.SIGTERM: 128 + signal.SIGTERM}
+MOMENTS = 2.5  # s after the first import within which it is told to end
+
+
+def wait_until_it_can_be_told(process: Any) -> None:
+    """Until SIGTERM is handled; before that nothing of ours has run."""
+    end = time.monotonic() + 30.0
+    while time.monotonic() < end:
+        for line in Path(f"/proc/{process.pid}/status").read_text().splitlines():
+            if line.startswith("SigCgt") and int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1:
+                return
+        time.sleep(0.002)
+    raise AssertionError("it never handled SIGTERM")
+
+
+@pytest.mark.parametrize(("package", "executable"), EXECUTABLES)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_without_a_traceback(master: Any, package: str, executable: str, number: int) -> None:
+    for scope in ("rosplan_knowledge_base", "knowledge_base"):
+        master.api.setParam("/test", f"/{scope}/domain_path", str(DOMAIN))
+    devel = os.environ["CMAKE_PREFIX_PATH"].split(":")[0]
+    node = master.spawn(f"{devel}/lib/{package}/{executable}")
+    wait_until_it_can_be_told(node.process)
+    moment = random.uniform(0.0, MOMENTS)
+    time.sleep(moment)  # the moment is what is tried
+    code = node.end(number)
+    assert "Traceback" not in node.output, f"told after {moment:.2f} s:\n{node.output}"
+    assert "by force" not in node.output, f"told after {moment:.2f} s:\n{node.output}"
+    assert code == ENDED[number], f"told after {moment:.2f} s:\n{node.output}"

@@ -1,0 +1,73 @@
+"""Whether a drive may begin, as far as the guard is concerned."""
+
+import threading
+
+import pytest
+from merlin_msgs.msg import GuardStatus
+
+from merlin_sm import guard_watch
+from merlin_sm.guard_watch import SILENT, GuardWatch
+from merlin_sm.master_link import MasterSilent
+
+
+@pytest.fixture
+def expect(monkeypatch):
+    monkeypatch.setattr(guard_watch.rospy, "Subscriber", lambda *_, **__: None)
+    monkeypatch.setattr(guard_watch, "WAIT", 0.05)
+    return lambda value: monkeypatch.setattr(guard_watch, "get_param", lambda *_: value)
+
+
+@pytest.mark.parametrize("expected", [None, False])
+def test_without_a_guard_everything_may_begin(expect, expected):
+    expect(expected)
+    assert GuardWatch().why_not() == ""
+
+
+def test_an_expected_guard_has_to_speak(expect):
+    expect(True)
+    assert GuardWatch().why_not() == SILENT
+
+
+@pytest.mark.parametrize("state", [GuardStatus.IDLE, GuardStatus.PASSING, GuardStatus.HOLDING])
+def test_a_guard_that_speaks_lets_begin(expect, state):
+    expect(True)
+    watch = GuardWatch()
+    watch._receive(GuardStatus(state=state))
+    assert watch.why_not() == ""
+
+
+def test_what_it_said_long_ago_does_not_count(expect, monkeypatch):
+    expect(True)
+    watch = GuardWatch()
+    watch._receive(GuardStatus())
+    monkeypatch.setattr(guard_watch, "FRESH", 0.0)
+    assert watch.why_not() == SILENT
+
+
+def test_a_guard_that_stopped_the_base_fails_at_once_with_its_reason(expect):
+    expect(True)
+    watch = GuardWatch()
+    watch._receive(GuardStatus(state=GuardStatus.STOPPED, reason="stopped by /page"))
+    assert watch.why_not() == "the velocity guard has stopped the base: stopped by /page"
+
+
+def test_an_interrupt_ends_the_wait(expect, monkeypatch):
+    expect(True)
+    monkeypatch.setattr(guard_watch, "WAIT", 600.0)
+    watch = GuardWatch()
+    interrupted = threading.Event()
+    waiting = threading.Thread(target=lambda: watch.why_not(interrupted.is_set), daemon=True)
+    waiting.start()
+    interrupted.set()
+    watch.wake()
+    waiting.join(60.0)
+    assert not waiting.is_alive()
+
+
+def test_a_silent_master_is_named(expect, monkeypatch):
+    def silent(*_):
+        raise MasterSilent("cannot read the parameter")
+
+    expect(True)
+    monkeypatch.setattr(guard_watch, "get_param", silent)
+    assert GuardWatch().why_not() == "cannot read the parameter"
