@@ -60,6 +60,8 @@ def warm_up() -> None:
     for plan in candidate_plans("0.000: (a o) [1.000]\n"):
         if validator.fault(plan) is None:
             validator.quality(plan)
+    task = Task(Path("domain"), Path("problem"), _DOMAIN, _PROBLEM, Path(), PlannerSettings())
+    KairosPlanner().plan(task)
     parse_command("true DOMAIN PROBLEM")
 
 
