@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import shutil
 import signal
 import subprocess
 import xml.etree.ElementTree as ElementTree
@@ -50,6 +51,8 @@ class RosTestItem(pytest.Item):
         env["ROS_TEST_RESULTS_DIR"] = str(results)
         for old in results.glob("**/*.xml"):
             old.unlink()
+        # What a robot keeps for good would be there for the suite's next run.
+        shutil.rmtree(str(home / "merlin"), ignore_errors=True)
         process = subprocess.Popen(
             ["rostest", str(self.path)],
             env=env,
