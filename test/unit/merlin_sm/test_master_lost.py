@@ -212,3 +212,62 @@ def test_no_call_waits_for_a_master_that_hangs(master: Any) -> None:
     assert "service /nowhere does not answer: cannot look it up: " in told[4][3]
     master.process.send(signal.SIGCONT)
     assert node.ended() == 0
+
+
+# Everything here subscribes for the first time while the master is lost.
+LATE = """
+import sys, threading, time
+from std_msgs.msg import Int32
+from std_srvs.srv import Trigger
+from merlin_executor.readiness import missing_servers
+from merlin_sm.deadline import Deadline, running_time
+from merlin_sm.late_topics import subscribe_by
+from merlin_sm.node import on_master_lost, run_node
+from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from merlin_sm.states.ros_calls import TopicState
+
+def start():
+    on_master_lost(lambda: print("LOST", flush=True))
+    state = TopicState("count", Int32, timeout=60.0)
+    print("started", flush=True)
+    def run():
+        sys.stdin.readline()
+        print("TIME", running_time() > 0.0, flush=True)
+        print("STATE", state.execute({}), state.reason, flush=True)
+        print("SERVERS", missing_servers(["drive"], 0.1), flush=True)
+        begun = time.monotonic()
+        try:
+            ServiceProxy("ask", Trigger, patience=100.0)()
+        except ServiceError as error:
+            print("ASK", time.monotonic() - begun < 50.0, error, flush=True)
+        sys.stdin.readline()
+        came = threading.Event()
+        subscribe_by(Deadline(60.0), threading.Event(), "count", Int32, lambda _: came.set())
+        print("HEARD", came.wait(60.0), flush=True)
+    return run
+sys.exit(run_node("late", start))
+"""
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_what_needs_a_topic_without_a_master_fails_and_names_it(master: Any, fault: int) -> None:
+    master.api.setParam("/test", "/use_sim_time", False)
+    node = master.node(LATE)
+    node.expect("started")
+    master.process.send(fault)
+    node.say("go")
+    node.expect("TIME True")
+    told = node.expect("STATE")
+    assert f"cannot subscribe to /count: the master at {master.uri} does not answer" in told
+    assert "aborted" in told
+    assert "['drive']" in node.expect("SERVERS")
+    assert "True service /ask does not answer: cannot look it up: the master" in node.expect("ASK")
+    if fault == signal.SIGSTOP:
+        master.process.send(signal.SIGCONT)
+    else:
+        master.start()
+    server = master.node(SERVER)
+    server.expect("started")
+    node.say("go")
+    assert "True" in node.expect("HEARD")
+    assert node.ended() == 0

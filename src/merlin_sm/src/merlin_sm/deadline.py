@@ -12,11 +12,16 @@ from typing import Callable, Optional
 import rospy
 from merlin_msgs.msg import SimStatus
 
+from merlin_sm.master_link import lost
+
 SIM_STATUS_TOPIC = "/merlin_sim/status"
 
 
 class _PauseWatch:
-    """Adds up how long the simulator has been paused. One per process, started by its first reader."""
+    """Adds up how long the simulator has been paused. One per process, started by its first reader.
+
+    :func:`merlin_sm.node.init_node` is that one: later the master may be lost.
+    """
 
     def __init__(self) -> None:
         self._subscriber: Optional[rospy.Subscriber] = None
@@ -34,8 +39,8 @@ class _PauseWatch:
             return self._paused_before + (now - self._paused_since if self._paused_since is not None else 0.0)
 
     def _start(self) -> None:
-        if not (rospy.core.is_initialized() and rospy.rostime.is_rostime_initialized()):
-            return
+        if not (rospy.core.is_initialized() and rospy.rostime.is_rostime_initialized()) or lost.is_set():
+            return  # the next reader tries again: without a master this would wait for its return
         with self._lock:
             if self._started:
                 return

@@ -37,6 +37,8 @@ class LeaseChange(NamedTuple):
     state: LeaseState
     reason: str
     """Part of a sentence about the goal, empty when it is held."""
+    let_go: bool = False
+    """Whether it is lost because its living owner does not name it any more."""
 
 
 class _Goal:
@@ -120,7 +122,7 @@ class LeaseBook:
             if goal.life != life:
                 self._set(changes, name, goal, LeaseState.LOST, f"{owner} was restarted")
             elif name not in named:
-                self._set(changes, name, goal, LeaseState.LOST, f"{owner} has let go of it")
+                self._set(changes, name, goal, LeaseState.LOST, f"{owner} has let go of it", let_go=True)
         for name in held:
             goal = self._goals.setdefault(name, _Goal(owner, life))
             if not goal.owner:
@@ -177,10 +179,17 @@ class LeaseBook:
         self._goals.pop(goal, None)
 
     @staticmethod
-    def _set(changes: List[LeaseChange], name: str, goal: _Goal, state: LeaseState, reason: str) -> None:
+    def _set(
+        changes: List[LeaseChange],
+        name: str,
+        goal: _Goal,
+        state: LeaseState,
+        reason: str,
+        let_go: bool = False,
+    ) -> None:
         if goal.state is state:
             return
         first = goal.state is LeaseState.FOREIGN and state is LeaseState.HELD
         goal.state, goal.reason = state, reason
         if not first:
-            changes.append(LeaseChange(name, state, reason))
+            changes.append(LeaseChange(name, state, reason, let_go))

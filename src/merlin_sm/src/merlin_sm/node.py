@@ -18,6 +18,7 @@ from rospy.impl.paramserver import get_param_server_cache
 from rospy.names import get_caller_id
 
 from merlin_sm import master_link
+from merlin_sm.deadline import running_time
 from merlin_sm.master_keeper import MasterKeeper
 from merlin_sm.namesake import living_namesake
 from merlin_sm.parameters import ParameterError
@@ -143,6 +144,7 @@ def init_node(name: str, **options: Any) -> None:
             raise SystemExit(_ending.code) from None
         _refuse(name, f"no master at {rosgraph.get_master_uri()}: {error}; is roscore running?")
     _settle_rosout()
+    running_time()  # subscribes to the simulator's pauses, which may not be possible later
     _keeper = MasterKeeper(rospy.get_name(), rospy.core.get_node_uri())
     rospy.on_shutdown(_keeper.stop)  # before anything else ends: it registers nothing any more
     _keeper.start()

@@ -18,9 +18,11 @@ from std_srvs.srv import Empty
 
 from merlin_sm.action_client import ActionClient
 from merlin_sm.deadline import Deadline
-from merlin_sm.master_link import ERRORS, MasterSilent, bounded_master, get_param
+from merlin_sm.late_topics import subscribe
+from merlin_sm.master_link import ERRORS, MasterSilent, bounded_master, get_param, lost
 from merlin_sm.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 
+MASTER = "the ROS master"
 PROBLEM = "the planning system's problem interface"
 PLANNER = "the planning system's planner interface"
 PARSER = "the planning system's parsing interface"
@@ -62,14 +64,17 @@ class StageError(RuntimeError):
 
 
 class TopicWatch:
-    """Remembers the last message of a topic and waits for a newer one."""
+    """Remembers the last message of a topic and waits for a newer one.
+
+    :raises MasterSilent: when the master does not answer.
+    """
 
     def __init__(self, topic: str, message_class: type) -> None:
         self.topic = rospy.resolve_name(topic)
         self._changed = threading.Condition()  # guards count and message
         self.count = 0
         self.message: Any = None
-        self._subscriber = rospy.Subscriber(self.topic, message_class, self._receive, tcp_nodelay=True)
+        self._subscriber = subscribe(self.topic, message_class, self._receive)
 
     def wait_newer(self, count: int, timeout: float) -> Any:
         """The last message, once more than `count` have come; None when none comes in time (running time)."""
@@ -106,8 +111,11 @@ class PlanningClient:
         self._problem = TopicWatch(f"{problem}/problem_instance", String)
         self._output = TopicWatch(f"{planner}/planner_output", String)
         self._plan: Optional[TopicWatch] = None
+        self._told = threading.Condition()  # guards the field below
         self._status: Optional[PlannerStatus] = None
-        rospy.Subscriber(f"{planner}/planner_status", PlannerStatus, self._receive_status, tcp_nodelay=True)
+        self._status_subscriber = rospy.Subscriber(
+            f"{planner}/planner_status", PlannerStatus, self._receive_status, tcp_nodelay=True
+        )
 
     def wait(self, timeout: float) -> None:
         """Waits until all stages are there, s of running time.
@@ -126,6 +134,8 @@ class PlanningClient:
 
     def missing(self) -> str:
         """The first part that is not there, in words; empty when all are."""
+        if lost.is_set():
+            return MASTER  # the others cannot be asked
         for part, proxy in ((PROBLEM, self._generate), (PARSER, self._parse)):
             if not proxy.available():
                 return part
@@ -167,7 +177,8 @@ class PlanningClient:
             reason = f"{PLANNER} is not there: no action server {self._client.name}"
             return PlanningResult(Planned.ERROR, reason, gone=True)
         count = self._output.count
-        self._status = None
+        with self._told:
+            self._status = None
         ended = threading.Event()
         sent = self._client.send(self._goal(), on_done=lambda _: ended.set())
         cancelled = threading.Event()
@@ -216,16 +227,25 @@ class PlanningClient:
         )
 
     def _failure(self, text: str, status: int) -> PlanningResult:
-        known = self._status
-        if known is not None and known.state in _VERDICTS:
+        with self._told:
+            if status != GoalStatus.LOST and self._status_subscriber.get_num_connections():
+                # It is told before the end of the goal, but on a connection of its own.
+                Deadline(HAND_OVER).wait(self._told, self._is_told)
+            known = self._status if self._is_told() else None
+        if known is not None:
             return PlanningResult(_VERDICTS[known.state], known.reason or text)
         if status == GoalStatus.LOST:
             return PlanningResult(Planned.ERROR, f"{PLANNER} is gone: {text}", gone=True)
         # The original planner interface tells a failure from an unsolvable problem nowhere.
         return PlanningResult(Planned.ERROR, text or "the planner found no plan")
 
+    def _is_told(self) -> bool:
+        return self._status is not None and self._status.state in _VERDICTS
+
     def _receive_status(self, status: PlannerStatus) -> None:
-        self._status = status
+        with self._told:
+            self._status = status
+            self._told.notify_all()
 
     def _plan_watch(self) -> TopicWatch:
         if self._plan is None:
@@ -236,7 +256,10 @@ class PlanningClient:
                 raise StageError(f"{PARSER} cannot be looked up: {error}", gone=True) from error
             if topic not in types:
                 raise StageError(f"{PARSER} is not there: no plans are published on {topic}", gone=True)
-            self._plan = TopicWatch(topic, get_message_class(types[topic]))
+            try:
+                self._plan = TopicWatch(topic, get_message_class(types[topic]))
+            except MasterSilent as error:
+                raise StageError(f"{PARSER}: {error}", gone=True) from error
         return self._plan
 
     @staticmethod

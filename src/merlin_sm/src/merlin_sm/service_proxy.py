@@ -6,7 +6,7 @@ import select
 import socket
 import threading
 import time
-from typing import Any, Optional
+from typing import Any, Callable, Optional
 
 import rosgraph
 import rospy
@@ -14,7 +14,8 @@ from rosgraph.network import write_ros_handshake_header
 from rospy.exceptions import ROSException, TransportException
 from rospy.impl.tcpros_base import TCPROSTransport
 
-from merlin_sm.master_link import ERRORS, bounded_master
+from merlin_sm.call_scope import CallScope, current_scope
+from merlin_sm.master_link import ERRORS, bounded_master, lost
 
 #: Longest wait for a server to take a connection, s of wall time: a hung one never does.
 CONNECT_LIMIT = 5.0
@@ -32,6 +33,8 @@ class _Client(rospy.ServiceProxy):
     """rospy's proxy, with a look-up that ends when the master hangs, and connecting when the server does."""
 
     connect_limit = CONNECT_LIMIT
+    connecting: Optional[TCPROSTransport] = None
+    scope: CallScope = current_scope()
 
     def call(self, *args: Any, **fields: Any) -> Any:
         """Calls the service; see rospy."""
@@ -43,14 +46,17 @@ class _Client(rospy.ServiceProxy):
             limit = threading.Timer(self.connect_limit, _wake, [transport])
             limit.daemon = True
             limit.start()
+            self.connecting = transport
             try:
+                if self.scope.ended:  # while it was looked up
+                    raise TransportException("given up")
                 transport.connect(host, port, self.uri, timeout=self.connect_limit)
             except TransportException:
                 transport.close()
                 raise
             finally:
                 limit.cancel()
-            self.transport = transport
+            self.transport, self.connecting = transport, None
         return super().call(*args, **fields)
 
     def _get_service_uri(self, _: Any) -> str:
@@ -68,7 +74,8 @@ class ServiceProxy:
 
     rospy's persistent proxy has no lock and keeps a connection that has died; this one has a lock, sees a
     connection that the server closed *before* it sends a request, and connects again. A request is never sent
-    twice: a failure after sending is reported.
+    twice: a failure after sending is reported. A call ends early with the
+    :class:`~merlin_sm.call_scope.CallScope` that it is made in.
 
     :param name: of the service, relative names allowed.
     :param service_class: the generated service type.
@@ -84,7 +91,8 @@ class ServiceProxy:
         self._service_class = service_class
         self._timeout = timeout
         self._patience = patience
-        self._lock = threading.Lock()  # one call at a time; guards the proxy
+        self._free = threading.Condition()  # guards _user: one call at a time uses the proxy
+        self._user: Optional[CallScope] = None
         self._proxy: Optional[_Client] = None
         self._nodelay = False
 
@@ -93,28 +101,42 @@ class ServiceProxy:
 
         :raises ServiceError: when there is no answer.
         """
-        with self._lock:
-            patience, self._patience = self._patience, 0.0
-            if patience:
-                self.wait(patience)
-            limit = None
-            begin = time.monotonic()
+        scope = current_scope()
+        with scope.calling(lambda: self._wake(scope)):
+            if not self._occupy(scope):
+                raise ServiceUnavailable(f"service {self.name} does not answer: others wait for it too")
             try:
-                proxy = self._connection()
-                if self._timeout is not None:
-                    limit = threading.Timer(self._timeout, self._give_up, [proxy])
-                    limit.daemon = True
-                    limit.start()
-                return proxy(*args, **fields)
-            except (rospy.ServiceException, ROSException, TransportException, OSError) as error:
-                self._close()
-                if "responded with an error" in str(error):
-                    raise ServiceError(f"service {self.name} failed: {_reason(str(error))}") from error
-                why = self._why(error, time.monotonic() - begin)
-                raise ServiceUnavailable(f"service {self.name} does not answer: {why}") from error
+                return self._call(scope, *args, **fields)
             finally:
-                if limit is not None:
-                    limit.cancel()
+                self._leave()
+
+    def _call(self, scope: CallScope, *args: Any, **fields: Any) -> Any:
+        patience, self._patience = self._patience, 0.0
+        if patience:
+            # Without a master nothing new is found, however long one waits.
+            self._wait(patience, lambda: scope.ended or lost.is_set())
+        limit = None
+        begin = time.monotonic()
+        try:
+            proxy = self._connection()
+            proxy.scope = scope
+            if scope.ended:
+                raise TransportException("given up")
+            if self._timeout is not None:
+                limit = threading.Timer(self._timeout, self._give_up, [proxy])
+                limit.daemon = True
+                limit.start()
+            return proxy(*args, **fields)
+        except (rospy.ServiceException, ROSException, TransportException, OSError) as error:
+            self._close()
+            if "responded with an error" in str(error):
+                raise ServiceError(f"service {self.name} failed: {_reason(str(error))}") from error
+            waited = time.monotonic() - begin
+            why = f"given up after {waited:.1f} s" if scope.ended else self._why(error, waited)
+            raise ServiceUnavailable(f"service {self.name} does not answer: {why}") from error
+        finally:
+            if limit is not None:
+                limit.cancel()
 
     def wait(self, timeout: Optional[float] = None) -> bool:
         """Waits until the service is offered.
@@ -122,8 +144,11 @@ class ServiceProxy:
         :param timeout: s of wall time; None: until ROS shuts down.
         :return: whether it is offered.
         """
+        return self._wait(timeout, lambda: False)
+
+    def _wait(self, timeout: Optional[float], given_up: Callable[[], bool]) -> bool:
         end = None if timeout is None else time.monotonic() + timeout
-        while not rospy.is_shutdown():
+        while not rospy.is_shutdown() and not given_up():
             if self.available():
                 return True
             if end is not None and time.monotonic() >= end:
@@ -146,8 +171,30 @@ class ServiceProxy:
 
     def close(self) -> None:
         """Closes the connection; the next call opens another."""
-        with self._lock:
-            self._close()
+        self._occupy(current_scope())
+        self._close()
+        self._leave()
+
+    def _occupy(self, scope: CallScope) -> bool:
+        """Waits until the proxy is free, and takes it; False when the scope ends before."""
+        with self._free:
+            self._free.wait_for(lambda: self._user is None or scope.ended)
+            if self._user is not None:
+                return False
+            self._user = scope
+            return True
+
+    def _leave(self) -> None:
+        with self._free:
+            self._user = None
+            self._free.notify_all()
+
+    def _wake(self, scope: CallScope) -> None:
+        """Wakes the thread of a scope that has ended, wherever it waits, and no other one."""
+        with self._free:
+            self._free.notify_all()
+            if self._user is scope and self._proxy is not None:
+                self._give_up(self._proxy)
 
     def _why(self, error: Exception, waited: float) -> str:
         """What a failed call means, in words: `[Errno 111]` names nothing that a person can start again."""
@@ -177,8 +224,9 @@ class ServiceProxy:
 
     @staticmethod
     def _give_up(proxy: _Client) -> None:
-        if proxy.transport is not None:
-            _wake(proxy.transport)
+        transport = proxy.transport or proxy.connecting
+        if transport is not None:
+            _wake(transport)
 
     @staticmethod
     def _alive(proxy: rospy.ServiceProxy) -> bool:

@@ -4,8 +4,10 @@ from typing import Any, Callable, Optional, Sequence
 
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
+from merlin_sm.call_scope import CallScope
 from merlin_sm.dispatch_client import DispatchClient
 from merlin_sm.dispatch_progress import DispatchResult
+from merlin_sm.master_link import master_answers
 from merlin_sm.pddl_text import action_text
 from merlin_sm.planning_client import Planned, PlanningClient, StageError
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
@@ -15,22 +17,45 @@ NO_PLAN = "no_plan"
 TIMEOUT = "timeout"
 FAILED = "failed"
 CANCEL_TIMEOUT = "cancel_timeout"
+CALL_GRACE = 1.0  # s of wall time that a service call under way still gets when its state is preempted
 
 
 class PlanningState(MerlinState):
     """Base of the states of the planning system's stages.
 
-    :ivar gone: after a run, whether it was aborted because a part of the planning system is gone.
+    A preempt ends a service call that has no answer after :data:`CALL_GRACE`; the reason then names the part.
+
+    :ivar gone: after a run that failed, whether a part of the planning system, or the master, is gone or did
+        not answer.
     """
 
     def __init__(self, outcomes: Sequence[str] = (), output_keys: Sequence[str] = ()) -> None:
         super().__init__(outcomes, (), output_keys)
         self.gone = False
+        self._calls: Optional[CallScope] = None
 
     def execute(self, userdata: Any) -> str:
         """Runs the state; SMACH calls it."""
         self.gone = False
-        return super().execute(userdata)
+        with CallScope() as self._calls:
+            outcome = super().execute(userdata)
+        if outcome in (ABORTED, FAILED) and not self.preempt_requested() and not master_answers():
+            self.gone = True  # whatever part it was that failed, none works without a master
+        if outcome == ABORTED and self._calls.gave_up:
+            self.service_preempt()
+            self.outcome = PREEMPTED
+        return self.outcome
+
+    def request_preempt(self) -> None:
+        """Sets the flag, interrupts what the state waits for, and limits its service calls."""
+        super().request_preempt()
+        self.end_calls()
+
+    def end_calls(self) -> None:
+        """Limits the service calls of a state that is preempted."""
+        calls = self._calls
+        if calls is not None:
+            calls.end(CALL_GRACE)
 
     def fail_stage(self, error: StageError) -> str:
         """Remembers why a stage failed and returns the outcome aborted."""
@@ -125,6 +150,9 @@ class DispatchPlanState(PlanningState):
         self._owner = owner
         self._client = client or DispatchClient()
         self._on_result = on_result
+
+    def end_calls(self) -> None:
+        """Limits nothing: a cancel is a call too. The client bounds them all by its cancel deadline."""
 
     def run(self, userdata: Any) -> str:
         """Dispatches."""

@@ -6,6 +6,8 @@ from typing import Any, Callable, List, Optional, Sequence
 import rospy
 
 from merlin_sm.deadline import Deadline
+from merlin_sm.late_topics import subscribe
+from merlin_sm.master_link import MasterSilent
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
@@ -107,7 +109,10 @@ class TopicState(MerlinState):
                 accepted.append(answer)
                 ended.set()
 
-        subscriber = rospy.Subscriber(self._topic, self._message_class, receive, tcp_nodelay=True)
+        try:
+            subscriber = subscribe(self._topic, self._message_class, receive)
+        except MasterSilent as error:
+            return self.fail(str(error))
         self.interruptible(ended.set)
         Deadline(self._timeout).wait_event(ended)
         self.interruptible(None)
