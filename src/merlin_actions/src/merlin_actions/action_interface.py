@@ -31,6 +31,7 @@ from merlin_sm.knowledge_client import (
 )
 from merlin_sm.lease import LeaseChange, LeaseState
 from merlin_sm.lease_watch import LeaseWatch
+from merlin_sm.master_link import MasterSilent, get_param
 from merlin_sm.node import master_is_lost
 from merlin_sm.ownership import ownership
 from merlin_sm.pddl_text import parse_literals
@@ -44,7 +45,7 @@ CONNECTION_LOOK = 0.02  # s between two looks for that connection, which rospy a
 WAIT_LIMIT = 5.0  # s of running time in which an execution that is in the way has to end
 MASTER_LOST = "the ROS master is lost"
 SHUTDOWN_WAIT = 2.0  # s of wall time in which running executions can end when their node does
-_KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError)
+_KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError, MasterSilent)
 
 
 class ActionInterface:
@@ -290,7 +291,7 @@ class ActionInterface:
 
     def _literals(self, key: str) -> List[str]:
         """Facts that the action's class declares under a key; its host publishes them as a parameter."""
-        return list(rospy.get_param(action_param(self.operator, key), []))
+        return list(get_param(action_param(self.operator, key), []))
 
     def _declared(self, key: str, execution: Execution) -> List[KnowledgeItem]:
         return parse_literals(self._literals(key), execution.binding)
