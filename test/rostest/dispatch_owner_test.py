@@ -10,6 +10,7 @@ import unittest
 from pathlib import Path
 
 import rospy
+from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import KeyValue
 from dispatch_fixture import KNOWLEDGE_BASE, LONG, DispatchFixture, named
 from merlin_msgs.msg import Lease
@@ -130,6 +131,21 @@ class Owner(DispatchFixture, unittest.TestCase):
         self.assertTrue(self.dispatch().success)
         cancelled = self.interfaces.names()
         self.assertEqual(cancelled[:2], ["paint", "cancel_action"])
+
+    def test_a_goal_takes_the_place_of_a_dispatch_whose_client_has_died(self):
+        self.give("0.0: (paint ann leg) [5.0]")
+        owner = self.owner("--plain")
+        refused = self.action.send(NonBlockingDispatchGoal())
+        self.assertTrue(refused.wait(LONG))
+        self.assertEqual(refused.status, GoalStatus.REJECTED)
+        self.assertIn("dispatched already, for /victim_owner", refused.text)
+        owner.kill()
+        owner.wait()
+        self.give("0.0: (paint bob leg) [5.0]")
+        self.interfaces.answers["paint"] = [(1,), (2,)]
+        goal = self.action.send(NonBlockingDispatchGoal())
+        self.assertTrue(goal.wait(LONG))
+        self.assertEqual(goal.status, GoalStatus.SUCCEEDED, goal.text)
 
     def test_clients_one_after_the_other(self):
         self.interfaces.answers["paint"] = [(1,), (2,)]

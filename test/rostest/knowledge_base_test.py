@@ -6,7 +6,7 @@ import unittest
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import KnowledgeChanges
+from merlin_msgs.msg import KnowledgeChanges, Lease
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest
 from rosplan_dispatch_msgs.srv import ProblemService
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, ExprComposite, StatusUpdate
@@ -31,6 +31,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty
 
 import rostest
+from merlin_sm.lease_holder import LeaseHolder
 
 LONG = 60.0
 KB = "rosplan_knowledge_base"
@@ -235,6 +236,38 @@ class KnowledgeBaseTest(unittest.TestCase):
             [True, True, False, False, False],
         )
         self.update([0], [travel_time("kitchen", "bathroom", 25.0)])
+
+    def test_goals_go_with_their_owner(self):
+        changes = Received(f"{KB}/changes", KnowledgeChanges)
+        topic = f"{KB}/goals/lease"
+        publisher = rospy.Publisher(topic, Lease, queue_size=10)
+        while publisher.get_num_connections() == 0:
+            rospy.rostime.wallsleep(0.01)
+
+        def begin_life(name, *leases):
+            publisher.publish(Lease(owner=rospy.get_name(), life=name, held=list(leases)))
+
+        def removed(place):
+            message = changes.wait(lambda change: place in places(change.goals_removed))
+            return places(message.goals_removed)
+
+        def places(goals):
+            return [goal.values[0].value for goal in goals]
+
+        kinds, goals = [Update.ADD_GOAL] * 3, ["kitchen", "bathroom", "main_door"]
+        self.assertTrue(self.update(kinds, [fact("checked", place) for place in goals]))
+        begin_life("first", "1 (and (checked kitchen) (checked bathroom))", "2 no PDDL")
+        holder = LeaseHolder(topic)
+        holder.hold("1 (and (checked kitchen))")  # its process was restarted, and wants one of them again
+        self.assertEqual(removed("bathroom"), ["bathroom"])
+        holder.hold("2 (and (checked main_door))")
+        holder.release("1 (and (checked kitchen))")  # a client that lets go leaves its goals
+        begin_life("third")
+        self.assertEqual(removed("main_door"), ["main_door"])
+        self.assertEqual(places(call("state/goals", GetAttributeService, "").attributes), ["kitchen"])
+        holder.shutdown()
+        publisher.unregister()
+        changes.close()
 
     def test_goals_come_back_and_reach_the_problem(self):
         more = comparison(

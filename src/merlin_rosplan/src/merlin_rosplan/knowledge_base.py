@@ -25,6 +25,7 @@ from merlin_rosplan.domain import Domain
 from merlin_rosplan.domain_reader import read_domain
 from merlin_rosplan.domain_services import DomainServices
 from merlin_rosplan.execution_services import ExecutionServices
+from merlin_rosplan.goal_leases import GoalLeases
 from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.knowledge_store import KnowledgeStore
@@ -83,9 +84,11 @@ class KnowledgeBase(Component):
         self.service("update_constraints_oneof", KnowledgeUpdateServiceArray, self._oneof)
         self.service("update_sensed_predicates", SetNamedBool, self._sensed)
         ExecutionServices(self, self.store, self._status)
+        self._goal_leases = GoalLeases(self.scope, self.store, self._updates)
 
     def on_shutdown(self) -> None:
-        """Closes the store."""
+        """Watches no owner any more, and closes the store."""
+        self._goal_leases.shutdown()
         self.store.close()
 
     def health(self) -> Health:

@@ -146,12 +146,9 @@ class PlanDispatcher(Component):
     # --- services and action ------------------------------------------------------------------------
 
     def _serve(self, request: DispatchServiceRequest) -> DispatchServiceResponse:
-        if not self._occupy(None):
-            stays = self._owner.abandoned()
-            if stays or not self._occupy(None, wait=True):
-                raise rospy.ServiceException(
-                    f"a plan is being dispatched already, {stays or 'and does not end'}"
-                )
+        refusal = "" if self._occupy(None) else self._take_over(None)
+        if refusal:
+            raise rospy.ServiceException(refusal)
         self._owner.begin(caller(request))
         report, goal_achieved = self._run()
         return DispatchServiceResponse(success=report.success, goal_achieved=goal_achieved)
@@ -167,16 +164,18 @@ class PlanDispatcher(Component):
         return EmptyResponse()
 
     def _accept(self, goal: ServerGoal) -> None:
-        if not self._occupy(goal):
-            goal.reject(NonBlockingDispatchResult(), "a plan is being dispatched already")
+        is_free = self._occupy(goal)
+        threading.Thread(
+            target=self._run_goal, args=(goal, is_free), name=f"dispatch {self.scope}", daemon=True
+        ).start()
+
+    def _run_goal(self, goal: ServerGoal, is_free: bool) -> None:
+        refusal = "" if is_free else self._take_over(goal)
+        if refusal:
+            goal.reject(NonBlockingDispatchResult(), refusal)
             return
         self._owner.begin("")
         goal.accept()
-        threading.Thread(
-            target=self._run_goal, args=(goal,), name=f"dispatch {self.scope}", daemon=True
-        ).start()
-
-    def _run_goal(self, goal: ServerGoal) -> None:
         report, goal_achieved = self._run()
         text = report.reason or "every action succeeded"
         result = NonBlockingDispatchResult(success=report.success, goal_achieved=goal_achieved)
@@ -205,6 +204,16 @@ class PlanDispatcher(Component):
             self._owner.changed(state, reason)
 
     # --- one dispatch -------------------------------------------------------------------------------
+
+    def _take_over(self, goal: Optional[ServerGoal]) -> str:
+        """Makes a busy dispatcher the caller's when the owner of its dispatch is gone.
+
+        Returns why not, as a sentence; empty when it is.
+        """
+        stays = self._owner.abandoned()
+        if not stays and self._occupy(goal, wait=True):
+            return ""
+        return f"a plan is being dispatched already, {stays or 'and does not end'}"
 
     def _occupy(self, goal: Optional[ServerGoal], wait: bool = False) -> bool:
         """Makes the dispatcher busy; False when it is.
