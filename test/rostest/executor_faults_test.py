@@ -14,8 +14,9 @@ from contextlib import contextmanager
 
 import rosgraph
 import rospy
+from actionlib_msgs.msg import GoalStatusArray
 from geometry_msgs.msg import Twist
-from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GuardStatus
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GuardStatus, KnowledgeChanges
 from rosplan_dispatch_msgs.srv import DispatchService
 from std_srvs.srv import Empty, Trigger, TriggerResponse
 
@@ -24,6 +25,7 @@ from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.resending import RESEND
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update, fact
 from merlin_sm.master_link import bounded_proxy
+from merlin_sm.pddl_text import to_pddl
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 60.0
@@ -54,6 +56,25 @@ class Watch:
             if not self._changed.wait_for(lambda: self.last is not None and fits(self.last), timeout):
                 raise AssertionError(f"the last message does not fit: {self.last}")
             return self.last
+
+
+class Changes:
+    """Waits for the removal of a goal from the knowledge base."""
+
+    def __init__(self, goal):
+        self._removed = threading.Event()
+        self._goal = goal
+        self._subscriber = rospy.Subscriber(
+            "rosplan_knowledge_base/changes", KnowledgeChanges, self._receive, tcp_nodelay=True
+        )
+
+    def _receive(self, message):
+        if self._goal in map(to_pddl, message.goals_removed):
+            self._removed.set()
+
+    def wait_removed(self):
+        if not self._removed.wait(LONG):
+            raise AssertionError(f"the goal {self._goal} stays")
 
 
 class Guard:
@@ -151,6 +172,40 @@ class Faults(unittest.TestCase):
         self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
         self.assertNextGoalWorks()
 
+    def test_the_goals_of_a_hung_executor_are_removed_before_it_goes_on(self):
+        changes = Changes("(checked kitchen)")
+        request = self.client.send("(checked kitchen)")
+        self.driving()
+        node = pid_of("/merlin_executor")
+        os.kill(node, signal.SIGSTOP)
+        try:
+            self.stands()
+            changes.wait_removed()
+            self.assertTrue(request.wait(LONG))
+            self.assertOutcome(request.result, "INTERNAL")
+        finally:
+            os.kill(node, signal.SIGCONT)
+        status = self.status.wait(lambda status: status.state == ExecutorStatus.IDLE)
+        self.assertIn("cancelled", status.reason)
+        self.assertFalse(self.knowledge.holds("(checked kitchen)"))
+        self.assertNextGoalWorks()
+
+    def test_an_executor_that_hung_carries_on_what_its_client_still_wants(self):
+        changes = Changes("(checked kitchen)")
+        with client_process("--go-on") as client:
+            self.driving()
+            kill(client)  # so that nothing but the Executor itself decides about the request
+            node = pid_of("/merlin_executor")
+            os.kill(node, signal.SIGSTOP)
+            try:
+                changes.wait_removed()
+                self.dispatch.wait(lambda status: status.state == DispatchStatus.IDLE)
+            finally:
+                os.kill(node, signal.SIGCONT)
+            status = self.status.wait(lambda status: status.state == ExecutorStatus.IDLE)
+        self.assertTrue(self.knowledge.holds("(checked kitchen)"), status.reason)
+        self.assertNextGoalWorks()
+
     def test_a_mission_survives_its_executor(self):
         request = self.client.send("(checked kitchen)", on_lost=RESEND)
         self.driving()
@@ -226,6 +281,22 @@ class Faults(unittest.TestCase):
         self.assertOutcome(request.result, "CANCEL_TIMEOUT")
         self.assertIn("the planning system's plan dispatcher", request.result.reason)
         self.assertIn("the guard has halted the base", request.result.reason)
+        self.assertNextGoalWorks()
+
+    def test_a_cancel_does_not_wait_for_a_knowledge_base_that_hangs(self):
+        client = MerlinExecutorClient(knowledge_base=None)
+        self.assertTrue(client.wait_for_executor(LONG))
+        statuses = Watch("merlin/execute/status", GoalStatusArray)
+        os.kill(self.planning.pid, signal.SIGSTOP)
+        try:
+            request = client.send("(checked kitchen)")
+            statuses.wait(lambda status: request.id in [goal.goal_id.id for goal in status.status_list])
+            request.cancel()
+            self.assertTrue(request.wait(LONG))
+        finally:
+            os.kill(self.planning.pid, signal.SIGCONT)
+        self.assertOutcome(request.result, "CANCELLED")
+        self.assertIn("the planning system's knowledge base: service", request.result.reason)
         self.assertNextGoalWorks()
 
     def test_a_plan_without_an_owner_gives_way(self):

@@ -125,6 +125,16 @@ def test_the_request_of_a_lost_client_ends_with_the_reason(agenda: "Agenda[Ticke
     assert answers(agenda.ended(CANCELLED))[running].reason == "its client /x is gone"
 
 
+def test_a_cancelled_request_names_what_did_not_answer(agenda: "Agenda[Ticket]") -> None:
+    ticket = Ticket(0)
+    agenda.receive(ticket)
+    agenda.begin()
+    agenda.cancel(ticket)
+    decisions = agenda.ended(Verdict(Outcome.CANCELLED, "cancelled", trouble="the knowledge base hangs"))
+    reason = "cancelled by its client; the knowledge base hangs"
+    assert answers(decisions) == {ticket: Verdict(Outcome.CANCELLED, reason)}
+
+
 def test_a_request_that_goes_on_without_its_client_is_left_alone(agenda: "Agenda[Ticket]") -> None:
     running = Ticket(0, goes_on=True)
     agenda.receive(running)

@@ -59,6 +59,17 @@ def test_a_cancel_while_a_part_is_gone_is_a_cancel() -> None:
     assert course.verdict().outcome is Outcome.CANCELLED
 
 
+def test_a_cancel_that_had_to_give_up_a_call_names_the_part() -> None:
+    course = Course(3)
+    course.begin()
+    run(course, ("ADD_GOALS", "preempted", "the knowledge base does not answer"), gone=True)
+    assert course.verdict().trouble == "the knowledge base does not answer"
+    assert course.unreachable
+    course.begin()
+    run(course, ("ADD_GOALS", "preempted", "cancelled"))
+    assert course.verdict().trouble == ""
+
+
 def test_unsolvable_after_a_failure_says_what_made_another_way_necessary() -> None:
     course = Course(3)
     course.begin()

@@ -145,3 +145,42 @@ def test_notes_survive_and_other_files_are_no_notes(tmp_path: object) -> None:
     GoalNotes(path).path.write_text('{"a": 1}')
     with pytest.raises(NotesError, match="is not a list of goals"):
         GoalNotes(path).read()
+
+
+class Leaving(Work):
+    """Stages whose goals stay in a knowledge base that does not answer at first."""
+
+    def __init__(self, failures: int) -> None:
+        super().__init__(0)
+        self._failures = failures
+        self._left = False
+        self.tidied = threading.Event()
+
+    def run_request(self, request: Wish) -> Verdict:
+        self._left = True
+        return Verdict(Outcome.SUCCEEDED)
+
+    @property
+    def left(self) -> bool:
+        return self._left
+
+    def clean_up(self) -> None:
+        self._failures -= 1
+        if self._failures >= 0:
+            raise OSError("does not answer")
+        self._left = False
+        self.tidied.set()
+
+
+def test_what_a_request_has_left_is_removed_without_another_request(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("merlin_executor.engine.TIDY_PERIOD", 0.001)
+    stages = Leaving(failures=3)
+    engine: Engine[Wish] = Engine(stages, lambda: None, lambda: None, lambda *_: None)
+    engine.start()
+    wish = Wish(0)
+    engine.decide(lambda agenda: agenda.receive(wish))
+    assert wish.ended.wait(LONG)
+    assert stages.tidied.wait(LONG)
+    engine.shutdown(LONG)

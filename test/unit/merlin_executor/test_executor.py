@@ -69,6 +69,7 @@ class Machine:
         self.unstoppable = False
         self.running: List[Any] = []
         self.goals_removed = 0
+        self.left = False
         self._cancelled = False
 
     def prepare(self) -> None:
@@ -142,6 +143,7 @@ class Bench:
             ("Recovery", lambda *_: recovery),
             ("GuardClient", lambda: None),
             ("OwnGoals", lambda *_: own),
+            ("LeaseHolder", lambda topic: None),
             ("ExecutorSM", lambda *_: self.machine),
             ("show", lambda *_: SimpleNamespace(stop=lambda: None)),
             ("publish", lambda publisher, message: self.statuses.append(message)),

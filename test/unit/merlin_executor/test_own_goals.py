@@ -2,29 +2,37 @@
 
 import json
 from pathlib import Path
-from typing import List, Sequence
+from typing import List, Optional, Sequence
 
 import pytest
 import rospy
+from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.own_goals import OwnGoals
 from merlin_sm.knowledge_client import ADD_GOAL, Update
 from merlin_sm.pddl_text import parse_goal, to_pddl
+from merlin_sm.service_proxy import ServiceUnavailable
 
 
 class Knowledge:
     """Goals of a knowledge base."""
 
     def __init__(self) -> None:
-        self.goals: List[str] = []
+        self.texts: List[str] = []
+        self.error: Optional[Exception] = None
+
+    def goals(self) -> List[KnowledgeItem]:
+        return [item for text in self.texts for item in parse_goal(text)]
 
     def update(self, updates: Sequence[Update]) -> None:
+        if self.error is not None:
+            raise self.error
         for update in updates:
             text = to_pddl(update.item)
             if update.kind == ADD_GOAL:
-                self.goals.append(text)
-            elif text in self.goals:
-                self.goals.remove(text)
+                self.texts.append(text)
+            elif text in self.texts:
+                self.texts.remove(text)
 
 
 @pytest.fixture
@@ -37,11 +45,11 @@ def own(knowledge: Knowledge, path: Path) -> OwnGoals:
 
 
 def test_a_successor_removes_what_was_left_and_nothing_else(knowledge: Knowledge, tmp_path: Path) -> None:
-    knowledge.goals = ["(checked hall)"]
+    knowledge.texts = ["(checked hall)"]
     own(knowledge, tmp_path / "goals").add(parse_goal("(and (checked kitchen) (not (robot_at hall)))"))
-    assert len(knowledge.goals) == 3
+    assert len(knowledge.texts) == 3
     assert own(knowledge, tmp_path / "goals").remove_left() == ["(checked kitchen)", "(not (robot_at hall))"]
-    assert knowledge.goals == ["(checked hall)"]
+    assert knowledge.texts == ["(checked hall)"]
     assert own(knowledge, tmp_path / "goals").remove_left() == []
 
 
@@ -60,10 +68,10 @@ def test_what_is_noted_and_no_goal_does_not_keep_the_others(
     knowledge: Knowledge, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rospy, "logerr", lambda text: None)
-    knowledge.goals = ["(checked kitchen)"]
+    knowledge.texts = ["(checked kitchen)"]
     (tmp_path / "goals").write_text(json.dumps(["(checked", 7, "(checked kitchen)"]))
     assert own(knowledge, tmp_path / "goals").remove_left() == ["(checked kitchen)"]
-    assert knowledge.goals == []
+    assert knowledge.texts == []
 
 
 def test_goals_that_cannot_be_noted_are_not_added(knowledge: Knowledge, tmp_path: Path) -> None:
@@ -72,7 +80,80 @@ def test_goals_that_cannot_be_noted_are_not_added(knowledge: Knowledge, tmp_path
     (tmp_path / "folder").rmdir()
     with pytest.raises(OSError):
         goals.add(parse_goal("(checked kitchen)"))
-    assert knowledge.goals == []
-    knowledge.goals = ["(checked kitchen)"]  # somebody else's
+    assert knowledge.texts == []
+    knowledge.texts = ["(checked kitchen)"]  # somebody else's
     goals.remove()
-    assert knowledge.goals == ["(checked kitchen)"]
+    assert knowledge.texts == ["(checked kitchen)"]
+
+
+class Lease:
+    """What a knowledge base hears of the leases."""
+
+    def __init__(self) -> None:
+        self.held: List[str] = []
+        self.heard: List[List[str]] = []
+
+    def hold(self, goal: str) -> None:
+        self.held.append(goal)
+        self.heard.append(list(self.held))
+
+    def release(self, goal: str) -> None:
+        self.held.remove(goal)
+        self.heard.append(list(self.held))
+
+    @property
+    def texts(self) -> List[str]:
+        return [lease.partition(" ")[2] for lease in self.held]
+
+
+def test_a_lease_names_the_goals_while_they_are_there(knowledge: Knowledge, tmp_path: Path) -> None:
+    lease = Lease()
+    goals = OwnGoals(knowledge, str(tmp_path / "goals"), lease)  # type: ignore[arg-type]
+    goals.add(parse_goal("(checked kitchen)"))
+    assert lease.texts == ["(and (checked kitchen))"]
+    first = lease.held[0]
+    goals.add(parse_goal("(checked hall)"))
+    assert lease.texts == ["(and (checked kitchen) (checked hall))"]
+    assert first not in lease.held  # a lease that was lost is never held again
+    assert all(lease.heard), "the goals were without a lease for a moment"
+    goals.remove()
+    assert lease.held == []
+    assert not goals.left
+
+
+def test_a_goal_that_another_client_removed_is_missed(knowledge: Knowledge, tmp_path: Path) -> None:
+    goals = own(knowledge, tmp_path / "goals")
+    goals.add(parse_goal("(and (checked kitchen) (>= (battery) 20))"))
+    assert goals.all_there()
+    knowledge.texts.remove("(checked kitchen)")
+    assert not goals.all_there()
+
+
+def test_goals_stay_leased_until_they_are_removed(knowledge: Knowledge, tmp_path: Path) -> None:
+    lease = Lease()
+    goals = OwnGoals(knowledge, str(tmp_path / "goals"), lease)  # type: ignore[arg-type]
+    goals.add(parse_goal("(checked kitchen)"))
+    knowledge.error = ServiceUnavailable("hangs")
+    with pytest.raises(ServiceUnavailable):
+        goals.remove()
+    assert goals.left
+    assert lease.held
+    knowledge.error = None
+    goals.remove()
+    assert not goals.left
+    assert not lease.held
+    assert knowledge.texts == []
+
+
+def test_an_addition_without_an_answer_is_removed_twice(knowledge: Knowledge, tmp_path: Path) -> None:
+    goals = own(knowledge, tmp_path / "goals")
+    knowledge.error = ServiceUnavailable("hangs")
+    with pytest.raises(ServiceUnavailable):
+        goals.add(parse_goal("(checked kitchen)"))
+    knowledge.error = None
+    goals.remove()
+    knowledge.texts.append("(checked kitchen)")  # the hung knowledge base goes on with what it was sent
+    assert goals.left
+    goals.remove()
+    assert not goals.left
+    assert knowledge.texts == []

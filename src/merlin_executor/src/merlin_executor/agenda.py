@@ -150,10 +150,11 @@ class Agenda(Generic[T]):
         stop = ticket.stop
         if verdict.outcome is not Outcome.CANCELLED or stop is None:
             return [Answer(ticket, verdict)]
+        reason = f"{stop.reason}; {verdict.trouble}" if verdict.trouble else stop.reason
         if stop.is_final:
-            return [Answer(ticket, Verdict(Outcome.CANCELLED, stop.reason))]
+            return [Answer(ticket, Verdict(Outcome.CANCELLED, reason))]
         if not ticket.resumes:
-            return [Answer(ticket, Verdict(Outcome.DROPPED, stop.reason))]
+            return [Answer(ticket, Verdict(Outcome.DROPPED, reason))]
         if self._closing:
             return [Answer(ticket, Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value))]
         ticket.interrupted = True

@@ -8,6 +8,7 @@ from merlin_executor.replanning import Decision, Failure, Replanning
 PLAN = "PLAN"
 REPLAN = "REPLAN"
 DISPATCH_PLAN = "DISPATCH_PLAN"
+PREEMPTED = "cancelled"  #: What a stage says that was preempted and has nothing to add.
 ACHIEVED_MEANWHILE = "the goal holds"
 
 _VERDICTS = {
@@ -122,4 +123,5 @@ class Course:
             # That there is no other way says little without what made another way necessary.
             reason = f"{last.reason}; planned again: {reason}"
         action = self.action if outcome not in (Outcome.SUCCEEDED, Outcome.ALREADY_TRUE) else ""
-        return Verdict(outcome, reason, action)
+        trouble = reason if outcome is Outcome.CANCELLED and end.gone and reason != PREEMPTED else ""
+        return Verdict(outcome, reason, action, trouble)

@@ -10,6 +10,8 @@ from typing import Callable, Generic, List, Optional, Tuple, TypeVar
 from merlin_executor.agenda import Agenda, Answer, Decision, StopRun, Ticket
 from merlin_executor.outcome import Outcome, StopKind, Verdict, crashed
 
+TIDY_PERIOD = 1.0  # s between two attempts to remove what a run has left
+
 _log = logging.getLogger(__name__)
 
 
@@ -46,8 +48,13 @@ class Stages(Generic[J]):
         raise NotImplementedError
 
     def clean_up(self) -> None:
-        """Removes what a run that raised has left."""
+        """Removes what a run has left, as far as that is possible now."""
         raise NotImplementedError
+
+    @property
+    def left(self) -> bool:
+        """Whether a run has left something that :meth:`clean_up` could not remove yet."""
+        return False
 
 
 class Engine(Generic[J]):
@@ -126,12 +133,23 @@ class Engine(Generic[J]):
                 if request is None:
                     if self._agenda.closing:
                         return
-                    self._changed.wait()
-                    continue
-                request.begin()
-                self._stages.prepare()
+                    left = self._stages.left
+                    if self._changed.wait(TIDY_PERIOD if left else None) or not left:
+                        continue
+                else:
+                    request.begin()
+                    self._stages.prepare()
+            if request is None:
+                self._tidy()
+                continue
             verdict, error = self._run(request)
             self._finish(request, verdict, error)
+
+    def _tidy(self) -> None:
+        try:
+            self._stages.clean_up()
+        except Exception:  # the worker goes on, and tries again
+            _log.exception("what a request has left could not be removed")
 
     def _run(self, request: J) -> Tuple[Verdict, Optional[BaseException]]:
         try:

@@ -6,7 +6,8 @@ What runs, waits and stops is decided in :mod:`merlin_executor.agenda`; here dec
 import itertools
 import threading
 import traceback
-from typing import List, Optional
+from contextlib import contextmanager
+from typing import Dict, Iterator, List, Optional
 
 import rospy
 from merlin_msgs.msg import (
@@ -17,30 +18,36 @@ from merlin_msgs.msg import (
     GoalQueue,
 )
 
+from merlin_executor.activity import Activity
 from merlin_executor.agenda import Agenda, Client, Decision
+from merlin_executor.answering import unreadable
 from merlin_executor.engine import Engine
-from merlin_executor.executor_sm import ExecutorSM, PlanningSystem
+from merlin_executor.executor_sm import ExecutorSM
+from merlin_executor.executor_stages import KNOWLEDGE_BASE, PlanningSystem
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.guard_client import GuardClient
-from merlin_executor.outcome import Verdict, crashed
+from merlin_executor.outcome import Outcome, Verdict, crashed
 from merlin_executor.own_goals import OwnGoals
 from merlin_executor.recovery import Recovery
 from merlin_executor.request import Request
 from merlin_executor.request_limits import RequestTooLarge
 from merlin_sm.action_server import ActionServer, ServerGoal
+from merlin_sm.call_scope import CallScope
 from merlin_sm.dispatch_client import DispatchClient
 from merlin_sm.health import OK, WARN, Health
 from merlin_sm.introspection import show
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_sm.lease import LeaseState
+from merlin_sm.lease_holder import LeaseHolder
 from merlin_sm.pddl_text import PDDLSyntaxError
 from merlin_sm.planning_client import PlanningClient
 from merlin_sm.publishing import publish
 from merlin_sm.service_proxy import ServiceError
+from merlin_sm.states.planning import CALL_GRACE
 
 STATUS_WAIT = 1.0  # s of running time at start for the dispatcher's status; ROSPlan's own publish none
+CHECK_LIMIT = 5.0  # s of wall time to check the goals of a request; others wait behind it
 END_WAIT = 1.5  # s of wall time for the running request to end when the node does
-LONGEST_REASON = 2000  # characters of the last reason in the status
 _CLIENTS = {LeaseState.SUSPENDED: Client.SILENT, LeaseState.LOST: Client.GONE}
 
 
@@ -69,7 +76,7 @@ class Executor:
     ) -> None:
         self._knowledge = knowledge
         self._max_replans = max_replans
-        self._own = OwnGoals(knowledge, goals_file)
+        self._own = OwnGoals(knowledge, goals_file, LeaseHolder(f"{knowledge.name}/goals/lease"))
         self._dispatcher = DispatchClient(dispatcher, knowledge.name, cancel_deadline, self._publish_status)
         self._recovery = Recovery(knowledge, self._dispatcher)
         system = PlanningSystem(
@@ -80,9 +87,9 @@ class Executor:
         self._engine: Engine[Request] = Engine(
             self._machine, self._publish_status, self._publish_queue, self._ended
         )
-        self._lock = threading.Lock()  # guards the two fields below
-        self._reason = ""
-        self._ill = False  # the last request failed for a reason that is not the world's
+        self._activity = Activity()
+        self._lock = threading.Lock()  # guards the field below
+        self._checks: Dict[str, CallScope] = {}  # goal -> the calls that check it
         self._order = itertools.count()
         self._publishing = threading.Lock()  # keeps published statuses and queues in order
 
@@ -106,33 +113,46 @@ class Executor:
 
     def health(self) -> Health:
         """What it does; a warning when the last request failed because of software."""
-        running, waiting = self._engine.running, len(self._engine.waiting)
-        with self._lock:
-            reason, ill = self._reason, self._ill
-        doing = f"running {', '.join(running.texts)}" if running is not None else "idle"
-        return Health(
-            WARN if ill else OK,
-            f"{doing}; last: {reason}" if ill else doing,
-            {"waiting requests": waiting, "last request": reason},
-        )
+        running = self._engine.running
+        report = self._activity.report(running.texts if running else (), len(self._engine.waiting))
+        return Health(WARN if report.ill else OK, report.text, report.values)
 
     # --- events, in threads of the action server ----------------------------------------------------------
 
     def _receive(self, goal: ServerGoal) -> None:
         try:
             request = Request(goal, next(self._order), self._max_replans)
-            check_goals(request.items, self._knowledge)
+            with self._checking(goal):
+                check_goals(request.items, self._knowledge)
         except (PDDLSyntaxError, GoalError, RequestTooLarge) as error:
             self._refuse(goal, str(error))
         except ServiceError as error:
-            self._refuse(goal, f"the goals could not be checked: {error}")
+            self._refuse(goal, f"the goals could not be checked: {KNOWLEDGE_BASE}: {error}")
         except BaseException as error:  # the client gets its answer, whatever it sent
             rospy.logerr(f"executor: {traceback.format_exc(limit=20)}")
             self._refuse(goal, f"the request could not be read: {crashed(error).reason}")
         else:
             self._engine.decide(lambda agenda: agenda.receive(request, goal.cancel_requested))
 
+    @contextmanager
+    def _checking(self, goal: ServerGoal) -> Iterator[None]:
+        """While the goals of a request are checked; a cancel ends that."""
+        with CallScope(CHECK_LIMIT) as calls:
+            with self._lock:
+                self._checks[goal.id] = calls
+            if goal.cancel_requested:
+                calls.end(CALL_GRACE)
+            try:
+                yield
+            finally:
+                with self._lock:
+                    del self._checks[goal.id]
+
     def _cancel(self, goal: ServerGoal) -> None:
+        with self._lock:
+            calls = self._checks.get(goal.id)
+        if calls is not None:
+            calls.end(CALL_GRACE)
         self._engine.decide_on(
             lambda request: request.goal is goal, lambda agenda, request: agenda.cancel(request)
         )
@@ -151,8 +171,11 @@ class Executor:
 
     @staticmethod
     def _refuse(goal: ServerGoal, reason: str) -> None:
-        rospy.logwarn(f"refused a request: {reason}")
-        goal.reject(ExecuteResult(outcome=ExecuteResult.REFUSED, reason=reason), reason)
+        verdict = unreadable(reason, goal.cancel_requested)
+        rospy.logwarn(f"{verdict.outcome.name}: {verdict.reason}")
+        result = ExecuteResult(outcome=int(verdict.outcome), reason=verdict.reason)
+        end = goal.cancelled if verdict.outcome is Outcome.CANCELLED else goal.reject
+        end(result, verdict.reason)
 
     # --- what is told -------------------------------------------------------------------------------------
 
@@ -161,15 +184,12 @@ class Executor:
             rospy.logerr(
                 "executor: " + "".join(traceback.format_exception(type(error), error, error.__traceback__))
             )
-        with self._lock:
-            self._ill = verdict.outcome.of_software
-            self._reason = f"{', '.join(request.texts)}: {verdict.reason or 'done'}"[:LONGEST_REASON]
-            rospy.loginfo(self._reason)
+        rospy.loginfo(self._activity.ended(request.texts, verdict))
 
     def _publish_status(self) -> None:
         with self._publishing:
             request = self._engine.running
-            status = ExecutorStatus(state=ExecutorStatus.IDLE, reason=self._reason)
+            status = ExecutorStatus(state=ExecutorStatus.IDLE, reason=self._activity.reason)
             status.header.stamp = rospy.Time.now()
             if request is not None:
                 status.state = ExecutorStatus.CANCELLING if request.stop else ExecutorStatus.RUNNING

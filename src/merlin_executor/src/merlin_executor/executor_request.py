@@ -11,6 +11,7 @@ from merlin_executor.outcome import StopKind
 from merlin_executor.resending import END, RETURN_WAIT, Decision, Next, Resending
 from merlin_sm.action_client import ActionClient, ClientGoal
 from merlin_sm.deadline import Deadline
+from merlin_sm.late_topics import subscribe_by
 
 _SERVER_ENDS = "the action server shuts down"  # text of an ActionServer that ends its goals
 
@@ -131,9 +132,10 @@ class ExecutorRequest:
         deadline = Deadline(RETURN_WAIT)
         # A subscriber of its own: what the client has heard before may be of the Executor that was lost.
         topic = f"{self._client.name}/status"
-        subscriber = rospy.Subscriber(topic, GoalStatusArray, lambda _: self._wake.set(), tcp_nodelay=True)
+        subscriber = subscribe_by(deadline, self._wake, topic, GoalStatusArray, lambda _: self._wake.set())
         heard = deadline.wait_event(self._wake)
-        subscriber.unregister()
+        if subscriber is not None:
+            subscriber.unregister()
         left = deadline.remaining()
         return heard and self._client.wait_for_server(left, lambda: self._resending.cancelled)
 

@@ -39,6 +39,8 @@ class Verdict(NamedTuple):
     """One sentence."""
     action: str = ""
     """The action that failed or did not stop, as PDDL text."""
+    trouble: str = ""
+    """Which part did not answer while it was stopped, as a sentence."""
 
 
 class StopKind(Enum):

@@ -5,8 +5,10 @@ from typing import List, Optional
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
+from merlin_executor.goal_ledger import GoalLedger
 from merlin_executor.goal_notes import GoalNotes, NotesError
-from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update
+from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
+from merlin_sm.lease_holder import LIFE, LeaseHolder
 from merlin_sm.master_link import get_param, set_param
 from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal, to_pddl
 
@@ -17,17 +19,28 @@ class OwnGoals:
     """Adds goals to the knowledge base and removes exactly those again.
 
     They are noted on the parameter server, or in a file: that outlives the master too, as a knowledge base
-    with a state file does. Used by one thread.
+    with a state file does. A lease on ``<kb>/goals/lease`` names them while they are there: our knowledge
+    base removes them when this process dies or hangs. Used by one thread.
 
     :param knowledge: where the goals go.
     :param path: of the file; empty: the parameter server.
+    :param lease: names the goals; None: they are not leased.
     :raises OSError: when the file cannot be written.
     """
 
-    def __init__(self, knowledge: KnowledgeClient, path: str = "") -> None:
+    def __init__(
+        self, knowledge: KnowledgeClient, path: str = "", lease: Optional[LeaseHolder] = None
+    ) -> None:
         self._knowledge = knowledge
         self._notes: Optional[GoalNotes] = GoalNotes(path) if path else None
-        self._items: List[KnowledgeItem] = []
+        self._lease = lease
+        self._ledger: GoalLedger[KnowledgeItem] = GoalLedger(to_pddl, LIFE)
+        self._held = ""  # the lease that is held
+
+    @property
+    def left(self) -> bool:
+        """Whether goals were added that are not removed."""
+        return bool(self._ledger.items)
 
     def add(self, items: List[KnowledgeItem]) -> None:
         """Adds goals. They are noted first: one noted too many is harmless, one too few would stay.
@@ -36,24 +49,39 @@ class OwnGoals:
         :raises ServiceError: when it does not answer.
         :raises OSError: when they cannot be noted; they are not added then.
         """
-        known = {to_pddl(item) for item in self._items}
-        new = [item for item in items if to_pddl(item) not in known]
-        if new:
-            self._note([*self._items, *new])
-            self._items += new
-        self._knowledge.update([Update(ADD_GOAL, item) for item in items])
+        texts = self._ledger.with_these(items)
+        if texts != self._ledger.texts:
+            self._note(texts)
+        self._ledger.begin(items)
+        self._hold()
+        try:
+            self._knowledge.update([Update(ADD_GOAL, item) for item in items])
+        except KnowledgeError:
+            self._ledger.answered()
+            raise
+        self._ledger.answered()
+
+    def all_there(self) -> bool:
+        """Whether the knowledge base still has every goal that was added.
+
+        :raises ServiceError: when it does not answer.
+        """
+        return self._ledger.all_in([to_pddl(goal) for goal in self._knowledge.goals()])
 
     def remove(self) -> None:
         """Removes every goal that was added, also those of an earlier attempt that failed.
+
+        An addition that had no answer may come true later: then they count as :attr:`left` once more.
 
         :raises KnowledgeError: when the knowledge base refuses.
         :raises ServiceError: when it does not answer.
         :raises OSError: when they are removed, but that cannot be noted.
         """
-        if self._items:
-            self._knowledge.update([Update(REMOVE_GOAL, item) for item in self._items])
-            self._items = []
-            self._note([])
+        if self.left:
+            self._knowledge.update([Update(REMOVE_GOAL, item) for item in self._ledger.items])
+            if self._ledger.removed():
+                self._hold()
+                self._note([])
 
     def remove_left(self) -> List[str]:
         """Removes what an Executor that was killed has left. What is noted and no goal is ignored.
@@ -66,7 +94,7 @@ class OwnGoals:
         texts = []
         for text in self._noted():
             try:
-                self._items += parse_goal(text)
+                self._ledger.inherit(parse_goal(text))
             except PDDLSyntaxError as error:
                 rospy.logerr(f"noted as a goal, but none: {error}")
             else:
@@ -74,8 +102,17 @@ class OwnGoals:
         self.remove()
         return texts
 
-    def _note(self, items: List[KnowledgeItem]) -> None:
-        texts = [to_pddl(item) for item in items]
+    def _hold(self) -> None:
+        """Leases the present goals; the new lease comes before the old one goes."""
+        before, self._held = self._held, self._ledger.lease
+        if self._lease is None:
+            return
+        if self._held:
+            self._lease.hold(self._held)
+        if before:
+            self._lease.release(before)
+
+    def _note(self, texts: List[str]) -> None:
         if self._notes is None:
             set_param(PARAMETER, texts)
         else:

@@ -3,12 +3,12 @@
 import threading
 from typing import List, Sequence
 
-import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_sm.deadline import Deadline
 from merlin_sm.knowledge_client import KnowledgeClient
+from merlin_sm.late_topics import subscribe_by
 
 
 def missing_interfaces(knowledge: KnowledgeClient, timeout: float) -> List[str]:
@@ -26,11 +26,14 @@ def missing_interfaces(knowledge: KnowledgeClient, timeout: float) -> List[str]:
             missing.discard(formula.name)
             announced.notify_all()
 
-    subscriber = rospy.Subscriber(f"{knowledge.name}/pddl_action_parameters", DomainFormula, receive)
+    deadline = Deadline(timeout)
+    topic = f"{knowledge.name}/pddl_action_parameters"
+    subscriber = subscribe_by(deadline, threading.Event(), topic, DomainFormula, receive)
     with announced:
-        Deadline(timeout).wait(announced, lambda: not missing)
+        deadline.wait(announced, lambda: not missing)
         left = sorted(missing)
-    subscriber.unregister()
+    if subscriber is not None:
+        subscriber.unregister()
     return left
 
 
@@ -44,15 +47,20 @@ def missing_servers(names: Sequence[str], timeout: float) -> List[str]:
     heard = set()
     changed = threading.Condition()  # guards heard
 
-    def receive(_: GoalStatusArray, name: str) -> None:
+    def receive(name: str) -> None:
         with changed:
             heard.add(name)
             changed.notify_all()
 
-    subscribers = [rospy.Subscriber(f"{name}/status", GoalStatusArray, receive, name) for name in names]
+    deadline, never = Deadline(timeout), threading.Event()
+    subscribers = [
+        subscribe_by(deadline, never, f"{name}/status", GoalStatusArray, lambda _, name=name: receive(name))
+        for name in names
+    ]
     with changed:
-        Deadline(timeout).wait(changed, lambda: len(heard) == len(set(names)))
+        deadline.wait(changed, lambda: len(heard) == len(set(names)))
         left = [name for name in names if name not in heard]
     for subscriber in subscribers:
-        subscriber.unregister()
+        if subscriber is not None:
+            subscriber.unregister()
     return left

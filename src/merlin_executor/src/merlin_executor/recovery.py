@@ -11,6 +11,8 @@ from merlin_executor.leftovers import Leftovers
 from merlin_sm.deadline import running_time
 from merlin_sm.dispatch_client import DispatchClient
 from merlin_sm.knowledge_client import KnowledgeClient
+from merlin_sm.late_topics import subscribe
+from merlin_sm.master_link import MasterSilent
 from merlin_sm.pddl_text import action_text
 from merlin_sm.planning_client import Interruptible
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
@@ -53,13 +55,18 @@ class Recovery:
             woken.set()
 
         changes = f"{self._knowledge.name}/changes"
-        subscriber = rospy.Subscriber(changes, KnowledgeChanges, lambda _: woken.set(), tcp_nodelay=True)
+        subscriber = None
+        try:
+            subscriber = subscribe(changes, KnowledgeChanges, lambda _: woken.set())
+        except MasterSilent as error:  # it looks now and then anyway
+            rospy.logwarn(str(error))
         interruptible(interrupt)
         try:
             return self._settle(woken, interrupted)
         finally:
             interruptible(None)
-            subscriber.unregister()
+            if subscriber is not None:
+                subscriber.unregister()
 
     def _settle(self, woken: threading.Event, interrupted: threading.Event) -> str:
         leftovers = Leftovers()

@@ -8,9 +8,10 @@ from merlin_msgs.msg import ExecuteGoal, ExecuteResult, QueuedGoal, StageTime
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
+from merlin_executor.answering import Answer, answer_for
 from merlin_executor.course import Course
 from merlin_executor.engine import Job
-from merlin_executor.outcome import Outcome, Verdict
+from merlin_executor.outcome import Verdict
 from merlin_executor.request_limits import check_size
 from merlin_sm.action_server import ServerGoal
 from merlin_sm.pddl_text import parse_goal, to_pddl
@@ -56,17 +57,14 @@ class Request(Job):
 
     def end(self, verdict: Verdict) -> bool:
         """Answers the client with the actionlib state that fits; False when that was done before."""
-        result, reason = self._result(verdict), verdict.reason
-        if verdict.outcome.achieved:
-            return self.goal.succeed(result, reason)
-        if verdict.outcome in (Outcome.CANCELLED, Outcome.DROPPED):
-            return self.goal.cancelled(result, reason)
-        if verdict.outcome is Outcome.REFUSED and self.goal.status in (
-            GoalStatus.PENDING,
-            GoalStatus.RECALLING,
-        ):
-            return self.goal.reject(result, reason)
-        return self.goal.abort(result, reason)
+        accepted = self.goal.status not in (GoalStatus.PENDING, GoalStatus.RECALLING)
+        verbs = {
+            Answer.SUCCEED: self.goal.succeed,
+            Answer.CANCEL: self.goal.cancelled,
+            Answer.REJECT: self.goal.reject,
+            Answer.ABORT: self.goal.abort,
+        }
+        return verbs[answer_for(verdict.outcome, accepted)](self._result(verdict), verdict.reason)
 
     def queued_goal(self) -> QueuedGoal:
         """How it stands in the queue."""

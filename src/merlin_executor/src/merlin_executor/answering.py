@@ -1,0 +1,40 @@
+"""How a client is answered: actionlib's verb for a verdict, the verdict on what cannot be read. Pure."""
+
+from enum import Enum
+
+from merlin_executor.agenda import NOT_BEGUN
+from merlin_executor.outcome import Outcome, Verdict
+
+
+class Answer(Enum):
+    """The verbs that end a goal of an action server."""
+
+    SUCCEED = "succeed"
+    CANCEL = "cancel"
+    REJECT = "reject"
+    ABORT = "abort"
+
+
+def answer_for(outcome: Outcome, accepted: bool) -> Answer:
+    """The verb for an outcome.
+
+    :param accepted: whether the client was told that its request runs; such a request cannot be rejected.
+    """
+    if outcome.achieved:
+        return Answer.SUCCEED
+    if outcome in (Outcome.CANCELLED, Outcome.DROPPED):
+        return Answer.CANCEL
+    if outcome is Outcome.REFUSED and not accepted:
+        return Answer.REJECT
+    return Answer.ABORT
+
+
+def unreadable(reason: str, cancelled: bool = False) -> Verdict:
+    """On a request that could not be read, or not be checked.
+
+    :param reason: a sentence.
+    :param cancelled: its client has taken it back meanwhile.
+    """
+    if cancelled:
+        return Verdict(Outcome.CANCELLED, f"{NOT_BEGUN}; {reason}")
+    return Verdict(Outcome.REFUSED, reason)

@@ -1,0 +1,183 @@
+"""The stages of the Executor that ROSPlan does not have: at rest, goals in, dispatched, again.
+
+They carry out; what their ends mean is decided in :mod:`merlin_executor.course` and
+:mod:`merlin_executor.replanning`.
+"""
+
+import threading
+from typing import Any, NamedTuple, Protocol
+
+import rospy
+
+from merlin_executor.course import Course
+from merlin_executor.guard_client import GuardClient
+from merlin_executor.own_goals import OwnGoals
+from merlin_executor.recovery import Recovery
+from merlin_executor.request import Request
+from merlin_sm.call_scope import CallScope
+from merlin_sm.deadline import Deadline
+from merlin_sm.dispatch_client import PART as DISPATCHER
+from merlin_sm.dispatch_client import DispatchClient
+from merlin_sm.dispatch_progress import DispatchResult
+from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
+from merlin_sm.pddl_text import to_pddl
+from merlin_sm.planning_client import PlanningClient, StageError
+from merlin_sm.service_proxy import ServiceError, ServiceUnavailable
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
+from merlin_sm.states.planning import FAILED, DispatchPlanState, PlanningState
+
+ALREADY_TRUE = "already_true"
+EXHAUSTED = "exhausted"
+KNOWLEDGE_BASE = "the planning system's knowledge base"
+GOALS_GONE = "its goals were removed from the knowledge base: this executor was silent, or another client did"
+LOOK_LIMIT = 2.0  # s of wall time to see whether the goals were there until the end of a dispatch
+
+
+class PlanningSystem(NamedTuple):
+    """The parts of a planning system, and what watches over the robot that it moves."""
+
+    knowledge: KnowledgeClient
+    planning: PlanningClient
+    dispatcher: DispatchClient
+    recovery: Recovery
+    guard: GuardClient
+    return_wait: float
+    """s of running time for a part that was ended to return."""
+
+
+class Run(Protocol):
+    """The request that runs, as its stages see it."""
+
+    @property
+    def request(self) -> Request:
+        """The request."""
+
+    @property
+    def course(self) -> Course:
+        """Its course."""
+
+    def take_result(self, result: DispatchResult) -> None:
+        """Notes how a dispatch has ended."""
+
+
+def _of_knowledge_base(error: ServiceError) -> StageError:
+    return StageError(f"{KNOWLEDGE_BASE}: {error}", gone=isinstance(error, ServiceUnavailable))
+
+
+class Settle(PlanningState):
+    """Brings the planning system to rest: nothing is planned on what something still changes."""
+
+    def __init__(self, recovery: Recovery, dispatcher: DispatchClient) -> None:
+        super().__init__()
+        self._recovery = recovery
+        self._dispatcher = dispatcher
+
+    def run(self, userdata: Any) -> str:
+        """Looks, and waits where something is left."""
+        try:
+            trouble = self._recovery.rest(self.interruptible)
+        except ServiceError as error:
+            return self.fail_stage(_of_knowledge_base(error))
+        if self.preempt_requested():
+            return PREEMPTED
+        if not trouble:
+            return SUCCEEDED
+        self.gone = not self._dispatcher.available()  # then its return is waited for
+        return self.fail(trouble)
+
+
+class AddGoals(PlanningState):
+    """Adds the goals that are not there yet; ends with already_true when all of them hold."""
+
+    def __init__(self, knowledge: KnowledgeClient, own: OwnGoals, run: Run) -> None:
+        super().__init__([ALREADY_TRUE])
+        self._knowledge = knowledge
+        self._own = own
+        self._run = run
+
+    def run(self, userdata: Any) -> str:
+        """Adds them."""
+        items = self._run.request.items
+        try:
+            if not self._run.course.is_replan:
+                self._own.remove()  # what an earlier request could not remove
+            if all(self._knowledge.query(items)):
+                self.reason = "the goal holds already"
+                return ALREADY_TRUE
+            present = {to_pddl(goal).lower() for goal in self._knowledge.goals()}
+            self._own.add([item for item in items if to_pddl(item).lower() not in present])
+        except ServiceError as error:
+            return self.fail_stage(_of_knowledge_base(error))
+        except (KnowledgeError, OSError) as error:
+            return self.fail(str(error))
+        return SUCCEEDED
+
+
+class Dispatch(DispatchPlanState):
+    """Has the plan dispatched. A goal that the knowledge base has no more would count as achieved."""
+
+    def __init__(self, system: PlanningSystem, own: OwnGoals, run: Run) -> None:
+        super().__init__(
+            system.dispatcher,
+            run.take_result,
+            lambda: run.request.plan,
+            lambda: run.request.goal.id,
+        )
+        self._knowledge = system.knowledge
+        self._own = own
+        self._run = run
+
+    def run(self, userdata: Any) -> str:
+        """Dispatches, and looks whether the goals were there until the end."""
+        outcome = super().run(userdata)
+        if outcome != SUCCEEDED:
+            return outcome
+        try:
+            with CallScope(LOOK_LIMIT):
+                if self._own.all_there() or all(self._knowledge.query(self._run.request.items)):
+                    return SUCCEEDED
+        except ServiceError as error:
+            return self.fail_stage(_of_knowledge_base(error))
+        self.reason = GOALS_GONE
+        return PREEMPTED if self.preempt_requested() else FAILED
+
+
+class Replan(PlanningState):
+    """Has the goal planned again where that may help; waits for a planning system that was ended."""
+
+    def __init__(self, system: PlanningSystem, run: Run) -> None:
+        super().__init__([EXHAUSTED])
+        self._system = system
+        self._run = run
+
+    def run(self, userdata: Any) -> str:
+        """Decides, and waits before all new plans but the first."""
+        course = self._run.course
+        end = course.end
+        decision = course.replan()
+        self.reason = end.reason
+        if not decision.again:
+            return EXHAUSTED
+        cancelled = threading.Event()
+        self.interruptible(cancelled.set)
+        try:
+            if end.gone and not self._back(cancelled):
+                return PREEMPTED if cancelled.is_set() else ABORTED
+            if Deadline(decision.wait).wait_event(cancelled):
+                return PREEMPTED
+        finally:
+            self.interruptible(None)
+        rospy.loginfo(f"planning again ({course.replans}): {self.reason}")
+        return SUCCEEDED
+
+    def _back(self, cancelled: threading.Event) -> bool:
+        """Whether all parts of the planning system are there, or return in time."""
+        dispatcher, wait = self._system.dispatcher, self._system.return_wait
+        rospy.logwarn(f"{self.reason}; waits {wait:g} s for its return")
+        part = self._system.planning.wait_back(
+            wait, cancelled, lambda: "" if dispatcher.available() else DISPATCHER
+        )
+        if part and not cancelled.is_set():
+            self.gone = True
+            self.reason = f"{self.reason}; {part} did not return within {wait:g} s"
+        return not part and not cancelled.is_set()

@@ -1,0 +1,76 @@
+"""Which goals of a knowledge base are this Executor's, and which lease names them. Pure.
+
+A lease is ``<unique word> (and <goal> …)``: so a knowledge base knows what it is about without asking.
+"""
+
+import itertools
+from typing import Callable, Collection, Generic, List, Sequence, TypeVar
+
+Item = TypeVar("Item")
+
+
+class GoalLedger(Generic[Item]):
+    """The goals that were added and are not removed, each once.
+
+    :param text: a goal as PDDL text.
+    :param life: names this life of the process; begins its leases.
+    """
+
+    def __init__(self, text: Callable[[Item], str], life: str) -> None:
+        self._text = text
+        self._life = life
+        self._numbers = itertools.count(1)
+        self._open = False  # whether an addition has had no answer yet
+        self.items: List[Item] = []
+        """The goals, the oldest first."""
+        self.lease = ""
+        """Names them; empty: there are none."""
+
+    @property
+    def texts(self) -> List[str]:
+        """The goals as PDDL text."""
+        return [self._text(item) for item in self.items]
+
+    def with_these(self, items: Sequence[Item]) -> List[str]:
+        """What :attr:`texts` will be when these are added."""
+        return [*self.texts, *map(self._text, self._new(items))]
+
+    def begin(self, items: Sequence[Item]) -> None:
+        """Goals are about to be added: they count from now on, an addition too many is harmless.
+
+        The lease is a new one: the old one may be lost for good.
+        """
+        self.items += self._new(items)
+        self._open = True
+        goals = " ".join(self.texts)
+        self.lease = f"{self._life}-{next(self._numbers)} (and {goals})" if goals else ""
+
+    def answered(self) -> None:
+        """The addition was carried out, or refused."""
+        self._open = False
+
+    def inherit(self, items: Sequence[Item]) -> None:
+        """Goals that a former life has added; its lease is not this one's."""
+        self.items += self._new(items)
+
+    def removed(self) -> bool:
+        """The goals were removed.
+
+        :return: whether for good. An addition that had no answer may come true later: after the first removal
+            behind it they are kept, to be removed once more.
+        """
+        if self._open:
+            self._open = False
+            return False
+        self.items = []
+        self.lease = ""
+        return True
+
+    def all_in(self, texts: Collection[str]) -> bool:
+        """Whether all of the goals are among others; names do not depend on case."""
+        present = {text.lower() for text in texts}
+        return all(text.lower() in present for text in self.texts)
+
+    def _new(self, items: Sequence[Item]) -> List[Item]:
+        known = set(self.texts)
+        return [item for item in items if self._text(item) not in known]
