@@ -1,0 +1,99 @@
+"""A whole robot as processes: its master dies while it drives, and a second launch of it is started."""
+
+import time
+from typing import Any
+
+import pytest
+
+LIMIT = 60.0  # s for anything that a test waits for
+NODES = (
+    "/merlin_executor", "/planning_system", "/merlin_bridges", "/merlin_fsm_host", "/merlin_guard", "/base",
+    "/speech", "/witness",
+)  # fmt: skip
+
+# Wants goals, one for each line of its input, and tells what the base is commanded behind the guard.
+WITNESS = """
+import sys, threading, rospy
+from geometry_msgs.msg import Twist
+from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
+from merlin_sm.node import run_node
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+
+class Base:
+    def __init__(self):
+        self.moves = False
+        rospy.Subscriber("cmd_vel", Twist, self.receive, tcp_nodelay=True)
+
+    def receive(self, velocity):
+        moves = velocity != Twist()
+        if moves != self.moves:
+            print("MOVES" if moves else "STANDS", flush=True)
+        self.moves = moves
+
+def start():
+    Base()
+    client, knowledge = MerlinExecutorClient(), MerlinROSPlanAssistant()
+    assert client.wait_for_executor(60)
+    knowledge.facts("robot_at")  # connects: without a master nothing is found
+    print("started", flush=True)
+    def tell(request):
+        result = request.result
+        places = ", ".join(knowledge.facts("robot_at"))
+        print(f"ENDED {outcome_name(result.outcome)}: {result.reason}; places {places}", flush=True)
+    def run():
+        for line in sys.stdin:
+            client.send(line.strip(), on_done=tell)
+    return run
+sys.exit(run_node("witness", start))
+"""
+
+
+@pytest.fixture
+def launch(master: Any) -> Any:
+    """The robot, on the test's own master."""
+    robot = master.spawn("roslaunch", "merlin_test", "whole_robot.launch")
+    yield robot
+    robot.end()
+
+
+@pytest.fixture
+def witness(master: Any, launch: Any) -> Any:
+    found = master.node(WITNESS)
+    found.expect("started")
+    return found
+
+
+def test_a_robot_without_a_master_stands_and_works_again_with_the_next_one(master: Any, witness: Any) -> None:
+    witness.say("(checked kitchen)")
+    witness.expect("MOVES")
+    master.kill()
+    witness.expect("STANDS")
+    first = witness.expect("ENDED")
+    assert "the ROS master did not return within 10 s" in first, first
+    assert first.count("(robot_at ") == 1, first
+    master.start()
+    end = time.monotonic() + LIMIT
+    while not all(master.address_of(node) for node in NODES):
+        assert time.monotonic() < end, "not all nodes are back"
+        time.sleep(0.1)
+    witness.say("(checked kitchen)")
+    witness.expect("MOVES")
+    second = witness.expect("ENDED")
+    assert "ENDED SUCCEEDED" in second, second
+    assert second.endswith("places (robot_at kitchen)"), second
+
+
+def test_a_second_launch_names_the_first_one_and_does_not_harm_it(master: Any, witness: Any) -> None:
+    before = {node: master.address_of(node) for node in NODES}
+    assert all(before.values()), before
+    second = master.spawn("roslaunch", "merlin", "executor.launch")
+    second.ended()  # roslaunch has no exit code for this
+    assert "node /merlin_executor runs already (process " in second.output
+    assert "end that one first, or name this one differently with __name:=" in second.output
+    assert "Traceback" not in second.output
+    whole = master.spawn("roslaunch", "merlin_test", "whole_robot.launch")
+    whole.ended()
+    assert " runs already" in whole.output
+    assert {node: master.address_of(node) for node in NODES} == before
+    witness.say("(checked kitchen)")
+    assert "ENDED SUCCEEDED" in witness.expect("ENDED")

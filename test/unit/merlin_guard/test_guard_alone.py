@@ -1,0 +1,97 @@
+"""The guard where nothing else of MERLIN is installed, as a process: it passes, holds, and ends."""
+
+import signal
+from typing import Any
+
+import pytest
+
+GUARD = """
+import sys
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] == "merlin_sm":
+            raise ImportError(f"{name} is not installed")
+
+sys.meta_path.insert(0, Missing())
+from merlin_guard.guard_node import main
+sys.exit(main())
+"""
+
+# A motion server and its controller: drives while a line says so.
+DRIVER = """
+import sys, threading, rospy
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from geometry_msgs.msg import Twist
+
+rospy.init_node("driver")
+active = threading.Event()
+moved = []
+
+def receive(velocity):
+    moves = velocity.linear.x > 0
+    if moved[-1:] != [moves]:
+        moved.append(moves)
+        print("MOVES" if moves else "STANDS", flush=True)
+
+rospy.Subscriber("cmd_vel", Twist, receive)
+status = rospy.Publisher("move_base/status", GoalStatusArray, queue_size=1)
+velocity = rospy.Publisher("cmd_vel_in", Twist, queue_size=1)
+
+def drive():
+    while not rospy.is_shutdown():
+        state = GoalStatus.ACTIVE if active.is_set() else GoalStatus.SUCCEEDED
+        status.publish(GoalStatusArray(status_list=[GoalStatus(GoalID(id="by hand"), state, "")]))
+        command = Twist()
+        command.linear.x = 0.3
+        velocity.publish(command)
+        rospy.rostime.wallsleep(0.05)
+
+threading.Thread(target=drive, daemon=True).start()
+print("started", flush=True)
+for line in sys.stdin:
+    active.set() if line.strip() == "drive" else active.clear()
+"""
+
+
+@pytest.fixture
+def alone(master: Any) -> Any:
+    """A guard that has begun."""
+    master.api.setParam("/test", "/use_sim_time", False)
+    guard = master.node(GUARD)
+    return guard
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
+def test_it_passes_what_has_a_goal_and_ends_as_a_node_does(
+    master: Any, alone: Any, number: int, code: int
+) -> None:
+    driver = master.node(DRIVER)
+    driver.expect("started")
+    driver.say("drive")
+    driver.expect("MOVES")
+    driver.say("end")
+    driver.expect("STANDS")
+    assert alone.end(number) == code
+    assert "Traceback" not in alone.output
+
+
+def test_a_wrong_parameter_ends_it_with_the_reason(master: Any) -> None:
+    guard = master.node(GUARD, "_cancel_deadline:=soon")
+    assert guard.ended() == 2
+    assert "cancel_deadline" in guard.output
+    assert "Traceback" not in guard.output
+
+
+def test_a_second_one_leaves_the_first_alone(master: Any, alone: Any) -> None:
+    driver = master.node(DRIVER)
+    driver.expect("started")
+    driver.say("drive")
+    driver.expect("MOVES")
+    address = master.address_of("/merlin_guard")
+    second = master.node(GUARD)
+    assert second.ended() == 2
+    assert "a guard named /merlin_guard runs already" in second.output
+    assert master.address_of("/merlin_guard") == address
+    driver.say("end")
+    driver.expect("STANDS")
