@@ -18,7 +18,7 @@ from merlin_home.motion_limits import MotionLimits
 from merlin_home.oracle import Oracle, OracleResult
 from merlin_home.outlines import outlines_of_world
 from merlin_home.shortest_path import ShortestPaths
-from merlin_sim.navigator import NavigationSettings
+from merlin_reactive.navigation.navigator import NavigationSettings
 from merlin_sim.trial import Trial, TrialResult
 from merlin_sim.world import World
 from merlin_sim.world_drawing import find_world

@@ -12,8 +12,8 @@ from merlin_msgs.msg import ListenAction, ListenGoal
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
 import rostest
-from merlin_sim.ros_clock import RosClock
-from merlin_sim.speech_synthesizer import RATE, SpeechSynthesizer
+from merlin_reactive.ros_clock import RosClock
+from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_sm.action_client import ActionClient
 from merlin_sm.publishing import Subscribed
 

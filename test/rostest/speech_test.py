@@ -12,7 +12,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 import rostest
-from merlin_sim.speech_synthesizer import SpeechSynthesizer
+from merlin_reactive.speech.speech_synthesizer import SpeechSynthesizer
 from merlin_sm.action_client import ActionClient
 from merlin_sm.service_proxy import ServiceProxy
 

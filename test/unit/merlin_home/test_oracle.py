@@ -13,8 +13,9 @@ from merlin_home.motion_limits import MotionLimits, Profile
 from merlin_home.oracle import Oracle
 from merlin_home.outlines import Outline, Outlines, outlines_of_map, outlines_of_world
 from merlin_home.shortest_path import NoPathError, ShortestPaths, angle_between
+from merlin_reactive.pose import Pose
 from merlin_sim.trial import Trial
-from merlin_sim.world import MoveEvent, Pose
+from merlin_sim.world import MoveEvent
 from merlin_sim.world_drawing import find_world
 from merlin_sim.world_file import load_world
 

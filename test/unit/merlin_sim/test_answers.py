@@ -2,9 +2,9 @@
 
 import pytest
 
+from merlin_reactive.seeded_random import draw
 from merlin_sim.answers import Answers
 from merlin_sim.listener import Listener, nearest
-from merlin_sim.noise import draw
 
 
 def random():

@@ -7,10 +7,10 @@ import rospy
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
-from merlin_sim.navigation_node import _refuse_jump
-from merlin_sim.robot_state import StateError, rays_of, unusable
-from merlin_sim.ros_messages import grid_of, pose_message
-from merlin_sim.world import Pose
+from merlin_reactive.navigation.navigation_node import _refuse_jump
+from merlin_reactive.pose import Pose
+from merlin_reactive.robot_state import StateError, rays_of, unusable
+from merlin_reactive.ros_messages import grid_of, pose_message
 
 
 @pytest.mark.parametrize("resolution", [0.0, -0.05, math.nan, math.inf])

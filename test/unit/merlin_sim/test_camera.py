@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from merlin_reactive.pose import Pose
+from merlin_reactive.recognition.object_classes import OBJECT_CLASSES
+from merlin_reactive.recognition.tags import TAG, tag_dictionary
 from merlin_sim.camera import CameraModel
-from merlin_sim.object_classes import OBJECT_CLASSES
 from merlin_sim.simulation import RobotSpec, Simulation
-from merlin_sim.tag_card import GAP, TAG, tag_dictionary
-from merlin_sim.world import Pose
+from merlin_sim.tag_card import GAP
 from merlin_sim.world_file import parse_world
 
 URDF = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "urdf" / "rb1.urdf"

@@ -2,9 +2,9 @@
 
 import pytest
 
+from merlin_reactive.navigation.path_planner import PathPlanner
 from merlin_sim.floor_plan import FloorPlan, main
-from merlin_sim.occupancy_grid import map_of
-from merlin_sim.path_planner import PathPlanner
+from merlin_sim.survey import map_of
 from merlin_sim.world_file import load_world, parse_world
 
 

@@ -5,11 +5,12 @@ import time
 
 import numpy as np
 
+from merlin_reactive.pose import Pose
+from merlin_reactive.seeded_random import draw
 from merlin_sim.drive import BaseController, DriveGeometry, DriveLimits
 from merlin_sim.localization import PoseNoise, TruthLocalization, map_to_odom
-from merlin_sim.noise import SmoothNoise, draw
 from merlin_sim.pacer import Pacer
-from merlin_sim.world import Pose
+from merlin_sim.smooth_noise import SmoothNoise
 
 
 def test_draws_depend_on_seed_name_and_index_only():

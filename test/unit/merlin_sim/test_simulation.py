@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from merlin_reactive.pose import Pose
 from merlin_sim.drive import OdometryNoise
 from merlin_sim.ray_casting import Outlines
 from merlin_sim.simulation import RobotSpec, Simulation
-from merlin_sim.world import DoorEvent, MoveEvent, Person, Pose, Solid
+from merlin_sim.world import DoorEvent, MoveEvent, Person, Solid
 from merlin_sim.world_file import load_world
 
 PACKAGE = Path(__file__).resolve().parents[3] / "src" / "merlin_sim"

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from merlin_reactive.pose import Pose
 from merlin_sim.people import State
 from merlin_sim.simulation import RobotSpec, Simulation
-from merlin_sim.world import Pose
 from merlin_sim.world_control import Placing, Refused
 from merlin_sim.world_file import parse_world
 

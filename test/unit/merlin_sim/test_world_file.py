@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from merlin_sim.world import DoorEvent, MoveEvent, Pose
+from merlin_reactive.pose import Pose
+from merlin_sim.world import DoorEvent, MoveEvent
 from merlin_sim.world_file import WorldError, load_world, parse_world
 
 WORLDS = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "worlds"

@@ -15,7 +15,7 @@ EXECUTABLES = [
     ("merlin_rosplan", "knowledge_base"),
     ("merlin_rosplan", "planner_interface"),
     ("merlin_rosplan", "plan_dispatcher"),
-    ("merlin_sim", "navigation"),
+    ("merlin_reactive", "navigation"),
     ("merlin_monitor", "monitor"),
 ]
 ENDED = {signal.SIGINT: 0, signal.SIGTERM: 128 + signal.SIGTERM}

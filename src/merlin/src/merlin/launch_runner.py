@@ -21,10 +21,10 @@ from roslaunch.core import Node, RLException
 from roslaunch.pmon import ProcessListener
 from roslaunch.substitution_args import SubstitutionException
 
-from .error_relay import ErrorRelay
-from .launch_request import LaunchError, LaunchRequest, one_line
-from .master import Master
-from .orphans import adopt_orphans, end_children
+from merlin.error_relay import ErrorRelay
+from merlin.launch_request import LaunchError, LaunchRequest, one_line
+from merlin.master import Master
+from merlin.orphans import adopt_orphans, end_children
 
 MISSION_NODE = "mission"
 INTERRUPT_TIMEOUT = 15.0

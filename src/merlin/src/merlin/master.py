@@ -10,7 +10,7 @@ from typing import Optional
 import rosgraph.xmlrpc
 import rosmaster.master_api
 
-from .launch_request import LaunchError
+from merlin.launch_request import LaunchError
 
 START_TIMEOUT = 10.0
 """Wall seconds that binding a socket may take."""

@@ -9,11 +9,10 @@ from merlin_msgs.msg import ExecutorStatus
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
 from merlin_executor.readiness import missing_interfaces
 from merlin_executor.resending import END
+from merlin_home.mission import MissionStopped
+from merlin_home.trajectory import Trajectory
 from merlin_sm.deadline import Deadline
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-
-from .mission import MissionStopped
-from .trajectory import Trajectory
 
 IDLE_TIMEOUT = 30.0
 """Running time within which the Executor is idle after it has answered, s."""

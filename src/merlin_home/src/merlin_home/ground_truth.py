@@ -8,7 +8,7 @@ import numpy as np
 import rospy
 from nav_msgs.msg import OccupancyGrid, Odometry
 
-from .trajectory import Sample, Trajectory
+from merlin_home.trajectory import Sample, Trajectory
 
 OCCUPIED = 50
 """Occupancy (%) from which a cell counts as an obstacle."""

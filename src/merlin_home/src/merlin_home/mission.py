@@ -6,9 +6,9 @@ Without ROS: what the mission needs of the robot is :class:`Robot`.
 import threading
 from typing import Callable, List, Optional, Protocol, Sequence, Tuple
 
-from .mission_list import Task
-from .task_record import TaskRecord
-from .trajectory import Trajectory
+from merlin_home.mission_list import Task
+from merlin_home.task_record import TaskRecord
+from merlin_home.trajectory import Trajectory
 
 CLOCK_TICK = 0.05
 """By how much the clocks of two nodes may differ in a simulation, s: they learn of the time by messages."""

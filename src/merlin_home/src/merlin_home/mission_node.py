@@ -18,21 +18,20 @@ from merlin_executor.goal_check import GoalError
 from merlin_executor.mission_pause import MissionPause
 from merlin_executor.mission_reporter import MissionReporter
 from merlin_executor.readiness import missing_servers
+from merlin_home.executor_robot import ExecutorRobot
+from merlin_home.ground_truth import GroundTruth, grid_of, receive_one
+from merlin_home.mission import Mission, MissionStopped
+from merlin_home.mission_settings import MissionSettings, SettingsError
+from merlin_home.progress_view import ProgressView, closing_lines, ended_line, live_line
+from merlin_home.real_time_factor import ARRIVAL_AHEAD, CANCEL_AHEAD, RealTimeFactor
+from merlin_home.result_files import write_run
+from merlin_home.spoken_question import SpeechLengthError, speech_length
+from merlin_home.task_record import RunRecord, TaskRecord
+from merlin_home.trajectory import Sample, Trajectory
+from merlin_home.versions import versions
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.node import init_node
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
-
-from .executor_robot import ExecutorRobot
-from .ground_truth import GroundTruth, grid_of, receive_one
-from .mission import Mission, MissionStopped
-from .mission_settings import MissionSettings, SettingsError
-from .progress_view import ProgressView, closing_lines, ended_line, live_line
-from .real_time_factor import ARRIVAL_AHEAD, CANCEL_AHEAD, RealTimeFactor
-from .result_files import write_run
-from .spoken_question import SpeechLengthError, speech_length
-from .task_record import RunRecord, TaskRecord
-from .trajectory import Sample, Trajectory
-from .versions import versions
 
 EXIT_NOT_AS_LISTED = 1
 EXIT_STOPPED = 2
@@ -129,7 +128,7 @@ class MissionNode:
         self._mission.measure_stops()
         if grid is not None:
             # matplotlib and SciPy take seconds to import: neither a start nor an interruption waits for them.
-            from .mission_results import MissionResults
+            from merlin_home.mission_results import MissionResults
 
             results = MissionResults(self._settings, run)
             results.add_map(*grid_of(grid), self._trajectory.samples(start))

@@ -5,18 +5,17 @@ from typing import Dict, List, Optional, Sequence
 
 import numpy as np
 
+from merlin_home.mission_settings import MissionSettings, Point
+from merlin_home.oracle import Oracle
+from merlin_home.outlines import outlines_of_map, outlines_of_world
+from merlin_home.path_plot import MapPicture, plot_path
+from merlin_home.progress_view import closing_lines
+from merlin_home.result_files import write_run
+from merlin_home.shortest_path import NoPathError, ShortestPaths
+from merlin_home.spoken_question import SpeechLengthError, speech_length
+from merlin_home.task_record import RunRecord
+from merlin_home.trajectory import Sample
 from merlin_sim.world_file import WorldError, load_world
-
-from .mission_settings import MissionSettings, Point
-from .oracle import Oracle
-from .outlines import outlines_of_map, outlines_of_world
-from .path_plot import MapPicture, plot_path
-from .progress_view import closing_lines
-from .result_files import write_run
-from .shortest_path import NoPathError, ShortestPaths
-from .spoken_question import SpeechLengthError, speech_length
-from .task_record import RunRecord
-from .trajectory import Sample
 
 
 class MissionResults:

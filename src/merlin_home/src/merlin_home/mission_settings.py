@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from merlin_executor.resending import ON_LOST
-
-from .mission_list import Task, make_mission, mission_tasks
-from .motion_limits import MotionLimits
-from .real_time_factor import POLICIES
+from merlin_home.mission_list import Task, make_mission, mission_tasks
+from merlin_home.motion_limits import MotionLimits
+from merlin_home.real_time_factor import POLICIES
 
 Point = Tuple[float, float]
 APPROACHES = ("merlin", "naive")

@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass
 from typing import Tuple
 
-from .motion_limits import MotionLimits
-from .outlines import Point
-from .shortest_path import ShortestPaths, angle_between
+from merlin_home.motion_limits import MotionLimits
+from merlin_home.outlines import Point
+from merlin_home.shortest_path import ShortestPaths, angle_between
 
 
 @dataclass(frozen=True)

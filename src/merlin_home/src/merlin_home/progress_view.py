@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Iterable, List, Optional, Sequence, TextIO
 
-from .task_record import RunRecord, TaskRecord, efficiency, total
+from merlin_home.task_record import RunRecord, TaskRecord, efficiency, total
 
 REFRESH = 0.25
 """Shortest wall time between two rewritings of the live line, s."""

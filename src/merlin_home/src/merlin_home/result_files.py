@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import Any, Dict, Iterable, Sequence
 
-from .task_record import RUN_COLUMNS, TASK_COLUMNS, RunRecord
+from merlin_home.task_record import RUN_COLUMNS, TASK_COLUMNS, RunRecord
 
 DECIMALS = 4
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from .outlines import Outlines, Point
+from merlin_home.outlines import Outlines, Point
 
 TOUCH = 1e-7
 """By which a line may seem to enter what it touches, m."""

@@ -1,6 +1,6 @@
 """The question of the paper's tasks, and how long it is."""
 
-from merlin_sim.speech_synthesizer import SoundError, SpeechSynthesizer
+from merlin_reactive.speech.speech_synthesizer import SoundError, SpeechSynthesizer
 
 QUESTION = "Hello. I came to ask if you need something. Is there anything I can do?"
 """Always the same, so that its length (about 5 s) adds no spread to the results."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Tuple
 
-from .mission_list import Task
+from merlin_home.mission_list import Task
 
 CROSSING = 0.25
 """A success this soon after the cancel (s of ROS time) crossed it on the way, and counts as before it."""

@@ -1,1 +1,1 @@
-"""Simulated worlds, robot, navigation and speech."""
+"""The simulator: worlds, robots, their sensors, people and time."""

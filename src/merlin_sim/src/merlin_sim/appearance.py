@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
-from merlin_sim.object_classes import (
+from merlin_reactive.recognition.object_classes import (
     DARK,
     HEAD_RADIUS,
     OBJECT_CLASSES,
@@ -48,7 +48,7 @@ class Appearance:
     def of(self, solid: Solid, kind: str = "", tag: Optional[int] = None) -> int:
         """The visual shape of a thing, around its middle.
 
-        :param kind: `wall`, `person`, a class of :mod:`merlin_sim.object_classes`, or anything else: then it
+        :param kind: `wall`, `person`, a class of `object_classes`, or anything else: then it
             has its own shape and colour.
         :param tag: number of the ArUco tag on its four sides.
         """

@@ -6,7 +6,7 @@ from typing import List
 
 import numpy as np
 
-from merlin_sim.noise import draw
+from merlin_reactive.seeded_random import draw
 
 CAMERA_LINK = "camera_link"  # of the robot description; it looks along its x axis, z is up
 NEAR, FAR = 0.06, 40.0  # m; what is nearer or farther is not drawn

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Tuple
 
-from merlin_sim.noise import draw
-from merlin_sim.world import Pose, wrap
+from merlin_reactive.pose import Pose, wrap
+from merlin_reactive.seeded_random import draw
 
 LATE = 0.15  # s; who drives by odometry commands 20 times a second
 GIVEN_UP = 1.0  # s after which a late command is no longer waited for

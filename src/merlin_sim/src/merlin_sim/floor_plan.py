@@ -10,10 +10,12 @@ import cv2
 import numpy as np
 import yaml
 
-from merlin_sim.noise import draw
-from merlin_sim.occupancy_grid import OccupancyGrid, map_of
-from merlin_sim.path_planner import PathPlanner
-from merlin_sim.world import Pose, World
+from merlin_reactive.navigation.path_planner import PathPlanner
+from merlin_reactive.occupancy_grid import OccupancyGrid
+from merlin_reactive.pose import Pose
+from merlin_reactive.seeded_random import draw
+from merlin_sim.survey import map_of
+from merlin_sim.world import World
 from merlin_sim.world_file import parse_world
 from merlin_sim.world_places import CLEARANCE, ROBOT_RADIUS
 

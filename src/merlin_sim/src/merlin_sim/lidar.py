@@ -6,9 +6,9 @@ from typing import Iterable
 
 import numpy as np
 
-from merlin_sim.noise import draw
+from merlin_reactive.pose import Pose
+from merlin_reactive.seeded_random import draw
 from merlin_sim.ray_casting import Circle, Outlines
-from merlin_sim.world import Pose
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from typing import Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from merlin_sim.noise import draw
-from merlin_sim.speech_recognizer import SpeechRecognizer
-from merlin_sim.speech_synthesizer import RATE, SoundError, SpeechSynthesizer
+from merlin_reactive.listening.speech_recognizer import SpeechRecognizer
+from merlin_reactive.seeded_random import draw
+from merlin_reactive.speech.speech_synthesizer import RATE, SoundError, SpeechSynthesizer
 
 VOICES = ("en-us", "en-us+f3", "en-gb", "en-us+m3")
 ROOM = 30.0  # of 32767: RMS of the noise around a sentence, as person_voice has it

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import List
 
-from merlin_sim.noise import SmoothNoise
-from merlin_sim.world import Pose, wrap
+from merlin_reactive.pose import Pose, wrap
+from merlin_sim.smooth_noise import SmoothNoise
 
 WANDER = 2.0  # s within which the error becomes another one
 

@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Callable, List, Tuple
 
-from merlin_sim.navigator import Outcome
-from merlin_sim.noise import draw
-from merlin_sim.world import DoorEvent, MoveEvent, Person, Point, Pose, Solid, World
+from merlin_reactive.navigation.navigator import DriveOutcome
+from merlin_reactive.pose import Point, Pose
+from merlin_reactive.seeded_random import draw
+from merlin_sim.world import DoorEvent, MoveEvent, Person, Solid, World
 
 Leg = Tuple[str, Pose, Pose]
 
@@ -26,7 +27,7 @@ class Case:
     name: str
     change: Callable[[World, int], World]
     legs: Callable[[World], List[Leg]]
-    expected: Outcome = Outcome.REACHED
+    expected: DriveOutcome = DriveOutcome.REACHED
     yaw_tolerance: float = math.pi
 
 
@@ -44,8 +45,8 @@ def _apartment() -> List[Case]:
         Case("person crosses", _crossing, _between("dorm_room", "bathroom")),
         Case("person comes towards it", _oncoming, _between("bathroom", "main_door")),
         Case("door closes and opens again", _reopened, _between("dorm_room", "kitchen")),
-        Case("door closes for good", _closed, _between("dorm_room", "kitchen"), Outcome.NO_PLAN),
-        Case("goal taken", _goal_taken, _between("dorm_room", "main_door"), Outcome.NO_PLAN),
+        Case("door closes for good", _closed, _between("dorm_room", "kitchen"), DriveOutcome.NO_PLAN),
+        Case("goal taken", _goal_taken, _between("dorm_room", "main_door"), DriveOutcome.NO_PLAN),
     ]
 
 
@@ -59,7 +60,7 @@ def _restaurant() -> List[Case]:
         Case(
             "guest comes towards it", _walking_guest((3.2, 4.3), (7.2, 4.9), 0.6), _between("bar", "table_2")
         ),
-        Case("guest stands at the goal", _guest(2.5, 4.2), _between("bar", "table_2"), Outcome.NO_PLAN),
+        Case("guest stands at the goal", _guest(2.5, 4.2), _between("bar", "table_2"), DriveOutcome.NO_PLAN),
     ]
 
 

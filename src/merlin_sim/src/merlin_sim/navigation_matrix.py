@@ -5,9 +5,9 @@ import statistics
 import sys
 from typing import Iterator, List, Optional, Tuple
 
+from merlin_reactive.navigation.navigator import NavigationSettings
+from merlin_reactive.navigation.path_follower import Cruise
 from merlin_sim.navigation_cases import Case, cases
-from merlin_sim.navigator import NavigationSettings
-from merlin_sim.path_follower import Cruise
 from merlin_sim.trial import Trial, TrialResult, trials
 from merlin_sim.world import World
 from merlin_sim.world_drawing import find_world

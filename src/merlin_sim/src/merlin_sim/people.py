@@ -4,9 +4,10 @@ import enum
 import math
 from typing import Callable, Optional, Protocol, Sequence, Tuple
 
-from merlin_sim.object_classes import SEAT
-from merlin_sim.path_follower import Path
-from merlin_sim.world import Person, Point, Pose, Solid
+from merlin_reactive.navigation.path_follower import Path
+from merlin_reactive.pose import Point, Pose
+from merlin_reactive.recognition.object_classes import SEAT
+from merlin_sim.world import Person, Solid
 
 ROOM = 0.15  # m that a person keeps from a robot
 

@@ -14,13 +14,13 @@ from nav_msgs.msg import Odometry
 from sound_play.msg import SoundRequest, SoundRequestActionGoal
 from std_msgs.msg import Bool
 
+from merlin_reactive.pose import Point
+from merlin_reactive.ros_clock import RosClock
+from merlin_reactive.ros_messages import samples_of
+from merlin_reactive.seeded_random import draw
+from merlin_reactive.speech.speech_synthesizer import RATE, SoundError, SpeechSynthesizer
 from merlin_sim.answers import Answers
 from merlin_sim.listener import Listener, nearest, read_listeners
-from merlin_sim.noise import draw
-from merlin_sim.ros_clock import RosClock
-from merlin_sim.ros_messages import samples_of
-from merlin_sim.speech_synthesizer import RATE, SoundError, SpeechSynthesizer
-from merlin_sim.world import Point
 from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_sm.node import run_node
 from merlin_sm.parameters import number

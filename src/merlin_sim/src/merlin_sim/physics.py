@@ -14,11 +14,12 @@ with silence():  # the engine greets on standard output when it is imported
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 
+from merlin_reactive.pose import Pose
+from merlin_reactive.recognition.object_classes import PERSON
 from merlin_sim.appearance import WALL, Appearance
 from merlin_sim.camera import CAMERA_LINK, CameraModel, CameraPose
 from merlin_sim.drive import DriveGeometry
-from merlin_sim.object_classes import PERSON
-from merlin_sim.world import Pose, Solid, World, WorldObject
+from merlin_sim.world import Solid, World, WorldObject
 
 PhysicsError = pybullet.error
 WHEEL_TORQUE = 12.0  # Nm

@@ -6,8 +6,8 @@ import math
 import sys
 from typing import Dict, List, Optional, Tuple
 
-from merlin_sim.occupancy_grid import map_of
-from merlin_sim.path_planner import NoPath, PathPlanner
+from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
+from merlin_sim.survey import map_of
 from merlin_sim.world import World
 from merlin_sim.world_drawing import find_world
 from merlin_sim.world_file import WorldError, load_world

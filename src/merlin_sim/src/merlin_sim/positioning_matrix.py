@@ -8,12 +8,13 @@ from typing import Iterator, List, Optional, Tuple
 
 import numpy as np
 
+from merlin_reactive.localization.particle_filter import FilterSettings, Localizer, ParticleFilter
+from merlin_reactive.pose import Pose, wrap
 from merlin_sim.drive import OdometryNoise
-from merlin_sim.occupancy_grid import map_of
-from merlin_sim.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_sim.simulation import PHYSICS_RATE, RobotSpec, Simulation
+from merlin_sim.survey import map_of
 from merlin_sim.trial import SCAN_EVERY, URDF, Trial, trials
-from merlin_sim.world import Pose, World, wrap
+from merlin_sim.world import World
 from merlin_sim.world_drawing import find_world
 from merlin_sim.world_file import load_world
 

@@ -7,7 +7,8 @@ from typing import Dict, Iterable, List, Optional, Tuple
 
 import numpy as np
 
-from merlin_sim.world import Point, Solid
+from merlin_reactive.pose import Point
+from merlin_sim.world import Solid
 
 Circle = Tuple[float, float, float]  # x, y, radius
 

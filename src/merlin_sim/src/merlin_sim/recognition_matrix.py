@@ -9,10 +9,10 @@ import statistics
 from dataclasses import dataclass
 from typing import Dict, Iterator, List, Optional, Tuple
 
-from merlin_sim.noise import draw
-from merlin_sim.object_classes import OBJECT_CLASSES, PERSON
+from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON
+from merlin_reactive.recognition.object_recognizer import ObjectRecognizer
+from merlin_reactive.seeded_random import draw
 from merlin_sim.recognition_trial import Look, Placed, look
-from merlin_sim.recognizer import Recognizer
 from merlin_sim.trial import trials
 
 DISTANCES = (0.8, 1.2, 1.6, 2.0, 2.5, 3.0)  # m
@@ -82,7 +82,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     by_distance: Dict[Tuple[str, float], Tally] = {}
     false: List[str] = []
     pictures = 0
-    recognizer = Recognizer()
+    recognizer = ObjectRecognizer()
     for group, distance, things, room in looks(options.seeds):
         done = look(things, recognizer=recognizer, **room)  # type: ignore[arg-type]
         pictures += 1

@@ -8,14 +8,14 @@ from typing import Any, Dict, List, Optional, Sequence
 import numpy as np
 import rospkg
 
+from merlin_reactive.pose import Pose
+from merlin_reactive.recognition.camera_view import CameraView
+from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON, PERSON_HEIGHT, TAG
+from merlin_reactive.recognition.object_recognizer import ObjectRecognizer
+from merlin_reactive.recognition.sighting import Sighting
 from merlin_sim.camera import CameraModel
-from merlin_sim.camera_view import CameraView
-from merlin_sim.object_classes import OBJECT_CLASSES, PERSON, PERSON_HEIGHT, TAG
-from merlin_sim.recognizer import Recognizer
-from merlin_sim.sighting import Sighting
 from merlin_sim.simulation import RobotSpec, Simulation
 from merlin_sim.tag_card import GAP
-from merlin_sim.world import Pose
 from merlin_sim.world_file import parse_world
 
 SAME = 0.25  # m between where a thing is and where it is seen that are one thing
@@ -55,7 +55,7 @@ def look(
     support: float = 0.75,
     table: bool = True,
     model: Optional[CameraModel] = None,
-    recognizer: Optional[Recognizer] = None,
+    recognizer: Optional[ObjectRecognizer] = None,
 ) -> Look:
     """Takes one picture from the origin along x and recognises everything in it.
 
@@ -76,7 +76,7 @@ def look(
     finally:
         simulation.close()
     view = CameraView(model.matrix(), pose.optical(), model.width, model.height)
-    return _compare(things, support, (recognizer or Recognizer()).recognize(picture, view))
+    return _compare(things, support, (recognizer or ObjectRecognizer()).recognize(picture, view))
 
 
 def truth(thing: Placed, support: float = 0.75) -> np.ndarray:

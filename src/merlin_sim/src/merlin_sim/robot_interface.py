@@ -8,12 +8,13 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Twist
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, JointState, LaserScan
 
+from merlin_reactive.pose import Pose
+from merlin_reactive.prompt_publisher import PromptPublisher
+from merlin_reactive.ros_messages import pose_message, transform
 from merlin_sim.camera import CameraError
 from merlin_sim.localization import TruthLocalization, map_to_odom
-from merlin_sim.prompt_publisher import PromptPublisher
-from merlin_sim.ros_messages import camera_info, image_message, pose_message, transform
+from merlin_sim.sensor_messages import camera_info, image_message
 from merlin_sim.simulation import ODOMETRY_EVERY, PHYSICS_RATE, SimulatedRobot, Simulation
-from merlin_sim.world import Pose
 from merlin_sm.publishing import publish
 
 SCAN_PERIOD = 10  # 10 Hz

@@ -6,10 +6,11 @@ The physics engine pushes what has a mass; this follows, and takes along what st
 from dataclasses import dataclass, replace
 from typing import Dict, Iterator, List, Optional, Tuple
 
-from merlin_sim.object_classes import PERSON
+from merlin_reactive.pose import Point, Pose, wrap
+from merlin_reactive.recognition.object_classes import PERSON
 from merlin_sim.physics import Physics, RobotBody
 from merlin_sim.ray_casting import Outlines
-from merlin_sim.world import Point, Pose, Solid, World, WorldObject, wrap
+from merlin_sim.world import Solid, World, WorldObject
 from merlin_sim.world_places import ROBOT_RADIUS
 
 PUSHED = 0.002  # m and rad that a thing has to move before anybody sees it elsewhere

@@ -7,13 +7,14 @@ from typing import Any, List
 
 import rospy
 
+from merlin_reactive.pose import Pose
 from merlin_sim.camera import CameraModel
 from merlin_sim.drive import DriveLimits, OdometryNoise
 from merlin_sim.lidar import LidarModel
 from merlin_sim.localization import PoseNoise
 from merlin_sim.scene import ROBOT
 from merlin_sim.simulation import RobotSpec
-from merlin_sim.world import Pose, World
+from merlin_sim.world import World
 from merlin_sim.world_places import ROBOT_RADIUS, why_no_place
 from merlin_sm.parameters import ParameterError, number
 

@@ -7,12 +7,13 @@ from typing import Dict, List
 
 import numpy as np
 
+from merlin_reactive.pose import Pose
 from merlin_sim.camera import CAMERA_LINK, Camera, CameraError, CameraModel
 from merlin_sim.drive import BaseController, DriveGeometry, DriveLimits, OdometryNoise, WheelOdometry
 from merlin_sim.lidar import Lidar, LidarModel
 from merlin_sim.physics import Physics
 from merlin_sim.scene import ROBOT, Scene
-from merlin_sim.world import Pose, World
+from merlin_sim.world import World
 from merlin_sim.world_control import WorldControl
 from merlin_sim.world_events import WorldEvents
 from merlin_sim.world_places import ROBOT_RADIUS

@@ -5,16 +5,12 @@ from typing import List, Tuple
 
 import cv2
 
-TAG = 0.10  # m, edge of the black square
+from merlin_reactive.recognition.tags import TAG, tag_dictionary
+
 CARD = 0.14  # m, edge of the white card around it
 CELLS = 6  # of a 4x4 tag with its black border, along an edge
 PIXELS = 16  # of the texture, per cell
 GAP = 0.002  # m between a thing and its cards
-
-
-def tag_dictionary() -> "cv2.aruco.Dictionary":
-    """The tags that world files number: 4x4, 0 to 49."""
-    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
 
 
 def write_cards(folder: Path, name: str, tag: int, half: Tuple[float, float], rise: float) -> str:

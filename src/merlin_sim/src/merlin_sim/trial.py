@@ -11,13 +11,14 @@ from typing import List, Optional, Protocol, Tuple
 
 import numpy as np
 
+from merlin_reactive.navigation.navigator import DriveOutcome, NavigationSettings, Navigator
+from merlin_reactive.navigation.path_planner import NoPath
+from merlin_reactive.pose import Point, Pose
 from merlin_sim.drive import OdometryNoise
 from merlin_sim.localization import PoseNoise, TruthLocalization
-from merlin_sim.navigator import NavigationSettings, Navigator, Outcome
-from merlin_sim.occupancy_grid import map_of
-from merlin_sim.path_planner import NoPath
 from merlin_sim.simulation import ODOMETRY_EVERY, RobotSpec, Simulation
-from merlin_sim.world import Point, Pose, World
+from merlin_sim.survey import map_of
+from merlin_sim.world import World
 
 SCAN_EVERY = 10  # physics steps
 AT_SPEED = 0.05  # m/s from which touching something is a collision
@@ -38,7 +39,7 @@ def trials(text: str) -> int:
 class TrialResult:
     """What became of a drive: s, m; `text` is what a client of move_base would read."""
 
-    outcome: Outcome
+    outcome: DriveOutcome
     text: str
     time: float
     distance: float
@@ -51,7 +52,7 @@ class TrialResult:
     @property
     def reached(self) -> bool:
         """Whether the goal was reached without a collision."""
-        return self.outcome is Outcome.REACHED and not self.collisions
+        return self.outcome is DriveOutcome.REACHED and not self.collisions
 
 
 class PoseSource(Protocol):
@@ -94,7 +95,7 @@ class Trial:
         path: List[Point] = []
         speeds: List[Tuple[float, float]] = []
         collisions, touching, waited = 0, False, 0.0
-        outcome, text = Outcome.NO_CONTROL, f"not there after {limit:g} s"
+        outcome, text = DriveOutcome.NO_CONTROL, f"not there after {limit:g} s"
         started = False
         while simulation.time - began < limit:
             if simulation.tick % ODOMETRY_EVERY == 0:
@@ -108,11 +109,11 @@ class Trial:
                     try:
                         self.navigator.start(goal, pose, simulation.time)
                     except NoPath as error:
-                        outcome, text = Outcome.NO_PLAN, str(error)
+                        outcome, text = DriveOutcome.NO_PLAN, str(error)
                         break
                     started = True
                 step = self.navigator.step(pose, robot.odometry.velocity, simulation.time)
-                waited += ODOMETRY_EVERY / 100 if step.outcome is Outcome.WAITING else 0.0
+                waited += ODOMETRY_EVERY / 100 if step.outcome is DriveOutcome.WAITING else 0.0
                 robot.base.command(step.speed, step.turn, simulation.time)
                 if step.ended:
                     outcome, text = step.outcome, step.text

@@ -8,11 +8,12 @@ import re
 from dataclasses import dataclass, replace
 from typing import Dict, Iterable, List, Optional, Sequence, Set
 
+from merlin_reactive.pose import Point, Pose
+from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON
 from merlin_sim.footprints import collide
-from merlin_sim.object_classes import OBJECT_CLASSES, PERSON
 from merlin_sim.people import ROOM, Patrol, State, Walk, Walker
 from merlin_sim.scene import TRAY_RADIUS, PlacedObject, Scene
-from merlin_sim.world import Person, Point, Pose, Solid, World, WorldObject
+from merlin_sim.world import Person, Solid, World, WorldObject
 from merlin_sim.world_places import ROBOT_RADIUS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*\Z")

@@ -8,7 +8,8 @@ from typing import List, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from merlin_sim.world import Point, Pose, World
+from merlin_reactive.pose import Point, Pose
+from merlin_sim.world import World
 from merlin_sim.world_file import WorldError, load_world
 
 SCALE = 80  # pixels per metre

@@ -5,8 +5,9 @@ Everything happens at moments of simulated time; only a door waits, as it does n
 
 from typing import Callable, List, Set
 
-from merlin_sim.path_follower import Path
-from merlin_sim.world import DoorEvent, MoveEvent, Point, Solid, World, WorldEvent
+from merlin_reactive.navigation.path_follower import Path
+from merlin_reactive.pose import Point
+from merlin_sim.world import DoorEvent, MoveEvent, Solid, World, WorldEvent
 
 ROOM = 0.15  # m that a door's leaf keeps from a robot
 

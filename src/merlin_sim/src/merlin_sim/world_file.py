@@ -8,18 +8,8 @@ from typing import Any, Dict, Iterator, List, Set, Tuple, Union
 import jsonschema
 import yaml
 
-from merlin_sim.world import (
-    Door,
-    DoorEvent,
-    MoveEvent,
-    Person,
-    Pose,
-    Solid,
-    Wall,
-    World,
-    WorldEvent,
-    span_on,
-)
+from merlin_reactive.pose import Pose
+from merlin_sim.world import Door, DoorEvent, MoveEvent, Person, Solid, Wall, World, WorldEvent, span_on
 from merlin_sim.world_objects import misplaced, read_objects
 from merlin_sim.world_places import OVERLAP, why_no_place
 from merlin_sim.world_schema import SCHEMA

@@ -2,15 +2,16 @@
 
 from typing import Any, Dict, Iterator, List, Optional, Tuple
 
-from merlin_sim.object_classes import OBJECT_CLASSES
-from merlin_sim.world import Pose, Solid, World, WorldObject
+from merlin_reactive.pose import Pose
+from merlin_reactive.recognition.object_classes import OBJECT_CLASSES
+from merlin_sim.world import Solid, World, WorldObject
 
 
 def read_objects(items: List[Dict[str, Any]], furniture: List[Solid]) -> List[WorldObject]:
     """Makes objects of the list `objects` of a world file that follows the schema.
 
     With `support`, the place is given in m from the middle of that furniture, along its own axes. A class of
-    :mod:`merlin_sim.object_classes` has its size and its colour; other things say theirs.
+    :mod:`merlin_reactive.recognition.object_classes` has its size and its colour; other things say theirs.
     """
     supports = {solid.name: solid for solid in furniture}
     return [_object(item, supports) for item in items]

@@ -14,9 +14,9 @@ from merlin_msgs.srv import (
     WalkPersonResponse,
 )
 
+from merlin_reactive.pose import Pose
 from merlin_sim.people import State, Walker
 from merlin_sim.simulation import Simulation
-from merlin_sim.world import Pose
 from merlin_sim.world_control import Placing, Refused
 
 WALKING_PERIOD = 20  # physics steps: 5 Hz while somebody walks

@@ -3,8 +3,8 @@
 from collections import defaultdict
 from typing import Dict, List, Optional, Sequence, Tuple
 
-from .run_table import Row
-from .statistics import Ratio, Summary
+from merlin_home.experiment.run_table import Row
+from merlin_home.experiment.statistics import Ratio, Summary
 
 Key = Tuple[int, str]
 

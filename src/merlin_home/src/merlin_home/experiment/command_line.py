@@ -5,11 +5,16 @@ import sys
 from pathlib import Path
 from typing import List, Optional
 
-from .experiment_runner import ExperimentInterrupted, ExperimentRunner, raise_on_terminate, say
-from .publication import publish
-from .report import write_report
-from .run_plan import APPROACHES, DEFAULT_RUNS, Run, check_runs, main_runs, sweep_runs
-from .run_table import collect, write_joined
+from merlin_home.experiment.experiment_runner import (
+    ExperimentInterrupted,
+    ExperimentRunner,
+    raise_on_terminate,
+    say,
+)
+from merlin_home.experiment.publication import publish
+from merlin_home.experiment.report import write_report
+from merlin_home.experiment.run_plan import APPROACHES, DEFAULT_RUNS, Run, check_runs, main_runs, sweep_runs
+from merlin_home.experiment.run_table import collect, write_joined
 
 EXIT_FAILED_RUNS = 1
 EXIT_INTERRUPTED = 130

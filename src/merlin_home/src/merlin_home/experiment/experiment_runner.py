@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
-from .run_plan import Run
-from .run_table import Row, finished
+from merlin_home.experiment.run_plan import Run
+from merlin_home.experiment.run_table import Row, finished
 
 LAUNCH_FILE = "experiment.launch"
 OVERHEAD = 15.0

@@ -10,11 +10,11 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from ..path_plot import MapPicture
-from .markdown import APPROACH_NAMES
-from .paper_results import PaperFigure
-from .run_table import Row
-from .statistics import Ratio, Summary
+from merlin_home.experiment.markdown import APPROACH_NAMES
+from merlin_home.experiment.paper_results import PaperFigure
+from merlin_home.experiment.run_table import Row
+from merlin_home.experiment.statistics import Ratio, Summary
+from merlin_home.path_plot import MapPicture
 
 COLORS = {"naive": "tab:orange", "merlin": "tab:blue", "oracle": "tab:green"}
 PHASES = (

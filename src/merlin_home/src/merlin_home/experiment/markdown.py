@@ -2,8 +2,8 @@
 
 from typing import Iterable, List, Optional, Sequence
 
-from .paper_results import PaperFigure
-from .statistics import Ratio, Summary
+from merlin_home.experiment.paper_results import PaperFigure
+from merlin_home.experiment.statistics import Ratio, Summary
 
 APPROACH_NAMES = {"naive": "Naive", "merlin": "MERLIN", "oracle": "oracle"}
 

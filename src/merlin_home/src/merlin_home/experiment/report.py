@@ -5,10 +5,8 @@ import platform
 from pathlib import Path
 from typing import List, Sequence
 
-from ..mission_list import MISSION_TASKS
-from ..real_time_factor import SPEECH_AHEAD
-from .analysis import Analysis, Key
-from .markdown import (
+from merlin_home.experiment.analysis import Analysis, Key
+from merlin_home.experiment.markdown import (
     APPROACH_NAMES,
     four_figures,
     mean_and_variation,
@@ -18,12 +16,19 @@ from .markdown import (
     section,
     table,
 )
-from .paper_results import DISTANCE, TIME, paper_ratio
-from .report_figures import figures_section
-from .run_plan import APPROACHES, Run
-from .run_table import Row
-from .sensitivity import check_section, early_cancel_section, killed_section, sweep_section
-from .statistics import Ratio
+from merlin_home.experiment.paper_results import DISTANCE, TIME, paper_ratio
+from merlin_home.experiment.report_figures import figures_section
+from merlin_home.experiment.run_plan import APPROACHES, Run
+from merlin_home.experiment.run_table import Row
+from merlin_home.experiment.sensitivity import (
+    check_section,
+    early_cancel_section,
+    killed_section,
+    sweep_section,
+)
+from merlin_home.experiment.statistics import Ratio
+from merlin_home.mission_list import MISSION_TASKS
+from merlin_home.real_time_factor import SPEECH_AHEAD
 
 EFFICIENCY_GOAL = 0.95
 COMPLETED_GOAL = 0.90

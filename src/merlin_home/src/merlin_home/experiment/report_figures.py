@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Dict, List, Optional
 
-from . import figures
-from .analysis import Analysis
-from .markdown import section
-from .paper_results import DISTANCE, TIME
-from .run_table import Row
+from merlin_home.experiment import figures
+from merlin_home.experiment.analysis import Analysis
+from merlin_home.experiment.markdown import section
+from merlin_home.experiment.paper_results import DISTANCE, TIME
+from merlin_home.experiment.run_table import Row
 
 SHOWN_MISSION = 2
 """Whose paths are drawn, as in the paper's Figure 9; the first there is when it was not run."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Dict, Iterable, List, Sequence, Tuple
 
-from ..mission_list import mission_tasks
+from merlin_home.mission_list import mission_tasks
 
 APPROACHES = ("naive", "merlin")
 DEFAULT_RUNS = {1: 5, 2: 5, 3: 1}

@@ -4,9 +4,9 @@ import csv
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
-from ..result_files import write_table
-from ..task_record import RUN_COLUMNS, TASK_COLUMNS
-from .run_plan import Run
+from merlin_home.experiment.run_plan import Run
+from merlin_home.result_files import write_table
+from merlin_home.task_record import RUN_COLUMNS, TASK_COLUMNS
 
 Row = Dict[str, Any]
 

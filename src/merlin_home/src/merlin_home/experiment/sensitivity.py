@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Dict, List, Tuple
 
-from . import figures
-from .analysis import Analysis
-from .markdown import APPROACH_NAMES, number, section, spread_cell, table
-from .run_plan import APPROACHES, KILLED_IN
-from .statistics import Ratio
+from merlin_home.experiment import figures
+from merlin_home.experiment.analysis import Analysis
+from merlin_home.experiment.markdown import APPROACH_NAMES, number, section, spread_cell, table
+from merlin_home.experiment.run_plan import APPROACHES, KILLED_IN
+from merlin_home.experiment.statistics import Ratio
 
 
 def check_section(analysis: Analysis) -> str:

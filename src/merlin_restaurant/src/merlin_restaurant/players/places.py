@@ -6,9 +6,9 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
-from merlin_sim.occupancy_grid import map_of
-from merlin_sim.path_planner import NoPath, PathPlanner
+from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
 from merlin_sim.people import ROOM as FROM_ROBOT
+from merlin_sim.survey import map_of
 from merlin_sim.world import World
 from merlin_sim.world_places import ROBOT_RADIUS
 

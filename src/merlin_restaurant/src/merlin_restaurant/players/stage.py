@@ -14,11 +14,11 @@ from merlin_msgs.srv import PlaceThing, SetAnswers, WalkPerson
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
+from merlin_reactive.ros_clock import RosClock
+from merlin_reactive.ros_messages import samples_of
+from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_restaurant.players.places import Point
 from merlin_restaurant.players.silence import Silence
-from merlin_sim.ros_clock import RosClock
-from merlin_sim.ros_messages import samples_of
-from merlin_sim.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_sm.deadline import Deadline
 from merlin_sm.publishing import Subscribed
 from merlin_sm.service_proxy import ServiceProxy

@@ -1,0 +1,1 @@
+"""What a service robot does with its base, laser, camera, loudspeaker and microphone, simulated or real."""

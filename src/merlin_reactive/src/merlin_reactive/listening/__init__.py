@@ -1,0 +1,1 @@
+"""Speech recognition: understands one utterance at a time."""

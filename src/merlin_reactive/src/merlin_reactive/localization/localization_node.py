@@ -1,0 +1,200 @@
+"""The node ``localization``: a particle filter behind the topics of amcl."""
+
+import math
+import threading
+from collections import deque
+from typing import Deque, Optional
+
+import numpy as np
+import rospy
+import tf2_ros
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid, Odometry
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Empty, EmptyResponse
+from tf2_msgs.msg import TFMessage
+
+from merlin_reactive.localization.particle_filter import FilterSettings, Localizer, ParticleFilter
+from merlin_reactive.pose import Pose
+from merlin_reactive.prompt_publisher import PromptPublisher
+from merlin_reactive.robot_state import HISTORY, odometry_at, rays_of, unusable
+from merlin_reactive.ros_messages import (
+    bad_rotation,
+    grid_of,
+    pose_message,
+    pose_of,
+    pose_of_transform,
+    transform,
+)
+from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
+from merlin_sm.node import run_node
+from merlin_sm.parameters import number
+
+SILENCE = 3.0  # s of ROS time without a scan after which something is wrong
+UNSURE = 0.5  # m of standard deviation of the position from which it does not know where it is
+SURE_OF_NOTHING = 100.0  # m², rad²: more than any variance of an initial pose
+START_SPREAD = (0.15, 0.10)  # m, rad: how well somebody who switches a robot on knows where it stands
+
+
+class LocalizationNode:
+    """Localises one robot.
+
+    :raises ParameterError: a parameter cannot be used.
+    """
+
+    def __init__(self) -> None:
+        self._settings = FilterSettings(
+            particles=round(number("~particles", FilterSettings.particles, 50)),
+            beams=round(number("~beams", FilterSettings.beams, 10)),
+        )
+        self._seed = round(number("~seed", 1, 0))
+        self._frame = str(rospy.get_param("~global_frame", "map"))
+        self._lock = threading.Lock()  # guards everything below
+        self._localizer: Optional[Localizer] = None
+        self._odometry: Deque[Odometry] = deque(maxlen=HISTORY)
+        self._mount: Optional[Pose] = None
+        self._scanned: Optional[rospy.Time] = None  # of the last scan
+        self._buffer = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._buffer)
+        self._tf = PromptPublisher("/tf", TFMessage)
+        self._pose = PromptPublisher("amcl_pose", PoseWithCovarianceStamped, latch=True)
+        self._cloud = rospy.Publisher("particlecloud", PoseArray, queue_size=2)
+        self._service = rospy.Service("global_localization", Empty, self._scatter)
+        self._map_topic = str(rospy.get_param("~map_topic", "/map"))
+        self._subscribers = [
+            rospy.Subscriber(self._map_topic, OccupancyGrid, self._receive_map),
+            rospy.Subscriber("initialpose", PoseWithCovarianceStamped, self._receive_pose),
+            rospy.Subscriber("odom", Odometry, self._receive_odometry, tcp_nodelay=True, queue_size=20),
+            rospy.Subscriber("scan", LaserScan, self._receive_scan, tcp_nodelay=True, queue_size=1),
+        ]
+
+    def health(self) -> Health:
+        """Whether it knows where the robot is."""
+        with self._lock:
+            if self._localizer is None:
+                return Health(ERROR, f"there is no map on {rospy.resolve_name(self._map_topic)}")
+            if not self._odometry:
+                return Health(ERROR, f"there is no odometry on {rospy.resolve_name('odom')}")
+            if self._scanned is None or (rospy.Time.now() - self._scanned).to_sec() > SILENCE:
+                return Health(ERROR, f"no scan that can be used on {rospy.resolve_name('scan')}")
+            covariance = self._localizer.filter.estimate()[1]
+        spread = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
+        values = {
+            "standard deviation of the position, m": f"{spread:.3f}",
+            "of the heading, rad": f"{float(np.sqrt(covariance[2, 2])):.3f}",
+        }
+        if spread > UNSURE:
+            return Health(WARN, f"unsure where the robot is, by {spread:.1f} m", values)
+        return Health(OK, "knows where the robot is", values)
+
+    def _receive_map(self, message: OccupancyGrid) -> None:
+        try:
+            grid = grid_of(message)
+            particles = ParticleFilter(grid, self._settings, self._seed, rospy.get_namespace())
+        except ValueError as error:
+            rospy.logerr(f"localization: {error}")
+            return
+        start = rospy.get_param("~initial_pose", rospy.get_param("start_pose", None))
+        if start is not None:
+            try:
+                pose = Pose(float(start["x"]), float(start["y"]), float(start.get("yaw", 0.0)))
+                if grid.cell(pose.point) is None or not math.isfinite(pose.yaw):
+                    raise ValueError("it lies outside the map")
+                particles.believe(pose, *START_SPREAD)
+            except (KeyError, TypeError, ValueError, AttributeError) as error:
+                rospy.logerr(f"localization: the initial pose {start!r} needs x, y and yaw: {error}")
+        with self._lock:
+            self._localizer = Localizer(particles, self._settings)
+
+    def _receive_pose(self, message: PoseWithCovarianceStamped) -> None:
+        if message.header.frame_id.lstrip("/") not in ("", self._frame):
+            rospy.logwarn(
+                f"localization: an initial pose in {message.header.frame_id} is ignored; it has to be in "
+                f"{self._frame}"
+            )
+            return
+        point = (message.pose.pose.position.x, message.pose.pose.position.y)
+        reason = bad_rotation(message.pose.pose.orientation)
+        if reason:
+            rospy.logwarn(f"localization: an initial pose is ignored: its rotation {reason}")
+            return
+        with self._lock:
+            localizer = self._localizer
+        if localizer is None:
+            rospy.logwarn("localization: an initial pose is ignored: there is no map yet")
+            return
+        if localizer.filter.grid.cell(point) is None:
+            rospy.logwarn(f"localization: an initial pose is ignored: {point} lies outside the map")
+            return
+        covariance = np.nan_to_num(message.pose.covariance, nan=0.0, posinf=SURE_OF_NOTHING)
+        covariance = np.clip(covariance, 0.0, SURE_OF_NOTHING)
+        xy = max(0.05, np.sqrt(max(covariance[0], covariance[7])))
+        yaw = max(0.05, np.sqrt(covariance[35]))
+        with self._lock:
+            self._localizer.filter.believe(pose_of(message.pose.pose), xy, yaw)
+            self._localizer.restart()
+
+    def _scatter(self, _: object) -> EmptyResponse:
+        with self._lock:
+            if self._localizer is not None:
+                self._localizer.filter.scatter()
+                self._localizer.restart()
+        return EmptyResponse()
+
+    def _receive_odometry(self, message: Odometry) -> None:
+        with self._lock:
+            if self._odometry and message.header.stamp < self._odometry[-1].header.stamp:
+                self._odometry.clear()
+            self._odometry.append(message)
+
+    def _receive_scan(self, message: LaserScan) -> None:
+        reason = unusable(message)
+        if reason:
+            rospy.logwarn_throttle(10.0, f"localization: {reason}")
+            return
+        with self._lock:
+            if self._localizer is None or not self._odometry:
+                return
+            last = self._odometry[-1]
+            if self._mount is None:
+                try:
+                    self._mount = pose_of_transform(
+                        self._buffer.lookup_transform(
+                            last.child_frame_id, message.header.frame_id, rospy.Time(0)
+                        )
+                    )
+                except tf2_ros.TransformException as error:
+                    rospy.logwarn_throttle(10.0, f"localization: where is the laser? {error}")
+                    return
+            odometry = odometry_at(list(self._odometry), message.header.stamp.to_sec())
+            updated = self._localizer.update(odometry, self._mount, *rays_of(message))
+            self._scanned = message.header.stamp
+            self._publish(message.header.stamp, last.header.frame_id, odometry, updated)
+
+    def _publish(self, stamp: rospy.Time, odom_frame: str, odometry: Pose, updated: bool) -> None:
+        assert self._localizer is not None
+        offset = self._localizer.map_to_odom
+        self._tf.publish(TFMessage(transforms=[transform(offset, self._frame, odom_frame, stamp)]))
+        if not updated:
+            return
+        message = PoseWithCovarianceStamped()
+        message.header.frame_id, message.header.stamp = self._frame, stamp
+        message.pose.pose = pose_message(offset.compose(odometry))
+        covariance = self._localizer.filter.estimate()[1]
+        full = np.zeros((6, 6))
+        full[np.ix_((0, 1, 5), (0, 1, 5))] = covariance
+        message.pose.covariance = full.ravel().tolist()
+        self._pose.publish(message)
+        if self._cloud.get_num_connections():
+            cloud = PoseArray(poses=[pose_message(Pose(*pose)) for pose in self._localizer.filter.poses])
+            cloud.header = message.header
+            self._cloud.publish(cloud)
+
+
+def main() -> int:
+    """The executable ``localization``; returns its exit code."""
+    return run_node("localization", _start)
+
+
+def _start() -> None:
+    HealthReporter({"localization": LocalizationNode().health}).start()

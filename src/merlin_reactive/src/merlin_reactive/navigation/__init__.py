@@ -1,0 +1,1 @@
+"""Plans paths, follows them and answers `move_base`."""

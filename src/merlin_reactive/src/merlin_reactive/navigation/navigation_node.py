@@ -1,0 +1,266 @@
+"""The node ``navigation``: the ``move_base`` action and what belongs to it."""
+
+import math
+import threading
+from typing import Optional
+
+import rospy
+from geometry_msgs.msg import PoseStamped
+from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedback, MoveBaseGoal
+from nav_msgs.msg import OccupancyGrid, Odometry
+from nav_msgs.msg import Path as PathMessage
+from nav_msgs.srv import GetPlan, GetPlanRequest, GetPlanResponse
+from std_srvs.srv import Empty, EmptyResponse
+
+from merlin_reactive.navigation.navigation_goal import NavigationGoalError, goal_pose
+from merlin_reactive.navigation.navigator import (
+    NO_CONTROL_TEXT,
+    NO_PLAN_TEXT,
+    DriveOutcome,
+    NavigationSettings,
+    Navigator,
+)
+from merlin_reactive.navigation.path_follower import Cruise
+from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
+from merlin_reactive.navigation.velocity_gate import VelocityGate
+from merlin_reactive.pose import Point, Pose, wrap
+from merlin_reactive.robot_state import RobotState, StateError, velocity_of
+from merlin_reactive.ros_messages import grid_of, path_message, pose_of, stamped
+from merlin_sm.action_server import ServerGoal
+from merlin_sm.deadline import Deadline
+from merlin_sm.health import ERROR, Health, HealthReporter
+from merlin_sm.node import run_node
+from merlin_sm.parameters import number
+from merlin_sm.serial_action_server import SerialActionServer
+
+START_TIMEOUT = 10.0  # s of running time for map, odometry, scan and transforms to appear
+SILENCE = 3.0  # s of running time without odometry after which driving is given up
+SCAN_AGE = 1.0  # s of ROS time after which a scan is too old to drive by
+JUMP, JUMP_SPEED = 0.3, 2.0  # m and m/s; no base of this kind moves further between two odometries
+JUMP_TURN, JUMP_TURN_SPEED = 0.5, 4.0  # rad and rad/s
+FEEDBACK_EVERY = 4  # control steps
+
+
+def read_settings() -> NavigationSettings:
+    """Reads the private parameters.
+
+    :raises ParameterError: when one is out of range.
+    """
+    default, cruise = NavigationSettings(), Cruise()
+    return NavigationSettings(
+        radius=number("~robot_radius", default.radius, 0.05),
+        clearance=number("~clearance", default.clearance, 0.0),
+        guard=number("~guard", default.guard, 0.0),
+        cruise=Cruise(
+            speed=number("~speed", cruise.speed, 0.05),
+            turn_speed=number("~turn_speed", cruise.turn_speed, 0.1),
+            acceleration=number("~acceleration", cruise.acceleration, 0.1),
+            turn_acceleration=number("~turn_acceleration", cruise.turn_acceleration, 0.1),
+        ),
+        xy_goal_tolerance=number("~xy_goal_tolerance", default.xy_goal_tolerance, 0.02),
+        yaw_goal_tolerance=number("~yaw_goal_tolerance", default.yaw_goal_tolerance, 0.02),
+        replan_after=number("~replan_after", default.replan_after, 0.0),
+        patience=number("~patience", default.patience, 0.0),
+        keep_obstacles=number("~keep_obstacles", default.keep_obstacles, 0.1),
+    )
+
+
+class NavigationNode:
+    """Serves ``move_base`` for one robot.
+
+    :raises ParameterError: a parameter cannot be used.
+    """
+
+    def __init__(self) -> None:
+        self._settings = read_settings()
+        self._frame = str(rospy.get_param("~global_frame", "map"))
+        self._navigator: Optional[Navigator] = None  # replaced with each map; `_state.changed` is its lock
+        self._state = RobotState(self._frame)
+        self._gate = VelocityGate("cmd_vel")
+        self._server = SerialActionServer("move_base", MoveBaseAction, self._execute, self._cancel)
+        name = self._server.name
+        self._current = rospy.Publisher(f"{name}/current_goal", PoseStamped, queue_size=1)
+        self._path = rospy.Publisher(f"{name}/plan", PathMessage, queue_size=1)
+        self._goals = rospy.Publisher(f"{name}/goal", MoveBaseActionGoal, queue_size=1)
+        self._map_topic = str(rospy.get_param("~map_topic", "/map"))
+        self._subscribers = [
+            rospy.Subscriber(self._map_topic, OccupancyGrid, self._receive_map),
+            rospy.Subscriber("move_base_simple/goal", PoseStamped, self._receive_goal, tcp_nodelay=True),
+        ]
+        self._services = [
+            rospy.Service(f"{name}/make_plan", GetPlan, self._make_plan),
+            rospy.Service(f"{name}/clear_costmaps", Empty, self._clear),
+        ]
+        rospy.on_shutdown(self._shutdown)
+        self._server.start()
+
+    def health(self) -> Health:
+        """Whether everything that driving needs is there."""
+        if self._navigator is None:
+            return Health(ERROR, f"there is no map on {rospy.resolve_name(self._map_topic)}")
+        missing = self._state.missing(SILENCE)
+        return Health(ERROR, missing) if missing else Health()
+
+    def _receive_map(self, message: OccupancyGrid) -> None:
+        try:
+            navigator = Navigator(grid_of(message), self._settings)
+        except ValueError as error:
+            rospy.logerr(f"navigation: {error}")
+            return
+        with self._state.changed:
+            self._navigator = navigator
+            self._state.changed.notify_all()
+
+    def _receive_goal(self, target: PoseStamped) -> None:
+        goal = MoveBaseActionGoal(goal=MoveBaseGoal(target_pose=target))
+        goal.header.stamp = rospy.Time.now()
+        self._goals.publish(goal)
+
+    def _cancel(self, goal: ServerGoal) -> None:
+        self._gate.close(goal)
+        self._state.wake()
+
+    def _execute(self, goal: ServerGoal) -> None:
+        self._gate.open(goal)
+        try:
+            navigator = self._ready(goal)
+            if navigator is not None:
+                self._drive(goal, navigator)
+        except (NavigationGoalError, StateError) as error:
+            goal.abort(text=str(error))
+        except NoPath as error:
+            goal.abort(text=f"{NO_PLAN_TEXT} {str(error)[0].upper()}{str(error)[1:]}.")
+        finally:
+            self._gate.close(goal)
+
+    def _ready(self, goal: ServerGoal) -> Optional[Navigator]:
+        """The navigator, once map and robot are there; None when the goal was cancelled before."""
+        deadline = Deadline(START_TIMEOUT)
+        with self._state.changed:
+            deadline.wait(self._state.changed, lambda: self._navigator is not None or goal.cancel_requested)
+            navigator = self._navigator
+        if goal.cancel_requested:
+            goal.cancelled(text="cancelled")
+            return None
+        if navigator is None:
+            raise StateError(f"There is no map after {START_TIMEOUT:.0f} s")
+        return navigator
+
+    def _drive(self, goal: ServerGoal, navigator: Navigator) -> None:
+        target = goal_pose(goal.goal.target_pose, self._frame, self._state.buffer)
+        reason = navigator.planner.why_unreachable(target.point)
+        if reason:
+            raise NoPath(reason)
+        self._current.publish(stamped(target, self._frame, rospy.Time.now()))
+        stamp: Optional[rospy.Time] = None
+        started = False
+        scanned = -math.inf
+        starting = Deadline(START_TIMEOUT)
+        step = 0
+        shown: object = None
+        last: Optional[Odometry] = None
+        while True:
+            odometry = self._state.wait_news(stamp, goal.cancel_event, SILENCE if started else START_TIMEOUT)
+            if goal.cancel_requested:
+                goal.cancelled(text="cancelled")
+                return
+            if odometry is None:
+                raise StateError(f"There is no odometry on {rospy.resolve_name('odom')}")
+            if last is not None:
+                _refuse_jump(last, odometry)
+            last = odometry
+            stamp = odometry.header.stamp
+            now = stamp.to_sec()
+            try:
+                pose = self._state.pose(odometry)
+                scan = self._state.scan(scanned)
+            except StateError:
+                if started or starting.expired:
+                    raise
+                continue  # tf fills within the first moments
+            if scan is not None:
+                scanned = scan.stamp
+                navigator.see(scan.pose, scan.angles, scan.ranges, now)
+            elif abs(now - scanned) > SCAN_AGE:
+                if starting.expired:
+                    raise StateError(f"{NO_CONTROL_TEXT} There is no scan on {rospy.resolve_name('scan')}.")
+                self._gate.send(goal, 0.0, 0.0)
+                continue
+            if not started:
+                navigator.start(target, pose, now)
+                started = True
+            starting = Deadline(START_TIMEOUT)
+            result = navigator.step(pose, velocity_of(odometry), now)
+            if result.outcome is DriveOutcome.REACHED:
+                goal.succeed(text=result.text)
+                return
+            if result.ended:
+                raise StateError(result.text)
+            self._gate.send(goal, result.speed, result.turn)
+            if step % FEEDBACK_EVERY == 0:
+                goal.feedback(MoveBaseFeedback(base_position=stamped(pose, self._frame, stamp)))
+            step += 1
+            if navigator.path is not shown:
+                shown = navigator.path
+                self._path.publish(path_message(navigator.path, self._frame, stamp, target.yaw))
+
+    def _make_plan(self, request: GetPlanRequest) -> GetPlanResponse:
+        navigator = self._navigator
+        if navigator is None:
+            raise rospy.ServiceException("there is no map yet")
+        stamp = rospy.Time.now()
+        try:
+            if request.start.header.frame_id:
+                start = goal_pose(request.start, self._frame, self._state.buffer)
+            else:
+                odometry = self._state.wait_news(None, threading.Event(), SILENCE)
+                if odometry is None:
+                    raise StateError(f"There is no odometry on {rospy.resolve_name('odom')}")
+                start = self._state.pose(odometry)
+            goal = goal_pose(request.goal, self._frame, self._state.buffer)
+        except (NavigationGoalError, StateError) as error:
+            raise rospy.ServiceException(str(error)) from error
+        target = _reachable(navigator.planner, goal, request.tolerance)
+        try:
+            points = navigator.planner.plan(start.point, target, navigator.memory.points(stamp.to_sec()))
+        except NoPath as error:
+            rospy.loginfo(f"make_plan: {error}")
+            return GetPlanResponse(plan=path_message([], self._frame, stamp, goal.yaw))
+        return GetPlanResponse(plan=path_message(points, self._frame, stamp, goal.yaw))
+
+    def _clear(self, _: object) -> EmptyResponse:
+        if self._navigator is not None:
+            self._navigator.clear()
+        return EmptyResponse()
+
+    def _shutdown(self) -> None:
+        self._gate.stop()
+        self._server.shutdown()
+
+
+def _refuse_jump(last: Odometry, odometry: Odometry) -> None:
+    """Raises StateError when the wheels cannot have made the way between two odometries."""
+    before, after = pose_of(last.pose.pose), pose_of(odometry.pose.pose)
+    elapsed = abs((odometry.header.stamp - last.header.stamp).to_sec())
+    turned = abs(wrap(after.yaw - before.yaw))
+    if before.distance(after) > JUMP + JUMP_SPEED * elapsed or turned > JUMP_TURN + JUMP_TURN_SPEED * elapsed:
+        raise StateError(
+            f"{NO_CONTROL_TEXT} The odometry jumped from ({before.x:.2f}, {before.y:.2f}) to "
+            f"({after.x:.2f}, {after.y:.2f}): the base was restarted, or the simulator reset."
+        )
+
+
+def _reachable(planner: PathPlanner, goal: Pose, tolerance: float) -> Point:
+    """The point nearest to the goal, within the tolerance (m), where the robot can stand; else the goal."""
+    if not planner.why_unreachable(goal.point):
+        return goal.point
+    return planner.nearest(goal.point, tolerance) or goal.point
+
+
+def main() -> int:
+    """The executable ``navigation``; returns its exit code."""
+    return run_node("navigation", _start)
+
+
+def _start() -> None:
+    HealthReporter({"move_base": NavigationNode().health}).start()

@@ -1,0 +1,255 @@
+"""Brings a robot to a pose: plans, follows, waits for what is in the way, goes round it, or says why not.
+
+Knows no ROS: the node feeds poses and scans in and sends the velocities that come out.
+"""
+
+import enum
+import math
+from dataclasses import dataclass, field
+from typing import List, Optional, Tuple
+
+import numpy as np
+
+from merlin_reactive.navigation.obstacle_memory import ObstacleMemory
+from merlin_reactive.navigation.path_follower import Cruise, Path, PathFollower
+from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
+from merlin_reactive.navigation.scan_guard import ScanGuard
+from merlin_reactive.occupancy_grid import OccupancyGrid
+from merlin_reactive.pose import Point, Pose, wrap
+
+# What the move_base of ROS says; clients compare with these.
+REACHED_TEXT = "Goal reached."
+NO_PLAN_TEXT = "Failed to find a valid plan. Even after executing recovery behaviors."
+NO_CONTROL_TEXT = "Failed to find a valid control. Even after executing recovery behaviors."
+
+AHEAD = 2.0  # m of path that is watched for obstacles
+STOP_GAP = 0.25  # m before the place where an obstacle would be too close at which the robot waits
+STANDING = 0.02  # m/s and rad/s below which the robot counts as standing
+CREEP = 0.03  # m/s below which it rather stands
+HERE = 0.7  # m within which waiting goes on and does not begin anew
+GIVE_WAY = 0.5  # m that it backs off for somebody who waits for it
+RECOVERY_WAY = 0.15  # m that it backs off when it does not get away
+BACK_SPEED = 0.1  # m/s
+STOP_RESERVE = 0.01  # m inside the tolerance of the goal that stopping is aimed at
+LOST_PATH = 0.5  # m off the path at which a new one is planned
+
+
+class DriveOutcome(enum.Enum):
+    """How driving stands."""
+
+    DRIVING = "driving"
+    WAITING = "waiting"
+    REACHED = "reached"
+    NO_PLAN = "no plan"
+    NO_CONTROL = "no control"
+
+
+@dataclass(frozen=True)
+class NavigationSettings:
+    """How a robot is driven; m, rad, s."""
+
+    radius: float = 0.25
+    clearance: float = 0.05  # of plans from mapped and seen obstacles
+    tight_clearance: float = 0.025  # where there is no other way
+    guard: float = 0.015  # around the robot that the live scan must leave free
+    cruise: Cruise = field(default_factory=Cruise)
+    xy_goal_tolerance: float = 0.10
+    yaw_goal_tolerance: float = 0.10  # pi or more: any final yaw
+    replan_after: float = 1.0  # waited for somebody to go away before a way round is looked for
+    patience: float = 20.0  # waited in all before it gives up
+    recover_after: float = 4.0  # without movement, though nothing blocks the path
+    recoveries: int = 3
+    keep_obstacles: float = 30.0  # remembered unseen
+
+
+@dataclass(frozen=True)
+class DriveStep:
+    """What to do now: speeds (m/s, rad/s), how it stands and a sentence about it."""
+
+    speed: float
+    turn: float
+    outcome: DriveOutcome
+    text: str = ""
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is nothing more to do."""
+        return self.outcome not in (DriveOutcome.DRIVING, DriveOutcome.WAITING)
+
+
+class Navigator:
+    """Drives one robot on one map, to one goal at a time. Used by one thread at a time."""
+
+    def __init__(self, grid: OccupancyGrid, settings: NavigationSettings) -> None:
+        self.settings = settings
+        self.planner = PathPlanner(grid, settings.radius, settings.clearance)
+        self.memory = ObstacleMemory(grid, self.planner.distance, settings.keep_obstacles)
+        self._guard = ScanGuard(settings.radius, settings.guard, settings.cruise.acceleration)
+        self._goal: Optional[Pose] = None
+        self._follower: Optional[PathFollower] = None
+        self.path: List[Point] = []  # corners of the path that is followed
+
+    def see(self, pose: Pose, angles: np.ndarray, ranges: np.ndarray, now: float) -> None:
+        """Takes a scan, made at a pose of the laser; angles relative to it."""
+        hit = np.isfinite(ranges)
+        self._guard.see(
+            np.stack([ranges[hit] * np.cos(angles[hit]), ranges[hit] * np.sin(angles[hit])], axis=1)
+        )
+        self.memory.see(pose, angles, ranges, now)
+
+    def start(self, goal: Pose, pose: Pose, now: float) -> None:
+        """Begins to drive to a goal.
+
+        :raises NoPath: when the goal can never be reached on this map.
+        """
+        self._goal = goal
+        self._follower = None
+        self._seen = np.zeros((0, 2))  # what stands beside the map, at this step
+        self._waits_at: Optional[Pose] = None  # where it first had to wait, about here
+        self._waits_since = now
+        self._gave_way = False
+        self._planned_at = -math.inf
+        self._why = ""
+        self._moved_at, self._moved_from = now, pose
+        self._recoveries = 0
+        self._backing: Optional[Pose] = None  # where it began to back off
+        self._backing_way, self._backing_since = 0.0, now
+        self._at_goal = False
+        try:
+            self._follow(self.planner.plan(pose.point, goal.point, self.memory.points(now)))
+        except NoPath:
+            # What was seen may go away; what is on the map does not.
+            self._follow(self.planner.plan(pose.point, goal.point))
+
+    def step(self, pose: Pose, velocity: Tuple[float, float], now: float) -> DriveStep:
+        """What to do at a pose, at a measured velocity (m/s, rad/s)."""
+        assert self._goal is not None and self._follower is not None, "start() comes first"
+        settings = self.settings
+        self._follower.locate(pose)
+        if self._at_goal or pose.distance(self._goal) <= settings.xy_goal_tolerance:
+            self._at_goal = True  # passing the edge of the tolerance while turning starts nothing anew
+            return self._finish(pose, velocity)
+        stop = self._stops_at(pose, velocity[0])
+        if stop.distance(self._goal) <= settings.xy_goal_tolerance - STOP_RESERVE:
+            return DriveStep(0.0, 0.0, DriveOutcome.DRIVING, "braking for the goal")
+        if self._follower.offset > LOST_PATH:
+            self._replan(pose, now)
+        if self._backing is not None:
+            return self._back_off(pose, now)
+        limit = settings.cruise.speed
+        self._seen = self.memory.points(now)
+        room = self._room_ahead(now)
+        if room < AHEAD:
+            if self._waits_at is None or pose.distance(self._waits_at) > HERE:
+                self._waits_at, self._waits_since, self._gave_way = pose, now, False
+            waited = now - self._waits_since
+            if min(waited, now - self._planned_at) >= settings.replan_after and self._replan(pose, now):
+                room = self._room_ahead(now)
+            limit = min(limit, math.sqrt(2 * settings.cruise.acceleration * max(0.0, room - STOP_GAP)))
+            if limit < CREEP:
+                return self._wait(pose, waited, now)
+        return self._drive(pose, limit, now)
+
+    def _stops_at(self, pose: Pose, speed: float) -> Pose:
+        """Where it comes to a stand if it brakes now."""
+        way = speed * abs(speed) / (2 * self.settings.cruise.acceleration)
+        return Pose(pose.x + way * math.cos(pose.yaw), pose.y + way * math.sin(pose.yaw), pose.yaw)
+
+    def _wait(self, pose: Pose, waited: float, now: float) -> DriveStep:
+        """Stands before what is in the way, makes room for it once, and gives up in the end."""
+        if waited >= self.settings.patience:
+            why = self._why or "Something stands in the way."
+            return DriveStep(0.0, 0.0, DriveOutcome.NO_PLAN, f"{NO_PLAN_TEXT} {why}")
+        self._moved_at, self._moved_from = now, pose  # standing is right here
+        if waited >= self.settings.patience / 2 and not self._gave_way:
+            # Two who wait for each other in a doorway wait for ever.
+            self._gave_way = True
+            self._backing, self._backing_way, self._backing_since = pose, GIVE_WAY, now
+        return DriveStep(0.0, 0.0, DriveOutcome.WAITING, "something is in the way")
+
+    def _back_off(self, pose: Pose, now: float) -> DriveStep:
+        assert self._backing is not None
+        speed = self._guard.allowed(-BACK_SPEED, 0.0)
+        gone = pose.distance(self._backing)
+        if speed == 0.0 or gone > self._backing_way or now - self._backing_since > 10.0:
+            self._backing = None
+            self._moved_at, self._moved_from = now, pose
+            self._replan(pose, now)
+            return DriveStep(0.0, 0.0, DriveOutcome.DRIVING, "backed off")
+        return DriveStep(speed, 0.0, DriveOutcome.DRIVING, "backing off")
+
+    def clear(self) -> None:
+        """Forgets what was seen beside the map."""
+        self.memory.forget()
+
+    def _drive(self, pose: Pose, limit: float, now: float) -> DriveStep:
+        assert self._follower is not None
+        settings = self.settings
+        if pose.distance(self._moved_from) > 0.05 or abs(wrap(pose.yaw - self._moved_from.yaw)) > 0.1:
+            self._moved_at, self._moved_from = now, pose
+        if now - self._moved_at > settings.recover_after:
+            self._recoveries += 1
+            if self._recoveries > settings.recoveries:
+                return DriveStep(
+                    0.0,
+                    0.0,
+                    DriveOutcome.NO_CONTROL,
+                    f"{NO_CONTROL_TEXT} The robot does not get away from where it is.",
+                )
+            self._backing, self._backing_way, self._backing_since = pose, RECOVERY_WAY, now
+        speed, turn = self._follower.command(pose, limit)
+        return DriveStep(*self._guard.steered(speed, turn, settings.cruise.turn_speed), DriveOutcome.DRIVING)
+
+    def _finish(self, pose: Pose, velocity: Tuple[float, float]) -> DriveStep:
+        assert self._goal is not None and self._follower is not None
+        error = wrap(self._goal.yaw - pose.yaw)
+        if self.settings.yaw_goal_tolerance < math.pi and abs(error) > self.settings.yaw_goal_tolerance:
+            return DriveStep(0.0, self._follower.turn(error), DriveOutcome.DRIVING)
+        if abs(velocity[0]) > STANDING or abs(velocity[1]) > STANDING:
+            return DriveStep(0.0, 0.0, DriveOutcome.DRIVING)
+        return DriveStep(0.0, 0.0, DriveOutcome.REACHED, REACHED_TEXT)
+
+    def _room_ahead(self, now: float) -> float:
+        """How far along the path the robot can go before something seen is too close, m; AHEAD at most."""
+        assert self._follower is not None
+        points = self.memory.points(now)
+        if not len(points):
+            return AHEAD
+        along = np.arange(0.0, min(AHEAD, self._follower.remaining) + 0.05, 0.05)
+        ahead = self._follower.path.at(self._follower.progress + along)
+        low, high = ahead.min(axis=0) - 0.5, ahead.max(axis=0) + 0.5
+        points = points[((points >= low) & (points <= high)).all(axis=1)]
+        if not len(points):
+            return AHEAD
+        gaps = np.hypot(ahead[:, :1] - points[:, 0], ahead[:, 1:] - points[:, 1]).min(axis=1)
+        # Where the robot is already, it is: only what comes nearer counts.
+        close = gaps < min(self.settings.radius + self.settings.tight_clearance - 0.01, gaps[0] - 0.01)
+        return float(along[np.argmax(close)]) if close.any() else AHEAD
+
+    def _replan(self, pose: Pose, now: float) -> bool:
+        assert self._goal is not None
+        self._planned_at = now
+        for clearance in (self.settings.clearance, self.settings.tight_clearance):
+            try:
+                seen = self.memory.points(now)
+                self._follow(self.planner.plan(pose.point, self._goal.point, seen, clearance))
+                return True
+            except NoPath as error:
+                self._why = f"{str(error)[0].upper()}{str(error)[1:]}."
+        return False
+
+    def _follow(self, path: List[Point]) -> None:
+        self.path = path
+        self._follower = PathFollower(Path(path), self.settings.cruise, self._may_go)
+
+    def _may_go(self, start: Point, end: Point) -> bool:
+        """Whether going straight keeps enough distance, or at least does not come nearer to anything."""
+        samples = max(2, math.ceil(math.dist(start, end) / 0.025) + 1)
+        way = np.linspace(start, end, samples)
+        room = self.planner.rooms(way)
+        seen = self._seen[np.hypot(*(self._seen - start).T) < 1.5]
+        if len(seen):
+            gaps = np.hypot(way[:, :1] - seen[:, 0], way[:, 1:] - seen[:, 1]).min(axis=1)
+            room = np.minimum(room, gaps)
+        enough = self.settings.radius + (self.settings.clearance + self.settings.tight_clearance) / 2
+        return bool(room.min() >= min(enough, room[0] - 0.005))

@@ -1,0 +1,45 @@
+"""Occupancy grids: values as in nav_msgs/OccupancyGrid, and the geometry of cells."""
+
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+import numpy as np
+
+from merlin_reactive.pose import Point
+
+FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+
+
+@dataclass
+class OccupancyGrid:
+    """A map: cells by row (y) and column (x), values as in nav_msgs/OccupancyGrid.
+
+    `origin` is the corner of cell (0, 0) in the map frame, m; the map is not rotated.
+    """
+
+    cells: np.ndarray
+    resolution: float
+    origin: Point
+
+    def cell(self, point: Point) -> Optional[Tuple[int, int]]:
+        """The row and column of a point, or None outside the map."""
+        column = (point[0] - self.origin[0]) / self.resolution
+        row = (point[1] - self.origin[1]) / self.resolution
+        rows, columns = self.cells.shape
+        # Compared before rounding: a number that is none, or too large for a whole one, is outside too.
+        return (int(row), int(column)) if 0 <= row < rows and 0 <= column < columns else None
+
+    def point(self, row: float, column: float) -> Point:
+        """The centre of a cell, m."""
+        return (
+            self.origin[0] + (column + 0.5) * self.resolution,
+            self.origin[1] + (row + 0.5) * self.resolution,
+        )
+
+    def rows_and_columns(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows and columns of points (n x 2), and which of the points lie on the map."""
+        columns = np.floor((points[:, 0] - self.origin[0]) / self.resolution).astype(int)
+        rows = np.floor((points[:, 1] - self.origin[1]) / self.resolution).astype(int)
+        height, width = self.cells.shape
+        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        return rows, columns, inside

@@ -1,0 +1,1 @@
+"""Recognition of objects, people and tags in a camera image."""

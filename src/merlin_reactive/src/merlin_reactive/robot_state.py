@@ -1,0 +1,191 @@
+"""What navigation knows about its robot, from odom, scan and tf, with a wait for news."""
+
+import math
+import threading
+from collections import deque
+from dataclasses import dataclass
+from typing import Deque, Optional, Sequence, Tuple
+
+import numpy as np
+import rospy
+import tf2_ros
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
+
+from merlin_reactive.pose import Pose, wrap
+from merlin_reactive.ros_messages import pose_of, pose_of_transform
+from merlin_sm.deadline import Deadline
+
+HISTORY = 40  # odometry messages kept, to place a scan where it was made
+
+
+class StateError(Exception):
+    """Something about the robot is not known; the text says what and why."""
+
+
+@dataclass(frozen=True)
+class PlacedScan:
+    """A scan and where the laser was: angles (rad) and ranges (m), infinite where nothing was hit."""
+
+    pose: Pose
+    angles: np.ndarray
+    ranges: np.ndarray
+    stamp: float
+
+
+class RobotState:
+    """Listens to one robot.
+
+    :param global_frame: frame that poses are wanted in.
+    """
+
+    def __init__(self, global_frame: str) -> None:
+        self.global_frame = global_frame
+        self.changed = threading.Condition()  # guards the messages; notified at each odometry
+        self._odometry: Deque[Odometry] = deque(maxlen=HISTORY)
+        self._scan: Optional[LaserScan] = None
+        self._mount: Optional[Pose] = None  # of the laser on the robot
+        self.buffer = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self.buffer)
+        self._subscribers = [
+            rospy.Subscriber("odom", Odometry, self._receive_odometry, tcp_nodelay=True, queue_size=20),
+            rospy.Subscriber("scan", LaserScan, self._receive_scan, tcp_nodelay=True, queue_size=1),
+        ]
+
+    def wait_news(
+        self, after: Optional[rospy.Time], stop: threading.Event, timeout: float
+    ) -> Optional[Odometry]:
+        """Waits for odometry newer than `after`.
+
+        :param timeout: s of running time.
+        :return: None when `stop` was set or the time was up first.
+        """
+        deadline = Deadline(timeout)
+
+        def news() -> bool:
+            if stop.is_set():
+                return True
+            # Not "later": time may jump back when the simulation is reset.
+            return bool(self._odometry) and self._odometry[-1].header.stamp != after
+
+        with self.changed:
+            found = deadline.wait(self.changed, news)
+            return self._odometry[-1] if found and not stop.is_set() else None
+
+    def missing(self, age: float) -> str:
+        """What has not come within `age` seconds of ROS time, as a sentence; empty when all is there."""
+        with self.changed:
+            odometry = self._odometry[-1] if self._odometry else None
+            scan = self._scan
+        now = rospy.Time.now()
+        for topic, message in (("odom", odometry), ("scan", scan)):
+            name = rospy.resolve_name(topic)
+            if message is None:
+                return f"nothing has come on {name}"
+            silence = (now - message.header.stamp).to_sec()
+            if silence > age:
+                return f"{name} is silent for {silence:.1f} s"
+        try:
+            self._frame_pose(odometry.header.frame_id)
+        except StateError as error:
+            return str(error)
+        return ""
+
+    def wake(self) -> None:
+        """Lets a wait look at its stop event."""
+        with self.changed:
+            self.changed.notify_all()
+
+    def pose(self, odometry: Odometry) -> Pose:
+        """The pose of the base in the global frame at an odometry message.
+
+        :raises StateError: when localisation says nothing.
+        """
+        return self._frame_pose(odometry.header.frame_id).compose(pose_of(odometry.pose.pose))
+
+    def scan(self, after: float) -> Optional[PlacedScan]:
+        """The newest scan if it was made after a time, s.
+
+        :raises StateError: when it cannot be placed.
+        """
+        with self.changed:
+            message, history = self._scan, list(self._odometry)
+        if message is None or not history:
+            return None
+        stamp = message.header.stamp.to_sec()
+        if stamp == after:
+            return None
+        if self._mount is None:
+            self._mount = self._laser_pose(history[-1].child_frame_id, message.header.frame_id)
+        base = self._frame_pose(history[-1].header.frame_id).compose(odometry_at(history, stamp))
+        return PlacedScan(base.compose(self._mount), *rays_of(message), stamp)
+
+    def _frame_pose(self, frame: str) -> Pose:
+        try:
+            return pose_of_transform(self.buffer.lookup_transform(self.global_frame, frame, rospy.Time(0)))
+        except tf2_ros.TransformException as error:
+            raise StateError(
+                f"no transform from {frame} to {self.global_frame}; does localisation run? ({error})"
+            ) from error
+
+    def _laser_pose(self, base: str, laser: str) -> Pose:
+        try:
+            return pose_of_transform(self.buffer.lookup_transform(base, laser, rospy.Time(0)))
+        except tf2_ros.TransformException as error:
+            raise StateError(
+                f"no transform from {laser} to {base}; does robot_state_publisher run? ({error})"
+            ) from error
+
+    def _receive_odometry(self, message: Odometry) -> None:
+        with self.changed:
+            if self._odometry and message.header.stamp < self._odometry[-1].header.stamp:
+                self._odometry.clear()
+            self._odometry.append(message)
+            self.changed.notify_all()
+
+    def _receive_scan(self, message: LaserScan) -> None:
+        reason = unusable(message)
+        if reason:
+            rospy.logwarn_throttle(10.0, f"navigation: {reason}")
+            return
+        with self.changed:
+            self._scan = message
+
+
+def unusable(message: LaserScan) -> str:
+    """Why a scan cannot be used, as a sentence; empty when it can."""
+    first, step, count = message.angle_min, message.angle_increment, len(message.ranges)
+    if count > 1 and math.isfinite(first) and math.isfinite(step) and step != 0.0:
+        return ""
+    return f"a scan is ignored: it has {count} ranges, from {first:g} rad in steps of {step:g} rad"
+
+
+def rays_of(message: LaserScan) -> Tuple[np.ndarray, np.ndarray]:
+    """The angles (rad, ascending) and ranges (m) of a usable scan, infinite where nothing was hit."""
+    ranges = np.array(message.ranges, dtype=float)
+    ranges[~((ranges >= message.range_min) & (ranges <= message.range_max))] = math.inf
+    angles = message.angle_min + message.angle_increment * np.arange(len(ranges))
+    # A laser that hangs upside down sweeps the other way round.
+    return (angles, ranges) if message.angle_increment > 0.0 else (angles[::-1], ranges[::-1])
+
+
+def velocity_of(message: Odometry) -> Tuple[float, float]:
+    """Speed (m/s) and turning speed (rad/s)."""
+    return message.twist.twist.linear.x, message.twist.twist.angular.z
+
+
+def odometry_at(history: Sequence[Odometry], stamp: float) -> Pose:
+    """The odometry pose at a time (s), between the messages around it."""
+    before = history[0]
+    for message in history:
+        if message.header.stamp.to_sec() >= stamp:
+            first, second = pose_of(before.pose.pose), pose_of(message.pose.pose)
+            begin, end = before.header.stamp.to_sec(), message.header.stamp.to_sec()
+            part = (stamp - begin) / (end - begin) if end > begin and stamp > begin else 1.0
+            return Pose(
+                first.x + part * (second.x - first.x),
+                first.y + part * (second.y - first.y),
+                first.yaw + part * wrap(second.yaw - first.yaw),
+            )
+        before = message
+    return pose_of(before.pose.pose)

@@ -1,0 +1,1 @@
+"""Speech synthesis and sounds behind the interface of sound_play."""

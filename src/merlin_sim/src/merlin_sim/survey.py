@@ -1,0 +1,67 @@
+"""The map of a world as a survey would draw it: what map_server would publish."""
+
+import math
+from typing import Iterable, List
+
+import cv2
+import numpy as np
+
+from merlin_reactive.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from merlin_reactive.pose import Point
+from merlin_sim.world import Solid, World
+
+MARGIN = 0.5  # m of map around the walls
+
+
+def map_of(world: World) -> OccupancyGrid:
+    """The map of a world as it was surveyed: walls and mapped furniture; doors open unless they began closed.
+
+    What cannot be reached from any start or point of interest is unknown.
+    """
+    solids: List[Solid] = world.wall_solids() + world.furniture
+    solids += [door.leaf(world.wall_thickness, world.wall_height) for door in world.doors if not door.open]
+    left, bottom, right, top = world.bounds()
+    resolution = world.resolution
+    # A whole number of cells from the origin keeps walls that lie on the raster sharp.
+    origin = (
+        math.floor((left - MARGIN) / resolution) * resolution,
+        math.floor((bottom - MARGIN) / resolution) * resolution,
+    )
+    shape = (
+        math.ceil((top + MARGIN - origin[1]) / resolution),
+        math.ceil((right + MARGIN - origin[0]) / resolution),
+    )
+    grid = OccupancyGrid(np.zeros(shape, dtype=np.int8), resolution, origin)
+    for solid in solids:
+        mark(grid, solid)
+    _hide_unreachable(grid, [pose.point for pose in [*world.points_of_interest.values(), *world.starts]])
+    return grid
+
+
+def _hide_unreachable(grid: OccupancyGrid, seen: Iterable[Point]) -> None:
+    free = (grid.cells == FREE).astype(np.uint8)
+    _, labels = cv2.connectedComponents(free, connectivity=4)
+    inside = {labels[cell] for cell in map(grid.cell, seen) if cell is not None and free[cell]}
+    grid.cells[(free == 1) & ~np.isin(labels, list(inside))] = UNKNOWN
+
+
+def mark(grid: OccupancyGrid, solid: Solid, value: int = OCCUPIED) -> None:
+    """Marks every cell whose centre lies in a thing."""
+    corners = np.array(solid.corners())
+    low = np.floor((corners.min(axis=0) - grid.origin) / grid.resolution).astype(int)
+    high = np.ceil((corners.max(axis=0) - grid.origin) / grid.resolution).astype(int) + 1
+    rows = np.arange(max(low[1], 0), min(high[1], grid.cells.shape[0]))
+    columns = np.arange(max(low[0], 0), min(high[0], grid.cells.shape[1]))
+    if not len(rows) or not len(columns):
+        return
+    x = grid.origin[0] + (columns[None, :] + 0.5) * grid.resolution - solid.pose.x
+    y = grid.origin[1] + (rows[:, None] + 0.5) * grid.resolution - solid.pose.y
+    if solid.radius is not None:
+        within = x * x + y * y <= solid.radius**2
+    else:
+        assert solid.size is not None
+        cos, sin = math.cos(solid.pose.yaw), math.sin(solid.pose.yaw)
+        within = (np.abs(cos * x + sin * y) <= solid.size[0] / 2 + 1e-9) & (
+            np.abs(cos * y - sin * x) <= solid.size[1] / 2 + 1e-9
+        )
+    grid.cells[np.ix_(rows, columns)] = np.where(within, value, grid.cells[np.ix_(rows, columns)])
