@@ -14,6 +14,9 @@ from typing import Dict, Iterator, List, Optional
 
 import pytest
 
+# The modules of bench/ are tools, not part of the robot.
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
+
 MASTER = """
 import signal, sys
 from merlin.master import Master
