@@ -13,16 +13,16 @@ import sys
 from dataclasses import dataclass, fields
 from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
+from matrices.trial import Trial, TrialResult
+
 from merlin_home.mission_list import make_mission, mission_tasks
 from merlin_home.motion_limits import MotionLimits
 from merlin_home.oracle import Oracle, OracleResult
 from merlin_home.outlines import outlines_of_world
 from merlin_home.shortest_path import ShortestPaths
 from merlin_reactive.navigation.navigator import NavigationSettings
-from merlin_sim.trial import Trial, TrialResult
-from merlin_sim.world import World
-from merlin_sim.world_drawing import find_world
-from merlin_sim.world_file import load_world
+from merlin_sim.world.world_file import find_world, load_world
+from merlin_sim.world.world_model import World
 
 SEEDS = (1, 2, 3)
 TICK = 0.05  # s between the samples of a trial

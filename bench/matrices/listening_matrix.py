@@ -94,8 +94,8 @@ def tallies(question: Question, voice: str, recognizer: SpeechRecognizer, seed: 
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """The command ``listening_matrix``; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="listening_matrix", description=__doc__)
+    """Prints the table; returns its exit code."""
+    parser = argparse.ArgumentParser(prog="bench/matrices listening", description=__doc__)
     parser.add_argument("--seed", type=int, default=1, help="of the room's noise (default 1)")
     parser.add_argument("--voice", help="only this voice of espeak-ng")
     options = parser.parse_args(arguments)

@@ -9,7 +9,7 @@ from typing import Callable, List, Tuple
 from merlin_reactive.navigation.navigator import DriveOutcome
 from merlin_reactive.pose import Point, Pose
 from merlin_reactive.seeded_random import draw
-from merlin_sim.world import DoorEvent, MoveEvent, Person, Solid, World
+from merlin_sim.world.world_model import DoorEvent, MoveEvent, Person, Solid, World
 
 Leg = Tuple[str, Pose, Pose]
 

@@ -5,13 +5,12 @@ import statistics
 import sys
 from typing import Iterator, List, Optional, Tuple
 
+from matrices.navigation_cases import Case, cases
+from matrices.trial import Trial, TrialResult, trials
 from merlin_reactive.navigation.navigator import NavigationSettings
 from merlin_reactive.navigation.path_follower import Cruise
-from merlin_sim.navigation_cases import Case, cases
-from merlin_sim.trial import Trial, TrialResult, trials
-from merlin_sim.world import World
-from merlin_sim.world_drawing import find_world
-from merlin_sim.world_file import WorldError, load_world
+from merlin_sim.world.world_file import WorldError, find_world, load_world
+from merlin_sim.world.world_model import World
 
 
 def run(world: World, case: Case, seeds: int, speed: float) -> Iterator[Tuple[str, TrialResult]]:
@@ -28,8 +27,8 @@ def run(world: World, case: Case, seeds: int, speed: float) -> Iterator[Tuple[st
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """The command ``navigation_matrix``; returns 1 when a trial did not end as it should."""
-    parser = argparse.ArgumentParser(prog="navigation_matrix", description=__doc__)
+    """Prints the table; returns 1 when a trial did not end as it should."""
+    parser = argparse.ArgumentParser(prog="bench/matrices navigation", description=__doc__)
     parser.add_argument("--world", default="apartment", help="name or file of a world (default apartment)")
     parser.add_argument("--speed", type=float, default=0.3, help="cruising speed, m/s (default 0.3)")
     parser.add_argument("--seeds", type=trials, default=3, help="trials per case and leg (default 3)")

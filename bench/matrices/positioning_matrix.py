@@ -8,15 +8,14 @@ from typing import Iterator, List, Optional, Tuple
 
 import numpy as np
 
+from matrices.trial import SCAN_EVERY, URDF, Trial, trials
 from merlin_reactive.localization.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_reactive.pose import Pose, wrap
-from merlin_sim.drive import OdometryNoise
-from merlin_sim.simulation import PHYSICS_RATE, RobotSpec, Simulation
-from merlin_sim.survey import map_of
-from merlin_sim.trial import SCAN_EVERY, URDF, Trial, trials
-from merlin_sim.world import World
-from merlin_sim.world_drawing import find_world
-from merlin_sim.world_file import load_world
+from merlin_sim.engine.simulation import PHYSICS_RATE, RobotSpec, Simulation
+from merlin_sim.robot.drive import OdometryNoise
+from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_file import find_world, load_world
+from merlin_sim.world.world_model import World
 
 DRIFTS = (
     ("none", OdometryNoise()),
@@ -150,8 +149,8 @@ def particle_rows(world: World, seeds: int) -> Iterator[str]:
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """The command ``positioning_matrix``; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="positioning_matrix", description=__doc__)
+    """Prints the table; returns its exit code."""
+    parser = argparse.ArgumentParser(prog="bench/matrices positioning", description=__doc__)
     parser.add_argument("--seeds", type=trials, default=3, help="runs per row (default 3)")
     parser.add_argument("--part", choices=["odometry", "particles"], help="only this part")
     options = parser.parse_args(arguments)

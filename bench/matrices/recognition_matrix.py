@@ -9,11 +9,11 @@ import statistics
 from dataclasses import dataclass
 from typing import Dict, Iterator, List, Optional, Tuple
 
+from matrices.recognition_trial import Look, Placed, look
+from matrices.trial import trials
 from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON
 from merlin_reactive.recognition.object_recognizer import ObjectRecognizer
 from merlin_reactive.seeded_random import draw
-from merlin_sim.recognition_trial import Look, Placed, look
-from merlin_sim.trial import trials
 
 DISTANCES = (0.8, 1.2, 1.6, 2.0, 2.5, 3.0)  # m
 PERSON_DISTANCES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0)  # m
@@ -74,8 +74,8 @@ def looks(seeds: int) -> Iterator[Tuple[str, float, List[Placed], Dict[str, obje
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """The command ``recognition_matrix``; returns 1 when a class is missed that should be seen."""
-    parser = argparse.ArgumentParser(prog="recognition_matrix", description=__doc__)
+    """Prints the table; returns 1 when a class is missed that should be seen."""
+    parser = argparse.ArgumentParser(prog="bench/matrices recognition", description=__doc__)
     parser.add_argument("--seeds", type=trials, default=2, help="pictures per case (default 2)")
     options = parser.parse_args(arguments)
     by_class: Dict[str, Tally] = {}

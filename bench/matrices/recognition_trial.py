@@ -13,10 +13,10 @@ from merlin_reactive.recognition.camera_view import CameraView
 from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON, PERSON_HEIGHT, TAG
 from merlin_reactive.recognition.object_recognizer import ObjectRecognizer
 from merlin_reactive.recognition.sighting import Sighting
-from merlin_sim.camera import CameraModel
-from merlin_sim.simulation import RobotSpec, Simulation
-from merlin_sim.tag_card import GAP
-from merlin_sim.world_file import parse_world
+from merlin_sim.engine.simulation import RobotSpec, Simulation
+from merlin_sim.engine.tag_card import GAP
+from merlin_sim.robot.camera import CameraModel
+from merlin_sim.world.world_file import parse_world
 
 SAME = 0.25  # m between where a thing is and where it is seen that are one thing
 SIGN = 0.16  # m, width and height of what a tag is on

@@ -14,15 +14,15 @@ import numpy as np
 from merlin_reactive.navigation.navigator import DriveOutcome, NavigationSettings, Navigator
 from merlin_reactive.navigation.path_planner import NoPath
 from merlin_reactive.pose import Point, Pose
-from merlin_sim.drive import OdometryNoise
-from merlin_sim.localization import PoseNoise, TruthLocalization
-from merlin_sim.simulation import ODOMETRY_EVERY, RobotSpec, Simulation
-from merlin_sim.survey import map_of
-from merlin_sim.world import World
+from merlin_sim.engine.simulation import ODOMETRY_EVERY, RobotSpec, Simulation
+from merlin_sim.robot.drive import OdometryNoise
+from merlin_sim.robot.truth_localization import PoseNoise, TruthLocalization
+from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_model import World
 
 SCAN_EVERY = 10  # physics steps
 AT_SPEED = 0.05  # m/s from which touching something is a collision
-URDF = Path(__file__).resolve().parents[2] / "urdf" / "rb1.urdf"
+URDF = Path(__file__).resolve().parents[2] / "src" / "merlin_sim" / "urdf" / "rb1.urdf"
 
 
 def trials(text: str) -> int:

@@ -5,14 +5,13 @@ from argparse import ArgumentTypeError
 from types import SimpleNamespace
 
 import pytest
+from matrices.listening_matrix import Question, tallies
+from matrices.navigation_matrix import main as navigation_matrix
+from matrices.positioning_matrix import Follower, odometry_errors
+from matrices.trial import trials
 
-from merlin_sim.drive import OdometryNoise
-from merlin_sim.listening_matrix import Question, tallies
-from merlin_sim.navigation_matrix import main as navigation_matrix
-from merlin_sim.positioning_matrix import Follower, odometry_errors
-from merlin_sim.trial import trials
-from merlin_sim.world_drawing import find_world
-from merlin_sim.world_file import load_world
+from merlin_sim.robot.drive import OdometryNoise
+from merlin_sim.world.world_file import find_world, load_world
 
 
 def test_the_square_of_odometry_bumps_into_nothing():

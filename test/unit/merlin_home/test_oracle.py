@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matrices.trial import Trial
 
 from merlin_home.motion_limits import MotionLimits, Profile
 from merlin_home.oracle import Oracle
 from merlin_home.outlines import Outline, Outlines, outlines_of_map, outlines_of_world
 from merlin_home.shortest_path import NoPathError, ShortestPaths, angle_between
 from merlin_reactive.pose import Pose
-from merlin_sim.trial import Trial
-from merlin_sim.world import MoveEvent
-from merlin_sim.world_drawing import find_world
-from merlin_sim.world_file import load_world
+from merlin_sim.world.world_file import find_world, load_world
+from merlin_sim.world.world_model import MoveEvent
 
 LIMITS = MotionLimits(speed=0.5, acceleration=1.0, turn_rate=1.0, turn_acceleration=2.0, radius=0.25)
 Box = Tuple[float, float, float, float]  # left, low, right, high, m

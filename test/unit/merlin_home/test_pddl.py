@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from merlin_rosplan.validate import validate
-from merlin_sim.poi_distances import main as poi_distances
-from merlin_sim.world_drawing import find_world
+from merlin_sim.world.poi_distances import main as poi_distances
+from merlin_sim.world.world_file import find_world
 
 PDDL = Path(__file__).resolve().parents[3] / "pddl" / "home"
 DOMAIN, PROBLEM = PDDL / "domain.pddl", PDDL / "problem.pddl"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matrices.trial import Trial
 
 from merlin_reactive.navigation.navigator import DriveOutcome, NavigationSettings
 from merlin_reactive.navigation.obstacle_memory import ObstacleMemory
@@ -15,10 +16,9 @@ from merlin_reactive.navigation.path_planner import PathPlanner
 from merlin_reactive.navigation.scan_guard import ScanGuard
 from merlin_reactive.occupancy_grid import OccupancyGrid
 from merlin_reactive.pose import Pose
-from merlin_sim.survey import map_of
-from merlin_sim.trial import Trial
-from merlin_sim.world import DoorEvent, Person, Solid
-from merlin_sim.world_file import load_world
+from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_file import load_world
+from merlin_sim.world.world_model import DoorEvent, Person, Solid
 
 WORLDS = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "worlds"
 

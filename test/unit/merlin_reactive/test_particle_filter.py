@@ -9,9 +9,9 @@ import pytest
 from merlin_reactive.localization.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_reactive.occupancy_grid import OCCUPIED, OccupancyGrid
 from merlin_reactive.pose import Pose, wrap
-from merlin_sim.ray_casting import Outlines
-from merlin_sim.survey import map_of
-from merlin_sim.world_file import load_world
+from merlin_sim.robot.ray_casting import ScanOutlines
+from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_file import load_world
 
 WORLDS = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "worlds"
 ANGLES = np.linspace(-math.pi, math.pi, 180, endpoint=False)
@@ -25,9 +25,9 @@ def world():
 
 @pytest.fixture(scope="module")
 def outlines(world):
-    outlines = Outlines(0.33)
+    outlines = ScanOutlines(0.33)
     for solid in [*world.wall_solids(), *world.furniture]:
-        outlines.show(solid)
+        outlines.add(solid)
     return outlines
 
 

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rospkg
+from matrices.recognition_trial import Placed, look
 
 from merlin_reactive.recognition.camera_view import CameraView, overlap
 from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON
 from merlin_reactive.recognition.object_recognizer import ObjectRecognizer, UnknownClass, annotated
 from merlin_reactive.recognition.sighting import Sighting, merge
-from merlin_sim.camera import CameraModel, CameraPose
-from merlin_sim.recognition_trial import Placed, look
-from merlin_sim.simulation import RobotSpec, Simulation
-from merlin_sim.world_control import Placing
-from merlin_sim.world_file import load_world
+from merlin_sim.engine.simulation import RobotSpec, Simulation
+from merlin_sim.engine.world_control import Placing
+from merlin_sim.robot.camera import CameraModel, CameraPose
+from merlin_sim.world.world_file import load_world
 
 MODEL = CameraModel()
 HERE = CameraView(MODEL.matrix(), CameraPose(np.array([0, 0, 1.4]), np.eye(3)).optical(), 640, 480)

@@ -9,10 +9,9 @@ from merlin_reactive.navigation.path_planner import PathPlanner
 from merlin_restaurant.players.guest import BLOCKED
 from merlin_restaurant.players.places import BODY, FROM_ROBOT, ROBOT_RADIUS, THING, Places, shortened
 from merlin_restaurant.players.schedule import TABLES
-from merlin_sim.survey import map_of
-from merlin_sim.world import Person
-from merlin_sim.world_drawing import find_world
-from merlin_sim.world_file import load_world
+from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_file import find_world, load_world
+from merlin_sim.world.world_model import Person
 
 WORLD = load_world(find_world("restaurant"))
 PLACES = Places(WORLD)

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from merlin_restaurant.players.restaurant_world import restaurant_world
-from merlin_sim.world_drawing import find_world
-from merlin_sim.world_file import WorldError
+from merlin_sim.world.world_file import WorldError, find_world
 
 
 def test_the_restaurant_of_the_simulator_is_one() -> None:

@@ -3,8 +3,8 @@
 import pytest
 
 from merlin_reactive.seeded_random import draw
-from merlin_sim.answers import Answers
-from merlin_sim.listener import Listener, nearest
+from merlin_sim.people.answers import Answers
+from merlin_sim.people.listener import Listener, nearest
 
 
 def random():

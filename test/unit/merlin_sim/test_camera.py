@@ -11,10 +11,10 @@ import pytest
 from merlin_reactive.pose import Pose
 from merlin_reactive.recognition.object_classes import OBJECT_CLASSES
 from merlin_reactive.recognition.tags import TAG, tag_dictionary
-from merlin_sim.camera import CameraModel
-from merlin_sim.simulation import RobotSpec, Simulation
-from merlin_sim.tag_card import GAP
-from merlin_sim.world_file import parse_world
+from merlin_sim.engine.simulation import RobotSpec, Simulation
+from merlin_sim.engine.tag_card import GAP
+from merlin_sim.robot.camera import CameraModel
+from merlin_sim.world.world_file import parse_world
 
 URDF = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "urdf" / "rb1.urdf"
 CORNERS = [[-1, -3], [5, -3], [5, 3], [-1, 3]]

@@ -3,9 +3,9 @@
 import pytest
 
 from merlin_reactive.navigation.path_planner import PathPlanner
-from merlin_sim.floor_plan import FloorPlan, main
-from merlin_sim.survey import map_of
-from merlin_sim.world_file import load_world, parse_world
+from merlin_sim.world.floor_plan import FloorPlan, main
+from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_file import load_world, parse_world
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -10,8 +10,8 @@ import pytest
 from merlin_reactive.navigation.path_follower import Path as Way
 from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
 from merlin_reactive.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from merlin_sim.survey import map_of
-from merlin_sim.world_file import load_world
+from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_file import load_world
 
 WORLDS = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "worlds"
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from merlin_reactive.pose import Pose
-from merlin_sim.drive import OdometryNoise
-from merlin_sim.ray_casting import Outlines
-from merlin_sim.simulation import RobotSpec, Simulation
-from merlin_sim.world import DoorEvent, MoveEvent, Person, Solid
-from merlin_sim.world_file import load_world
+from merlin_sim.engine.simulation import RobotSpec, Simulation
+from merlin_sim.robot.drive import OdometryNoise
+from merlin_sim.robot.ray_casting import ScanOutlines
+from merlin_sim.world.world_file import load_world
+from merlin_sim.world.world_model import DoorEvent, MoveEvent, Person, Solid
 
 PACKAGE = Path(__file__).resolve().parents[3] / "src" / "merlin_sim"
 URDF = PACKAGE / "urdf" / "rb1.urdf"
@@ -153,14 +153,14 @@ def test_equal_seeds_give_equal_runs_whoever_looks(simulate):
 
 
 def test_rays_meet_boxes_and_cylinders_exactly():
-    outlines = Outlines(0.3)
-    outlines.show(Solid("box", Pose(2.0, 0.0, math.pi / 4), 1.0, size=(1.0, 1.0)))
-    outlines.show(Solid("post", Pose(0.0, -3.0), 1.0, radius=0.5))
-    outlines.show(Solid("mat", Pose(-1.0, 0.0), 0.1, size=(1.0, 1.0)))
+    outlines = ScanOutlines(0.3)
+    outlines.add(Solid("box", Pose(2.0, 0.0, math.pi / 4), 1.0, size=(1.0, 1.0)))
+    outlines.add(Solid("post", Pose(0.0, -3.0), 1.0, radius=0.5))
+    outlines.add(Solid("mat", Pose(-1.0, 0.0), 0.1, size=(1.0, 1.0)))
     angles = np.array([0.0, -math.pi / 2, math.pi, math.pi / 2])
     expected = [2.0 - math.sqrt(0.5), 2.5, math.inf, math.inf]
     assert outlines.distances((0.0, 0.0), angles, 10.0) == pytest.approx(expected)
-    outlines.hide("box")
+    outlines.remove("box")
     assert outlines.distances((0.0, 0.0), angles, 10.0, [(0.0, 2.0, 0.5)]) == pytest.approx(
         [math.inf, 2.5, math.inf, 1.5]
     )

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from merlin_reactive.pose import Pose
-from merlin_sim.people import State
-from merlin_sim.simulation import RobotSpec, Simulation
-from merlin_sim.world_control import Placing, Refused
-from merlin_sim.world_file import parse_world
+from merlin_sim.engine.simulation import RobotSpec, Simulation
+from merlin_sim.engine.world_control import ChangeRefused, Placing
+from merlin_sim.people.walkers import WalkState
+from merlin_sim.world.world_file import parse_world
 
 URDF = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "urdf" / "rb1.urdf"
 CORNERS = [[0, 0], [6, 0], [6, 5], [0, 5]]
@@ -83,7 +83,7 @@ def test_who_is_absent_comes_goes_and_is_seen_only_meanwhile(room):
     run(simulation, 6.0, 0.3)
     assert robot.body.pose().x == pytest.approx(5.0 - 0.22 - 0.25, abs=0.03)  # contact is real
     simulation.control.place(Placing("bob", absent=True))
-    assert person(simulation, "bob").state is State.ABSENT
+    assert person(simulation, "bob").state is WalkState.ABSENT
     run(simulation, 1.0, 0.3)
     assert robot.body.pose().x > 4.7
 
@@ -93,10 +93,10 @@ def test_a_walk_ends_where_it_should_after_its_time(room):
     number = simulation.control.walk("ann", [(1.0, 3.0), (2.0, 3.0)], speed=0.5, yaw=1.0)
     run(simulation, 1.0)
     ann = person(simulation, "ann")
-    assert ann.state is State.WALKING and ann.pose.y == pytest.approx(2.5, abs=0.03)
+    assert ann.state is WalkState.WALKING and ann.pose.y == pytest.approx(2.5, abs=0.03)
     assert ann.pose.yaw == pytest.approx(math.pi / 2)
     run(simulation, 3.1)
-    assert (ann.state, ann.walk) == (State.STANDING, number)
+    assert (ann.state, ann.walk) == (WalkState.STANDING, number)
     assert (ann.pose.x, ann.pose.y, ann.pose.yaw) == pytest.approx((2.0, 3.0, 1.0))
 
 
@@ -111,7 +111,7 @@ def test_a_walk_can_be_replaced_and_stopped(room):
     stopped = ann.pose
     run(simulation, 1.0)
     assert one < two < three == ann.walk
-    assert ann.state is State.STANDING and ann.pose == stopped and 1.3 < ann.pose.x < 1.7
+    assert ann.state is WalkState.STANDING and ann.pose == stopped and 1.3 < ann.pose.x < 1.7
 
 
 def test_nobody_walks_through_walls_furniture_or_robots(room):
@@ -119,7 +119,7 @@ def test_nobody_walks_through_walls_furniture_or_robots(room):
     simulation.control.walk("ann", [(1.0, 4.6)], speed=1.0)
     run(simulation, 3.0)
     ann = person(simulation, "ann")
-    assert ann.state is State.WALKING and ann.waits_for == "robot"
+    assert ann.state is WalkState.WALKING and ann.waits_for == "robot"
     assert not simulation.robots[""].body.touches()
     assert ann.pose.y == pytest.approx(3.5 - 0.25 - 0.22 - 0.15, abs=0.06)
     simulation.control.walk("ann", [(5.0, 2.5)], speed=1.0)  # the wall at x = 3 ends at y = 2
@@ -130,7 +130,7 @@ def test_nobody_walks_through_walls_furniture_or_robots(room):
     assert ann.waits_for == "trolley" and ann.pose.y > 1.25 + 0.2
     simulation.control.place(Placing("trolley", absent=True))
     run(simulation, 2.0)
-    assert (ann.state, ann.waits_for) == (State.STANDING, "") and ann.pose.y == pytest.approx(0.4)
+    assert (ann.state, ann.waits_for) == (WalkState.STANDING, "") and ann.pose.y == pytest.approx(0.4)
 
 
 def test_a_guest_sits_down_on_a_chair_that_stays_where_it_is_and_gets_up(room):
@@ -139,16 +139,16 @@ def test_a_guest_sits_down_on_a_chair_that_stays_where_it_is_and_gets_up(room):
     simulation.control.walk("bob", [(5.0, 2.0), (5.0, 3.1)], sit=True, yaw=math.pi / 2)
     run(simulation, 6.0)
     bob = person(simulation, "bob")
-    assert bob.state is State.SITTING and bob.pose.yaw == pytest.approx(math.pi / 2)
+    assert bob.state is WalkState.SITTING and bob.pose.yaw == pytest.approx(math.pi / 2)
     run(simulation, 2.0)
     assert simulation.scene.furniture["chair"].pose.distance(Pose(5.0, 3.1)) < 0.01
     simulation.control.walk("bob", [(5.0, 2.0)])
     run(simulation, 4.0)
-    assert bob.state is State.STANDING
+    assert bob.state is WalkState.STANDING
     assert simulation.scene.furniture["chair"].pose.distance(Pose(5.0, 3.1)) < 0.01
-    with pytest.raises(Refused, match="chair is there"):
+    with pytest.raises(ChangeRefused, match="chair is there"):
         simulation.control.walk("bob", [(5.0, 3.1)])
-    with pytest.raises(Refused, match="bob is there"):
+    with pytest.raises(ChangeRefused, match="bob is there"):
         simulation.control.place(Placing("ann", pose=bob.pose))
 
 
@@ -166,7 +166,7 @@ def test_what_stands_on_furniture_goes_where_it_is_pushed(room):
     assert stands(simulation, "cup")[0].point == pytest.approx((4.4, 1.1))
     simulation.control.place(Placing("trolley", absent=True))
     run(simulation, 0.1)
-    with pytest.raises(Refused, match="trolley, which is absent"):
+    with pytest.raises(ChangeRefused, match="trolley, which is absent"):
         simulation.control.place(Placing("can", on="trolley"))
 
 
@@ -235,7 +235,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing(room, what, words):
         person(simulation, "ann").pose,
         len(simulation.control.people),
     )
-    with pytest.raises(Refused) as refused:
+    with pytest.raises(ChangeRefused) as refused:
         simulation.control.place(what)
     assert words in str(refused.value)
     after = simulation.physics.place_of("cup"), person(simulation, "ann").pose, len(simulation.control.people)
@@ -245,7 +245,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing(room, what, words):
 def test_where_somebody_is_not_is_not_looked_at(room):
     simulation = room()
     simulation.control.place(Placing("ann", absent=True, on="shelf", pose=Pose(math.nan, 9), z=5.0))
-    assert person(simulation, "ann").state is State.ABSENT
+    assert person(simulation, "ann").state is WalkState.ABSENT
 
 
 @pytest.mark.parametrize(
@@ -260,7 +260,7 @@ def test_where_somebody_is_not_is_not_looked_at(room):
     ],
 )
 def test_impossible_walks_are_refused(room, walk, words):
-    with pytest.raises(Refused) as refused:
+    with pytest.raises(ChangeRefused) as refused:
         room().control.walk(*walk)
     assert words in str(refused.value)
 

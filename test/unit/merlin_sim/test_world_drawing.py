@@ -2,7 +2,7 @@
 
 import cv2
 
-from merlin_sim.world_drawing import main
+from merlin_sim.world.world_drawing import main
 
 
 def test_a_world_becomes_a_picture(tmp_path):

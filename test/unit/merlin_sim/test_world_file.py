@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from merlin_reactive.pose import Pose
-from merlin_sim.world import DoorEvent, MoveEvent
-from merlin_sim.world_file import WorldError, load_world, parse_world
+from merlin_sim.world.world_file import WorldError, load_world, parse_world
+from merlin_sim.world.world_model import DoorEvent, MoveEvent
 
 WORLDS = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "worlds"
 GOOD = {

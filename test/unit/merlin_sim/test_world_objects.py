@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from merlin_sim.world_file import WorldError, load_world, parse_world
+from merlin_sim.world.world_file import WorldError, load_world, parse_world
 
 WORLDS = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "worlds"
 CORNERS = [[0, 0], [4, 0], [4, 3], [0, 3]]

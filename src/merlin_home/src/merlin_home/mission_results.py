@@ -15,7 +15,7 @@ from merlin_home.shortest_path import NoPathError, ShortestPaths
 from merlin_home.spoken_question import SpeechLengthError, speech_length
 from merlin_home.task_record import RunRecord
 from merlin_home.trajectory import Sample
-from merlin_sim.world_file import WorldError, load_world
+from merlin_sim.world.world_file import WorldError, load_world
 
 
 class MissionResults:

@@ -9,7 +9,7 @@ from typing import Iterable, List, Tuple
 
 import numpy as np
 
-from merlin_sim.world import DoorEvent, MoveEvent, Solid, World
+from merlin_sim.world.world_model import DoorEvent, MoveEvent, Solid, World
 
 Point = Tuple[float, float]
 

@@ -7,10 +7,10 @@ from typing import List, Sequence, Tuple
 import numpy as np
 
 from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
-from merlin_sim.people import ROOM as FROM_ROBOT
-from merlin_sim.survey import map_of
-from merlin_sim.world import World
-from merlin_sim.world_places import ROBOT_RADIUS
+from merlin_sim.people.walkers import ROOM as FROM_ROBOT
+from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_model import World
+from merlin_sim.world.world_places import ROBOT_RADIUS
 
 Point = Tuple[float, float]
 

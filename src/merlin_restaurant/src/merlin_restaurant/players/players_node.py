@@ -18,8 +18,8 @@ from merlin_restaurant.players.places import Places
 from merlin_restaurant.players.restaurant_world import restaurant_world
 from merlin_restaurant.players.schedule import DISTURBANCES, GuestPlan, ScheduleError, make_schedule
 from merlin_restaurant.players.stage import Closed, Stage, StageError
-from merlin_sim.world import World
-from merlin_sim.world_file import WorldError
+from merlin_sim.world.world_file import WorldError
+from merlin_sim.world.world_model import World
 from merlin_sm.node import init_node
 from merlin_sm.parameters import ParameterError, number
 from merlin_sm.service_proxy import ServiceError

@@ -7,9 +7,8 @@ from merlin_restaurant.players.guest import CHAIR_NAME
 from merlin_restaurant.players.house import BAR
 from merlin_restaurant.players.places import ENTRANCE_DOOR
 from merlin_restaurant.players.schedule import TABLES
-from merlin_sim.world import World
-from merlin_sim.world_drawing import find_world
-from merlin_sim.world_file import WorldError, load_world
+from merlin_sim.world.world_file import WorldError, find_world, load_world
+from merlin_sim.world.world_model import World
 
 
 def restaurant_world(name: str) -> World:

@@ -15,11 +15,11 @@ from merlin_reactive.recognition.object_classes import (
     SHOULDERS,
     SKIN,
 )
-from merlin_sim.silence import silence
-from merlin_sim.tag_card import CARD, write_cards
-from merlin_sim.world import Solid
+from merlin_sim.engine.muted_output import muted_output
+from merlin_sim.engine.tag_card import CARD, write_cards
+from merlin_sim.world.world_model import Solid
 
-with silence():
+with muted_output():
     import pybullet
 
 WALL = "wall"
@@ -87,7 +87,7 @@ class Appearance:
             "visualFramePositions": [part.at for part in parts],
             "rgbaColors": [(*part.color, 1.0) for part in parts],
         }
-        with silence():  # the engine tells of every file that it reads
+        with muted_output():  # the engine tells of every file that it reads
             return int(self._engine.createVisualShapeArray(**fields))
 
 

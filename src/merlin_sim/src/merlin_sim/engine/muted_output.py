@@ -8,7 +8,7 @@ from typing import Iterator
 
 
 @contextlib.contextmanager
-def silence() -> Iterator[None]:
+def muted_output() -> Iterator[None]:
     """Sends the descriptors of standard output and error to nowhere meanwhile; exceptions pass."""
     sys.stdout.flush()
     sys.stderr.flush()

@@ -8,18 +8,18 @@ from typing import Any, Dict, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
-from merlin_sim.silence import silence
+from merlin_sim.engine.muted_output import muted_output
 
-with silence():  # the engine greets on standard output when it is imported
+with muted_output():  # the engine greets on standard output when it is imported
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 
 from merlin_reactive.pose import Pose
 from merlin_reactive.recognition.object_classes import PERSON
-from merlin_sim.appearance import WALL, Appearance
-from merlin_sim.camera import CAMERA_LINK, CameraModel, CameraPose
-from merlin_sim.drive import DriveGeometry
-from merlin_sim.world import Solid, World, WorldObject
+from merlin_sim.engine.appearance import WALL, Appearance
+from merlin_sim.robot.camera import CAMERA_LINK, CameraModel, CameraPose
+from merlin_sim.robot.drive import DriveGeometry
+from merlin_sim.world.world_model import Solid, World, WorldObject
 
 PhysicsError = pybullet.error
 WHEEL_TORQUE = 12.0  # Nm
@@ -37,7 +37,7 @@ class RobotBody:
         with NamedTemporaryFile("w", suffix=".urdf") as file:
             file.write(urdf)
             file.flush()
-            with silence():
+            with muted_output():
                 self.body = engine.loadURDF(file.name, useFixedBase=False)
         joints = {}
         self._camera: Optional[int] = None
@@ -125,7 +125,7 @@ class Physics:
     """
 
     def __init__(self, world: World, step: float) -> None:
-        with silence():
+        with muted_output():
             self._engine = BulletClient(pybullet.DIRECT)
         self._engine.setGravity(0, 0, -9.81)
         self._engine.setTimeStep(step)
@@ -148,12 +148,12 @@ class Physics:
         for door in world.doors:
             leaf = door.leaf(world.wall_thickness, world.wall_height)
             self.add(leaf)
-            self.show(leaf, not door.open)
+            self.put_solid(leaf, not door.open)
 
     def add(self, solid: Solid, bottom: float = 0.0, kind: str = "", tag: Optional[int] = None) -> None:
         """Puts a thing into the world, `bottom` m above the floor; without mass robots cannot push it.
 
-        :param kind, tag: what it looks like, see :meth:`merlin_sim.appearance.Appearance.of`.
+        :param kind, tag: what it looks like, see :meth:`merlin_sim.engine.appearance.Appearance.of`.
         """
         if solid.radius is not None:
             shape = self._engine.createCollisionShape(
@@ -168,7 +168,7 @@ class Physics:
         self._solids[solid.name] = body
         self._put(body, solid.pose, bottom + solid.height / 2)
 
-    def show(self, solid: Solid, there: bool, bottom: float = 0.0) -> None:
+    def put_solid(self, solid: Solid, there: bool, bottom: float = 0.0) -> None:
         """Moves a thing to where it is said to stand, or out of the world."""
         body = self._solids[solid.name]
         if solid.mass and there == (solid.name in self._frozen):

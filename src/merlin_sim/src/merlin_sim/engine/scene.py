@@ -8,10 +8,10 @@ from typing import Dict, Iterator, List, Optional, Tuple
 
 from merlin_reactive.pose import Point, Pose, wrap
 from merlin_reactive.recognition.object_classes import PERSON
-from merlin_sim.physics import Physics, RobotBody
-from merlin_sim.ray_casting import Outlines
-from merlin_sim.world import Solid, World, WorldObject
-from merlin_sim.world_places import ROBOT_RADIUS
+from merlin_sim.engine.physics import Physics, RobotBody
+from merlin_sim.robot.ray_casting import ScanOutlines
+from merlin_sim.world.world_model import Solid, World, WorldObject
+from merlin_sim.world.world_places import ROBOT_RADIUS
 
 PUSHED = 0.002  # m and rad that a thing has to move before anybody sees it elsewhere
 ROBOT_HEIGHT = 1.42  # m, to the top of its camera
@@ -49,7 +49,7 @@ class Scene:
     def __init__(self, world: World, physics: Physics, robots: Dict[str, RobotBody]) -> None:
         self.physics = physics
         self.robots = robots
-        self.outlines = Outlines(LASER_HEIGHT)
+        self.outlines = ScanOutlines(LASER_HEIGHT)
         self.movable = [solid.name for solid in world.furniture + world.unmapped if solid.mass]
         self.furniture: Dict[str, Solid] = {}  # where it is now, or was when it went
         self._there: Dict[
@@ -58,11 +58,11 @@ class Scene:
         self.objects: Dict[str, PlacedObject] = {}
         for solid in [*world.furniture, *world.unmapped]:
             self.furniture[solid.name] = solid
-            self.show(solid, True)
+            self.put_solid(solid, True)
         for solid in world.wall_solids():
-            self.show(solid, True)
+            self.put_solid(solid, True)
         for door in world.doors:
-            self.show(door.leaf(world.wall_thickness, world.wall_height), not door.open)
+            self.put_solid(door.leaf(world.wall_thickness, world.wall_height), not door.open)
         for thing in world.objects:
             support = self.furniture.get(thing.support or "")
             pose, height = thing.solid.pose, thing.bottom
@@ -70,17 +70,17 @@ class Scene:
                 pose, height = support.pose.inverse().compose(pose), height - support.height
             self.put(PlacedObject(thing, pose, height, not thing.absent))
 
-    def show(self, solid: Solid, there: bool, bottom: float = 0.0) -> None:
+    def put_solid(self, solid: Solid, there: bool, bottom: float = 0.0) -> None:
         """Puts a thing that stands on the floor where it says, or takes it away."""
-        self.physics.show(solid, there, bottom)
+        self.physics.put_solid(solid, there, bottom)
         if solid.name in self.furniture:
             self.furniture[solid.name] = solid
         if there:
             self._there[solid.name] = solid
-            self.outlines.show(solid)
+            self.outlines.add(solid)
         else:
             self._there.pop(solid.name, None)
-            self.outlines.hide(solid.name)
+            self.outlines.remove(solid.name)
         self._take_along(solid.name)
 
     def put(self, thing: PlacedObject) -> None:
@@ -91,7 +91,7 @@ class Scene:
     def add_person(self, solid: Solid) -> None:
         """A body for somebody new, who is not there yet."""
         self.physics.add(solid, kind=PERSON)
-        self.show(solid, False)
+        self.put_solid(solid, False)
 
     def follow(self) -> None:
         """Sees where things were pushed to, and takes along what stands on them."""
@@ -101,7 +101,7 @@ class Scene:
             seen, pose = self._there[name], self.physics.place_of(name)
             if pose.distance(seen.pose) > PUSHED or abs(wrap(pose.yaw - seen.pose.yaw)) > PUSHED:
                 self._there[name] = self.furniture[name] = seen.moved(pose)
-                self.outlines.show(self._there[name])
+                self.outlines.add(self._there[name])
                 self._take_along(name)
 
     def carry(self) -> None:

@@ -8,15 +8,15 @@ from typing import Dict, List
 import numpy as np
 
 from merlin_reactive.pose import Pose
-from merlin_sim.camera import CAMERA_LINK, Camera, CameraError, CameraModel
-from merlin_sim.drive import BaseController, DriveGeometry, DriveLimits, OdometryNoise, WheelOdometry
-from merlin_sim.lidar import Lidar, LidarModel
-from merlin_sim.physics import Physics
-from merlin_sim.scene import ROBOT, Scene
-from merlin_sim.world import World
-from merlin_sim.world_control import WorldControl
-from merlin_sim.world_events import WorldEvents
-from merlin_sim.world_places import ROBOT_RADIUS
+from merlin_sim.engine.physics import Physics
+from merlin_sim.engine.scene import ROBOT, Scene
+from merlin_sim.engine.world_control import WorldControl
+from merlin_sim.engine.world_events import WorldEvents
+from merlin_sim.robot.camera import CAMERA_LINK, Camera, CameraError, CameraModel
+from merlin_sim.robot.drive import BaseController, DriveGeometry, DriveLimits, OdometryNoise, WheelOdometry
+from merlin_sim.robot.lidar import Lidar, LidarModel
+from merlin_sim.world.world_model import World
+from merlin_sim.world.world_places import ROBOT_RADIUS
 
 PHYSICS_RATE = 100  # steps per simulated second
 ODOMETRY_EVERY = 5  # steps
@@ -86,7 +86,7 @@ class Simulation:
         bodies = {name or ROBOT: robot.body for name, robot in self.robots.items()}
         self.scene = Scene(world, self.physics, bodies)
         self.control = WorldControl(world, self.scene)
-        self._events = WorldEvents(world, self.scene.show)
+        self._events = WorldEvents(world, self.scene.put_solid)
 
     @property
     def time(self) -> float:

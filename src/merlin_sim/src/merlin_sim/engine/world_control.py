@@ -10,11 +10,11 @@ from typing import Dict, Iterable, List, Optional, Sequence, Set
 
 from merlin_reactive.pose import Point, Pose
 from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON
-from merlin_sim.footprints import collide
-from merlin_sim.people import ROOM, Patrol, State, Walk, Walker
-from merlin_sim.scene import TRAY_RADIUS, PlacedObject, Scene
-from merlin_sim.world import Person, Solid, World, WorldObject
-from merlin_sim.world_places import ROBOT_RADIUS
+from merlin_sim.engine.scene import TRAY_RADIUS, PlacedObject, Scene
+from merlin_sim.people.walkers import ROOM, Patrol, Walk, Walker, WalkState
+from merlin_sim.world.footprints import collide
+from merlin_sim.world.world_model import Person, Solid, World, WorldObject
+from merlin_sim.world.world_places import ROBOT_RADIUS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*\Z")
 MAX_SPEED = 3.0  # m/s of a person
@@ -22,7 +22,7 @@ MAX_HEIGHT = 10.0  # m
 NOWHERE = Pose(0.0, 0.0)
 
 
-class Refused(ValueError):
+class ChangeRefused(ValueError):
     """What was asked for cannot be; the text is a sentence that says why."""
 
 
@@ -50,7 +50,7 @@ class WorldControl:
         self.changes = 0  # of what people do; grows
         for person in world.people:
             walker = self._people[person.name] = Walker(person, Patrol(person, self._robot_blocks))
-            self._show(walker)
+            self._put_walker(walker)
 
     @property
     def people(self) -> List[Walker]:
@@ -62,22 +62,22 @@ class WorldControl:
         for walker in self._people.values():
             did = (walker.state, walker.waits_for)
             if walker.step(now, elapsed):
-                self._show(walker)
+                self._put_walker(walker)
             if did != (walker.state, walker.waits_for):
                 self.changes += 1
-                if walker.state is not State.WALKING:
+                if walker.state is not WalkState.WALKING:
                     self._let_pass(walker, self._within(walker))
 
     def place(self, what: Placing) -> None:
         """Puts a person, an object or movable furniture somewhere, or takes it away.
 
-        :raises Refused: it is unknown, cannot be moved, or cannot be there; nothing has changed then.
+        :raises ChangeRefused: it is unknown, cannot be moved, or cannot be there; nothing has changed then.
         """
         if what.absent:
             what = replace(what, on="", pose=NOWHERE, z=0.0)
         for value in (what.pose.x, what.pose.y, what.pose.yaw, what.z):
             if not math.isfinite(value):
-                raise Refused(f"{what.name}: {value} is no place")
+                raise ChangeRefused(f"{what.name}: {value} is no place")
         name = what.name
         if name in self._people or (what.kind == PERSON and self._is_new(name)):
             self._expect_kind(what, PERSON)
@@ -91,7 +91,7 @@ class WorldControl:
         elif what.kind and self._is_new(name):
             self._place_object(what, self._another(what.kind, name))
         else:
-            raise Refused(
+            raise ChangeRefused(
                 f"there is no person, object or furniture {name!r} in this world; a new one needs a kind"
             )
 
@@ -109,18 +109,18 @@ class WorldControl:
         :param sit: sits down at the end.
         :param yaw: heading at the end, rad; None: as the person came.
         :return: the number of the walk.
-        :raises Refused: as :meth:`place`.
+        :raises ChangeRefused: as :meth:`place`.
         """
         walker = self._people.get(name)
         if walker is None:
-            raise Refused(f"there is no person {name!r} in this world")
-        if walker.state is State.ABSENT:
-            raise Refused(f"{name} is absent and cannot walk")
+            raise ChangeRefused(f"there is no person {name!r} in this world")
+        if walker.state is WalkState.ABSENT:
+            raise ChangeRefused(f"{name} is absent and cannot walk")
         for value in [speed, yaw or 0.0, *(value for point in path for value in point)]:
             if not math.isfinite(value):
-                raise Refused(f"{name} cannot walk: {value} is no number to use")
+                raise ChangeRefused(f"{name} cannot walk: {value} is no number to use")
         if not 0.0 <= speed <= MAX_SPEED:
-            raise Refused(f"{name} cannot walk at {speed:g} m/s; 0 (their own speed) to {MAX_SPEED:g}")
+            raise ChangeRefused(f"{name} cannot walk at {speed:g} m/s; 0 (their own speed) to {MAX_SPEED:g}")
         for point in path:
             self._expect_inside(name, Pose(*point))
         self.changes += 1
@@ -132,7 +132,7 @@ class WorldControl:
         seats = self._seats(goal) if sit else []
         clash = self._clash(walker.person.solid(goal), seats)
         if clash:
-            raise Refused(f"{name} cannot get to ({goal.x:g}, {goal.y:g}): {clash} is there")
+            raise ChangeRefused(f"{name} cannot get to ({goal.x:g}, {goal.y:g}): {clash} is there")
         passable = {*seats, *self._within(walker)}
         self._let_pass(walker, passable)
 
@@ -141,14 +141,14 @@ class WorldControl:
 
         walk = Walk([walker.pose.point, *path], speed or walker.person.speed, blocked)
         number = walker.start(walk, sit, yaw)
-        self._show(walker)
+        self._put_walker(walker)
         return number
 
     def _place_person(self, what: Placing) -> None:
         known = self._people.get(what.name)
         person = known.person if known else Person(what.name, (what.pose.point,), absent=True)
         if what.on or what.z:
-            raise Refused(f"{what.name} is a person and stands on the floor")
+            raise ChangeRefused(f"{what.name} is a person and stands on the floor")
         seats = self._seats(what.pose) if what.sit else []
         if not what.absent:
             self._expect_room(person.solid(what.pose), seats)
@@ -157,23 +157,23 @@ class WorldControl:
             self._scene.add_person(person.solid(what.pose))
         self._let_pass(known, [] if what.absent else seats)
         if what.absent:
-            known.place(known.pose, State.ABSENT)
+            known.place(known.pose, WalkState.ABSENT)
         else:
-            known.place(what.pose, State.SITTING if what.sit else State.STANDING)
-        self._show(known)
+            known.place(what.pose, WalkState.SITTING if what.sit else WalkState.STANDING)
+        self._put_walker(known)
         self.changes += 1
 
     def _place_furniture(self, what: Placing) -> None:
         solid = self._scene.furniture[what.name]
         if not solid.mass:
-            raise Refused(f"{what.name} cannot be moved: it has no mass in the world file")
+            raise ChangeRefused(f"{what.name} cannot be moved: it has no mass in the world file")
         if what.on or what.z:
-            raise Refused(f"{what.name} is furniture and stands on the floor")
+            raise ChangeRefused(f"{what.name} is furniture and stands on the floor")
         if what.absent:
-            self._scene.show(solid, False)
+            self._scene.put_solid(solid, False)
             return
         self._expect_room(solid.moved(what.pose), [what.name])
-        self._scene.show(solid.moved(what.pose), True)
+        self._scene.put_solid(solid.moved(what.pose), True)
 
     def _place_object(self, what: Placing, thing: WorldObject) -> None:
         if what.absent:
@@ -182,7 +182,7 @@ class WorldControl:
             self._scene.put(replace(placed, there=False))
             return
         if not 0.0 <= what.z <= MAX_HEIGHT:
-            raise Refused(f"{what.name} cannot stand {what.z:g} m high; 0 to {MAX_HEIGHT:g}")
+            raise ChangeRefused(f"{what.name} cannot stand {what.z:g} m high; 0 to {MAX_HEIGHT:g}")
         thing = replace(thing, support=what.on or None)
         placed = PlacedObject(thing, what.pose, what.z)
         if what.on:
@@ -192,7 +192,7 @@ class WorldControl:
         for other in self._scene.objects.values():
             stands = other.there and other.thing.name != what.name
             if stands and collide(solid, other.thing.solid, bottom, other.thing.bottom):
-                raise Refused(f"{what.name} cannot stand there: {other.thing.name} does")
+                raise ChangeRefused(f"{what.name} cannot stand there: {other.thing.name} does")
         if what.on not in self._scene.robots:
             self._expect_nothing_solid(solid, bottom)
         self._scene.put(placed)
@@ -201,30 +201,32 @@ class WorldControl:
         scene = self._scene
         if what.on in scene.robots:
             if math.hypot(what.pose.x, what.pose.y) > TRAY_RADIUS:
-                raise Refused(f"{what.name} would fall off the tray, whose radius is {TRAY_RADIUS:g} m")
+                raise ChangeRefused(f"{what.name} would fall off the tray, whose radius is {TRAY_RADIUS:g} m")
             return
         support = scene.furniture.get(what.on)
         if support is None:
-            raise Refused(f"{what.name} cannot stand on {what.on!r}: there is no such furniture or robot")
+            raise ChangeRefused(
+                f"{what.name} cannot stand on {what.on!r}: there is no such furniture or robot"
+            )
         if not scene.is_there(what.on):
-            raise Refused(f"{what.name} cannot stand on {what.on}, which is absent")
+            raise ChangeRefused(f"{what.name} cannot stand on {what.on}, which is absent")
         place = support.pose.compose(what.pose)
         if support.distance(place.point) > 0.0:
-            raise Refused(
+            raise ChangeRefused(
                 f"{what.name} would stand beside {what.on}, not on it: x and y count from its middle"
             )
 
     def _expect_nothing_solid(self, solid: Solid, bottom: float) -> None:
         for other in [*self._scene.standing(), *self._scene.robot_solids()]:
             if collide(solid, other, bottom):
-                raise Refused(f"{solid.name} cannot stand there: {other.name} is there")
+                raise ChangeRefused(f"{solid.name} cannot stand there: {other.name} is there")
 
     def _expect_room(self, solid: Solid, passable: Sequence[str]) -> None:
         self._expect_inside(solid.name, solid.pose)
         clash = self._clash(solid, passable, everybody=True)
         if clash:
             where = f"({solid.pose.x:g}, {solid.pose.y:g})"
-            raise Refused(f"{solid.name} cannot be at {where}: {clash} is there")
+            raise ChangeRefused(f"{solid.name} cannot be at {where}: {clash} is there")
 
     def _clash(self, solid: Solid, passable: Sequence[str], everybody: bool = False) -> str:
         """What a body that stands on the floor would be in.
@@ -286,17 +288,17 @@ class WorldControl:
                 return solid.name
         return ""
 
-    def _show(self, walker: Walker) -> None:
-        self._scene.show(walker.solid, walker.state is not State.ABSENT, walker.bottom)
+    def _put_walker(self, walker: Walker) -> None:
+        self._scene.put_solid(walker.solid, walker.state is not WalkState.ABSENT, walker.bottom)
 
     def _is_new(self, name: str) -> bool:
         """Whether nothing has this name; a name that could not be one is refused."""
         if not NAME.match(name):
-            raise Refused(f"{name!r} is no name: a letter, then letters, digits, _ and -")
+            raise ChangeRefused(f"{name!r} is no name: a letter, then letters, digits, _ and -")
         scene = self._scene
         taken = {solid.name for solid in scene.standing()} | {door.name for door in self._world.doors}
         if name in taken or name in scene.robots:
-            raise Refused(f"{name} is part of the building or a robot, and cannot be placed")
+            raise ChangeRefused(f"{name} is part of the building or a robot, and cannot be placed")
         return name not in self._people and name not in scene.objects and name not in scene.furniture
 
     def _another(self, kind: str, name: str) -> WorldObject:
@@ -307,15 +309,15 @@ class WorldControl:
         known = OBJECT_CLASSES.get(kind)
         if known is None:
             kinds = sorted({PERSON, *OBJECT_CLASSES, *(thing.kind for thing in self._world.objects)})
-            raise Refused(f"{name}: there is no kind {kind!r}; known are {', '.join(kinds)}")
+            raise ChangeRefused(f"{name}: there is no kind {kind!r}; known are {', '.join(kinds)}")
         solid = Solid(name, NOWHERE, known.height, size=known.size, radius=known.radius, color=known.color)
         return WorldObject(kind, solid)
 
     def _expect_kind(self, what: Placing, kind: str) -> None:
         if what.kind and what.kind != kind:
-            raise Refused(f"{what.name} is {kind or 'furniture'}, not {what.kind}")
+            raise ChangeRefused(f"{what.name} is {kind or 'furniture'}, not {what.kind}")
 
     def _expect_inside(self, name: str, pose: Pose) -> None:
         left, bottom, right, top = self._world.bounds()
         if not (left < pose.x < right and bottom < pose.y < top):
-            raise Refused(f"{name} cannot be at ({pose.x:g}, {pose.y:g}): that lies outside the walls")
+            raise ChangeRefused(f"{name} cannot be at ({pose.x:g}, {pose.y:g}): that lies outside the walls")

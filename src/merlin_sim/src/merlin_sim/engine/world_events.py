@@ -7,22 +7,22 @@ from typing import Callable, List, Set
 
 from merlin_reactive.navigation.path_follower import Path
 from merlin_reactive.pose import Point
-from merlin_sim.world import DoorEvent, MoveEvent, Solid, World, WorldEvent
+from merlin_sim.world.world_model import DoorEvent, MoveEvent, Solid, World, WorldEvent
 
 ROOM = 0.15  # m that a door's leaf keeps from a robot
 
-Show = Callable[[Solid, bool], None]  # puts a thing where it says, or takes it away
+PutSolid = Callable[[Solid, bool], None]  # puts a thing where it says, or takes it away
 
 
 class WorldEvents:
     """Plays the events of a world.
 
-    :param show: does what happens to the physical world.
+    :param put_solid: does what happens to the physical world.
     """
 
-    def __init__(self, world: World, show: Show) -> None:
+    def __init__(self, world: World, put_solid: PutSolid) -> None:
         self._world = world
-        self._show = show
+        self._put_solid = put_solid
         self._pending: List[WorldEvent] = list(world.events)
 
     def step(self, now: float, robots: List[Point], robot_radius: float) -> None:
@@ -44,8 +44,8 @@ class WorldEvents:
                 way = Path([door.start, door.end])
                 if any(way.nearest(robot, 0.0, way.length)[1] < robot_radius + ROOM for robot in robots):
                     return False
-            self._show(door.leaf(world.wall_thickness, world.wall_height), not event.open)
+            self._put_solid(door.leaf(world.wall_thickness, world.wall_height), not event.open)
         elif isinstance(event, MoveEvent):
             thing = next(solid for solid in world.furniture + world.unmapped if solid.name == event.thing)
-            self._show(thing.moved(event.to), True)
+            self._put_solid(thing.moved(event.to), True)
         return True

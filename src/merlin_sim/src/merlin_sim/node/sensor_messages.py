@@ -8,7 +8,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from merlin_reactive.occupancy_grid import OccupancyGrid
 from merlin_reactive.pose import Pose
 from merlin_reactive.ros_messages import pose_message
-from merlin_sim.camera import CameraModel
+from merlin_sim.robot.camera import CameraModel
 
 
 def grid_message(grid: OccupancyGrid, frame: str, stamp: rospy.Time) -> GridMessage:

@@ -8,14 +8,14 @@ from typing import Any, List
 import rospy
 
 from merlin_reactive.pose import Pose
-from merlin_sim.camera import CameraModel
-from merlin_sim.drive import DriveLimits, OdometryNoise
-from merlin_sim.lidar import LidarModel
-from merlin_sim.localization import PoseNoise
-from merlin_sim.scene import ROBOT
-from merlin_sim.simulation import RobotSpec
-from merlin_sim.world import World
-from merlin_sim.world_places import ROBOT_RADIUS, why_no_place
+from merlin_sim.engine.scene import ROBOT
+from merlin_sim.engine.simulation import RobotSpec
+from merlin_sim.robot.camera import CameraModel
+from merlin_sim.robot.drive import DriveLimits, OdometryNoise
+from merlin_sim.robot.lidar import LidarModel
+from merlin_sim.robot.truth_localization import PoseNoise
+from merlin_sim.world.world_model import World
+from merlin_sim.world.world_places import ROBOT_RADIUS, why_no_place
 from merlin_sm.parameters import ParameterError, number
 
 

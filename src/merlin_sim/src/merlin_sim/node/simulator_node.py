@@ -27,17 +27,17 @@ from std_srvs.srv import Trigger, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
 from merlin_reactive.prompt_publisher import PromptPublisher
-from merlin_sim.camera import CameraError
-from merlin_sim.localization import TruthLocalization
-from merlin_sim.pacer import Pacer
-from merlin_sim.physics import PhysicsError
-from merlin_sim.robot_interface import RobotInterface
-from merlin_sim.sensor_messages import grid_message
-from merlin_sim.sim_parameters import read_parameters, read_robots
-from merlin_sim.simulation import PHYSICS_RATE, Simulation
-from merlin_sim.survey import map_of
-from merlin_sim.world_file import WorldError, load_world
-from merlin_sim.world_services import WorldServices
+from merlin_sim.engine.physics import PhysicsError
+from merlin_sim.engine.simulation import PHYSICS_RATE, Simulation
+from merlin_sim.node.pacer import Pacer
+from merlin_sim.node.robot_interface import RobotInterface
+from merlin_sim.node.sensor_messages import grid_message
+from merlin_sim.node.sim_parameters import read_parameters, read_robots
+from merlin_sim.node.world_services import WorldServices
+from merlin_sim.robot.camera import CameraError
+from merlin_sim.robot.truth_localization import TruthLocalization
+from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_file import WorldError, load_world
 from merlin_sm.health import OK, WARN, Health, HealthReporter
 from merlin_sm.master_link import bounded_master
 from merlin_sm.node import run_node

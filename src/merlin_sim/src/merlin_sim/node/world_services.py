@@ -15,9 +15,9 @@ from merlin_msgs.srv import (
 )
 
 from merlin_reactive.pose import Pose
-from merlin_sim.people import State, Walker
-from merlin_sim.simulation import Simulation
-from merlin_sim.world_control import Placing, Refused
+from merlin_sim.engine.simulation import Simulation
+from merlin_sim.engine.world_control import ChangeRefused, Placing
+from merlin_sim.people.walkers import Walker, WalkState
 
 WALKING_PERIOD = 20  # physics steps: 5 Hz while somebody walks
 STANDING_PERIOD = 100  # otherwise
@@ -52,7 +52,7 @@ class WorldServices:
         control = self._simulation.control
         due = tick % STANDING_PERIOD == 0
         if tick % WALKING_PERIOD == 0 and not due:
-            due = any(walker.state is State.WALKING for walker in control.people)
+            due = any(walker.state is WalkState.WALKING for walker in control.people)
         if due or control.changes != self._told:
             self._publish(stamp)
 
@@ -77,7 +77,7 @@ class WorldServices:
             now = self._now()
             try:
                 self._simulation.control.place(what)
-            except Refused as refused:
+            except ChangeRefused as refused:
                 return PlaceThingResponse(False, str(refused), now)
             self._publish(now)
         done = "is absent" if what.absent else f"is on {what.on}" if what.on else "is there"
@@ -91,7 +91,7 @@ class WorldServices:
                 number = self._simulation.control.walk(
                     request.name, path, request.speed, request.sit, request.yaw if request.turn else None
                 )
-            except Refused as refused:
+            except ChangeRefused as refused:
                 return WalkPersonResponse(False, str(refused), 0, now)
             self._publish(now)
         text = f"{request.name} walks" if path else f"{request.name} stops"

@@ -7,7 +7,7 @@ from typing import Any, Dict, Iterable, List, Mapping, Optional
 import rospy
 
 from merlin_reactive.pose import Point
-from merlin_sim.answers import Answers
+from merlin_sim.people.answers import Answers
 from merlin_sm.parameters import ParameterError, number
 
 HEARING = 4.0  # m

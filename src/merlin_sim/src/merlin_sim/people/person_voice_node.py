@@ -19,8 +19,8 @@ from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.ros_messages import samples_of
 from merlin_reactive.seeded_random import draw
 from merlin_reactive.speech.speech_synthesizer import RATE, SoundError, SpeechSynthesizer
-from merlin_sim.answers import Answers
-from merlin_sim.listener import Listener, nearest, read_listeners
+from merlin_sim.people.answers import Answers
+from merlin_sim.people.listener import Listener, nearest, read_listeners
 from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_sm.node import run_node
 from merlin_sm.parameters import number

@@ -7,7 +7,7 @@ from typing import Callable, Optional, Protocol, Sequence, Tuple
 from merlin_reactive.navigation.path_follower import Path
 from merlin_reactive.pose import Point, Pose
 from merlin_reactive.recognition.object_classes import SEAT
-from merlin_sim.world import Person, Solid
+from merlin_sim.world.world_model import Person, Solid
 
 ROOM = 0.15  # m that a person keeps from a robot
 
@@ -16,7 +16,7 @@ Blocker = Callable[
 ]  # what is in the way of a step from one point to another; '' when free
 
 
-class State(enum.IntEnum):
+class WalkState(enum.IntEnum):
     """What a person does; the numbers are those of merlin_msgs/SimPerson."""
 
     ABSENT = 0
@@ -105,12 +105,12 @@ class Walker:
     def __init__(self, person: Person, way: Optional[Way] = None) -> None:
         self.person = person
         self.pose = Pose(*person.path[0])
-        self.state = State.ABSENT if person.absent else State.STANDING
+        self.state = WalkState.ABSENT if person.absent else WalkState.STANDING
         self.waits_for = ""
         self.walk = 0  # number of the last walk told at run time
         self._way = None if person.absent else way
-        self._end: Tuple[State, Optional[float]] = (
-            State.STANDING,
+        self._end: Tuple[WalkState, Optional[float]] = (
+            WalkState.STANDING,
             None,
         )  # and heading, at the end of the way
 
@@ -122,23 +122,23 @@ class Walker:
     @property
     def bottom(self) -> float:
         """The height of its lower end, m: who sits is shorter, the legs are in the floor."""
-        return -SEAT if self.state is State.SITTING else 0.0
+        return -SEAT if self.state is WalkState.SITTING else 0.0
 
-    def place(self, pose: Pose, state: State) -> None:
+    def place(self, pose: Pose, state: WalkState) -> None:
         """Puts the person somewhere; whatever way they were on ends."""
         self.pose, self.state, self.waits_for, self._way = pose, state, "", None
 
     def start(self, way: Walk, sit: bool, yaw: Optional[float]) -> int:
         """Begins a walk; returns its number."""
-        self._end = (State.SITTING if sit else State.STANDING, yaw)
-        self._way, self.state, self.waits_for = way, State.WALKING, ""
+        self._end = (WalkState.SITTING if sit else WalkState.STANDING, yaw)
+        self._way, self.state, self.waits_for = way, WalkState.WALKING, ""
         self.walk += 1
         return self.walk
 
     def stop(self) -> int:
         """Ends a walk where the person is; returns the number of the walk that never was."""
-        if self.state is State.WALKING:
-            self.state = State.STANDING
+        if self.state is WalkState.WALKING:
+            self.state = WalkState.STANDING
         self._way, self.waits_for = None, ""
         self.walk += 1
         return self.walk
@@ -155,7 +155,7 @@ class Walker:
         moved = step.point != self.pose.point
         yaw = math.atan2(step.y - self.pose.y, step.x - self.pose.x) if moved else self.pose.yaw
         self.pose = Pose(step.x, step.y, yaw)
-        self.state = State.WALKING if moved else State.STANDING
+        self.state = WalkState.WALKING if moved else WalkState.STANDING
         if self._way.go(elapsed):
             self.state, heading = self._end
             self._way = None

@@ -8,7 +8,7 @@ import numpy as np
 
 from merlin_reactive.pose import Pose
 from merlin_reactive.seeded_random import draw
-from merlin_sim.ray_casting import Circle, Outlines
+from merlin_sim.robot.ray_casting import Circle, ScanOutlines
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Lidar:
         self.increment = 2 * math.pi / model.rays
         self._angles = -math.pi + self.increment * np.arange(model.rays)
 
-    def scan(self, pose: Pose, outlines: Outlines, others: Iterable[Circle], tick: int) -> np.ndarray:
+    def scan(self, pose: Pose, outlines: ScanOutlines, others: Iterable[Circle], tick: int) -> np.ndarray:
         """The ranges seen from a pose, m; infinite where nothing is within reach.
 
         :param others: the outlines of other robots.

@@ -8,12 +8,12 @@ from typing import Dict, Iterable, List, Optional, Tuple
 import numpy as np
 
 from merlin_reactive.pose import Point
-from merlin_sim.world import Solid
+from merlin_sim.world.world_model import Solid
 
 Circle = Tuple[float, float, float]  # x, y, radius
 
 
-class Outlines:
+class ScanOutlines:
     """The outlines of things at one height; things can move, come and go.
 
     :param height: m over the floor; lower things are not seen.
@@ -25,13 +25,13 @@ class Outlines:
         self._edges: Optional[np.ndarray] = None  # n x 4: start x, y, vector x, y
         self._circles = np.zeros((0, 3))
 
-    def show(self, solid: Solid) -> None:
+    def add(self, solid: Solid) -> None:
         """Adds a thing, or moves the one of its name."""
         if solid.height > self._height:
             self._solids[solid.name] = solid
             self._edges = None
 
-    def hide(self, name: str) -> None:
+    def remove(self, name: str) -> None:
         """Removes a thing, if it is there."""
         if self._solids.pop(name, None) is not None:
             self._edges = None

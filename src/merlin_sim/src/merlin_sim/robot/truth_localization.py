@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import List
 
 from merlin_reactive.pose import Pose, wrap
-from merlin_sim.smooth_noise import SmoothNoise
+from merlin_sim.robot.smooth_noise import SmoothNoise
 
 WANDER = 2.0  # s within which the error becomes another one
 

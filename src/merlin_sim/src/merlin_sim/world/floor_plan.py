@@ -14,10 +14,10 @@ from merlin_reactive.navigation.path_planner import PathPlanner
 from merlin_reactive.occupancy_grid import OccupancyGrid
 from merlin_reactive.pose import Pose
 from merlin_reactive.seeded_random import draw
-from merlin_sim.survey import map_of
-from merlin_sim.world import World
-from merlin_sim.world_file import parse_world
-from merlin_sim.world_places import CLEARANCE, ROBOT_RADIUS
+from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_file import parse_world
+from merlin_sim.world.world_model import World
+from merlin_sim.world.world_places import CLEARANCE, ROBOT_RADIUS
 
 DOOR = 1.0  # m wide
 CORNER = 0.5  # m between a door and the nearest corner

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from merlin_sim.world import Solid
+from merlin_sim.world.world_model import Solid
 
 TOUCHING = 2e-5  # m² that two outlines may share: things may stand side by side
 STACKED = 0.002  # m, likewise in height

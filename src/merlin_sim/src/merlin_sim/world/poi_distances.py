@@ -7,11 +7,10 @@ import sys
 from typing import Dict, List, Optional, Tuple
 
 from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
-from merlin_sim.survey import map_of
-from merlin_sim.world import World
-from merlin_sim.world_drawing import find_world
-from merlin_sim.world_file import WorldError, load_world
-from merlin_sim.world_places import CLEARANCE, ROBOT_RADIUS
+from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_file import WorldError, find_world, load_world
+from merlin_sim.world.world_model import World
+from merlin_sim.world.world_places import CLEARANCE, ROBOT_RADIUS
 
 
 def poi_distances(world: World) -> Dict[Tuple[str, str], float]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from merlin_reactive.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from merlin_reactive.pose import Point
-from merlin_sim.world import Solid, World
+from merlin_sim.world.world_model import Solid, World
 
 MARGIN = 0.5  # m of map around the walls
 

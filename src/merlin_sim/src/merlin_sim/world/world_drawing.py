@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from merlin_reactive.pose import Point, Pose
-from merlin_sim.world import World
-from merlin_sim.world_file import WorldError, load_world
+from merlin_sim.world.world_file import WorldError, find_world, load_world
+from merlin_sim.world.world_model import World
 
 SCALE = 80  # pixels per metre
 BORDER = 0.3  # m around the walls
@@ -101,21 +101,3 @@ def main(arguments: Optional[List[str]] = None) -> int:
         print(f"draw_world: {error}", file=sys.stderr)
         return 1
     return 0
-
-
-def find_world(name: str) -> Path:
-    """The file of a world given as a path, or as the name of one of this package's worlds."""
-    path = Path(name)
-    if path.is_file():
-        return path
-    own = _own_worlds() / (path.name if path.suffix else f"{path.name}.yaml")
-    return own if own.exists() and path.parent == Path(".") else path
-
-
-def _own_worlds() -> Path:
-    source = Path(__file__).resolve().parents[2] / "worlds"
-    if source.is_dir():
-        return source
-    import rospkg
-
-    return Path(rospkg.RosPack().get_path("merlin_sim")) / "worlds"

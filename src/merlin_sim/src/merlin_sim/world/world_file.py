@@ -9,10 +9,20 @@ import jsonschema
 import yaml
 
 from merlin_reactive.pose import Pose
-from merlin_sim.world import Door, DoorEvent, MoveEvent, Person, Solid, Wall, World, WorldEvent, span_on
-from merlin_sim.world_objects import misplaced, read_objects
-from merlin_sim.world_places import OVERLAP, why_no_place
-from merlin_sim.world_schema import SCHEMA
+from merlin_sim.world.world_model import (
+    Door,
+    DoorEvent,
+    MoveEvent,
+    Person,
+    Solid,
+    Wall,
+    World,
+    WorldEvent,
+    span_on,
+)
+from merlin_sim.world.world_objects import misplaced, read_objects
+from merlin_sim.world.world_places import OVERLAP, why_no_place
+from merlin_sim.world.world_schema import SCHEMA
 
 REPORTED = 5  # errors told at once
 RESERVED = re.compile(r"wall_\d+_\d+\Z|robot\Z")  # names of walls and of a robot without a namespace
@@ -204,3 +214,21 @@ def _nonsense(world: World) -> Iterator[str]:
         reason = why_no_place(world, pose.point)
         if reason:
             yield f"starts[{index}]: {reason}"
+
+
+def find_world(name: str) -> Path:
+    """The file of a world given as a path, or as the name of one of this package's worlds."""
+    path = Path(name)
+    if path.is_file():
+        return path
+    own = _own_worlds() / (path.name if path.suffix else f"{path.name}.yaml")
+    return own if own.exists() and path.parent == Path(".") else path
+
+
+def _own_worlds() -> Path:
+    source = Path(__file__).resolve().parents[3] / "worlds"
+    if source.is_dir():
+        return source
+    import rospkg
+
+    return Path(rospkg.RosPack().get_path("merlin_sim")) / "worlds"

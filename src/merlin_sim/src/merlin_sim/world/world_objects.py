@@ -4,7 +4,7 @@ from typing import Any, Dict, Iterator, List, Optional, Tuple
 
 from merlin_reactive.pose import Pose
 from merlin_reactive.recognition.object_classes import OBJECT_CLASSES
-from merlin_sim.world import Solid, World, WorldObject
+from merlin_sim.world.world_model import Solid, World, WorldObject
 
 
 def read_objects(items: List[Dict[str, Any]], furniture: List[Solid]) -> List[WorldObject]:

@@ -3,7 +3,7 @@
 from typing import Optional
 
 from merlin_reactive.pose import Point
-from merlin_sim.world import World
+from merlin_sim.world.world_model import World
 
 ROBOT_RADIUS = 0.25  # m, as in urdf/rb1.urdf
 CLEARANCE = 0.05  # m that a plan keeps from what the map shows

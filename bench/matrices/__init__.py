@@ -1,0 +1,1 @@
+"""Tables that show how well the reactive layer works in simulated worlds, measured without ROS."""

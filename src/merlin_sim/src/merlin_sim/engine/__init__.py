@@ -1,0 +1,1 @@
+"""The world in motion: physics, scene, simulation step. Knows no ROS and no wall time."""

@@ -1,0 +1,1 @@
+"""The node /merlin_sim: the simulation behind topics and services."""

@@ -1,0 +1,1 @@
+"""The world on paper: its model, its file, its map. Knows no ROS and no physics."""
