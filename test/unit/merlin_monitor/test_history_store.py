@@ -7,10 +7,10 @@ from typing import Any, List
 
 import pytest
 
-from merlin_monitor.events import Event
-from merlin_monitor.history_section import NEWEST, HistorySection
-from merlin_monitor.history_store import HistoryError, HistoryStore
-from merlin_monitor.state_tree import StateTree
+from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_section import NEWEST, HistorySection
+from merlin_monitor.state.history_store import HistoryError, HistoryStore
+from merlin_monitor.state.state_tree import StateTree
 
 
 def texts(events: List[Any]) -> List[str]:

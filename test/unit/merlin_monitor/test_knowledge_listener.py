@@ -9,9 +9,9 @@ import pytest
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
 
-from merlin_monitor import knowledge_listener, topic_watch
-from merlin_monitor.knowledge_listener import KnowledgeListener
-from merlin_monitor.topic_watch import TopicWatch
+from merlin_monitor.listeners import graph_watch, knowledge_listener
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.knowledge_listener import KnowledgeListener
 
 LONG = 30.0
 NAME = "/knowledge"
@@ -118,8 +118,8 @@ def test_the_watch_goes_on_after_a_look_that_failed(monkeypatch: pytest.MonkeyPa
         getSystemState=lambda: ([("/tick", ["/node"]), ("/mute", [])], [], []),
         getTopicTypes=lambda: [["/tick", "std_msgs/Empty"], ["/mute", "std_msgs/Empty"]],
     )
-    monkeypatch.setattr(topic_watch, "bounded_master", lambda: master)
-    monkeypatch.setattr(topic_watch, "PERIOD", 0.01)
+    monkeypatch.setattr(graph_watch, "bounded_master", lambda: master)
+    monkeypatch.setattr(graph_watch, "PERIOD", 0.01)
     monkeypatch.setattr(rospy, "logwarn_throttle", lambda period, text: complaints.append(text))
     complaints: List[str] = []
     seen: List[Dict[str, str]] = []
@@ -131,7 +131,7 @@ def test_the_watch_goes_on_after_a_look_that_failed(monkeypatch: pytest.MonkeyPa
             raise OSError("the master has gone")
         again.set()
 
-    watch = TopicWatch(look)
+    watch = GraphWatch(look)
     watch.start()
     try:
         assert again.wait(LONG)

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from messages import Told, status, structure
 
-from merlin_monitor.graph_layout import layout
-from merlin_monitor.layout_thread import LayoutThread
-from merlin_monitor.machine_graph import Graph, machine_graph, plan_graph
-from merlin_monitor.machine_section import MachineSection, container_key
-from merlin_monitor.state_tree import StateTree
+from merlin_monitor.drawing.graph_layout import layout
+from merlin_monitor.drawing.layout_thread import LayoutThread
+from merlin_monitor.drawing.machine_graph import Graph, machine_graph, plan_graph
+from merlin_monitor.state.machine_section import MachineSection, container_key
+from merlin_monitor.state.state_tree import StateTree
 
 OUTER = structure(
     "/M",

@@ -13,9 +13,9 @@ from merlin_msgs.msg import SimPeople, SimPerson
 from messages import Told
 from nav_msgs.msg import OccupancyGrid
 
-from merlin_monitor.health_section import HealthSection
-from merlin_monitor.map_section import LONGEST_PATH, MapSection, grid_picture
-from merlin_monitor.state_tree import StateTree
+from merlin_monitor.state.health_section import HealthSection
+from merlin_monitor.state.map_section import LONGEST_PATH, MapSection, grid_picture
+from merlin_monitor.state.state_tree import StateTree
 
 
 def opacity(png: bytes) -> numpy.ndarray:

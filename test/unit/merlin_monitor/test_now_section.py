@@ -15,12 +15,12 @@ from merlin_msgs.msg import (
 from messages import Told, dispatch, executor, feedback, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
-from merlin_monitor.machine_section import MachineSection
-from merlin_monitor.now_section import NowSection
-from merlin_monitor.plain_words import action_in_words, gerund, listed
-from merlin_monitor.plan_order import sequential_steps
-from merlin_monitor.plan_section import PlanSection
-from merlin_monitor.state_tree import StateTree
+from merlin_monitor.state.machine_section import MachineSection
+from merlin_monitor.state.now_section import NowSection
+from merlin_monitor.state.plan_order import sequential_steps
+from merlin_monitor.state.plan_section import PlanSection
+from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.plain_words import action_in_words, gerund, listed
 
 REQUEST = "/mission-1-12.5"
 

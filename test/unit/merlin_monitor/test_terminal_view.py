@@ -6,8 +6,8 @@ from typing import Any, Dict
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_monitor.events import Event
-from merlin_monitor.terminal_view import lines, paint, printable
+from merlin_monitor.state.events import Event
+from merlin_monitor.terminal.terminal_view import lines, paint, printable
 
 STATE: Dict[str, Any] = {
     "meta": {"time": 12.0, "robot": "", "simulator": {"paused": False, "factor": 3.0}},

@@ -11,7 +11,7 @@ from geometry_msgs.msg import Point
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_monitor.userdata_text import LONGEST_VALUE, UserDataError, userdata_rows
+from merlin_monitor.text.userdata_text import LONGEST_VALUE, UserDataTextError, userdata_rows
 
 RAN = []
 
@@ -81,13 +81,13 @@ def test_parts_that_nest_without_end_stay_short() -> None:
     "text", ["hello", "====", base64.b64encode(b"\x80\x02K\x01.").decode(), "gAJ9cQA", "A" * 1_000_000]
 )
 def test_what_is_no_userdata_says_so(text: str) -> None:
-    with pytest.raises(UserDataError):
+    with pytest.raises(UserDataTextError):
         userdata_rows(text)
 
 
 @given(st.binary(max_size=60))
 def test_random_bytes_do_no_harm(data: bytes) -> None:
-    with contextlib.suppress(UserDataError):
+    with contextlib.suppress(UserDataTextError):
         userdata_rows(base64.b64encode(data).decode())
 
 
@@ -97,5 +97,5 @@ OPCODES = [opcode.code.encode("latin-1") for opcode in pickletools.opcodes]
 @given(st.lists(st.sampled_from(OPCODES), max_size=20), st.binary(max_size=8))
 def test_random_programs_do_no_harm(opcodes: list, data: bytes) -> None:
     program = b"\x80\x02}" + data.join(opcodes) + b"."
-    with contextlib.suppress(UserDataError):
+    with contextlib.suppress(UserDataTextError):
         userdata_rows(base64.b64encode(program).decode())

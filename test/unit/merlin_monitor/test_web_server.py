@@ -11,13 +11,13 @@ from typing import Any, Awaitable, Callable, Dict, Iterator, List, Optional
 import aiohttp
 import pytest
 
-from merlin_monitor.control import Control, ControlError
-from merlin_monitor.events import Event
-from merlin_monitor.inbox import Inbox
-from merlin_monitor.monitor_state import MonitorState
-from merlin_monitor.state_tree import apply_changes
-from merlin_monitor.web_access import Refused, WebAccess
-from merlin_monitor.web_server import ServerError, WebServer, listen
+from merlin_monitor.state.events import Event
+from merlin_monitor.state.inbox import Inbox
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.state.state_tree import apply_changes
+from merlin_monitor.web.control import Control, ControlError
+from merlin_monitor.web.web_access import RequestRefused, WebAccess
+from merlin_monitor.web.web_server import ServerError, WebServer, listen
 
 WEB = Path(__file__).resolve().parents[3] / "src" / "merlin_monitor" / "web"
 TOKEN = "ünguessable"
@@ -49,7 +49,7 @@ class Served:
     """A running server and what belongs to it."""
 
     def __init__(self, folder: Path, token: str) -> None:
-        self.state = MonitorState(Inbox(), folder / "history.sqlite")
+        self.state = MonitorModel(Inbox(), folder / "history.sqlite")
         self.robot = FakeRobot()
         control = Control(self.robot) if token else None
         self.server = WebServer(self.state, WEB, WebAccess("127.0.0.1", token=token), control)
@@ -141,7 +141,7 @@ def test_an_address_of_the_network_lets_in_numbers_and_named_hosts() -> None:
     for host in ("192.168.1.5:8080", "[fe80::1]:8080", "robot.lab", "Robot.Lab:80"):
         access.check_host(host)
     for host in ("evil.example", "192.168.1.5.evil.example", "0x7f.1"):
-        with pytest.raises(Refused):
+        with pytest.raises(RequestRefused):
             access.check_host(host)
 
 

@@ -1,0 +1,1 @@
+"""State machines and plans as graphs, laid out by Graphviz."""

@@ -1,0 +1,181 @@
+"""Geometry of a graph by Graphviz. The texts stay here: Graphviz sees numbers and sizes only."""
+
+import json
+import subprocess
+from typing import Any, Dict, List, Optional, Tuple
+
+from merlin_monitor.drawing.machine_graph import LARGE, SMALL, Graph
+
+CAREFUL = 6.0  # s of wall time for the picture as it should be
+TIMEOUT = 20.0  # s of wall time for one that is drawn in a hurry
+HURRY = ("-Gsplines=line", "-Gnslimit=1", "-Gnslimit1=1", "-Gmclimit=0.1")
+LONGEST_LABEL = 34  # characters; the page cuts what is longer
+_POINTS = 72.0  # per inch
+_HEIGHT = {"state": 34, "step": 34, "outcome": 24}  # px
+_PADDING = {"state": 34, "step": 30, "outcome": 22}  # px
+
+
+class LayoutError(RuntimeError):
+    """There is no picture; the text says why."""
+
+
+def layout(graph: Graph, command: str = "dot") -> Dict[str, Any]:
+    """Lays a graph out.
+
+    :return: width and height (px), nodes with their centres and sizes, clusters with their frames, edges with
+        the points of their Bézier curves.
+    :raises LayoutError: Graphviz is missing, failed or took too long.
+    """
+    source, node_names, cluster_names = _dot(graph)
+    try:
+        try:
+            process = _run([command], source, CAREFUL)
+        except subprocess.TimeoutExpired:
+            process = _run([command, *HURRY], source, TIMEOUT)
+    except FileNotFoundError as error:
+        raise LayoutError("Graphviz is missing; install the package graphviz") from error
+    except subprocess.TimeoutExpired as error:
+        raise LayoutError(f"Graphviz had no picture after {CAREFUL + TIMEOUT:g} s") from error
+    if process.returncode or not process.stdout:
+        raise LayoutError(f"Graphviz failed: {process.stderr.strip()[:300]}")
+    return _read(json.loads(process.stdout), graph, node_names, cluster_names)
+
+
+def _run(command: List[str], source: str, timeout: float) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [*command, "-Tjson0", "-y"],
+        input=source,
+        capture_output=True,
+        timeout=timeout,
+        text=True,
+        check=False,
+    )
+
+
+def _dot(graph: Graph) -> Tuple[str, Dict[str, int], Dict[str, int]]:
+    nodes = {node.id: number for number, node in enumerate(graph.nodes)}
+    clusters = {cluster.id: number for number, cluster in enumerate(graph.clusters)}
+    inside: Dict[str, List[str]] = {}
+    for node in graph.nodes:
+        inside.setdefault(node.cluster if node.cluster in clusters else "", []).append(_node(node, nodes))
+    below: Dict[str, List[str]] = {}
+    for cluster in graph.clusters:
+        below.setdefault(cluster.parent if cluster.parent in clusters else "", []).append(cluster.id)
+    lines = [
+        "digraph {",
+        f"graph [compound=true, rankdir={graph.direction}, nodesep=0.28, ranksep=0.42, pad=0.05]",
+        'node [shape=box, fixedsize=true, label=""]',
+        "edge [arrowsize=0.6]",
+        *inside.get("", []),
+    ]
+
+    def open_cluster(identity: str) -> None:
+        text = graph.clusters[clusters[identity]].text
+        width = (len(text[:LONGEST_LABEL]) * LARGE + 24) / _POINTS
+        lines.append(
+            f'subgraph cluster_{clusters[identity]} {{ margin=14; labeljust=l; label=" "; '
+            f"fontsize=13; lwidth={width:.2f};"
+        )
+        lines.extend(inside.get(identity, []))
+        for child in below.get(identity, []):
+            open_cluster(child)
+        lines.append("}")
+
+    for identity in below.get("", []):
+        open_cluster(identity)
+    for number, edge in enumerate(graph.edges):
+        if edge.tail not in nodes or edge.head not in nodes:
+            continue
+        fields = [f"id=e{number}"]
+        if edge.head_cluster in clusters:
+            fields.append(f"lhead=cluster_{clusters[edge.head_cluster]}")
+        if edge.text:
+            width = len(edge.text[:LONGEST_LABEL]) * SMALL + 8
+            # A table without text: room for what the page writes there.
+            table = f'<table border="0" fixedsize="true" width="{width:.0f}" height="16">'
+            fields.append(f"label=<{table}<tr><td></td></tr></table>>")
+        lines.append(f"n{nodes[edge.tail]} -> n{nodes[edge.head]} [{', '.join(fields)}]")
+    lines.append("}")
+    return "\n".join(lines), nodes, clusters
+
+
+def _node(node: Any, numbers: Dict[str, int]) -> str:
+    width = max(52.0, len(node.text[:LONGEST_LABEL]) * (LARGE if node.kind != "outcome" else SMALL))
+    width += _PADDING[node.kind]
+    return f"n{numbers[node.id]} [width={width / _POINTS:.3f}, height={_HEIGHT[node.kind] / _POINTS:.3f}]"
+
+
+def _read(
+    answer: Dict[str, Any], graph: Graph, nodes: Dict[str, int], clusters: Dict[str, int]
+) -> Dict[str, Any]:
+    # With -y the origin is at the top left, as on a page.
+    x0, y0, x1, y1 = _numbers(answer["bb"])
+    left, top = min(x0, x1), min(y0, y1)
+    names = {f"n{number}": graph.nodes[number] for number in nodes.values()}
+    frames = {f"cluster_{number}": graph.clusters[number] for number in clusters.values()}
+    picture: Dict[str, Any] = {
+        "width": round(abs(x1 - x0), 1),
+        "height": round(abs(y1 - y0), 1),
+        "nodes": [],
+        "clusters": [],
+        "edges": [],
+    }
+    for item in answer.get("objects", []):
+        node, cluster = names.get(item.get("name")), frames.get(item.get("name"))
+        if node is not None and "pos" in item:
+            x, y = _numbers(item["pos"])[:2]
+            picture["nodes"].append(
+                {
+                    "id": node.id,
+                    "text": node.text,
+                    "kind": node.kind,
+                    "x": round(x - left, 1),
+                    "y": round(y - top, 1),
+                    "w": round(float(item["width"]) * _POINTS, 1),
+                    "h": round(float(item["height"]) * _POINTS, 1),
+                }
+            )
+        elif cluster is not None and "bb" in item:
+            a, b, c, d = _numbers(item["bb"])
+            picture["clusters"].append(
+                {
+                    "id": cluster.id,
+                    "text": cluster.text,
+                    "x": round(min(a, c) - left, 1),
+                    "y": round(min(b, d) - top, 1),
+                    "w": round(abs(c - a), 1),
+                    "h": round(abs(d - b), 1),
+                }
+            )
+    for item in answer.get("edges", []):
+        number = _edge_number(item.get("id"))
+        if number is None or "pos" not in item:
+            continue
+        edge = graph.edges[number]
+        shown = {"from": edge.tail, "to": edge.head, "text": edge.text, **_curve(item["pos"], left, top)}
+        if "lp" in item:
+            x, y = _numbers(item["lp"])[:2]
+            shown["label"] = [round(x - left, 1), round(y - top, 1)]
+        picture["edges"].append(shown)
+    return picture
+
+
+def _curve(text: str, left: float, top: float) -> Dict[str, Any]:
+    tip: Optional[List[float]] = None
+    points: List[List[float]] = []
+    for part in text.split():
+        if part.startswith(("e,", "s,")):
+            x, y = _numbers(part[2:])
+            tip = [round(x - left, 1), round(y - top, 1)] if part[0] == "e" else tip
+        else:
+            x, y = _numbers(part)
+            points.append([round(x - left, 1), round(y - top, 1)])
+    return {"points": points, "tip": tip or points[-1]}
+
+
+def _edge_number(text: Any) -> Optional[int]:
+    return int(text[1:]) if isinstance(text, str) and text[1:].isdigit() else None
+
+
+def _numbers(text: str) -> List[float]:
+    return [float(part) for part in text.split(",")]

@@ -1,0 +1,1 @@
+"""What is followed over ROS: each listener hands messages to the model."""

@@ -1,0 +1,58 @@
+"""Notices topics and services that appear and vanish. The master tells nobody, so it is asked."""
+
+import threading
+from typing import Callable, Dict, List, Optional, Set
+
+import rospy
+
+from merlin_sm.master_link import ERRORS, bounded_master
+
+PERIOD = 1.0  # s of wall time
+
+
+class GraphWatch:
+    """Asks the master once per period and tells who wants to know.
+
+    :param look: called with the topics that have publishers (name → type), in the watch's thread.
+    """
+
+    def __init__(self, look: Callable[[Dict[str, str]], None]) -> None:
+        self._look = look
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="topic watch", daemon=True)
+
+    def start(self) -> None:
+        """Begins to ask."""
+        rospy.on_shutdown(self.stop)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ends."""
+        self._stopped.set()
+
+    def address_of(self, service: str) -> str:
+        """Where a service is served, empty when nowhere; a new address means a new process."""
+        try:
+            return str(bounded_master().lookupService(service))
+        except ERRORS:
+            return ""
+
+    def _work(self) -> None:
+        while not self._stopped.is_set():
+            topics = self._published()
+            if topics is not None:
+                try:
+                    self._look(topics)
+                except Exception as error:  # the master may be gone at any call; the next look sees
+                    if not rospy.is_shutdown():
+                        rospy.logwarn_throttle(30.0, f"monitor: {type(error).__name__}: {error}")
+            self._stopped.wait(PERIOD)
+
+    def _published(self) -> Optional[Dict[str, str]]:
+        try:
+            master = bounded_master()
+            published: Set[str] = {topic for topic, nodes in master.getSystemState()[0] if nodes}
+            types: List[List[str]] = master.getTopicTypes()
+        except ERRORS:
+            return None  # no master for a moment; what is known stays
+        return {topic: kind for topic, kind in types if topic in published}

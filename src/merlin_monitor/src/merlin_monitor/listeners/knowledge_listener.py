@@ -1,0 +1,182 @@
+"""Follows a knowledge base: everything by its services, then its changes.
+
+Ours tells every change on ``changes``. ROSPlan's tells on ``status/update`` that an array was applied, and
+says nothing of single updates; so it is read again then, and every few seconds.
+"""
+
+import threading
+import time
+from typing import Any, Dict, List, Optional, Tuple
+
+import rospy
+from merlin_msgs.msg import KnowledgeChanges
+from rosplan_knowledge_msgs.msg import StatusUpdate
+from rosplan_knowledge_msgs.srv import GetDomainNameService
+
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.state.knowledge_section import Contents, formulas
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_sm.knowledge_client import KnowledgeClient
+from merlin_sm.service_proxy import ServiceError, ServiceProxy
+
+READ_AGAIN = 2.0  # s of wall time between two readings of a knowledge base that does not tell its changes
+SOON = 0.2  # s from an update to reading, so that one reading serves several updates
+TELLS = "every change as the knowledge base tells it"
+READS = "read again after updates and every 2 s: this knowledge base does not tell its changes"
+
+
+class KnowledgeListener:
+    """Keeps the section of the knowledge up to date.
+
+    :param state: the model.
+    :param name: of the knowledge base.
+    """
+
+    def __init__(self, state: MonitorModel, name: str) -> None:
+        self._state = state
+        self._client = KnowledgeClient(name)
+        self._domain_name = ServiceProxy(
+            f"{self._client.name}/domain/name", GetDomainNameService, timeout=5.0
+        )
+        self._wanted = threading.Condition()  # guards the fields below
+        self._read_at: Optional[float] = None
+        self._reading = False
+        self._held: List[KnowledgeChanges] = []  # that arrived while it was read
+        self._version: Optional[int] = None
+        self._address = ""
+        self._tells = False
+        self._by = ""
+        self._first = True
+        self._stopping = False
+        self._subscribers = [
+            rospy.Subscriber(
+                f"{self._client.name}/changes",
+                KnowledgeChanges,
+                self._changed,
+                queue_size=1000,
+                tcp_nodelay=True,
+            ),
+            rospy.Subscriber(
+                f"{self._client.name}/status/update", StatusUpdate, self._updated, queue_size=100
+            ),
+        ]
+        self._thread = threading.Thread(target=self._work, name="knowledge reader", daemon=True)
+
+    def start(self) -> None:
+        """Begins to read."""
+        rospy.on_shutdown(self.stop)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ends."""
+        with self._wanted:
+            self._stopping = True
+            self._wanted.notify_all()
+
+    def look(self, topics: Dict[str, str], watch: GraphWatch) -> None:
+        """Notices a knowledge base that appeared or began anew."""
+        address = watch.address_of(f"{self._client.name}/state/propositions")
+        tells = f"{self._client.name}/changes" in topics
+        with self._wanted:
+            if not address:
+                if self._address:
+                    self._address = ""
+                    self._state.inbox.put(self._state.knowledge.source, "the knowledge base has gone")
+                return
+            if address != self._address or tells != self._tells:
+                self._address, self._tells, self._version = address, tells, None
+                self._want(0.0)
+                self._state.inbox.put(self._state.knowledge.source, TELLS if tells else READS)
+            elif not tells:
+                self._want(READ_AGAIN)
+
+    def _want(self, delay: float) -> None:
+        at = time.monotonic() + delay
+        if self._read_at is None or at < self._read_at:
+            self._read_at = at
+            self._wanted.notify_all()
+
+    def _updated(self, message: StatusUpdate) -> None:
+        with self._wanted:
+            if not self._tells and self._address:
+                self._by = message.last_update_client
+                self._want(SOON)
+
+    def _changed(self, message: KnowledgeChanges) -> None:
+        with self._wanted:
+            if self._reading or self._read_at is not None:
+                self._held.append(message)
+                return
+            if self._version is not None and message.version != self._version + 1:
+                # Something was missed (or the knowledge base is new): all is read again.
+                self._version = None
+                self._held = [message]
+                self._want(0.0)
+                return
+            self._version = message.version
+            self._put(message)
+
+    def _put(self, message: KnowledgeChanges) -> None:
+        at = message.header.stamp.to_sec() or rospy.get_time()
+        self._state.inbox.put(self._state.knowledge.changed, message, at)
+
+    def _work(self) -> None:
+        while True:
+            with self._wanted:
+                while not self._stopping and (self._read_at is None or time.monotonic() < self._read_at):
+                    left = None if self._read_at is None else self._read_at - time.monotonic()
+                    self._wanted.wait(left)
+                if self._stopping:
+                    return
+                self._read_at = None
+                self._reading = True
+                # Of a knowledge base that may be no more, or contained in what is read now.
+                self._held.clear()
+                by, self._by = self._by, ""
+            try:
+                contents, domain = self._read(), self._domain()
+            except ServiceError as error:
+                if not rospy.is_shutdown():
+                    rospy.logwarn_throttle(30.0, f"monitor: the knowledge cannot be read: {error}")
+                with self._wanted:
+                    self._reading = False
+                    if self._address:
+                        self._want(READ_AGAIN)
+                continue
+            self._take(contents, domain, by)
+
+    def _take(self, contents: Contents, domain: Dict[str, Any], by: str) -> None:
+        with self._wanted:
+            at = rospy.get_time()
+            self._state.inbox.put(self._state.knowledge.domain, domain)
+            self._state.inbox.put(self._state.knowledge.replace, contents, by, at, self._first)
+            self._first = False
+            self._reading = False
+            held, self._held = self._held, []
+            # Changes that were held may be in what was read already; to apply them again changes nothing.
+            for message in held:
+                self._put(message)
+                self._version = message.version
+            # Of a version not known yet, the next change is the following one, whatever its number.
+
+    def _read(self) -> Contents:
+        client = self._client
+        objects: List[Tuple[str, str]] = []
+        seen = set()
+        for kind in client.types():
+            for name in client.instances(kind, True, False):
+                if name not in seen:
+                    seen.add(name)
+                    objects.append((name, kind))
+        objects += [(name, "object") for name in client.instances() if name not in seen]
+        return Contents(objects, client.propositions(), client.functions(), client.goals())
+
+    def _domain(self) -> Dict[str, Any]:
+        client = self._client
+        return {
+            "name": self._domain_name().domain_name,
+            "types": client.types(),
+            "predicates": formulas(client.predicates().values()),
+            "functions": formulas(client.function_signatures().values()),
+            "operators": formulas(client.operators().values()),
+        }

@@ -1,0 +1,1 @@
+"""What is shown, without ROS nodes: a tree of plain values, kept by one section for each panel."""

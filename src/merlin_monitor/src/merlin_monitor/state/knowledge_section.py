@@ -1,0 +1,169 @@
+"""The section of what the robot knows: objects, facts, numeric values, goals, and who changed them when."""
+
+from collections import deque
+from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Tuple
+
+from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.fact_text import FACT, FUNCTION, INSTANCE, item_text, number_text
+
+SECTION = "knowledge"
+KINDS = ("objects", "facts", "values", "goals")
+RECENT = 60  # changes that are shown as a list
+FEW = 5  # changes of one transaction that are told one by one
+
+Entry = Dict[str, Any]
+Table = Dict[str, Entry]
+
+
+class Contents(NamedTuple):
+    """Everything a knowledge base knows, as the messages of its services."""
+
+    objects: List[Tuple[str, str]]  # name, type
+    facts: List[Any]
+    values: List[Any]
+    goals: List[Any]
+
+
+class KnowledgeSection:
+    """Keeps the section ``knowledge`` of the state.
+
+    :param tell: takes the events.
+    """
+
+    def __init__(self, tree: StateTree, tell: Tell) -> None:
+        self._tree = tree
+        self._tell = tell
+        self._tables: Dict[str, Table] = {kind: {} for kind in KINDS}
+        self._recent: Deque[str] = deque()
+        self._number = 0
+        for kind in KINDS:
+            tree.set(SECTION, kind, {})
+        tree.set(SECTION, "recent", {})
+
+    def source(self, text: str) -> None:
+        """Says where the section comes from, one sentence."""
+        self._tree.set(SECTION, "source", text)
+
+    def domain(self, description: Dict[str, Any]) -> None:
+        """Takes the domain: name, types, predicates, functions, operators."""
+        self._tree.set(SECTION, "domain", description)
+
+    def replace(self, contents: Contents, by: str, at: float, first: bool) -> None:
+        """Takes all there is, read by services.
+
+        :param by: who is said to have changed what differs from before.
+        :param at: ROS time, s.
+        :param first: whether there was nothing before, so that nothing counts as changed.
+        """
+        new: Dict[str, Table] = {
+            "objects": {name: {"type": kind} for name, kind in contents.objects},
+            "facts": {item_text(item): {} for item in contents.facts},
+            "values": {item_text(item): {"value": item.function_value} for item in contents.values},
+            "goals": {item_text(item): {} for item in contents.goals},
+        }
+        if first:
+            for kind in KINDS:
+                self._tables[kind] = new[kind]
+                self._tree.set(SECTION, kind, new[kind])
+            self._tree.set(SECTION, "recent", {})
+            self._recent.clear()
+            return
+        changes: List[Tuple[str, str, str]] = []
+        for kind in KINDS:
+            old = self._tables[kind]
+            changes += [("-", kind, key) for key in old if key not in new[kind]]
+            for key, entry in new[kind].items():
+                known = old.get(key)
+                if known is None:
+                    changes.append(("+", kind, key))
+                elif any(known.get(field) != value for field, value in entry.items()):
+                    changes.append(("=", kind, key))
+        for sign, kind, key in changes:
+            self._change(sign, kind, key, new[kind].get(key, {}), by, at)
+        self._told(changes, by, at)
+
+    def changed(self, message: Any, at: float) -> None:
+        """Takes a message with the fields of merlin_msgs/KnowledgeChanges.
+
+        :param at: ROS time of the change, s.
+        """
+        by = message.client
+        changes: List[Tuple[str, str, str]] = []
+        if message.cleared:
+            changes += [("-", kind, key) for kind in KINDS for key in self._tables[kind]]
+            for kind in KINDS:
+                self._tables[kind] = {}
+                self._tree.set(SECTION, kind, {})
+        for item in message.removed:
+            self._remove(_kind(item), item, by, at, changes)
+        for item in message.goals_removed:
+            self._remove("goals", item, by, at, changes)
+        for item in (*message.added, *message.changed):
+            self._put(_kind(item), item, by, at, changes)
+        for item in message.goals_added:
+            self._put("goals", item, by, at, changes)
+        self._tree.set(SECTION, "version", message.version)
+        self._told(changes, by, at)
+
+    def _remove(self, kind: str, item: Any, by: str, at: float, changes: List[Tuple[str, str, str]]) -> None:
+        key = item_text(item)
+        if key in self._tables[kind]:
+            self._change("-", kind, key, {}, by, at)
+            changes.append(("-", kind, key))
+
+    def _put(self, kind: str, item: Any, by: str, at: float, changes: List[Tuple[str, str, str]]) -> None:
+        key = item_text(item)
+        entry: Entry = {}
+        if kind == "objects":
+            entry["type"] = item.instance_type
+        elif kind == "values":
+            entry["value"] = item.function_value
+        known = self._tables[kind].get(key)
+        if known is not None and all(known.get(field) == value for field, value in entry.items()):
+            return
+        sign = "=" if known is not None else "+"
+        self._change(sign, kind, key, entry, by, at)
+        changes.append((sign, kind, key))
+
+    def _change(self, sign: str, kind: str, key: str, entry: Entry, by: str, at: float) -> None:
+        text = key
+        if sign == "-":
+            self._tables[kind].pop(key, None)
+            self._tree.remove(SECTION, kind, key)
+        else:
+            entry = {**entry, "by": by, "at": at}
+            self._tables[kind][key] = entry
+            self._tree.set(SECTION, kind, key, entry)
+            if kind == "values":
+                text = f"{key} = {number_text(entry['value'])}"
+        self._number += 1
+        number = str(self._number)
+        self._recent.append(number)
+        change = {"sign": sign, "kind": kind, "text": text, "by": by, "at": at}
+        self._tree.set(SECTION, "recent", number, change)
+        while len(self._recent) > RECENT:
+            self._tree.remove(SECTION, "recent", self._recent.popleft())
+
+    def _told(self, changes: List[Tuple[str, str, str]], by: str, at: float) -> None:
+        if not changes:
+            return
+        shown = ", ".join(_words(*change) for change in changes[:FEW])
+        more = f" and {len(changes) - FEW} more" if len(changes) > FEW else ""
+        self._tell(Event("knowledge", f"{shown}{more}, by {by or 'somebody'}", at))
+
+
+def _words(sign: str, kind: str, key: str) -> str:
+    noun = {"goals": "goal ", "objects": "object "}.get(kind, "")
+    return {"+": f"{noun}{key} added", "-": f"{noun}{key} removed", "=": f"{noun}{key} changed"}[sign]
+
+
+def _kind(item: Any) -> str:
+    return {INSTANCE: "objects", FACT: "facts", FUNCTION: "values"}.get(item.knowledge_type, "facts")
+
+
+def formulas(items: Iterable[Any]) -> Dict[str, List[List[str]]]:
+    """Signatures by name: ``{"robot_at": [["p", "place"]]}``, from DomainFormula messages."""
+    return {
+        item.name: [[parameter.key, parameter.value] for parameter in item.typed_parameters] for item in items
+    }

@@ -1,0 +1,108 @@
+"""Everything that is shown, without ROS: the tree and the sections that keep it."""
+
+import concurrent.futures
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+from merlin_monitor.drawing.layout_thread import LayoutThread
+from merlin_monitor.drawing.machine_graph import Graph, machine_graph, plan_graph
+from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.health_section import HealthSection
+from merlin_monitor.state.history_section import NEWEST, HistorySection
+from merlin_monitor.state.history_store import HistoryError, HistoryStore
+from merlin_monitor.state.inbox import Inbox
+from merlin_monitor.state.knowledge_section import KnowledgeSection
+from merlin_monitor.state.machine_section import MachineSection
+from merlin_monitor.state.map_section import MapSection
+from merlin_monitor.state.now_section import NowSection
+from merlin_monitor.state.plan_order import Edges, PlanStep
+from merlin_monitor.state.plan_section import PlanSection
+from merlin_monitor.state.state_tree import StateTree
+
+SECTIONS = ("meta", "now", "queue", "knowledge", "plan", "machines", "map", "history", "health")
+PLAN_PICTURE = "plan"
+STARTUP = 10.0  # s of wall time for the history's first answer
+
+
+class MonitorModel:
+    """The model. Its sections are changed in the thread of `inbox` only, but for the pictures, which come
+    from the layout's thread, and the history, which comes from its own; the tree is read from anywhere.
+
+    :param inbox: takes the changes in.
+    :param history: file of the history; None: it is not kept.
+    :param history_limit: most events that are kept.
+    :param make_folder: whether the folder of the history's file is made, or waited for.
+    :raises HistoryError: the file cannot be used.
+    """
+
+    def __init__(
+        self,
+        inbox: Inbox,
+        history: Optional[Path] = None,
+        history_limit: int = 100_000,
+        make_folder: bool = True,
+    ) -> None:
+        self.inbox = inbox
+        self.tree = StateTree(SECTIONS)
+        self._history = HistorySection(self.tree)
+        self.history: Optional[HistoryStore] = None
+        self.on_event: Tell = lambda event: None
+        self._layouts = LayoutThread(self._laid_out)
+        self.knowledge = KnowledgeSection(self.tree, self.tell)
+        self.plan = PlanSection(self.tree, self.tell)
+        self.machines = MachineSection(self.tree, self.tell, self._machine_changed)
+        self.now = NowSection(self.tree, self.tell, self.plan, self.machines)
+        self.map = MapSection(self.tree)
+        self.health = HealthSection(self.tree, self.tell)
+        if history is not None:
+            self.history = HistoryStore(history, history_limit, self._history.add, make_folder)
+
+    def start(self) -> None:
+        """Begins to take messages in and to draw; shows what earlier runs left in the history.
+
+        :raises HistoryError: the history's file cannot be read.
+        """
+        if self.history is not None:
+            try:
+                self._history.add(self.history.page(limit=NEWEST).result(STARTUP))
+            except concurrent.futures.TimeoutError as error:
+                raise HistoryError(f"the history did not answer within {STARTUP:.0f} s") from error
+            self.tree.set("meta", "run", self.history.run)
+        self._layouts.start()
+        self.inbox.start()
+
+    def stop(self) -> None:
+        """Ends the threads; what was told is on disk then."""
+        self.inbox.stop()
+        self._layouts.stop()
+        if self.history is not None:
+            self.history.close()
+
+    def tell(self, event: Event) -> None:
+        """Remembers an event, and passes it on to `on_event`."""
+        self.on_event(event)
+        if self.history is not None:
+            self.history.add(event)
+
+    def planned(self, steps: List[PlanStep], edges: Edges, at: float) -> None:
+        """Takes a new plan and has it drawn."""
+        self.plan.planned(steps, edges, at)
+        self.now.refresh()
+        shown = {str(step.id): {"text": step.text} for step in steps}
+        pairs = [[str(before), str(after)] for before, after in edges]
+        self._layouts.ask(PLAN_PICTURE, lambda: plan_graph(shown, pairs))
+
+    def _machine_changed(self, root: str) -> None:
+        self._layouts.ask(root, lambda: self._machine_graph(root))
+
+    def _machine_graph(self, root: str) -> Optional[Graph]:
+        containers = self.machines.containers_below(root)
+        path = self.tree.get("machines", "containers", root, "path")
+        return machine_graph(containers, path) if path in containers else None
+
+    def _laid_out(self, name: str, picture: Optional[Dict[str, Any]], reason: str) -> None:
+        if name == PLAN_PICTURE:
+            self.tree.set("plan", "layout", picture)
+            self.tree.set("plan", "layout_error", reason)
+        else:
+            self.machines.layout(name, picture if picture is not None or not reason else {"error": reason})

@@ -1,0 +1,82 @@
+"""Steps of a plan and what must precede what, from either form of plan message."""
+
+from typing import Any, Dict, List, NamedTuple, Set, Tuple
+
+from merlin_monitor.text.fact_text import atom_text
+
+ACTION_START, ACTION_END, PLAN_START = 0, 1, 2
+
+
+class PlanStep(NamedTuple):
+    """An action of a plan; times in s from the plan's start."""
+
+    id: int
+    name: str
+    parameters: List[Tuple[str, str]]
+    start: float
+    duration: float
+
+    @property
+    def text(self) -> str:
+        """``(navigate anywhere kitchen)``."""
+        return atom_text(self.name, [value for _, value in self.parameters])
+
+
+Edges = List[Tuple[int, int]]
+
+
+def sequential_steps(message: Any) -> Tuple[List[PlanStep], Edges]:
+    """Of a message with the fields of rosplan_dispatch_msgs/CompletePlan: one after the other."""
+    steps = [_step(action) for action in message.plan]
+    return steps, [(before.id, after.id) for before, after in zip(steps, steps[1:])]
+
+
+def graph_steps(message: Any) -> Tuple[List[PlanStep], Edges]:
+    """Of a message with the fields of rosplan_dispatch_msgs/EsterelPlan; edges that others imply left out."""
+    steps = {
+        node.action.action_id: _step(node.action) for node in message.nodes if node.node_type == ACTION_START
+    }
+    owner = {node.node_id: node.action.action_id for node in message.nodes if node.node_type != PLAN_START}
+    after: Dict[int, Set[int]] = {identity: set() for identity in steps}
+    for edge in message.edges:
+        for source in edge.source_ids:
+            for sink in edge.sink_ids:
+                before, behind = owner.get(source), owner.get(sink)
+                if before in steps and behind in steps and before != behind:
+                    after[before].add(behind)
+    ordered = sorted(steps.values(), key=lambda step: (step.start, step.id))
+    return ordered, _without_implied(after)
+
+
+def _step(action: Any) -> PlanStep:
+    parameters = [(parameter.key, parameter.value) for parameter in action.parameters]
+    return PlanStep(action.action_id, action.name, parameters, action.dispatch_time, action.duration)
+
+
+def _without_implied(after: Dict[int, Set[int]]) -> Edges:
+    """Edges a→c are dropped where a way a→b→…→c exists. A cycle keeps its edges."""
+    reach: Dict[int, Set[int]] = {}
+
+    def reachable(start: int) -> Set[int]:
+        if start not in reach:
+            found: Set[int] = set()
+            waiting = list(after[start])
+            while waiting:
+                node = waiting.pop()
+                if node not in found:
+                    found.add(node)
+                    waiting.extend(after[node])
+            reach[start] = found
+        return reach[start]
+
+    edges: Edges = []
+    for before, targets in sorted(after.items()):
+        for target in sorted(targets):
+            implied = any(
+                target in reachable(other) and before not in reachable(other)
+                for other in targets
+                if other != target and other not in reachable(target)
+            )
+            if not implied:
+                edges.append((before, target))
+    return edges

@@ -1,0 +1,217 @@
+"""The section of the plan: its steps with state and time, replans, the planner and the dispatcher."""
+
+from typing import Any, Dict, List, Optional, Tuple
+
+from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.plan_order import Edges, PlanStep
+from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.fact_text import atom_text
+from merlin_monitor.text.plain_value import plain_text
+
+SECTION = "plan"
+WAITING, DISPATCHED, RUNNING = "waiting", "dispatched", "running"
+SUCCEEDED, FAILED, CANCELLED = "succeeded", "failed", "cancelled"
+ENDED = (SUCCEEDED, FAILED, CANCELLED)
+CANCEL_ACTION = "cancel_action"
+MOST_REPLANS = 20  # that are shown
+LONGEST_WORDS = 4000  # characters of what a planner printed
+_FEEDBACK = {0: FAILED, 1: RUNNING, 3: RUNNING, 2: SUCCEEDED, 4: SUCCEEDED, 10: FAILED}
+_PLANNER = (
+    "idle",
+    "planning",
+    "solved",
+    "unsolvable",
+    "timeout",
+    "crashed",
+    "invalid",
+    "cancelled",
+    "no plan",
+)
+_DISPATCHER = ("idle", "running", "cancelling")
+
+
+class PlanSection:
+    """Keeps the section ``plan`` of the state."""
+
+    def __init__(self, tree: StateTree, tell: Tell) -> None:
+        self._tree = tree
+        self._tell = tell
+        self._steps: Dict[int, Dict[str, Any]] = {}
+        self._dispatch = 0  # number of the dispatch the steps' states belong to; 0: not known
+        self._plans = 0
+        self._replans: List[Dict[str, Any]] = []
+        self._early: Dict[Tuple[int, int], Tuple[int, str, float]] = {}  # feedback that came before its plan
+        self._status: Any = None  # the dispatcher's last one
+        tree.set(SECTION, "steps", {})
+        tree.set(SECTION, "replans", [])
+
+    @property
+    def current(self) -> Optional[Dict[str, Any]]:
+        """The step that runs, or the last that did."""
+        running = [step for step in self._steps.values() if step["state"] in (RUNNING, DISPATCHED)]
+        return running[0] if running else None
+
+    def step(self, text: str) -> Optional[int]:
+        """The number of a step by its text, from 1; None: it is not in the plan."""
+        for number, step in enumerate(self._ordered(), 1):
+            if step["text"] == text and step["state"] not in ENDED:
+                return number
+        return None
+
+    @property
+    def count(self) -> int:
+        """How many steps the plan has."""
+        return len(self._steps)
+
+    def planned(self, steps: List[PlanStep], edges: Edges, at: float) -> None:
+        """Takes a new plan."""
+        late = not self._plans and self._status is not None and self._status.state
+        self._plans += 1
+        self._dispatch = 0
+        if not late:
+            self._early.clear()
+        self._steps = {
+            step.id: {
+                "id": step.id,
+                "name": step.name,
+                "text": step.text,
+                "parameters": [list(pair) for pair in step.parameters],
+                "start": step.start,
+                "duration": step.duration,
+                "state": WAITING,
+            }
+            for step in steps
+        }
+        self._tree.set(SECTION, "number", self._plans)
+        self._tree.set(SECTION, "at", at)
+        self._tree.set(SECTION, "edges", [[str(before), str(after)] for before, after in edges])
+        self._tree.set(SECTION, "order", [str(step.id) for step in steps])
+        self._tree.set(SECTION, "steps", {str(key): step for key, step in self._steps.items()})
+        if steps:
+            words = " ".join(step.text for step in steps[:6]) + (" …" if len(steps) > 6 else "")
+            plural = "s" if len(steps) > 1 else ""
+            self._tell(Event("plan", f"plan of {len(steps)} step{plural}: {words}", at))
+        if late:
+            self._catch_up(at)
+
+    def dispatched(self, message: Any, at: float) -> None:
+        """Takes a message with the fields of rosplan_dispatch_msgs/ActionDispatch."""
+        if message.name == CANCEL_ACTION:
+            return
+        self._follow(message.plan_id)
+        step = self._steps.get(message.action_id)
+        text = atom_text(message.name, [parameter.value for parameter in message.parameters])
+        if step is None or step["text"] != text:
+            return  # latched, of a plan nobody has told us
+        if step["state"] == WAITING:
+            self._put(step, state=DISPATCHED, began=at)
+        early = self._early.pop((message.plan_id, message.action_id), None)
+        if early is not None:
+            self._answer(step, *early)
+
+    def feedback(self, message: Any, at: float) -> None:
+        """Takes a message with the fields of rosplan_dispatch_msgs/ActionFeedback."""
+        reason = next((pair.value for pair in message.information if pair.key == "reason"), "")
+        step = self._steps.get(message.action_id)
+        known = message.plan_id in (0, self._dispatch)
+        if step is None or not known or step["state"] == WAITING:
+            # Latched by each interface: it may be of an earlier plan, or of a dispatch yet to be heard of.
+            if len(self._early) > 200:
+                self._early.clear()
+            self._early[message.plan_id, message.action_id] = message.status, reason, at
+            return
+        self._answer(step, message.status, reason, at)
+
+    def dispatcher(self, message: Any, at: float) -> None:
+        """Takes a message with the fields of merlin_msgs/DispatchStatus."""
+        self._status = message
+        if message.state:
+            self._follow(message.plan_id)
+        now_running = {action.action_id: action for action in message.running}
+        for identity, action in now_running.items():
+            step = self._steps.get(identity)
+            text = atom_text(action.name, [parameter.value for parameter in action.parameters])
+            if step is not None and step["text"] == text and step["state"] == WAITING:
+                self._put(step, state=DISPATCHED, began=action.dispatched.to_sec() or at)
+        self._tree.set(
+            SECTION,
+            "dispatcher",
+            {
+                "state": _word(_DISPATCHER, message.state),
+                "done": message.steps_done,
+                "total": message.steps_total,
+                "failed_action": message.failed_action,
+                "reason": message.reason,
+            },
+        )
+
+    def planner(self, message: Any, at: float) -> None:
+        """Takes a message with the fields of merlin_msgs/PlannerStatus."""
+        state = _word(_PLANNER, message.state)
+        before = self._tree.get(SECTION, "planner", "state")
+        for field, value in (
+            ("state", state),
+            ("planner", message.planner),
+            ("seconds", message.seconds),
+            ("reason", message.reason),
+            ("at", at),
+        ):
+            self._tree.set(SECTION, "planner", field, value)
+        if state not in ("idle", "planning") and before is not None:
+            name = message.planner or "the planner"
+            reason = f": {message.reason}" if message.reason else ""
+            self._tell(Event("plan", f"{name}: {state} after {message.seconds:.2f} s{reason}", at))
+
+    def planner_words(self, text: str) -> None:
+        """What the planner printed."""
+        self._tree.set(SECTION, "planner", "output", plain_text(text, LONGEST_WORDS))
+
+    def replanned(self, reason: str, at: float) -> None:
+        """A failed plan is replaced."""
+        self._replans = [*self._replans, {"at": at, "reason": reason}][-MOST_REPLANS:]
+        self._tree.set(SECTION, "replans", self._replans)
+        self._tell(Event("plan", f"planning again: {reason or 'the plan failed'}", at))
+
+    def request_changed(self) -> None:
+        """Another request is served: replans count anew."""
+        self._replans = []
+        self._tree.set(SECTION, "replans", [])
+
+    def _catch_up(self, at: float) -> None:
+        """Whoever comes in the middle of a dispatch gets the latched messages before or after the plan."""
+        self.dispatcher(self._status, at)
+        for (plan_id, identity), (status, reason, told) in list(self._early.items()):
+            step = self._steps.get(identity)
+            if plan_id == self._dispatch and step is not None:
+                self._answer(step, status, reason, told)
+        self._early.clear()
+
+    def _follow(self, plan_id: int) -> None:
+        if plan_id:
+            self._dispatch = plan_id
+
+    def _answer(self, step: Dict[str, Any], status: int, reason: str, at: float) -> None:
+        state = _FEEDBACK.get(status)
+        if state is None or step["state"] in ENDED:
+            return
+        if state == FAILED and reason == CANCELLED:
+            state = CANCELLED
+        if state == RUNNING:
+            self._put(step, state=RUNNING)
+            return
+        began = step.get("began", at)
+        self._put(step, state=state, ended=at, reason="" if state == SUCCEEDED else reason)
+        because = f": {reason}" if reason and state == FAILED else ""
+        detail = {"began": began, "ended": at, "outcome": state, "lane": "action", "label": step["text"]}
+        self._tell(Event("action", f"{step['text']} {state} after {at - began:.1f} s{because}", at, detail))
+
+    def _put(self, step: Dict[str, Any], **fields: Any) -> None:
+        step.update(fields)
+        self._tree.set(SECTION, "steps", str(step["id"]), step)
+
+    def _ordered(self) -> List[Dict[str, Any]]:
+        return list(self._steps.values())
+
+
+def _word(words: Tuple[str, ...], number: int) -> str:
+    return words[number] if 0 <= number < len(words) else str(number)

@@ -1,0 +1,1 @@
+"""The same state in a terminal."""

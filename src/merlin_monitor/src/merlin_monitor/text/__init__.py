@@ -1,0 +1,1 @@
+"""Values, facts, actions and userdata as texts that a page or a terminal can show."""

@@ -1,0 +1,134 @@
+"""Brings changes of the state to every open page: at once when it is quiet, in frames when much happens.
+
+One frame is encoded once for all pages. A page that reads slowly has at most one text on its way and one set
+of changes behind it, which grows into the whole state and no further.
+"""
+
+import asyncio
+import json
+from typing import Any, List, Optional, Set, Tuple
+
+from aiohttp import web
+
+from merlin_monitor.state.state_tree import ChangeSet, Feed, StateTree
+
+FRAME = 0.04  # s between two frames
+GATHER = 0.004  # s that a first change waits for those that belong to it
+SEND_LIMIT = 30.0  # s for one text, after which a page counts as gone
+
+
+class LiveFeed:
+    """Serves the state to pages. Everything but the constructor runs in the server's loop.
+
+    :param tree: the state.
+    """
+
+    def __init__(self, tree: StateTree) -> None:
+        self._tree = tree
+        self._pages: Set[_Page] = set()
+        self._feed: Optional[Feed] = None
+        self._task: Optional[asyncio.Task] = None
+        self._changed: Optional[asyncio.Event] = None
+        self._whole: Tuple[int, str] = (-1, "")
+
+    @property
+    def pages(self) -> int:
+        """How many pages are open."""
+        return len(self._pages)
+
+    async def serve(self, socket: web.WebSocketResponse) -> None:
+        """Feeds one page until it is closed."""
+        self._watch()
+        page = _Page(socket, self._whole_text)
+        page.changes.become_whole()
+        self._pages.add(page)
+        sender = asyncio.ensure_future(page.send())
+        try:
+            # Nothing a page says is listened to; reading notices its end.
+            async for _ in socket:
+                pass
+        finally:
+            self._pages.discard(page)
+            sender.cancel()
+            if not self._pages:
+                self._rest()
+
+    async def close(self) -> None:
+        """Closes all pages."""
+        sockets = [page.socket for page in self._pages]
+        await asyncio.gather(*(socket.close(code=1001, message=b"the monitor ends") for socket in sockets))
+        self._rest()
+
+    def _watch(self) -> None:
+        if self._feed is None:
+            loop = asyncio.get_event_loop()
+            changed = self._changed = asyncio.Event()
+            self._feed = self._tree.subscribe(lambda: loop.call_soon_threadsafe(changed.set))
+            self._task = asyncio.ensure_future(self._frames(self._feed, changed))
+
+    def _rest(self) -> None:
+        if self._feed is not None:
+            self._feed.close()
+            self._feed = None
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    async def _frames(self, feed: Feed, changed: asyncio.Event) -> None:
+        loop = asyncio.get_event_loop()
+        last = 0.0
+        while True:
+            await changed.wait()
+            await asyncio.sleep(max(GATHER, last + FRAME - loop.time()))
+            changed.clear()
+            last = loop.time()
+            version, changes = feed.take()
+            text = None if changes.whole else _frame(version, changes.as_list())
+            for page in self._pages:
+                page.offer(version, changes, text)
+
+    def _whole_text(self) -> str:
+        if self._whole[0] != self._tree.version:
+            version, state = self._tree.as_json()
+            self._whole = version, f'{{"version":{version},"state":{state}}}'
+        return self._whole[1]
+
+
+class _Page:
+    def __init__(self, socket: web.WebSocketResponse, whole: Any) -> None:
+        self.socket = socket
+        self.changes = ChangeSet()
+        self._version = 0
+        self._whole = whole
+        self._text: Optional[str] = None
+        self._ready = asyncio.Event()
+        self._ready.set()
+
+    def offer(self, version: int, changes: ChangeSet, text: Optional[str]) -> None:
+        self._version = version
+        # The common text serves a page that has all before it; another one gets what it missed.
+        self._text = text if not self.changes else None
+        self.changes.merge(changes)
+        self._ready.set()
+
+    async def send(self) -> None:
+        while not self.socket.closed:
+            await self._ready.wait()
+            self._ready.clear()
+            changes, text = self.changes, self._text
+            self.changes, self._text = ChangeSet(), None
+            if not changes:
+                continue
+            if changes.whole:
+                text = self._whole()
+            elif text is None:
+                text = _frame(self._version, changes.as_list())
+            try:
+                await asyncio.wait_for(self.socket.send_str(text), SEND_LIMIT)
+            except (asyncio.TimeoutError, ConnectionError, RuntimeError):
+                await self.socket.close()
+                return
+
+
+def _frame(version: int, changes: List[list]) -> str:
+    return json.dumps({"version": version, "changes": changes}, separators=(",", ":"))

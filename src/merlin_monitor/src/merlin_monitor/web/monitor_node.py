@@ -1,0 +1,66 @@
+"""Node: the monitor."""
+
+import sys
+from pathlib import Path
+from typing import Optional
+
+import rospkg
+import rospy
+
+from merlin_monitor.listeners.ros_listeners import RosListeners
+from merlin_monitor.state.history_store import HistoryError
+from merlin_monitor.state.inbox import Inbox
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.web.control import Control
+from merlin_monitor.web.robot_control import RobotControl
+from merlin_monitor.web.web_access import WebAccess
+from merlin_monitor.web.web_server import ServerError, WebServer
+from merlin_sm.health import OK, Health, HealthReporter
+from merlin_sm.node import run_node
+from merlin_sm.parameters import ParameterError
+
+
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run_node("monitor", _start, HistoryError, ServerError)
+
+
+def _start() -> None:
+    host = str(rospy.get_param("~host", "127.0.0.1"))
+    port = _whole("~port", 8080, 0, 65535)
+    limit = _whole("~history_limit", 100_000, 100, 100_000_000)
+    history = str(rospy.get_param("~history", ""))
+    path = Path(history).expanduser() if history else None
+    make_folder = bool(rospy.get_param("~make_folder", True))
+    state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder)
+    listeners = RosListeners(state)
+    token = str(rospy.get_param("~token", ""))
+    control: Optional[Control] = None
+    if token:
+        control = Control(RobotControl(state, listeners.executor, listeners.knowledge_base))
+    names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
+    folder = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
+    server = WebServer(state, folder, WebAccess(host, names, token), control, host, port)
+    state.tree.set("meta", "control", bool(token))
+    state.start()
+    listeners.start()
+    server.start()
+    rospy.on_shutdown(server.stop)
+    rospy.on_shutdown(state.stop)
+    rospy.set_param("~address", server.address)
+    HealthReporter({"page": lambda: Health(OK, f"serves {server.address}")}).start()
+    if port and server.port != port:
+        print(f"monitor: port {port} is taken, using {server.port}", file=sys.stderr)
+    # On stderr, which `rosrun merlin run` and roslaunch pass on to the screen.
+    print(f"monitor: {server.address}", file=sys.stderr, flush=True)
+
+
+def _whole(name: str, default: int, lowest: int, highest: int) -> int:
+    value = rospy.get_param(name, default)
+    try:
+        number = int(value)
+    except (TypeError, ValueError):
+        number = lowest - 1
+    if not lowest <= number <= highest:
+        raise ParameterError(f"parameter {rospy.resolve_name(name)} is {value!r}; give {lowest} to {highest}")
+    return number

@@ -1,0 +1,77 @@
+"""Control of the robot over ROS: the Executor's public client, and the mission's services."""
+
+import re
+
+import rospy
+from actionlib_msgs.msg import GoalID
+from std_srvs.srv import Trigger
+
+from merlin_executor.executor_client import MerlinExecutorClient
+from merlin_executor.goal_check import GoalError, check_goals
+from merlin_monitor.state.events import Event
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.web.control import ControlError
+from merlin_sm.knowledge_client import knowledge_client
+from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal
+from merlin_sm.service_proxy import ServiceError, ServiceProxy
+
+MISSION_ANSWERS = 5.0  # s of wall time
+_REQUEST = re.compile(r"[^\x00-\x1f]{1,500}\Z")
+
+
+class RobotControl:
+    """The robot as :class:`merlin_monitor.web.control.ControlledRobot` wants it.
+
+    :param state: takes the events.
+    :param executor: name of the Executor's action.
+    :param knowledge_base: that goals are checked against.
+    """
+
+    def __init__(self, state: MonitorModel, executor: str, knowledge_base: str) -> None:
+        self._state = state
+        self._knowledge = knowledge_client(knowledge_base)
+        self._client = MerlinExecutorClient(executor, knowledge_base=None)
+        self._cancels = rospy.Publisher(f"{executor}/cancel", GoalID, queue_size=10)
+        self._mission = {
+            pause: ServiceProxy(f"merlin/mission/{name}", Trigger, timeout=MISSION_ANSWERS)
+            for pause, name in ((True, "pause"), (False, "resume"))
+        }
+
+    def check(self, goal: str) -> None:
+        """Compares a goal with the domain and the objects."""
+        try:
+            check_goals(parse_goal(goal), self._knowledge)
+        except (PDDLSyntaxError, GoalError, ServiceError) as error:
+            raise ControlError(str(error)) from error
+
+    def send(self, goal: str, priority: int) -> str:
+        """Sends a goal to the Executor."""
+        if not self._client.executor_alive:
+            raise ControlError("There is no Executor to send the goal to.")
+        request = self._client.send(goal, priority)
+        self._tell(f"{goal} sent from the page, priority {priority}")
+        return request.id
+
+    def cancel(self, request: str) -> None:
+        """Cancels a request of anybody."""
+        if not _REQUEST.match(request):
+            raise ControlError("That is no name of a request.")
+        self._cancels.publish(GoalID(id=request))
+        self._tell(f"cancel of {request} sent from the page")
+
+    def pause_mission(self, pause: bool) -> str:
+        """Asks the mission to pause or to go on."""
+        service = self._mission[pause]
+        if not service.available():
+            raise ControlError("The mission offers no pausing.")
+        try:
+            answer = service()
+        except ServiceError as error:
+            raise ControlError(str(error)) from error
+        if not answer.success:
+            raise ControlError(answer.message or "The mission refused.")
+        self._tell(f"mission {'paused' if pause else 'resumed'} from the page")
+        return str(answer.message)
+
+    def _tell(self, text: str) -> None:
+        self._state.tell(Event("control", text, rospy.get_time()))

@@ -1,0 +1,116 @@
+"""Who may ask the page for what: Host, Origin, token, and the headers that bind the browser."""
+
+import hmac
+import ipaddress
+import re
+import socket
+from typing import FrozenSet, Iterable, Optional
+from urllib.parse import urlsplit
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "font-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+TOKEN_HEADER = "X-Merlin-Token"
+_LOCAL = frozenset({"localhost", "127.0.0.1", "::1"})
+_NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,250}[A-Za-z0-9])?\Z")
+
+
+class RequestRefused(Exception):
+    """A request that is refused; the text is a sentence for who asked."""
+
+
+class WebAccess:
+    """Decides about requests.
+
+    :param host: address that is listened on; one that is not of this machine alone lets in requests for its
+        own names and for any numeric address.
+    :param names: further names under which the page may be asked for.
+    :param token: without which nothing can be controlled; empty: nothing can be at all.
+    """
+
+    def __init__(self, host: str, names: Iterable[str] = (), token: str = "") -> None:
+        self._any_address = not _is_loopback(host)
+        own = (socket.gethostname(), socket.getfqdn()) if self._any_address else ()
+        self._names: FrozenSet[str] = _LOCAL | {name.lower() for name in (host, *own, *names) if name}
+        self._token = token
+
+    def check_host(self, host: Optional[str]) -> None:
+        """Refuses requests meant for another name: a foreign page that had its name point here.
+
+        :raises RequestRefused: when Host is not an allowed name.
+        """
+        name = _host_name(host or "")
+        if name is None or not self._knows(name):
+            raise RequestRefused(
+                f"This page is not served under the name {name or 'that was asked for'!r}; "
+                "the parameter ~allowed_hosts can name it."
+            )
+
+    def check_origin(self, origin: Optional[str], host: Optional[str]) -> None:
+        """Refuses what another site's page sends. Programs send no Origin and may come in.
+
+        :raises RequestRefused: when Origin is another site.
+        """
+        if origin is None:
+            return
+        try:
+            parts = urlsplit(origin)
+            own = parts.scheme in ("http", "https") and parts.netloc.lower() == (host or "").lower()
+        except ValueError:
+            own = False
+        if not own:
+            raise RequestRefused("Requests from pages of other sites are refused.")
+
+    def check_token(self, token: Optional[str]) -> None:
+        """Lets a request control the robot only with the right token.
+
+        :raises RequestRefused: when the token is missing or wrong, or the monitor is read-only.
+        """
+        if not self._token:
+            raise RequestRefused("This monitor is read-only; start it with token:=… to control the robot.")
+        if not token:
+            raise RequestRefused("A token is needed to control the robot.")
+        if not hmac.compare_digest(*(text.encode("utf-8", "surrogatepass") for text in (token, self._token))):
+            raise RequestRefused("The token is not the right one.")
+
+    def _knows(self, name: str) -> bool:
+        if name in self._names:
+            return True
+        # A name can be made to point here, a number cannot.
+        return self._any_address and _is_address(name)
+
+
+def _host_name(host: str) -> Optional[str]:
+    try:
+        parts = urlsplit(f"//{host}")
+        name = parts.hostname or ""
+        _ = parts.port  # raises for a bad one
+    except ValueError:
+        return None
+    if parts.path or parts.query or parts.fragment or "@" in host:
+        return None
+    return name.lower() if _NAME.match(name) or _is_address(name) else None
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_loopback(host: str) -> bool:
+    if host.lower() == "localhost":
+        return True
+    return _is_address(host) and ipaddress.ip_address(host).is_loopback

@@ -1,0 +1,238 @@
+"""The web server: the page, its live feed, the map's picture, the history and the control of the robot."""
+
+import asyncio
+import json
+import logging
+import socket
+import threading
+from pathlib import Path
+from typing import Any, Awaitable, Callable, List, Optional
+
+from aiohttp import web
+
+from merlin_monitor.state.history_store import HistoryError
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.web.control import Control, ControlError
+from merlin_monitor.web.live_feed import LiveFeed
+from merlin_monitor.web.web_access import HEADERS, TOKEN_HEADER, RequestRefused, WebAccess
+
+PORTS_TRIED = 20  # from the wanted one on
+FILES = (".html", ".css", ".js", ".svg")
+GOODBYE = 0.5  # s for a page to answer when it is closed
+PING = 20.0  # s between two signs of life of a page
+LONGEST_REQUEST = 64 * 1024  # bytes
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class ServerError(RuntimeError):
+    """The page cannot be served; the text says why."""
+
+
+class WebServer:
+    """Serves the page in a thread of its own.
+
+    :param state: the model that is shown.
+    :param folder: of the page's files.
+    :param access: who may come in.
+    :param control: of the robot; None: it is only shown.
+    :param host: address to listen on.
+    :param port: wanted; if it is taken, the next free one. 0: any free one.
+    :raises ServerError: it cannot listen.
+    """
+
+    def __init__(
+        self,
+        state: MonitorModel,
+        folder: Path,
+        access: WebAccess,
+        control: Optional[Control] = None,
+        host: str = "127.0.0.1",
+        port: int = 0,
+    ) -> None:
+        self._state = state
+        self._folder = folder
+        self._access = access
+        self._control = control
+        self._socket = listen(host, port)
+        self.port: int = self._socket.getsockname()[1]
+        shown = host if host not in ("", "0.0.0.0", "::") else socket.gethostname()
+        self.address = f"http://{f'[{shown}]' if ':' in shown else shown}:{self.port}/"
+        self._live = LiveFeed(state.tree)
+        self._loop = asyncio.new_event_loop()
+        self._started = threading.Event()
+        self._failed = ""
+        self._stop: Optional[asyncio.Event] = None
+        self._thread = threading.Thread(target=self._work, name="web server", daemon=True)
+
+    def start(self) -> None:
+        """Begins to serve.
+
+        :raises ServerError: it could not.
+        """
+        self._thread.start()
+        if not self._started.wait(10.0) or self._failed:
+            raise ServerError(self._failed or "the web server did not start within 10 s")
+
+    def stop(self) -> None:
+        """Closes all pages and ends."""
+        if self._thread.is_alive() and self._stop is not None:
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join(1.5)
+
+    def application(self) -> web.Application:
+        """The routes."""
+        application = web.Application(middlewares=[self._guard], client_max_size=LONGEST_REQUEST)
+        routes = application.router
+        routes.add_get("/", self._index)
+        routes.add_get("/live", self._serve_live)
+        routes.add_get("/state.json", self._serve_state)
+        routes.add_get("/map.png", self._serve_map)
+        routes.add_get("/history", self._serve_history)
+        routes.add_get("/history.json", self._export_history)
+        routes.add_post("/control/{what}", self._serve_control)
+        routes.add_get("/{name}", self._serve_file)
+        return application
+
+    def _work(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve())
+        except Exception as error:  # told to who waits for the start
+            self._failed = f"the web server failed: {type(error).__name__}: {error}"
+        finally:
+            self._started.set()
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        self._stop = asyncio.Event()
+        runner = web.AppRunner(self.application(), access_log=None)
+        await runner.setup()
+        await web.SockSite(runner, self._socket, shutdown_timeout=1.0).start()
+        self._started.set()
+        await self._stop.wait()
+        await self._live.close()
+        await runner.cleanup()
+
+    # --- who comes in --------------------------------------------------------------------------------------
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        try:
+            self._access.check_host(request.headers.get("Host"))
+            if request.path == "/live" or request.method != "GET":
+                self._access.check_origin(request.headers.get("Origin"), request.headers.get("Host"))
+            response = await handler(request)
+        except RequestRefused as refused:
+            response = web.Response(status=403, text=f"{refused}\n")
+        except HistoryError as error:
+            response = web.Response(status=503, text=f"{error}\n")
+        except web.HTTPException as error:
+            error.headers.update(HEADERS)
+            raise
+        except Exception as error:  # told without a traceback to who asked, and with the headers
+            logging.getLogger(__name__).exception("%s %s", request.method, request.path)
+            response = web.Response(status=500, text=f"The monitor failed: {type(error).__name__}.\n")
+        if not response.prepared:
+            response.headers.update(HEADERS)
+        return response
+
+    # --- what is shown -------------------------------------------------------------------------------------
+
+    async def _index(self, request: web.Request) -> web.StreamResponse:
+        return web.FileResponse(self._folder / "index.html")
+
+    async def _serve_file(self, request: web.Request) -> web.StreamResponse:
+        name = request.match_info["name"]
+        path = self._folder / name
+        if "/" in name or name.startswith(".") or path.suffix not in FILES or not path.is_file():
+            raise web.HTTPNotFound(text=f"There is no {name}.\n")
+        return web.FileResponse(path)
+
+    async def _serve_live(self, request: web.Request) -> web.StreamResponse:
+        response = web.WebSocketResponse(heartbeat=PING, timeout=GOODBYE, compress=False, max_msg_size=1024)
+        if not response.can_prepare(request).ok:
+            raise web.HTTPUpgradeRequired(text="This address takes WebSockets only.\n", headers=HEADERS)
+        await response.prepare(request)
+        await self._live.serve(response)
+        return response
+
+    async def _serve_state(self, request: web.Request) -> web.StreamResponse:
+        version, state = self._state.tree.as_json()
+        text = f'{{"version":{version},"state":{state}}}'
+        return web.Response(text=text, content_type="application/json")
+
+    async def _serve_map(self, request: web.Request) -> web.StreamResponse:
+        if self._state.map.picture is None:
+            raise web.HTTPNotFound(text="There is no map yet.\n")
+        return web.Response(body=self._state.map.picture, content_type="image/png")
+
+    async def _serve_history(self, request: web.Request) -> web.StreamResponse:
+        try:
+            before = int(request.query["before"]) if "before" in request.query else None
+            limit = int(request.query.get("limit", 200))
+        except ValueError:
+            raise web.HTTPBadRequest(text="before and limit are whole numbers.\n") from None
+        if before is not None and not 0 <= before < 2**62:
+            raise web.HTTPBadRequest(text="before is the id of an event.\n")
+        kinds = tuple(kind for kind in request.query.get("kinds", "").split(",") if kind)[:20]
+        events = await asyncio.wrap_future(self._history().page(before, limit, kinds))
+        return web.json_response(events)
+
+    async def _export_history(self, request: web.Request) -> web.StreamResponse:
+        events = await asyncio.wrap_future(self._history().export())
+        headers = {"Content-Disposition": 'attachment; filename="merlin-history.json"'}
+        text = await self._loop.run_in_executor(None, lambda: json.dumps(events, indent=1))
+        return web.Response(text=text, content_type="application/json", headers=headers)
+
+    def _history(self) -> Any:
+        if self._state.history is None:
+            raise HistoryError("No history is kept; start the monitor with history:=<file>.")
+        return self._state.history
+
+    # --- control -------------------------------------------------------------------------------------------
+
+    async def _serve_control(self, request: web.Request) -> web.StreamResponse:
+        self._access.check_token(request.headers.get(TOKEN_HEADER))
+        if self._control is None:
+            raise RequestRefused("This monitor is read-only; start it with token:=… to control the robot.")
+        try:
+            fields = json.loads(await request.text() or "{}")
+            if not isinstance(fields, dict):
+                raise ValueError("no object")
+        except (ValueError, LookupError, RecursionError):
+            return web.json_response({"error": "The request is no JSON object."}, status=400)
+        control, what = self._control, request.match_info["what"]
+        try:
+            said = await self._loop.run_in_executor(None, lambda: control.carry_out(what, fields))
+        except ControlError as error:
+            return web.json_response({"error": str(error)}, status=409)
+        return web.json_response({"done": said})
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """A listening socket on the port or, if others have it, the next free one.
+
+    :raises ServerError: there is none.
+    """
+    last: Optional[OSError] = None
+    candidates: List[int] = [port] if port == 0 else list(range(port, min(port + PORTS_TRIED, 65536)))
+    for candidate in candidates:
+        try:
+            family, kind, _, _, address = socket.getaddrinfo(
+                host or None, candidate, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+            )[0]
+        except (OSError, OverflowError) as error:
+            raise ServerError(f"the address {host!r} cannot be used: {error}; correct host:=…") from error
+        found = socket.socket(family, kind)
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            found.bind(address)
+            found.listen(64)
+        except OSError as error:
+            found.close()
+            last = error
+            if isinstance(error, PermissionError):
+                break
+            continue
+        return found
+    raise ServerError(f"cannot listen on {host}:{port}: {last}; choose another port:=…")
