@@ -5,13 +5,13 @@ from pathlib import Path
 
 import cv2
 
-from merlin_restaurant.books import CAME, DISTURBED, LEFT, ORDERED, SEATED, SERVED, Books
+from merlin_restaurant.evening_record import CAME, DISTURBED, LEFT, ORDERED, SEATED, SERVED, EveningRecord
 from merlin_restaurant.evening_results import guest_table, plot_timeline, write_guests
 from merlin_restaurant.robot_watch import Deed
 
 
-def books() -> Books:
-    kept = Books()
+def evening_record() -> EveningRecord:
+    kept = EveningRecord()
     for time, event, guest, table, items, reason in (
         (5.0, CAME, "ann", "", (), ""),
         (40.0, SEATED, "ann", "table_1", (), ""),
@@ -26,7 +26,7 @@ def books() -> Books:
 
 
 def test_the_table_tells_waiting_serving_and_errors() -> None:
-    lines = guest_table(books())
+    lines = guest_table(evening_record())
     assert lines[0].split()[:2] == ["guest", "table"]
     assert lines[1].split() == ["ann", "table_1", "5", "35", "22", "78", "cake", "cake", "0", "served"]
     assert lines[2].endswith("walked off before there was a table")
@@ -34,7 +34,7 @@ def test_the_table_tells_waiting_serving_and_errors() -> None:
 
 
 def test_the_file_has_a_row_per_guest(tmp_path: Path) -> None:
-    write_guests(tmp_path / "guests.csv", books())
+    write_guests(tmp_path / "guests.csv", evening_record())
     with (tmp_path / "guests.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["guest"], row["waited_for_order_s"], row["errors"]) for row in rows] == [
@@ -49,7 +49,7 @@ def test_the_timeline_is_a_picture_also_of_an_evening_without_anything(tmp_path:
         Deed("(check_table table_1)", 1030.0, 1031.0, "cancelled"),
         Deed("(deliver_order table_1)", 1040.0, 1045.0, "nobody sits at table_1 any more"),
     ]
-    for name, done, kept in (("full", deeds, books()), ("empty", [], Books())):
+    for name, done, kept in (("full", deeds, evening_record()), ("empty", [], EveningRecord())):
         plot_timeline(tmp_path / f"{name}.png", done, kept, 1000.0)
         picture = cv2.imread(str(tmp_path / f"{name}.png"))
         assert picture is not None and picture.shape[1] > 800

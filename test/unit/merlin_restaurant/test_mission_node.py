@@ -6,7 +6,7 @@ from typing import Any, Dict, List
 import pytest
 
 from merlin_restaurant import evening_results, mission_node
-from merlin_restaurant.books import CLOSED, Books
+from merlin_restaurant.evening_record import CLOSED, EveningRecord
 from merlin_restaurant.mission_node import BALANCED, EveningNode
 from merlin_sm.service_proxy import ServiceError
 
@@ -50,8 +50,8 @@ class Node:
     def __init__(self, folder: Path) -> None:
         self.parameters: Dict[str, Any] = {"~results": str(folder)}
         self.robot = Robot()
-        self.books = Books()
-        self.books.guest_event(100.0, CLOSED, "", "", (), "")
+        self.record = EveningRecord()
+        self.record.guest_event(100.0, CLOSED, "", "", (), "")
         self.down = False
 
 
@@ -62,8 +62,8 @@ def node(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Node:
     def begin(self: EveningNode, results: Path, startup: float, on_lost: str) -> None:
         watch = type("Watch", (), {"deeds": []})
         lock = mission_node.threading.Lock()
-        self.__dict__.update(_results=results, _startup=startup, _start=None, _books=made.books)
-        self.__dict__.update(_books_lock=lock, _evening=made.robot, _watch=watch)
+        self.__dict__.update(_results=results, _startup=startup, _start=None, _record=made.record)
+        self.__dict__.update(_record_lock=lock, _evening=made.robot, _watch=watch)
 
     monkeypatch.setattr(EveningNode, "__init__", begin)
     monkeypatch.setattr(mission_node, "init_node", lambda name: None)
@@ -77,15 +77,15 @@ def node(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Node:
     return made
 
 
-def test_books_that_balance_are_written(node: Node, capsys: pytest.CaptureFixture) -> None:
+def test_records_that_balance_are_written(node: Node, capsys: pytest.CaptureFixture) -> None:
     assert mission_node.main() == 0
     assert BALANCED in capsys.readouterr().out
     results = Path(node.parameters["~results"])
     assert sorted(path.name for path in results.iterdir()) == ["guests.csv", "timeline.png"]
 
 
-def test_books_that_do_not_balance_are_another_end(node: Node) -> None:
-    node.books.closed = None
+def test_records_that_do_not_balance_are_another_end(node: Node) -> None:
+    node.record.closed = None
     assert mission_node.main() == 1
 
 

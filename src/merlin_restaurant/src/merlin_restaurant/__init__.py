@@ -1,1 +1,1 @@
-"""The SciRoc restaurant: the application and the people who play its guests."""
+"""The SciRoc restaurant: a robot checks tables, serves orders and guides new clients."""

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from merlin_restaurant.books import COLUMNS, Books, GuestAccount
+from merlin_restaurant.evening_record import COLUMNS, EveningRecord, GuestAccount
 from merlin_restaurant.robot_watch import Deed
 
 COLORS = {
@@ -38,7 +38,7 @@ FAILED = "#c02020"
 LEGEND = {"loc": "upper left", "frameon": False, "fontsize": 8, "alignment": "left"}
 
 
-def guest_table(books: Books) -> List[str]:
+def guest_table(record: EveningRecord) -> List[str]:
     """The table for the screen; what went wrong follows below it."""
     heads = (
         "guest",
@@ -52,25 +52,25 @@ def guest_table(books: Books) -> List[str]:
         "calls",
         "outcome",
     )
-    rows = [heads] + [tuple(_cell(row[column]) for column in COLUMNS[:10]) for row in books.rows()]
+    rows = [heads] + [tuple(_cell(row[column]) for column in COLUMNS[:10]) for row in record.rows()]
     widths = [max(map(len, column)) for column in zip(*rows)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows]
-    for account in books.guests.values():
+    for account in record.guests.values():
         lines += [f"  {account.name}: {error}" for error in account.errors]
     return lines
 
 
-def write_guests(path: Path, books: Books) -> None:
+def write_guests(path: Path, record: EveningRecord) -> None:
     """Writes guests.csv."""
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
-        writer.writerows(books.rows())
+        writer.writerows(record.rows())
 
 
-def plot_timeline(path: Path, deeds: Sequence[Deed], books: Books, start: float) -> None:
+def plot_timeline(path: Path, deeds: Sequence[Deed], record: EveningRecord, start: float) -> None:
     """Draws what the robot did, and each guest from coming to leaving; s since `start`."""
-    accounts = list(books.guests.values())
+    accounts = list(record.guests.values())
     figure, axes = plt.subplots(figsize=(14, 1.6 + 0.5 * (len(accounts) + 1)))
     for deed in deeds:
         _draw_deed(axes, deed, start)

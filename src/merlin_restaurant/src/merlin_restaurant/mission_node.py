@@ -15,8 +15,8 @@ from rospy.core import is_shutdown_requested
 
 from merlin_executor.readiness import missing_interfaces, missing_servers
 from merlin_executor.resending import ON_LOST, RESEND
-from merlin_restaurant.books import Books
 from merlin_restaurant.evening import Evening
+from merlin_restaurant.evening_record import EveningRecord
 from merlin_restaurant.robot_watch import RobotWatch
 from merlin_restaurant.table_state import STATES
 from merlin_sm.node import init_node
@@ -41,7 +41,7 @@ class EveningStopped(RuntimeError):
 
 
 class EveningNode:
-    """Runs the mission and keeps the books.
+    """Runs the mission and keeps its record.
 
     :param results: folder.
     :param startup: s of wall time for everything to appear.
@@ -53,8 +53,8 @@ class EveningNode:
         self._startup = startup
         self._start: Optional[float] = None
         self._print = threading.Lock()  # one line at a time
-        self._books_lock = threading.Lock()  # guards the books
-        self._books = Books()
+        self._record_lock = threading.Lock()  # guards the record
+        self._record = EveningRecord()
         self._watch = RobotWatch(lambda text: self._line("robot", text), self._delivered, self._failed)
         self._evening = Evening(self._closed, lambda text: self._line("mission", text), on_lost)
         rospy.Subscriber("restaurant/guests", GuestEvent, self._guest, queue_size=100)
@@ -76,8 +76,8 @@ class EveningNode:
             for table in robot.objects("table")
         }
         held = [fact for predicate in UNDER_WAY for fact in robot.facts(predicate)]
-        with self._books_lock:
-            self._books.close(states, held)
+        with self._record_lock:
+            self._record.close(states, held)
         problems = [] if outcome == SUCCEEDED else [f"the mission ended with {outcome}: {robot.reason}"]
         return self._finish(problems)
 
@@ -85,18 +85,18 @@ class EveningNode:
         # matplotlib takes a second to import, which the start of the evening is spared.
         from merlin_restaurant.evening_results import guest_table, plot_timeline, write_guests
 
-        with self._books_lock:
-            problems += self._books.problems()
-            print("\n" + "\n".join(guest_table(self._books)) + "\n")
+        with self._record_lock:
+            problems += self._record.problems()
+            print("\n" + "\n".join(guest_table(self._record)) + "\n")
         for problem in problems:
             print(f"NOT BALANCED: {problem}")
         if not problems:
             print(BALANCED)
         table, timeline = self._results / "guests.csv", self._results / "timeline.png"
         try:
-            with self._books_lock:
-                write_guests(table, self._books)
-                plot_timeline(timeline, self._watch.deeds, self._books, self._begun)
+            with self._record_lock:
+                write_guests(table, self._record)
+                plot_timeline(timeline, self._watch.deeds, self._record, self._begun)
         except OSError as error:
             raise EveningStopped(f"the results cannot be written: {error}") from error
         print(f"written: {table}\nwritten: {timeline}", flush=True)
@@ -121,22 +121,22 @@ class EveningNode:
         return rospy.get_time() if self._start is None else self._start
 
     def _closed(self) -> bool:
-        with self._books_lock:
-            return self._books.closed is not None
+        with self._record_lock:
+            return self._record.closed is not None
 
     def _guest(self, event: GuestEvent) -> None:
         time = event.header.stamp.to_sec() - self._begun
-        with self._books_lock:
-            self._books.guest_event(time, event.event, event.guest, event.table, event.items, event.reason)
+        with self._record_lock:
+            self._record.guest_event(time, event.event, event.guest, event.table, event.items, event.reason)
         self._line(event.guest or "house", _told(event))
 
     def _delivered(self, table: str, items: List[str]) -> None:
-        with self._books_lock:
-            self._books.delivered(rospy.get_time() - self._begun, table, items)
+        with self._record_lock:
+            self._record.delivered(rospy.get_time() - self._begun, table, items)
 
     def _failed(self, action: str, reason: str) -> None:
-        with self._books_lock:
-            self._books.robot_failed(action.strip("()").split()[-1], f"{action}: {reason}")
+        with self._record_lock:
+            self._record.robot_failed(action.strip("()").split()[-1], f"{action}: {reason}")
 
     def _line(self, who: str, text: str) -> None:
         time = rospy.get_time() - self._begun

@@ -1,4 +1,4 @@
-"""What the robot does, believes and says, for log, timeline and books. It changes nothing."""
+"""What the robot does, believes and says, for log, timeline and record. It changes nothing."""
 
 import threading
 from typing import Callable, Dict, List, NamedTuple, Set, Tuple

@@ -6,10 +6,10 @@ from typing import Callable, Dict, List, Sequence
 
 from merlin_msgs.msg import GuestEvent
 
+from merlin_guests.house import BAR, TRAY, House
+from merlin_guests.schedule import DISTURBANCES, MISSING, without_one, wrong_order
+from merlin_guests.stage import Stage
 from merlin_restaurant.menu import items_in
-from merlin_restaurant.players.house import BAR, TRAY, House
-from merlin_restaurant.players.schedule import DISTURBANCES, MISSING, without_one, wrong_order
-from merlin_restaurant.players.stage import Stage
 
 NAME = "barman"
 PREPARES = 8.0  # s

@@ -7,11 +7,11 @@ from typing import Callable, List, Optional, Sequence
 import pytest
 from merlin_msgs.msg import SimPerson
 
-from merlin_restaurant.players import guest as guest_module
-from merlin_restaurant.players.guest import KEPT, LOOK, Guest
-from merlin_restaurant.players.places import Point
-from merlin_restaurant.players.schedule import make_schedule
-from merlin_restaurant.players.stage import AHEAD, Stage, StageError
+from merlin_guests import guest as guest_module
+from merlin_guests.guest import KEPT, LOOK, Guest
+from merlin_guests.places import Point
+from merlin_guests.schedule import make_schedule
+from merlin_guests.stage import AHEAD, PlayError, Stage
 
 PACE = 0.5  # m/s
 STEP = 0.15  # m between the places of the trail
@@ -51,7 +51,7 @@ class Room(Stage):
     def walk(self, name: str, path: Sequence[Point], speed: float = 0.0, **_: object) -> int:
         if not self._free(path[-1]):
             self.refused += 1
-            raise StageError("a table is there")
+            raise PlayError("a table is there")
         self._way = list(path)
         return 1
 
@@ -224,7 +224,7 @@ def test_a_guest_who_cannot_come_in_says_so_and_comes_later(monkeypatch: pytest.
         def put_person(self, name: str, at: Point, *_: object) -> None:
             self.tries += 1
             if self.tries < 3:
-                raise StageError(f"{name}: ben is there")
+                raise PlayError(f"{name}: ben is there")
 
         def wait(self, seconds: float) -> None:
             self._time += seconds

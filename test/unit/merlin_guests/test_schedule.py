@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_restaurant.menu import MENU
-from merlin_restaurant.players.schedule import (
+from merlin_guests.schedule import (
     DISTURBANCES,
     LEAVES,
     MISSING,
@@ -17,6 +16,7 @@ from merlin_restaurant.players.schedule import (
     make_schedule,
     wrong_order,
 )
+from merlin_restaurant.menu import MENU
 
 
 @given(st.integers(5, 8), st.integers(0, 10**6))

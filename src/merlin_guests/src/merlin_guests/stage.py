@@ -14,11 +14,11 @@ from merlin_msgs.srv import PlaceThing, SetAnswers, WalkPerson
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
+from merlin_guests.places import Point
+from merlin_guests.quiet_room import QuietRoom
 from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.ros_messages import samples_of
 from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
-from merlin_restaurant.players.places import Point
-from merlin_restaurant.players.silence import Silence
 from merlin_sm.deadline import Deadline
 from merlin_sm.publishing import Subscribed
 from merlin_sm.service_proxy import ServiceProxy
@@ -32,7 +32,7 @@ HEARD = 200.0  # RMS, of 32767, of a voice
 CALL_LIMIT = 10.0  # s of wall time for a service of the simulator
 
 
-class StageError(RuntimeError):
+class PlayError(RuntimeError):
     """The simulated world refused something; the text says what and why."""
 
 
@@ -51,7 +51,7 @@ class Stage:
         self._heard: Dict[str, Deque[PersonHeard]] = {}
         self._robot: Optional[Tuple[float, float, float]] = None
         self._trail: List[Point] = []
-        self._silence = Silence()
+        self._quiet_room = QuietRoom()
         self._voices = threading.Lock()  # one person calls at a time
         self._synthesizer = SpeechSynthesizer()
         self._place = ServiceProxy("/merlin_sim/place", PlaceThing, timeout=CALL_LIMIT)
@@ -126,12 +126,12 @@ class Stage:
     def put_person(self, name: str, at: Point, yaw: float = 0.0, sit: bool = False) -> None:
         """Makes somebody appear.
 
-        :raises StageError: something is in the way.
+        :raises PlayError: something is in the way.
         """
         self._demand(self._place(name=name, kind=self._kind(name), x=at[0], y=at[1], yaw=yaw, sit=sit), name)
         # The simulator answers before it tells who is where; from here on everybody may rely on that.
         if not self.wait_until(lambda: name in self._people, APPEARS):
-            raise StageError(f"{name} was placed, but did not appear on /merlin_sim/people in {APPEARS:g} s")
+            raise PlayError(f"{name} was placed, but did not appear on /merlin_sim/people in {APPEARS:g} s")
 
     def put_thing(self, name: str, kind: str, on: str, at: Point, yaw: float = 0.0) -> None:
         """Puts an object on furniture or on the robot's tray; m from its middle."""
@@ -252,14 +252,14 @@ class Stage:
             return bool(self._heard.get(name))
 
         end = self.now() + CALL_WAITS
-        while self.wait_until(lambda: spoken_to() or self._silence.quiet(self.now()), end - self.now()):
+        while self.wait_until(lambda: spoken_to() or self._quiet_room.quiet(self.now()), end - self.now()):
             if spoken_to():
                 return False
             with self._voices:
                 with self._changed:
-                    if not self._silence.quiet(self.now()):
+                    if not self._quiet_room.quiet(self.now()):
                         continue  # somebody else was faster
-                    self._silence.sound(self.now())
+                    self._quiet_room.sound(self.now())
                 self._say(text)
                 return True
         return False
@@ -286,7 +286,7 @@ class Stage:
 
     def _demand(self, answer: object, name: str) -> None:
         if not answer.success:
-            raise StageError(f"{name}: {answer.message}")
+            raise PlayError(f"{name}: {answer.message}")
 
     def _kind(self, name: str) -> str:
         with self._changed:
@@ -309,15 +309,15 @@ class Stage:
         with self._changed:
             self._heard.setdefault(message.person, deque()).append(message)
             if message.answer:
-                self._silence.asked(self.now())
+                self._quiet_room.asked(self.now())
             self._changed.notify_all()
 
     def _listen(self, message: AudioData) -> None:
         samples = samples_of(message).astype(float)
         if len(samples) and math.sqrt(float(np.mean(samples**2))) > HEARD:
             with self._changed:
-                self._silence.sound(self.now())
+                self._quiet_room.sound(self.now())
 
     def _notice(self, message: Bool) -> None:
         with self._changed:
-            self._silence.robot(self.now(), bool(message.data))
+            self._quiet_room.robot(self.now(), bool(message.data))

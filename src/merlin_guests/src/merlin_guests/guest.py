@@ -8,11 +8,11 @@ from typing import Any, Dict, List, Optional, Sequence
 import rospy
 from merlin_msgs.msg import GuestEvent
 
+from merlin_guests.house import TRAY, House
+from merlin_guests.places import Places, Point
+from merlin_guests.schedule import CHAIR, DISTURBANCES, LEAVES, UNCLEAR, WALKS_OFF, GuestPlan
+from merlin_guests.stage import PlayError, Stage
 from merlin_restaurant.menu import call_from, listed
-from merlin_restaurant.players.house import TRAY, House
-from merlin_restaurant.players.places import Places, Point
-from merlin_restaurant.players.schedule import CHAIR, DISTURBANCES, LEAVES, UNCLEAR, WALKS_OFF, GuestPlan
-from merlin_restaurant.players.stage import Stage, StageError
 
 CALL_EVERY = 25.0  # s between two calls for the robot
 PATIENCE = 900.0  # s that a guest waits for a table, for the waiter or for the order
@@ -75,7 +75,7 @@ class Guest:
             try:
                 stage.put_person(self._name, places.door)
                 break
-            except StageError as error:
+            except PlayError as error:
                 rospy.logwarn_throttle(SAID_AGAIN, f"players: {self._name} cannot come in yet: {error}")
             stage.wait(LOOK)
         self._tell(GuestEvent.CAME)
@@ -142,7 +142,7 @@ class Guest:
     def _walk_as_far(self, way: Sequence[Point]) -> None:
         """Walks to the last place of a way that is free: the robot passes tables closer than people stand."""
         for end in range(len(way), 0, -1):
-            with contextlib.suppress(StageError):
+            with contextlib.suppress(PlayError):
                 self._stage.walk(self._name, way[:end], self.plan.pace)
                 return
 
@@ -223,7 +223,7 @@ class Guest:
 
     def _block_the_way(self) -> None:
         for distance in BLOCKED:
-            with contextlib.suppress(StageError):  # somebody stands there: somewhere else then
+            with contextlib.suppress(PlayError):  # somebody stands there: somewhere else then
                 self._stage.move_furniture(CHAIR_NAME, self._places.on_the_way(self.table, "bar", distance))
                 return
 
@@ -263,7 +263,7 @@ class Guest:
             thing = stage.in_the_way(name)
             if thing is not None:
                 found.append(thing)
-                with contextlib.suppress(StageError):
+                with contextlib.suppress(PlayError):
                     walk = begin()
         return True
 

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from merlin_guests.guest import BLOCKED
+from merlin_guests.places import BODY, FROM_ROBOT, ROBOT_RADIUS, THING, Places, shortened
+from merlin_guests.schedule import TABLES
 from merlin_reactive.navigation.path_planner import PathPlanner
-from merlin_restaurant.players.guest import BLOCKED
-from merlin_restaurant.players.places import BODY, FROM_ROBOT, ROBOT_RADIUS, THING, Places, shortened
-from merlin_restaurant.players.schedule import TABLES
 from merlin_sim.world.survey import map_of
 from merlin_sim.world.world_file import find_world, load_world
 from merlin_sim.world.world_model import Person

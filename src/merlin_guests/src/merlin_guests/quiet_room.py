@@ -4,7 +4,7 @@ QUIET = 6.0  # s that nobody has spoken
 ANSWER_DUE = 20.0  # s in which who was asked begins to answer
 
 
-class Silence:
+class QuietRoom:
     """What was heard last; times are s of simulated time."""
 
     def __init__(self) -> None:

@@ -10,14 +10,14 @@ import rospy
 from merlin_msgs.msg import GuestEvent
 from rospy.core import is_shutdown_requested
 
-from merlin_restaurant.players.barman import NAME as BARMAN
-from merlin_restaurant.players.barman import Barman
-from merlin_restaurant.players.guest import Guest
-from merlin_restaurant.players.house import BAR, House
-from merlin_restaurant.players.places import Places
-from merlin_restaurant.players.restaurant_world import restaurant_world
-from merlin_restaurant.players.schedule import DISTURBANCES, GuestPlan, ScheduleError, make_schedule
-from merlin_restaurant.players.stage import Closed, Stage, StageError
+from merlin_guests.barman import NAME as BARMAN
+from merlin_guests.barman import Barman
+from merlin_guests.guest import Guest
+from merlin_guests.house import BAR, House
+from merlin_guests.places import Places
+from merlin_guests.restaurant_world import restaurant_world
+from merlin_guests.schedule import DISTURBANCES, GuestPlan, ScheduleError, make_schedule
+from merlin_guests.stage import Closed, PlayError, Stage
 from merlin_sim.world.world_file import WorldError
 from merlin_sim.world.world_model import World
 from merlin_sm.node import init_node
@@ -53,13 +53,13 @@ class Players:
         try:
             missing = self._stage.ready(STARTUP)
             if missing:
-                raise StageError(missing)
+                raise PlayError(missing)
             if not self._stage.heard_of(LISTENED):
                 rospy.logwarn(
                     f"players: nobody listens to restaurant/guests after {LISTENED:g} s; begins anyway"
                 )
             self._clear_the_room()
-        except (StageError, ServiceError) as error:
+        except (PlayError, ServiceError) as error:
             if is_shutdown_requested():
                 return 0
             rospy.logfatal(f"players: {error}")
@@ -86,7 +86,7 @@ class Players:
                 if is_shutdown_requested():
                     return  # who ends the evening takes services and topics away
                 self._failure = f"{name}: {error}"
-                why = error if isinstance(error, StageError) else traceback.format_exc()
+                why = error if isinstance(error, PlayError) else traceback.format_exc()
                 rospy.logfatal(f"players: {name} cannot go on: {why}")
                 self._stage.close()
 

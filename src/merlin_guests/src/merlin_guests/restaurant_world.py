@@ -2,11 +2,11 @@
 
 from typing import List
 
-from merlin_restaurant.players.barman import NAME as BARMAN
-from merlin_restaurant.players.guest import CHAIR_NAME
-from merlin_restaurant.players.house import BAR
-from merlin_restaurant.players.places import ENTRANCE_DOOR
-from merlin_restaurant.players.schedule import TABLES
+from merlin_guests.barman import NAME as BARMAN
+from merlin_guests.guest import CHAIR_NAME
+from merlin_guests.house import BAR
+from merlin_guests.places import ENTRANCE_DOOR
+from merlin_guests.schedule import TABLES
 from merlin_sim.world.world_file import WorldError, find_world, load_world
 from merlin_sim.world.world_model import World
 

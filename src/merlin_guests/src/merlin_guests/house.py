@@ -4,8 +4,8 @@ import itertools
 import threading
 from typing import Dict, List, Sequence
 
-from merlin_restaurant.players.places import Places, Point
-from merlin_restaurant.players.stage import Stage
+from merlin_guests.places import Places, Point
+from merlin_guests.stage import Stage
 
 BAR, TRAY = "bar_counter", "robot"
 EMPTIES = {

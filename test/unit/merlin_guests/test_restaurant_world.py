@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from merlin_restaurant.players.restaurant_world import restaurant_world
+from merlin_guests.restaurant_world import restaurant_world
 from merlin_sim.world.world_file import WorldError, find_world
 
 

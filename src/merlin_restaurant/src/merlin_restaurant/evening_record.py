@@ -1,4 +1,4 @@
-"""The books of an evening: what happened to each guest, what the robot did, and whether both agree."""
+"""The record of an evening: what happened to each guest, what the robot did, and whether both agree."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -61,7 +61,7 @@ class GuestAccount:
         return self.reason or "neither served nor gone"
 
 
-class Books:
+class EveningRecord:
     """Two independent accounts: of the guests (truth), and of the robot (what it believes)."""
 
     def __init__(self) -> None:

@@ -5,9 +5,9 @@ from typing import Any, Callable, Dict, List
 
 import pytest
 
-from merlin_restaurant.players import players_node
-from merlin_restaurant.players.players_node import Players
-from merlin_restaurant.players.stage import Closed
+from merlin_guests import players_node
+from merlin_guests.players_node import Players
+from merlin_guests.stage import Closed
 from merlin_sm.service_proxy import ServiceError
 
 LONG = 20.0
