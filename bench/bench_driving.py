@@ -15,11 +15,11 @@ from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
 from matrices.trial import Trial, TrialResult
 
+from merlin_experiment.oracle.motion_limits import MotionLimits
+from merlin_experiment.oracle.oracle import Oracle, OracleResult
+from merlin_experiment.oracle.outlines import outlines_of_world
+from merlin_experiment.oracle.shortest_path import ShortestPaths
 from merlin_home.mission_list import make_mission, mission_tasks
-from merlin_home.motion_limits import MotionLimits
-from merlin_home.oracle import Oracle, OracleResult
-from merlin_home.outlines import outlines_of_world
-from merlin_home.shortest_path import ShortestPaths
 from merlin_reactive.navigation.navigator import NavigationSettings
 from merlin_sim.world.world_file import find_world, load_world
 from merlin_sim.world.world_model import World

@@ -54,6 +54,23 @@ def test_a_short_mission_ends_as_listed_and_leaves_its_tables(tmp_path: Path) ->
     assert str(results / "runs.csv") in "\n".join(out)
 
 
+def test_the_plain_mission_that_newcomers_copy_ends_as_listed(tmp_path: Path) -> None:
+    code, out, err = end(start(tmp_path, "measure:=false", "tasks:=2", "seed:=1", "rtf:=4"))
+    assert code == 0, "\n".join(out + err)
+    assert not list(tmp_path.glob("results/*.csv"))
+
+
+@pytest.mark.parametrize(
+    ("word", "code", "text"),
+    [("points:=kitchen garage", 1, "garage"), ("marked_share:=0.3", 2, "is no whole number")],
+)
+def test_bad_input_of_the_plain_mission_is_one_line(tmp_path: Path, word: str, code: int, text: str) -> None:
+    ended, out, err = end(start(tmp_path, "measure:=false", "tasks:=2", word))
+    ours = [line for line in err if "mission" in line and text in line]
+    assert (ended, len(ours)) == (code, 1), "\n".join(out + err)
+    assert not any("Traceback" in line for line in err)
+
+
 def test_an_interrupted_mission_stops_and_keeps_what_it_has(tmp_path: Path) -> None:
     process = start(tmp_path, "tasks:=4", "rtf:=4")
     for line in process.stdout:

@@ -13,7 +13,7 @@ from smach_msgs.msg import SmachContainerStructure
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
-from merlin_home.ground_truth import receive_one
+from merlin_experiment.mission.ground_truth import receive_one
 from merlin_sm.knowledge_client import fact, knowledge_client
 
 START = 90.0

@@ -3,7 +3,7 @@
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
-from merlin_home.spoken_question import QUESTION
+from merlin_home.question import QUESTION
 
 LAUNCH = Path(__file__).resolve().parents[3] / "launch" / "include" / "home_robot.launch"
 

@@ -1,1 +1,1 @@
-"""The home missions and the experiment of the paper."""
+"""The home of the paper: its action, its task lists and its mission."""

@@ -25,7 +25,7 @@ class MissionListError(ValueError):
 
 
 @dataclass(frozen=True)
-class Task:
+class MissionTask:
     """One entry of a mission.
 
     Attributes:
@@ -50,7 +50,9 @@ def mission_tasks(mission: int) -> int:
     return MISSION_TASKS[mission]
 
 
-def make_mission(points: Sequence[str], tasks: int, seed: int, marked_share: float = 0.5) -> List[Task]:
+def make_mission(
+    points: Sequence[str], tasks: int, seed: int, marked_share: float = 0.5
+) -> List[MissionTask]:
     """Makes a mission.
 
     Parameters:
@@ -80,7 +82,7 @@ def make_mission(points: Sequence[str], tasks: int, seed: int, marked_share: flo
         candidates = [name for name in names if not visits or name != visits[-1]]
         visits.append(candidates[int(choose() * len(candidates))])
     chosen = set(_shuffled(tasks, f"marks {tasks} {seed}")[:marked])
-    return [Task(index + 1, poi, index in chosen) for index, poi in enumerate(visits)]
+    return [MissionTask(index + 1, poi, index in chosen) for index, poi in enumerate(visits)]
 
 
 def _shuffled(count: int, seed: str) -> List[int]:

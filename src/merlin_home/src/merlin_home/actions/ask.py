@@ -1,7 +1,7 @@
 """The action (ask ?p): ask whether a service is needed."""
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_home.spoken_question import QUESTION
+from merlin_home.question import QUESTION
 
 
 class Ask(MerlinActionSM):

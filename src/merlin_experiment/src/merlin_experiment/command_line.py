@@ -1,0 +1,102 @@
+"""The command `rosrun merlin_experiment experiment`, behind `make experiment`."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import List, Optional
+
+from merlin_experiment.report.publication import publish
+from merlin_experiment.report.report import write_report
+from merlin_experiment.runs.experiment_runner import (
+    ExperimentInterrupted,
+    ExperimentRunner,
+    raise_on_terminate,
+    say,
+)
+from merlin_experiment.runs.run_plan import (
+    APPROACHES,
+    DEFAULT_RUNS,
+    ExperimentRun,
+    check_runs,
+    main_runs,
+    sweep_runs,
+)
+from merlin_experiment.runs.run_table import collect, write_joined
+
+EXIT_FAILED_RUNS = 1
+EXIT_INTERRUPTED = 130
+STOPPED = "stopped; the same command goes on where this one ended"
+
+
+def parse(words: Optional[List[str]] = None) -> argparse.Namespace:
+    """Reads the command line."""
+    parser = argparse.ArgumentParser(
+        prog="experiment", description="The paper's experiment: runs what is not done yet, then reports."
+    )
+    parser.add_argument("--mission", type=int, choices=(1, 2, 3), help="only this one")
+    parser.add_argument("--approach", choices=APPROACHES, help="only this one")
+    parser.add_argument(
+        "--runs",
+        type=int,
+        nargs="+",
+        metavar="PAIRS",
+        help="of all missions, or of 1, 2 and 3 (default: 5 5 1)",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of the first pair")
+    parser.add_argument("--rtf", type=float, default=5.0, help="real-time factor while the robot moves")
+    parser.add_argument("--check", action="store_true", help="also runs at factor 1 throughout")
+    parser.add_argument("--sweeps", type=int, default=0, metavar="PAIRS", help="also the sensitivity sweeps")
+    parser.add_argument("--record", action="store_true", help="a bag of each run")
+    parser.add_argument("--results", type=Path, default=Path("results/experiment"))
+    parser.add_argument("--report-only", action="store_true", help="no runs: report on what there is")
+    parser.add_argument("--docs", type=Path, help="also copy report, figures and runs.csv into this folder")
+    arguments = parser.parse_args(words)
+    if arguments.runs is not None and (len(arguments.runs) not in (1, 3) or min(arguments.runs) < 1):
+        parser.error("--runs: give one number, or three (of Missions 1, 2 and 3), each 1 or more")
+    if not 0.0 <= arguments.rtf < float("inf"):
+        parser.error(f"--rtf {arguments.rtf}: give 0 (as fast as possible) or more")
+    return arguments
+
+
+def planned(arguments: argparse.Namespace) -> List[ExperimentRun]:
+    """The runs that a command line asks for."""
+    missions = [arguments.mission] if arguments.mission else sorted(DEFAULT_RUNS)
+    approaches = [arguments.approach] if arguments.approach else list(APPROACHES)
+    given = arguments.runs or [DEFAULT_RUNS[mission] for mission in (1, 2, 3)]
+    counts = dict(zip((1, 2, 3), given if len(given) == 3 else given * 3))
+    runs = main_runs(missions, approaches, counts, arguments.seed, arguments.rtf)
+    if arguments.check:
+        runs += check_runs(approaches, arguments.seed)
+    if arguments.sweeps:
+        runs += sweep_runs(approaches, arguments.sweeps, arguments.seed, arguments.rtf)
+    return runs
+
+
+def main() -> int:
+    """Entry point; returns the exit code."""
+    arguments = parse()
+    raise_on_terminate()
+    results = arguments.results.absolute()
+    runs = planned(arguments)
+    failed: List[ExperimentRun] = []
+    code = 0
+    try:
+        if not arguments.report_only:
+            failed = ExperimentRunner(results, arguments.record).run_all(runs)
+    except (ExperimentInterrupted, KeyboardInterrupt) as error:
+        print(f"experiment: {str(error) or STOPPED}", file=sys.stderr)
+        code = EXIT_INTERRUPTED
+    run_rows, task_rows = collect(results, runs)
+    if not run_rows:
+        print(f"experiment: no finished run below {results}", file=sys.stderr)
+        return code or EXIT_FAILED_RUNS
+    paths = write_joined(results, run_rows, task_rows)
+    command = " ".join(["rosrun merlin_experiment experiment", *sys.argv[1:]])
+    paths.append(write_report(results, runs, run_rows, task_rows, command))
+    if arguments.docs:
+        paths += publish(results, arguments.docs.absolute())
+    for path in paths:
+        say(f"written: {path}")
+    for run in failed:
+        say(f"failed: {run.name}")
+    return code or (EXIT_FAILED_RUNS if failed else 0)

@@ -1,0 +1,1 @@
+"""A mission of the home that is measured while it runs."""

@@ -1,0 +1,153 @@
+"""The robot of a mission as ROS shows it: the Executor, the knowledge base, the clock."""
+
+import threading
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+
+import rospy
+from merlin_msgs.msg import ExecutorStatus
+
+from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
+from merlin_executor.readiness import missing_interfaces
+from merlin_executor.resending import END
+from merlin_experiment.mission.measured_mission import MissionStopped
+from merlin_experiment.records.trajectory import Trajectory
+from merlin_sm.deadline import Deadline
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+
+IDLE_TIMEOUT = 30.0
+"""Running time within which the Executor is idle after it has answered, s."""
+
+
+class RequestEnding(NamedTuple):
+    """How a request ended."""
+
+    name: str
+    stage: str
+    reason: str
+    replans: int
+
+
+class _Request:
+    """A request to the Executor."""
+
+    def __init__(self, sent: ExecutorRequest) -> None:
+        self._sent = sent
+        self.id = sent.id
+
+    def cancel(self) -> None:
+        self._sent.cancel()
+
+    def wait(self) -> RequestEnding:
+        self._sent.wait()
+        result = self._sent.result
+        if result is None:
+            raise MissionStopped("interrupted")
+        return RequestEnding(outcome_name(result.outcome), result.stage, result.reason, result.replans)
+
+
+class ExecutorRobot(MerlinROSPlanAssistant):
+    """What a mission needs, over the Executor.
+
+    Attributes:
+        trajectory: where the robot was.
+        doing: what it does now, for people.
+    """
+
+    def __init__(self, trajectory: Trajectory, on_action: Callable[[str], None], on_lost: str = END) -> None:
+        """
+        Parameters:
+            trajectory: filled by somebody else.
+            on_action: called with its operator when an action was dispatched.
+            on_lost: END or RESEND, what happens to a task during which the Executor is lost.
+        """
+        self.trajectory = trajectory
+        self.doing = ""
+        self._on_action = on_action
+        self._changed = threading.Condition()  # guards the fields below
+        self._status: Optional[ExecutorStatus] = None
+        self._running: Dict[Tuple[int, int], Tuple[str, float]] = {}
+        self._actions: List[Tuple[str, float, float]] = []
+        self._client = MerlinExecutorClient(on_lost=on_lost)
+        self._subscriber = rospy.Subscriber(
+            "merlin/status", ExecutorStatus, self._receive, queue_size=20, tcp_nodelay=True
+        )
+
+    def wait_until_ready(self, timeout: float) -> None:
+        """Waits for the knowledge base, the Executor, and an action interface for every operator.
+
+        Parameters:
+            timeout: of each, s of running time.
+
+        Raises:
+            MissionStopped: one is not there.
+        """
+        if not self.knowledge.wait(timeout):
+            raise MissionStopped(f"no knowledge base {self.knowledge.name} after {timeout:.0f} s")
+        if not self._client.wait_for_executor(timeout):
+            raise MissionStopped(f"no Executor on merlin/execute after {timeout:.0f} s")
+        missing = missing_interfaces(self.knowledge, timeout)
+        if missing:
+            raise MissionStopped(f"no action interface for {', '.join(missing)} after {timeout:.0f} s")
+
+    def now(self) -> float:
+        """ROS time, s."""
+        return rospy.get_time()
+
+    def forget(self, poi: str) -> None:
+        """Makes a point of interest unchecked."""
+        self.remove_facts(f"(checked {poi})")
+
+    def send(self, poi: str) -> _Request:
+        """Sends the goal that a point of interest is checked."""
+        return _Request(self._client.send(f"(checked {poi})"))
+
+    def call_after(self, seconds: float, action: Callable[[], None]) -> Callable[[], None]:
+        """Calls a function after some ROS time, in a thread of its own; returns what prevents that."""
+        timer = rospy.Timer(rospy.Duration(seconds), lambda _: action(), oneshot=True)
+        return timer.shutdown
+
+    def wait_idle(self) -> None:
+        """Waits until the Executor says that it is idle.
+
+        Raises:
+            MissionStopped: it does not within IDLE_TIMEOUT.
+        """
+        with self._changed:
+            if not Deadline(IDLE_TIMEOUT).wait(self._changed, self._idle):
+                raise MissionStopped(f"the Executor is not idle {IDLE_TIMEOUT:.0f} s after its answer")
+
+    def action_times(self, since: float) -> List[Tuple[str, float, float]]:
+        """The actions that began since a time: operator, start, end (s of ROS time)."""
+        with self._changed:
+            return [entry for entry in self._actions if entry[1] >= since]
+
+    def _idle(self) -> bool:
+        return self._status is not None and self._status.state == ExecutorStatus.IDLE
+
+    def _receive(self, status: ExecutorStatus) -> None:
+        now = status.header.stamp.to_sec()
+        running = {
+            (action.plan_id, action.action_id): (action.name.lower(), action.dispatched.to_sec())
+            for action in status.running
+        }
+        with self._changed:
+            for key in set(self._running) - set(running):
+                operator, begun = self._running[key]
+                self._actions.append((operator, begun, now))
+            started = set(running) - set(self._running)
+            self._running = running
+            self._status = status
+            self.doing = _plain_words(status)
+            self._changed.notify_all()
+        for key in sorted(started):
+            self._on_action(running[key][0])
+
+
+def _plain_words(status: Any) -> str:
+    """What the Executor does, for people."""
+    if status.state == ExecutorStatus.CANCELLING:
+        return "stopping"
+    if status.running:
+        action = status.running[0]
+        return f"{action.name} {' '.join(entry.value for entry in action.parameters[-1:])}"
+    return status.stage.lower().replace("_", " ") if status.stage else "idle"

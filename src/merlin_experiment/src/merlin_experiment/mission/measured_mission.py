@@ -1,0 +1,210 @@
+"""The Goal Dispatcher of the home: sends the tasks of a mission one after the other, and keeps the times.
+
+Without ROS: what the mission needs of the robot is :class:`MissionRobot`.
+"""
+
+import threading
+from typing import Callable, List, Optional, Protocol, Sequence, Tuple
+
+from merlin_experiment.records.task_record import TaskRecord
+from merlin_experiment.records.trajectory import Trajectory
+from merlin_home.mission_list import MissionTask
+
+CLOCK_TICK = 0.05
+"""By how much the clocks of two nodes may differ in a simulation, s: they learn of the time by messages."""
+
+BRAKING = 1.0
+"""Time after the next task's first action in which a standstill still belongs to the task before, s."""
+
+
+class RequestOutcome(Protocol):
+    """How a request ended."""
+
+    name: str
+    """As in Execute.action: SUCCEEDED, CANCELLED, …"""
+    stage: str
+    reason: str
+    replans: int
+
+
+class SentRequest(Protocol):
+    """A request under way."""
+
+    def cancel(self) -> None:
+        """Asks for its end; returns at once."""
+
+    def wait(self) -> RequestOutcome:
+        """Waits until it has ended."""
+
+
+class MissionRobot(Protocol):
+    """What a mission needs."""
+
+    trajectory: Trajectory
+
+    def now(self) -> float:
+        """ROS time, s."""
+
+    def forget(self, poi: str) -> None:
+        """Makes a point of interest unchecked."""
+
+    def send(self, poi: str) -> SentRequest:
+        """Sends the goal that a point of interest is checked."""
+
+    def call_after(self, seconds: float, action: Callable[[], None]) -> Callable[[], None]:
+        """Calls a function after some ROS time in another thread; returns what prevents that."""
+
+    def wait_idle(self) -> None:
+        """Waits until the Executor takes the next request."""
+
+    def action_times(self, since: float) -> List[Tuple[str, float, float]]:
+        """The actions that began since a time: operator, start, end (s of ROS time)."""
+
+
+class MissionStopped(Exception):
+    """The mission cannot go on; the text says why."""
+
+
+class MeasuredMission:
+    """One run through a list of tasks.
+
+    Attributes:
+        records: of the tasks done so far, and of the one under way.
+        start: ROS time of the first goal, s; the times of the records count from it.
+    """
+
+    def __init__(
+        self,
+        tasks: Sequence[MissionTask],
+        robot: MissionRobot,
+        cancel_after: float,
+        before_cancel: Tuple[float, Callable[[], None]] = (0.0, lambda: None),
+        on_change: Callable[[TaskRecord], None] = lambda record: None,
+        wait_turn: Callable[[Callable[[], bool]], None] = lambda stopped: None,
+    ) -> None:
+        """
+        Parameters:
+            tasks: the list.
+            robot: what carries them out.
+            cancel_after: s of ROS time between sending and cancelling a marked task.
+            before_cancel: seconds before the cancel, and what to do then.
+            on_change: called when a task begins, is cancelled and has ended.
+            wait_turn: called before each task with what tells whether the mission was stopped; a paused
+                mission waits there.
+        """
+        self.records: List[TaskRecord] = []
+        self.start: Optional[float] = None
+        self._tasks = list(tasks)
+        self._robot = robot
+        self._cancel_after = cancel_after
+        self._before_cancel = before_cancel
+        self._on_change = on_change
+        self._wait_turn = wait_turn
+        self._lock = threading.Lock()  # guards _request and the cancel_sent of the record under way
+        self._request: Optional[SentRequest] = None
+        self._stopped = False
+
+    def run(self) -> List[TaskRecord]:
+        """Carries the tasks out; returns their records.
+
+        Raises:
+            MissionStopped: `stop` was called, or the robot is gone.
+        """
+        for task in self._tasks:
+            self._wait_turn(lambda: self._stopped)
+            if self._stopped:
+                raise MissionStopped("interrupted")
+            self._robot.forget(task.poi)
+            record = TaskRecord(task)
+            try:
+                self._carry_out(record)
+            except Exception:
+                if record in self.records:
+                    self.records.remove(record)  # half a task is no data
+                raise
+        return self.records
+
+    def stop(self) -> None:
+        """Cancels the task under way and sends no more; from any thread."""
+        with self._lock:
+            self._stopped = True
+            if self._request is not None:
+                self._request.cancel()
+
+    def _carry_out(self, record: TaskRecord) -> None:
+        robot, task = self._robot, record.task
+        here = robot.trajectory.last()
+        if here is not None:
+            record.start = [here.x, here.y, here.yaw]
+            record.motion = (here.speed, here.turn_rate)
+        sent = robot.now()
+        if self.start is None:
+            self.start = sent
+        record.sent = sent - self.start
+        self.records.append(record)
+        with self._lock:
+            if self._stopped:
+                raise MissionStopped("interrupted")
+            request = self._request = robot.send(task.poi)
+        self._on_change(record)
+        calls = []
+        if task.marked:
+            ahead, prepare = self._before_cancel
+            if 0.0 < ahead < self._cancel_after:
+                calls.append(robot.call_after(self._cancel_after - ahead, prepare))
+            calls.append(robot.call_after(self._cancel_after, lambda: self._cancel(record, request)))
+        try:
+            outcome = request.wait()
+        finally:
+            with self._lock:
+                self._request = None
+            for prevent in calls:
+                prevent()
+        if self._stopped:
+            raise MissionStopped("interrupted")
+        robot.wait_idle()
+        record.idle = robot.now() - self.start
+        record.outcome, record.stage = outcome.name, outcome.stage
+        record.reason, record.replans = outcome.reason, outcome.replans
+        self._measure(record)
+        self._on_change(record)
+
+    def _cancel(self, record: TaskRecord, request: SentRequest) -> None:
+        assert self.start is not None
+        with self._lock:
+            if self._request is not request:
+                return  # it ended in this very moment
+            record.cancel_sent = self._robot.now() - self.start
+            request.cancel()
+        self._on_change(record)
+
+    def _measure(self, record: TaskRecord) -> None:
+        assert self.start is not None
+        start, track = self.start, self._robot.trajectory
+        sent, idle = start + record.sent, start + record.idle
+        record.distance = track.distance(sent, idle)
+        actions = self._robot.action_times(sent - CLOCK_TICK)
+        if actions:
+            record.first_dispatch = max(sent, min(begin for _, begin, _ in actions)) - start
+        for operator, begin, end in actions:
+            span = max(0.0, min(end, idle) - max(begin, sent))
+            if operator == "navigate":
+                record.navigating += span
+            elif operator == "ask":
+                record.speaking += span
+
+    def measure_stops(self) -> None:
+        """Fills in when the robot stood still; call it when the last stop is in the trajectory.
+
+        A robot that is sent on before it stands has no such moment.
+        """
+        for index, record in enumerate(self.records):
+            assert self.start is not None
+            since = record.idle if record.cancel_sent is None else record.cancel_sent
+            until = float("inf")
+            if index + 1 < len(self.records):
+                following = self.records[index + 1]
+                until = (following.first_dispatch or following.idle) + BRAKING
+            stopped = self._robot.trajectory.standstill_after(self.start + since)
+            if stopped is not None and stopped - self.start <= until:
+                record.robot_stopped = stopped - self.start

@@ -1,0 +1,1 @@
+"""The best that a robot could do: the yardstick of the experiment."""

@@ -1,0 +1,1 @@
+"""What is known about a run: records of its tasks, the true trajectory, and the files of both."""

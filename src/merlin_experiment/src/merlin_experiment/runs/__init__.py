@@ -1,0 +1,1 @@
+"""Which runs the experiment is made of, how they are carried out, and the tables they leave."""

@@ -1,0 +1,124 @@
+"""Which runs the experiment is made of."""
+
+from dataclasses import dataclass
+from typing import Dict, Iterable, List, Sequence, Tuple
+
+from merlin_home.mission_list import mission_tasks
+
+APPROACHES = ("naive", "merlin")
+DEFAULT_RUNS = {1: 5, 2: 5, 3: 1}
+"""Pairs of runs of each mission, as in the paper."""
+CANCEL_TIMES = (1.0, 2.0, 5.0, 8.0, 10.0, 12.0, 15.0, 20.0)
+"""Of the sensitivity to `cancel_after`, s."""
+SHARES = (0.0, 1 / 6, 1 / 3, 1 / 2, 2 / 3, 5 / 6, 1.0)
+"""Of the sensitivity to the share of cancelled tasks; Mission 1 has six."""
+CHECK_PAIRS = {1: 3, 2: 1}
+"""Pairs at factor 1 throughout, which check the adaptive factor."""
+AT_ONCE, WHILE_PLANNING = 0.001, 0.03
+"""Cancel times of two more arms, s: before the Executor has begun, and before it dispatches."""
+
+KILLED_IN = 2
+"""Task in which navigation is killed, in the arm that does so."""
+
+
+@dataclass(frozen=True)
+class ExperimentRun:
+    """One run.
+
+    Attributes:
+        set: what it is for: main, check, cancel_after, share, or an arm's name.
+        mission: 1, 2 or 3.
+        approach: naive or merlin.
+        seed: of the list; the pair has the same.
+        factor: real-time factor.
+        policy: of the factor.
+        cancel_after: s of ROS time.
+        share: of the tasks that are cancelled.
+        killed_in: task in which navigation is killed; 0: none.
+    """
+
+    set: str
+    mission: int
+    approach: str
+    seed: int
+    factor: float
+    policy: str = "adaptive"
+    cancel_after: float = 10.0
+    share: float = 0.5
+    killed_in: int = 0
+
+    @property
+    def tasks(self) -> int:
+        """Number of tasks."""
+        return mission_tasks(self.mission)
+
+    @property
+    def name(self) -> str:
+        """Unique among all runs; the name of its folder."""
+        return (
+            f"m{self.mission}_{self.approach}_seed{self.seed}_cancel{self.cancel_after:g}"
+            f"_share{round(self.share * self.tasks)}of{self.tasks}_rtf{self.factor:g}_{self.policy}"
+            + (f"_killed{self.killed_in}" if self.killed_in else "")
+        )
+
+    def words(self) -> List[str]:
+        """Arguments of the launch file."""
+        values = {
+            "mission": self.mission,
+            "approach": self.approach,
+            "seed": self.seed,
+            "rtf": self.factor,
+            "rtf_policy": self.policy,
+            "cancel_after": self.cancel_after,
+            "marked_share": repr(self.share),
+            "kill_navigation": self.killed_in,
+        }
+        return [f"{name}:={value}" for name, value in values.items()]
+
+
+def main_runs(
+    missions: Iterable[int], approaches: Sequence[str], runs: Dict[int, int], seed: int, factor: float
+) -> List[ExperimentRun]:
+    """The runs of the paper's Table 1; pairs stand together, so that a part of it has whole pairs.
+
+    Parameters:
+        missions: 1, 2, 3.
+        approaches: naive, merlin.
+        runs: pairs of each mission.
+        seed: of the first pair; the others count on from it.
+        factor: real-time factor.
+    """
+    return [
+        ExperimentRun("main", mission, approach, seed + index, factor)
+        for mission in missions
+        for index in range(runs[mission])
+        for approach in approaches
+    ]
+
+
+def check_runs(approaches: Sequence[str], seed: int) -> List[ExperimentRun]:
+    """The first lists again at factor 1 throughout."""
+    return [
+        ExperimentRun("check", mission, approach, seed + index, 1.0, "constant")
+        for mission, pairs in CHECK_PAIRS.items()
+        for index in range(pairs)
+        for approach in approaches
+    ]
+
+
+def sweep_runs(approaches: Sequence[str], pairs: int, seed: int, factor: float) -> List[ExperimentRun]:
+    """Mission 1 with other cancel times and shares, very early cancels, and a navigation that dies."""
+    variants: List[Tuple[str, float, float]] = [("cancel_after", time, 0.5) for time in CANCEL_TIMES]
+    variants += [("share", 10.0, share) for share in SHARES]
+    variants += [("at_once", AT_ONCE, 0.5), ("while_planning", WHILE_PLANNING, 0.5)]
+    runs = [
+        ExperimentRun(name, 1, approach, seed + index, factor, cancel_after=time, share=share)
+        for name, time, share in variants
+        for index in range(pairs)
+        for approach in approaches
+    ]
+    return runs + [
+        ExperimentRun("navigation_killed", 1, approach, seed + index, factor, killed_in=KILLED_IN)
+        for index in range(pairs)
+        for approach in approaches
+    ]

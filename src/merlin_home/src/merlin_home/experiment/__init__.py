@@ -1,1 +1,0 @@
-"""The paper's experiment: which runs, their statistics, the report."""

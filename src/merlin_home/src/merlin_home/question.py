@@ -1,0 +1,4 @@
+"""The question of the action `ask`."""
+
+QUESTION = "Hello. I came to ask if you need something. Is there anything I can do?"
+"""Always the same, so that its length (about 5 s) adds no spread to the results."""
