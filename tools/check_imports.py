@@ -1,0 +1,194 @@
+"""Checks the map of docs/architecture.md: which package and which sub-package may import which.
+
+Checked are all packages below src: imports between packages and between the sub-packages of one, that
+each manifest names every imported package, and how many modules a folder holds. Ends non-zero at any finding.
+"""
+
+import ast
+import re
+import sys
+from pathlib import Path
+from typing import Dict, Iterator, List, NamedTuple, Set, Tuple
+
+SRC = Path(__file__).resolve().parent.parent / "src"
+
+#: Most modules in one folder.
+MOST_MODULES = 15
+
+#: Package → the packages of MERLIN that it may import.
+MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
+    "merlin_sm": ("merlin_msgs",),
+    "merlin_guard": ("merlin_msgs", "merlin_sm"),
+    "merlin_actions": ("merlin_msgs", "merlin_sm"),
+    "merlin_executor": ("merlin_msgs", "merlin_sm"),
+    "merlin_rosplan": ("merlin_msgs", "merlin_sm", "merlin_actions"),
+    "merlin_reactive": ("merlin_msgs", "merlin_sm"),
+    "merlin_sim": ("merlin_msgs", "merlin_sm", "merlin_reactive"),
+    "merlin_monitor": ("merlin_msgs", "merlin_sm", "merlin_executor"),
+    "merlin_home": ("merlin_msgs", "merlin_sm", "merlin_actions", "merlin_executor"),
+    "merlin_restaurant": ("merlin_msgs", "merlin_sm", "merlin_actions", "merlin_executor"),
+    "merlin_guests": ("merlin_msgs", "merlin_sm", "merlin_reactive", "merlin_sim", "merlin_restaurant"),
+    "merlin_experiment": (
+        "merlin_msgs",
+        "merlin_sm",
+        "merlin_reactive",
+        "merlin_sim",
+        "merlin_executor",
+        "merlin_home",
+    ),
+    "merlin": (),
+    # The underlay's nodes of these names are those of merlin_rosplan.
+    "rosplan_knowledge_base": ("merlin_sm", "merlin_rosplan"),
+    "rosplan_planning_system": ("merlin_sm", "merlin_rosplan"),
+}
+
+#: Package → its sub-packages, lowest first; those of one text do not import each other; "." is the modules
+#: beside them. A package that is missing here has no sub-packages yet.
+LAYERS: Dict[str, Tuple[str, ...]] = {
+    "merlin_reactive": (".", "localization navigation speech listening recognition"),
+    "merlin_sim": ("world", "robot people", "engine", "node"),
+    "merlin_monitor": ("text drawing", "state", "listeners", "web terminal"),
+    "merlin_home": (".", "actions"),
+    "merlin_restaurant": (".", "actions"),
+    "merlin_experiment": ("records oracle", "mission runs", "report", "."),
+}
+
+#: Packages whose folders may hold more: to be sorted yet, or as SMACH has it.
+MAY_BE_FULL = ("merlin_sm", "merlin_actions", "merlin_executor", "merlin_rosplan", "smach")
+
+#: Imported name → what a manifest calls it.
+KEYS = {
+    "aiohttp": "python3-aiohttp",
+    "cv2": "python3-opencv",
+    "jsonschema": "python3-jsonschema",
+    "matplotlib": "python3-matplotlib",
+    "numpy": "python3-numpy",
+    "rospkg": "python3-rospkg",
+    "scipy": "python3-scipy",
+    "yaml": "python3-yaml",
+}
+#: Comes from requirements.txt: rosdep has no key for it.
+FROM_PIP = {"kairos", "pocketsphinx", "pyastar2d", "pybullet", "pybullet_utils", "rdflib"}
+
+
+class Import(NamedTuple):
+    """One import: the module that is imported, and where."""
+
+    module: str
+    file: Path
+    line: int
+
+    @property
+    def package(self) -> str:
+        """The package of the module."""
+        return self.module.split(".")[0]
+
+    def finding(self, text: str) -> str:
+        """A line about it."""
+        return f"{self.file.relative_to(SRC.parent)}:{self.line}: imports {self.module}; {text}"
+
+
+def packages() -> List[Path]:
+    """The folders of all packages below src."""
+    return sorted(path.parent for path in SRC.glob("**/package.xml") if path.parent.name != "merlin_test")
+
+
+def imports_of(package: Path) -> Iterator[Import]:
+    """What the modules and scripts of a package import, inside functions too."""
+    scripts = [path for path in package.glob("scripts/*") if path.is_file()]
+    for path in sorted([*package.glob("src/**/*.py"), *scripts]):
+        text = path.read_text(encoding="utf-8")
+        if path.suffix != ".py" and not text.startswith("#!/usr/bin/env python3"):
+            continue
+        for node in ast.walk(ast.parse(text, str(path))):
+            if isinstance(node, ast.Import):
+                yield from (Import(alias.name, path, node.lineno) for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                module = _absolute(node, package, path)
+                # What is imported may be a sub-package or a module of it: then that is what counts.
+                parts = [f"{module}.{alias.name}" for alias in node.names]
+                yield from (
+                    Import(part if _exists(package, part) else module, path, node.lineno) for part in parts
+                )
+
+
+def _absolute(node: ast.ImportFrom, package: Path, path: Path) -> str:
+    module = node.module or ""
+    if not node.level:
+        return module
+    above = path.relative_to(package / "src").parts[: -node.level]
+    return ".".join([*above, *([module] if module else [])])
+
+
+def _exists(package: Path, module: str) -> bool:
+    path = package.parent / module.split(".")[0] / "src" / Path(*module.split("."))
+    return path.is_dir() or path.with_suffix(".py").is_file()
+
+
+def wrong_package(package: str, found: Import) -> Iterator[str]:
+    """An import of a package of MERLIN that is not below the importing one."""
+    allowed = MAY_IMPORT.get(package, ())
+    if re.match(r"merlin(_|\Z)", found.package) and found.package not in (package, *allowed):
+        yield found.finding(f"{package} may import {', '.join(allowed) or 'no package of MERLIN'}")
+
+
+def wrong_layer(package: str, root: Path, found: Import) -> Iterator[str]:
+    """An import of a sub-package that is not below the importing one."""
+    layers = {room: level for level, rooms in enumerate(LAYERS.get(package, ())) for room in rooms.split()}
+    if not layers or found.package != package or "src" not in found.file.relative_to(root).parts:
+        return
+    room, target = _room(root, found.file), _room_of(root, found.module)
+    for name in (room, target):
+        if name not in layers:
+            yield found.finding(f"{package}/{name} has no layer yet; give it one in {Path(__file__).name}")
+            return
+    if target != room and layers[target] >= layers[room]:
+        yield found.finding(f"{package}/{target} is not below {package}/{room}")
+
+
+def _room(root: Path, file: Path) -> str:
+    parts = file.relative_to(root / "src").parts
+    return parts[1] if len(parts) > 2 else "."
+
+
+def _room_of(root: Path, module: str) -> str:
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 and (root / "src" / parts[0] / parts[1]).is_dir() else "."
+
+
+def missing_in_manifest(root: Path, imports: List[Import]) -> Iterator[str]:
+    """Imported packages that the manifest does not name."""
+    manifest = (root / "package.xml").read_text(encoding="utf-8")
+    named = set(re.findall(r"<(?:exec_|run_)?depend[^>]*>([^<]+)<", manifest)) | {root.name} | FROM_PIP
+    told: Set[str] = set()
+    for found in imports:
+        name = found.package
+        if name in sys.stdlib_module_names or KEYS.get(name, name) in named or name in told:
+            continue
+        told.add(name)
+        yield found.finding(f"{root.name}/package.xml does not name {KEYS.get(name, name)}")
+
+
+def full_folders(root: Path) -> Iterator[str]:
+    """Folders that hold more modules than a reader can keep in mind."""
+    for folder in sorted({path.parent for path in root.glob("src/**/*.py")}):
+        count = sum(path.name != "__init__.py" for path in folder.glob("*.py"))
+        if count > MOST_MODULES and root.name not in MAY_BE_FULL:
+            yield f"{folder.relative_to(SRC.parent)}: {count} modules; {MOST_MODULES} is the most"
+
+
+def main() -> int:
+    """Prints what is wrong; returns the exit code."""
+    findings: List[str] = []
+    for root in packages():
+        imports = list(imports_of(root))
+        for found in imports:
+            findings += [*wrong_package(root.name, found), *wrong_layer(root.name, root, found)]
+        findings += [*missing_in_manifest(root, imports), *full_folders(root)]
+    for finding in dict.fromkeys(findings):
+        print(finding, file=sys.stderr)
+    return 1 if findings else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
