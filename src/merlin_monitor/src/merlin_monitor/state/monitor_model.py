@@ -15,7 +15,7 @@ from merlin_monitor.state.knowledge_section import KnowledgeSection
 from merlin_monitor.state.machine_section import MachineSection
 from merlin_monitor.state.map_section import MapSection
 from merlin_monitor.state.now_section import NowSection
-from merlin_monitor.state.plan_order import Edges, PlanStep
+from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
 
@@ -84,7 +84,7 @@ class MonitorModel:
         if self.history is not None:
             self.history.add(event)
 
-    def planned(self, steps: List[PlanStep], edges: Edges, at: float) -> None:
+    def planned(self, steps: List[ShownStep], edges: Edges, at: float) -> None:
         """Takes a new plan and has it drawn."""
         self.plan.planned(steps, edges, at)
         self.now.refresh()

@@ -7,7 +7,7 @@ from merlin_monitor.text.fact_text import atom_text
 ACTION_START, ACTION_END, PLAN_START = 0, 1, 2
 
 
-class PlanStep(NamedTuple):
+class ShownStep(NamedTuple):
     """An action of a plan; times in s from the plan's start."""
 
     id: int
@@ -25,13 +25,13 @@ class PlanStep(NamedTuple):
 Edges = List[Tuple[int, int]]
 
 
-def sequential_steps(message: Any) -> Tuple[List[PlanStep], Edges]:
+def sequential_steps(message: Any) -> Tuple[List[ShownStep], Edges]:
     """Of a message with the fields of rosplan_dispatch_msgs/CompletePlan: one after the other."""
     steps = [_step(action) for action in message.plan]
     return steps, [(before.id, after.id) for before, after in zip(steps, steps[1:])]
 
 
-def graph_steps(message: Any) -> Tuple[List[PlanStep], Edges]:
+def graph_steps(message: Any) -> Tuple[List[ShownStep], Edges]:
     """Of a message with the fields of rosplan_dispatch_msgs/EsterelPlan; edges that others imply left out."""
     steps = {
         node.action.action_id: _step(node.action) for node in message.nodes if node.node_type == ACTION_START
@@ -48,9 +48,9 @@ def graph_steps(message: Any) -> Tuple[List[PlanStep], Edges]:
     return ordered, _without_implied(after)
 
 
-def _step(action: Any) -> PlanStep:
+def _step(action: Any) -> ShownStep:
     parameters = [(parameter.key, parameter.value) for parameter in action.parameters]
-    return PlanStep(action.action_id, action.name, parameters, action.dispatch_time, action.duration)
+    return ShownStep(action.action_id, action.name, parameters, action.dispatch_time, action.duration)
 
 
 def _without_implied(after: Dict[int, Set[int]]) -> Edges:

@@ -3,7 +3,7 @@
 from typing import Any, Dict, List, Optional, Tuple
 
 from merlin_monitor.state.events import Event, Tell
-from merlin_monitor.state.plan_order import Edges, PlanStep
+from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
 from merlin_monitor.text.plain_value import plain_text
@@ -63,7 +63,7 @@ class PlanSection:
         """How many steps the plan has."""
         return len(self._steps)
 
-    def planned(self, steps: List[PlanStep], edges: Edges, at: float) -> None:
+    def planned(self, steps: List[ShownStep], edges: Edges, at: float) -> None:
         """Takes a new plan."""
         late = not self._plans and self._status is not None and self._status.state
         self._plans += 1

@@ -1,0 +1,86 @@
+"""The check of imports finds what the architecture forbids, and nothing else."""
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+TOOL = Path(__file__).resolve().parents[2] / "tools" / "check_imports.py"
+
+
+@pytest.fixture
+def tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("check_imports", TOOL)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "SRC", tmp_path / "src")
+    return module
+
+
+def write(tmp_path: Path, package: str, module: str, text: str, *depends: str) -> None:
+    root = tmp_path / "src" / package
+    path = root / "src" / package / f"{module}.py"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    (root / "package.xml").write_text("".join(f"<exec_depend>{name}</exec_depend>" for name in depends))
+
+
+def test_allowed_imports_pass(tool: ModuleType, tmp_path: Path) -> None:
+    write(
+        tmp_path,
+        "merlin_sim",
+        "node/pacer",
+        "import math\nfrom merlin_sim.world import survey\n",
+        "merlin_sm",
+    )
+    write(tmp_path, "merlin_sim", "world/survey", "import merlin_sm.node\nimport pybullet\n", "merlin_sm")
+    assert tool.main() == 0
+
+
+@pytest.mark.parametrize(
+    ("package", "module", "text", "finding"),
+    [
+        ("merlin_home", "question", "import merlin_sim.node\n", "merlin_home may import merlin_msgs, "),
+        ("merlin_home", "question", "def f():\n    from merlin_sim import node\n", "question.py:2: imports"),
+        ("merlin", "runner", "import merlin_sm\n", "merlin may import no package of MERLIN"),
+        (
+            "merlin_sim",
+            "world/survey",
+            "from merlin_sim.node import pacer\n",
+            "node is not below merlin_sim/w",
+        ),
+        ("merlin_sim", "world/survey", "from ..node import pacer\n", "node is not below merlin_sim/world"),
+        (
+            "merlin_sim",
+            "robot/lidar",
+            "from merlin_sim.people import x\n",
+            "people is not below merlin_sim/r",
+        ),
+        ("merlin_sim", "cellar/x", "from merlin_sim.world import y\n", "merlin_sim/cellar has no layer yet"),
+        ("merlin_sm", "node", "import numpy\n", "merlin_sm/package.xml does not name python3-numpy"),
+    ],
+)
+def test_what_is_forbidden_is_named(
+    tool: ModuleType,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture,
+    package: str,
+    module: str,
+    text: str,
+    finding: str,
+) -> None:
+    for room in ("world", "people", "node"):
+        write(tmp_path, "merlin_sim", f"{room}/__init__", "")
+    write(tmp_path, package, module, text, "merlin_sm", "merlin_sim")
+    assert tool.main() == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert finding in line
+
+
+def test_a_full_folder_is_named(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    for number in range(tool.MOST_MODULES + 1):
+        write(tmp_path, "merlin_guests", f"module_{number}", "")
+    assert tool.main() == 1
+    assert f"{tool.MOST_MODULES + 1} modules" in capsys.readouterr().err
