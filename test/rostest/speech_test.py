@@ -17,6 +17,7 @@ from merlin_sm.action_client import ActionClient
 from merlin_sm.service_proxy import ServiceProxy
 
 LONG = 60.0  # s of wall time
+CLOCK_LAG = 0.05  # s of ROS time by which this process may know an older /clock than the node
 SENTENCE = "Good morning. Do you need anything from the kitchen or from anywhere else?"
 
 
@@ -75,7 +76,7 @@ class Speech(unittest.TestCase):
         took = rospy.get_time() - began
         self.assertEqual(goal.status, GoalStatus.SUCCEEDED)
         self.assertAlmostEqual(goal.result.stamp.to_sec(), length, delta=0.01)
-        self.assertGreaterEqual(took, length)
+        self.assertGreaterEqual(took, length - CLOCK_LAG)
         self.wait(lambda: self.bytes - heard >= 2 * round(length * self.info.sample_rate))
         self.wait(lambda: self.speaking is False)
 
