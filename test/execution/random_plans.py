@@ -1,7 +1,7 @@
 """Random domains, and random plans that are valid in them."""
 
 import random
-from typing import List, NamedTuple, Set, Tuple
+from typing import List, NamedTuple, Tuple
 
 from pddl21 import Model
 from semantics import validate
@@ -104,21 +104,12 @@ def _operator(rng: random.Random, number: int) -> Tuple[bool, str]:
     when = ["at start", "at start", "over all", "at end"]
     needs = [(rng.choice(when), each) for each in conditions]
     brings = [(rng.choice(["at start", "at end"]), each) for each in effects]
-    # Interfaces apply the end effects before they report the end: what an action itself changes then, a
-    # dispatcher cannot see as a condition of its end (docs/dispatch.md).
-    own = {name for time, each in brings if time == "at end" for name in _names(each)}
-    needs = [("at start" if time == "at end" and own & _names(each) else time, each) for time, each in needs]
     timed_conditions = " ".join(f"({time} {each})" for time, each in needs)
     timed_effects = " ".join(f"({time} {each})" for time, each in brings)
     return True, (
         f"(:durative-action a{number} :parameters () :duration DURATION "
         f":condition (and {timed_conditions}) :effect (and {timed_effects}))"
     )
-
-
-def _names(text: str) -> Set[str]:
-    """The predicates and functions that a condition or an effect names."""
-    return {name for name in (*FACTS, *NUMBERS) if f"({name})" in text}
 
 
 def _condition(rng: random.Random) -> str:

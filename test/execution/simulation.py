@@ -9,7 +9,7 @@ import queue
 import random
 from typing import Any, Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set, Tuple
 
-from pddl21 import Ground, Model, State
+from pddl21 import Ground, Model, State, Tree
 from semantics import Event
 
 from merlin_rosplan.dispatch import Dispatch
@@ -153,7 +153,8 @@ class _Stored(KnowledgeState):
 class World(Outside):
     """:param durations: s that each action lasts, by number.
     :param latency: s, at most, that anything takes to arrive.
-    :param lists: whether the knowledge base tells which actions have begun, as ours does.
+    :param lists: whether the knowledge base tells which actions have begun, and refuses an end without its
+        conditions, as ours does.
     """
 
     def __init__(
@@ -221,8 +222,8 @@ class World(Outside):
         if names or self._lists:
             self._soon(lambda: self.queue.put(KnowledgeChanged(frozenset(names))))
 
-    def _answer(self, number: int, status: FeedbackStatus) -> None:
-        self.queue.put(Feedback(number, int(status), PLAN_ID))
+    def _answer(self, number: int, status: FeedbackStatus, reason: str = "") -> None:
+        self.queue.put(Feedback(number, int(status), PLAN_ID, reason))
 
     def _begin(self, number: int) -> None:
         if self._cancelled.get(number):
@@ -243,9 +244,18 @@ class World(Outside):
             return
         self._cancelled[number] = True  # a cancel comes too late
         action = self._plan.actions[number]
+        if action.durative and self._lists and not self._holds(action.conditions["end"]):
+            self._answer_soon(number, FeedbackStatus.FAILED, "at its end")
+            return
         self.events.append(Event(self.time, "end", number))
         self._apply(action.effects["end" if action.durative else "start"])
-        self._soon(lambda: self._answer(number, FeedbackStatus.SUCCEEDED), self._latency + self.time)
+        self._answer_soon(number, FeedbackStatus.SUCCEEDED)
+
+    def _holds(self, conditions: Sequence[Tree]) -> bool:
+        return all(self._plan.model.holds(condition, self.state) for condition in conditions)
+
+    def _answer_soon(self, number: int, status: FeedbackStatus, reason: str = "") -> None:
+        self._soon(lambda: self._answer(number, status, reason), self._latency + self.time)
 
     # --- what the dispatch asks -----------------------------------------------------------------
 

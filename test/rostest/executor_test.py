@@ -7,7 +7,7 @@ import unittest
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import Twist
-from merlin_msgs.msg import ExecutorStatus
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus, KnowledgeChanges
 from move_base_msgs.msg import MoveBaseActionGoal
 
 import rostest
@@ -49,6 +49,11 @@ class Watch:
             return len(self.messages)
 
 
+def checked(items):
+    """The points of interest that are checked, of changed facts."""
+    return [item.values[0].value for item in items if item.attribute_name == "checked"]
+
+
 class Executor(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -56,6 +61,8 @@ class Executor(unittest.TestCase):
         cls.knowledge = MerlinROSPlanAssistant()
         cls.status = Watch("merlin/status", ExecutorStatus)
         cls.velocity = Watch("cmd_vel", Twist)
+        cls.changes = Watch("rosplan_knowledge_base/changes", KnowledgeChanges)
+        cls.dispatches = Watch("rosplan_plan_dispatcher/dispatch_status", DispatchStatus)
         cls.drives = Watch("move_base/goal", MoveBaseActionGoal)
         assert cls.client.wait_for_executor(LONG)
         cls.given = cls.knowledge.goals()
@@ -167,6 +174,20 @@ class Executor(unittest.TestCase):
         self.assertIn("navigate", result.action)
         self.assertIn("2 times for the same reason", result.reason)
         self.assertGreater(result.replans, 0)
+
+    def test_a_goal_that_was_undone_meanwhile_is_planned_again(self):
+        first = self.changes.mark()
+        request = self.client.send(["(checked kitchen)", "(checked main_door)"])
+        change = self.changes.wait(lambda change: checked(change.added), first)
+        undone = f"(checked {checked(change.added)[0]})"
+        ended = self.dispatches.mark()
+        self.knowledge.remove_facts(undone)
+        told = self.dispatches.wait(lambda status: status.state == DispatchStatus.IDLE, ended)
+        self.assertEqual((told.unmet_goals, told.failed_action), ([undone], ""), told)
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "SUCCEEDED")
+        self.assertEqual(request.result.replans, 1)
+        self.assertTrue(self.knowledge.holds(undone))
 
     def test_a_cancel_reaches_a_request_that_waits_before_it_is_planned_again(self):
         self.unreachable_dorm_room()

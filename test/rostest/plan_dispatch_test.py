@@ -77,7 +77,8 @@ class Dispatching(Expressions):
             (last.action_id, last.plan_id, last.parameters, last.duration),
         )
         self.assertEqual([(p.key, p.value) for p in last.parameters], [("r", "ann"), ("x", "seat")])
-        self.assertEqual(self.last_status().reason, "")
+        status = self.last_status()
+        self.assertEqual((status.reason, status.goal_achieved, status.unmet_goals), ("", True, []))
         # whoever subscribes now gets the tombstone and nothing to execute
         late = Interfaces.__new__(Interfaces)
         late.changed, late.dispatched, late.answers = threading.Condition(), [], {}
@@ -90,7 +91,9 @@ class Dispatching(Expressions):
         self.give("0.0: (paint ann leg) [5.0]")
         answer = self.dispatch()  # the interfaces of this test apply no effects
         self.assertTrue(answer.success and not answer.goal_achieved)
-        self.assertIn("(painted leg)", self.last_status().reason)
+        status = self.last_status()
+        self.assertIn("(painted leg)", status.reason)
+        self.assertEqual((status.goal_achieved, status.unmet_goals), (False, ["(painted leg)"]))
 
     def test_the_action_server_dispatches_too(self):
         self.give("0.0: (paint ann leg) [5.0]")

@@ -25,7 +25,12 @@ DOMAIN = parse_domain(
                    (when (at start (hurried ?r)) (at end (dirty ?to)))))
     (:durative-action charge :parameters (?r - robot)
       :duration (<= ?duration 100)
-      :effect (increase (battery ?r) (* #t 0.5))))"""
+      :effect (increase (battery ?r) (* #t 0.5)))
+    (:durative-action fill :parameters (?r - robot ?p - place)
+      :duration (<= ?duration 100)
+      :condition (and (at end (clean ?p)) (at end (>= (battery ?r) 54)) (preference soft (at end (dirty ?p))))
+      :effect (and (increase (battery ?r) (* #t 0.5)) (at end (not (clean ?p))) (at end (dirty ?p))
+                   (at end (assign (trips) (battery ?r))))))"""
 )
 DRIVE = {"r": "r1", "from": "base", "to": "hall"}
 
@@ -121,6 +126,35 @@ def test_continuous_effect_follows_the_time_that_passed(store, clock):
     clock.now = 8_000_000_000
     apply(store, "end", "charge", {"r": "r1"})
     assert value(store, "battery") == 54
+
+
+FILL = {"r": "r1", "p": "hall"}
+
+
+def test_an_end_without_its_conditions_is_refused_although_its_effects_change_them(store, clock):
+    apply(store, "start", "fill", FILL)
+    clock.now = 8_000_000_000
+    version = store.version
+    with pytest.raises(KnowledgeError, match=r"at its end \(clean hall\) does not hold$"):
+        apply(store, "end", "fill", FILL)
+    assert store.version == version and [found.operator for found in store.executions()] == ["fill"]
+    with store.transaction() as change:
+        change.add(Fact("clean", ("hall",)))
+    apply(store, "end", "fill", FILL)
+    assert "(dirty hall)" in facts(store) and not store.executions()
+
+
+def test_at_its_end_continuous_effects_have_come_true(store, clock):
+    with store.transaction() as change:
+        change.add(Fact("clean", ("hall",)))
+    apply(store, "start", "fill", FILL)
+    clock.now = 7_000_000_000
+    with pytest.raises(KnowledgeError, match=r"\(>= \(battery r1\) 54\) does not hold$"):
+        apply(store, "end", "fill", FILL)
+    assert value(store, "battery") == 50
+    clock.now = 8_000_000_000
+    apply(store, "end", "fill", FILL)
+    assert value(store, "battery") == 54 and value(store, "trips") == 54
 
 
 def test_plain_operator_waits_for_its_end(store):

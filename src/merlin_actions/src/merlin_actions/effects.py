@@ -76,8 +76,13 @@ class ServiceEffects(Effects):
         )
 
     def close(self, opening: Opening, closing: Closing) -> None:
-        """See :meth:`Effects.close`."""
-        when_back(lambda: self._call(opening, _PHASES[closing]))
+        """See :meth:`Effects.close`; one whose end the knowledge base refuses is closed as interrupted."""
+        try:
+            when_back(lambda: self._call(opening, _PHASES[closing]))
+        except KnowledgeError:
+            if closing is Closing.END:  # its effects did not come true
+                self.close(opening, Closing.INTERRUPT)
+            raise
 
     def _call(self, opening: Opening, phase: int, **fields: object) -> None:
         answer = self._apply(

@@ -60,7 +60,13 @@ class DispatchLimits:
 
 @dataclass(frozen=True)
 class DispatchReport:
-    """How a dispatch stands, or how it ended."""
+    """How a dispatch stands, or how it ended.
+
+    Parameters
+    ----------
+    goal_achieved: whether every goal held at its end.
+    unmet_goals: those that did not, as PDDL text.
+    """
 
     state: DispatchState
     reason: str
@@ -69,6 +75,8 @@ class DispatchReport:
     steps_total: int = 0
     failed_action: Optional[PlannedAction] = None
     unanswered: Tuple[PlannedAction, ...] = ()
+    goal_achieved: bool = False
+    unmet_goals: Tuple[str, ...] = ()
 
     @property
     def success(self) -> bool:

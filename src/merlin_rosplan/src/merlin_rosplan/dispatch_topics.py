@@ -253,6 +253,8 @@ class DispatchTopics(Outside):
             failed_action=str(report.failed_action) if report.failed_action is not None else "",
             reason=report.reason,
             unanswered=[str(action) for action in report.unanswered],
+            goal_achieved=report.goal_achieved,
+            unmet_goals=list(report.unmet_goals),
         )
         status.header.stamp = rospy.Time.now()
         publish(self._status, status)

@@ -1,10 +1,25 @@
-"""What an operator does to the knowledge: numeric, conditional, quantified, continuous effects."""
+"""What an operator does to the knowledge: numeric, conditional, quantified, continuous effects.
+
+Also what it needs at its end, which is asked in the transaction that applies the end effects.
+"""
 
 from typing import Dict, List, Mapping, Optional, Tuple
 
 from merlin_rosplan.domain import Operator
 from merlin_rosplan.evaluation import Evaluator, arithmetic
-from merlin_rosplan.formula import END, OVER_ALL, START, Atom, Effect, Fluent, TimedCondition
+from merlin_rosplan.formula import (
+    END,
+    START,
+    And,
+    Atom,
+    Condition,
+    Effect,
+    Fluent,
+    Preference,
+    TimedCondition,
+    ground,
+    to_pddl,
+)
 from merlin_rosplan.knowledge import ASSIGN, OPERATIONS, Fact, FunctionValue
 from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_state import KnowledgeState
@@ -95,7 +110,7 @@ class EffectApplier:
     def apply(self, when: str, specials: Mapping[str, float], allowed: Allowed) -> List[Note]:
         """Applies the effects of a time; all of them see the state before.
 
-        :param when: START, or END, which includes the continuous effects.
+        :param when: START; OVER_ALL for the continuous effects, with all the time that has passed; END.
         :param specials: values of ``?duration`` and ``#t``, s.
         :param allowed: what :meth:`allowed_at_start` said when the execution began.
 
@@ -108,7 +123,7 @@ class EffectApplier:
         adds: List[Fact] = []
         values: List[Tuple[FunctionValue, str]] = []
         for number, effect in enumerate(self._operator.effects):
-            if effect.when != when and not (when == END and effect.when == OVER_ALL):
+            if effect.when != when:
                 continue
             started = allowed.get(str(number))
             for bindings in evaluator.extend(effect.variables, self._bindings):
@@ -127,6 +142,25 @@ class EffectApplier:
         for value, op in values:
             self._set(changes, value, op)
         return changes.notes
+
+    def check_end(self, specials: Mapping[str, float]) -> None:
+        """Checks the at-end conditions of a durative operator.
+
+        :param specials: values of ``?duration`` and ``#t``, s.
+        :raises KnowledgeError: when some do not hold; names them.
+        """
+        evaluator = self._evaluator(specials)
+        false = [
+            part
+            for timed in self._operator.conditions
+            if timed.when == END
+            for part in _conjuncts(timed.condition)
+            if not evaluator.holds(part, self._bindings)
+        ]
+        if false:
+            objects = {name: self._spelled(value) for name, value in self._bindings.items()}
+            texts = [to_pddl(ground(part, objects)) for part in false]
+            raise KnowledgeError(f"at its end {', '.join(f'{text} does not hold' for text in texts)}")
 
     @staticmethod
     def _hold(evaluator: Evaluator, conditions: List[TimedCondition], bindings: Bindings) -> bool:
@@ -182,3 +216,9 @@ class EffectApplier:
 def _objects(effect: Effect, bindings: Mapping[str, str]) -> List[str]:
     """What the quantified variables of an effect stand for."""
     return [bindings[variable.name] for variable in effect.variables]
+
+
+def _conjuncts(condition: Condition) -> List[Condition]:
+    if isinstance(condition, And):
+        return [found for part in condition.parts for found in _conjuncts(part)]
+    return [] if isinstance(condition, Preference) else [condition]

@@ -9,7 +9,7 @@ base, or whose owner died, is closed as if nothing had happened in between.
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_rosplan.effects import Allowed, EffectApplier, find_operator
-from merlin_rosplan.formula import END, START
+from merlin_rosplan.formula import END, OVER_ALL, START
 from merlin_rosplan.knowledge import Fact
 from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_state import KnowledgeState
@@ -126,7 +126,9 @@ class Executions:
     def end(self, token: str, operator_name: str, parameters: Mapping[str, str]) -> str:
         """At-end effects of a durative operator, all effects of a plain one.
 
-        A token that is not known counts as begun now: the knowledge base may have lost its journal.
+        A durative one whose at-end conditions do not hold is refused: it stays open. They see what its
+        continuous effects have changed. A token that is not known counts as begun now: the knowledge base may
+        have lost its journal.
         """
         operator = find_operator(self._state, operator_name)
         row = self._row(token, operator.name)
@@ -136,7 +138,10 @@ class Executions:
         if row is not None:
             self._no_longer_running(token, row)
         if operator.durative:
-            applier.apply(END, self._specials(row, applier), (row or {}).get("later", {}))
+            specials, allowed = self._specials(row, applier), (row or {}).get("later", {})
+            applier.apply(OVER_ALL, specials, allowed)
+            applier.check_end(specials)
+            applier.apply(END, specials, allowed)
         else:
             applier.apply(START, {}, {})
         if token:

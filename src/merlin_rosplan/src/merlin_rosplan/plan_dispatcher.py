@@ -3,7 +3,7 @@
 import dataclasses
 import threading
 import traceback
-from typing import Any, Dict, Optional, Tuple, Type
+from typing import Any, Dict, Optional, Type
 
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
@@ -39,7 +39,7 @@ from merlin_rosplan.dispatch_topics import OWN_MARK, SHUTDOWN_DEADLINE, Dispatch
 from merlin_rosplan.handover import Handover
 from merlin_rosplan.plan_graph_drawer import PlanGraphDrawer
 from merlin_rosplan.plan_graph_messages import graph_from_message
-from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError, goals_text
+from merlin_rosplan.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_sm.action_server import ActionServer, ServerGoal
 from merlin_sm.deadline import Deadline, limit
 from merlin_sm.health import OK, WARN, Health
@@ -150,8 +150,8 @@ class PlanDispatcher(Component):
         if refusal:
             raise rospy.ServiceException(refusal)
         self._owner.begin(caller(request))
-        report, goal_achieved = self._run()
-        return DispatchServiceResponse(success=report.success, goal_achieved=goal_achieved)
+        report = self._run()
+        return DispatchServiceResponse(success=report.success, goal_achieved=report.goal_achieved)
 
     def _serve_cancel(self, _: EmptyRequest) -> EmptyResponse:
         with self._state:
@@ -176,9 +176,9 @@ class PlanDispatcher(Component):
             return
         self._owner.begin("")
         goal.accept()
-        report, goal_achieved = self._run()
+        report = self._run()
         text = report.reason or "every action succeeded"
-        result = NonBlockingDispatchResult(success=report.success, goal_achieved=goal_achieved)
+        result = NonBlockingDispatchResult(success=report.success, goal_achieved=report.goal_achieved)
         if report.success:
             goal.succeed(result, text)
         elif report.state == DispatchState.CANCELLED:
@@ -230,7 +230,7 @@ class PlanDispatcher(Component):
             self._goal = goal
             return True
 
-    def _run(self) -> Tuple[DispatchReport, bool]:
+    def _run(self) -> DispatchReport:
         """Dispatches the plan received last; the caller has occupied the dispatcher."""
         try:
             try:
@@ -240,13 +240,12 @@ class PlanDispatcher(Component):
             except Exception as error:  # the caller gets its answer, and the dispatcher goes on
                 rospy.logerr("%s: %s", self.scope, traceback.format_exc())
                 report = DispatchReport(DispatchState.FAILED, f"{type(error).__name__}: {error}")
-            unmet = self._unmet_goals()
-            told = dataclasses.replace(report, reason=unmet) if report.success else report
+            told = self._judged(report)
             self._topics.tell_status(told)
             log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
             log("%s: %s: %s", self.scope, report.state.name, report.reason)
-            if report.success and unmet:
-                rospy.logwarn("%s: every action succeeded, but %s", self.scope, unmet)
+            if report.success and told.reason:
+                rospy.logwarn("%s: every action succeeded, but %s", self.scope, told.reason)
         finally:
             self._owner.end()
             with self._state:
@@ -254,7 +253,7 @@ class PlanDispatcher(Component):
                 self._busy = False
                 self._state.notify_all()
                 self._failure = report.reason if report.state == DispatchState.FAILED else ""
-        return told, not unmet
+        return told
 
     def _run_plan(self) -> DispatchReport:
         plan = self._take_plan()
@@ -283,13 +282,19 @@ class PlanDispatcher(Component):
             self._fresh = False
             return self._plan
 
-    def _unmet_goals(self) -> str:
-        """What keeps the goal from being achieved, as part of a sentence; empty when it is."""
+    def _judged(self, report: DispatchReport) -> DispatchReport:
+        """A report with the truth about the goals; why a success is none becomes its reason."""
         try:
-            unmet = self._knowledge.unmet_goals()
+            unmet = tuple(self._knowledge.unmet_goals())
+            reason = f"these goals do not hold: {', '.join(unmet)}" if unmet else ""
         except PlanKnowledgeError as error:
-            return f"nobody can tell whether the goals hold: {error}"
-        return f"these goals do not hold: {goals_text(unmet)}" if unmet else ""
+            unmet, reason = (), f"whether the goals hold is not known: {error}"
+        return dataclasses.replace(
+            report,
+            reason=reason if report.success else report.reason,
+            goal_achieved=not reason,
+            unmet_goals=unmet,
+        )
 
     # --- what arrives -------------------------------------------------------------------------------
 

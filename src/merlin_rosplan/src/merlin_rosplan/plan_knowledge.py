@@ -120,10 +120,10 @@ class PlanKnowledge:
             )
         return results
 
-    def unmet_goals(self) -> List[KnowledgeItem]:
-        """The goals that do not hold now."""
+    def unmet_goals(self) -> List[str]:
+        """The goals that do not hold now, as PDDL text."""
         goals = _answer(self._client.goals)
-        return [goal for goal, true in zip(goals, self.query(goals) if goals else []) if not true]
+        return [to_pddl(goal) for goal, true in zip(goals, self.query(goals) if goals else []) if not true]
 
     def timed(self) -> List[Union[TimedLiteral, TimedValue]]:
         """Facts and function values that wait for their time; times in s from now."""
@@ -168,11 +168,6 @@ class PlanKnowledge:
             return None
         token = f"{plan_id}/{action_id}/"
         return any(execution.token.startswith(token) for execution in executions)
-
-
-def goals_text(goals: Sequence[KnowledgeItem]) -> str:
-    """Goals as PDDL."""
-    return ", ".join(to_pddl(goal) for goal in goals)
 
 
 def _answer(call: Callable[[], _Answer]) -> _Answer:

@@ -314,7 +314,8 @@ class DispatchClient:
                 Deadline(ANSWER_GRACE).wait(self._changed, lambda: not self._progress.unanswered)
             if self._statuses == 0 or self._status is None:
                 return self._progress.result(reply)
-            return self._progress.result(reply, self._status.failed_action, self._status.reason)
+            status = self._status
+            return self._progress.result(reply, status.failed_action, status.reason, status.unmet_goals)
 
     def _reply(self, answer: object) -> Reply:
         if isinstance(answer, DispatchServiceResponse):

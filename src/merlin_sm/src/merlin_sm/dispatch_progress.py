@@ -38,6 +38,8 @@ class DispatchResult(NamedTuple):
     """Actions that may still run, as PDDL text: they were told to stop and did not, or nothing answered."""
     gone: bool = False
     """The dispatcher is not there, or does not answer."""
+    unmet: Tuple[str, ...] = ()
+    """Goals that did not hold when it ended, as PDDL text; empty also when the dispatcher does not tell."""
 
 
 class Reply(NamedTuple):
@@ -162,11 +164,14 @@ class DispatchProgress:
                 names += _texts(reason.split(_UNANSWERED, 1)[1])
         return tuple(dict.fromkeys(names))
 
-    def result(self, reply: Reply, action: str = "", reason: str = "") -> DispatchResult:
+    def result(
+        self, reply: Reply, action: str = "", reason: str = "", unmet: Sequence[str] = ()
+    ) -> DispatchResult:
         """How the dispatch has ended.
 
         :param action: that failed, when the dispatcher names one.
         :param reason: the dispatcher's; empty when it publishes none.
+        :param unmet: goals that do not hold, when it names them.
         """
         cancelled = self._stopping and not self.failed_by_itself
         if reply.achieved:
@@ -176,7 +181,7 @@ class DispatchProgress:
         if reply.refused or reply.gone:
             action, why = self.failed, reply.refused or reply.gone
         return DispatchResult(
-            False, cancelled, False, action or self.failed, why, unstopped, gone=bool(reply.gone)
+            False, cancelled, False, action or self.failed, why, unstopped, bool(reply.gone), tuple(unmet)
         )
 
     def hung(self, dispatcher: str, deadline: float) -> DispatchResult:
