@@ -121,6 +121,7 @@ class _Builder:
         found = [
             self._support(node, start, happening),
             self._timed_numbers(node, happening),
+            self._timed_order(node, happening),
             self._interference(node, start, happening),
             self._numeric_order(node, start, happening),
             self._name_order(node, start, happening),
@@ -180,6 +181,33 @@ class _Builder:
         if lower is None:
             return False
         self._graph.connect(EdgeType.CONDITION, 0, node.id, lower=lower)
+        return True
+
+    def _timed_order(self, node: Node, happening: Happening) -> bool:
+        """An edge from the start of the plan when the node's effects would be undone, or read too early.
+
+        That is so before a timed change to the opposite, or of a number, that precedes the node in the plan.
+        """
+        action = self._actions[node.action]
+        if not (self._literals or self._values_in_time) or (
+            node.type == NodeType.ACTION_START and not action.durative
+        ):
+            return False
+        ends = action.durative and node.type == NodeType.ACTION_END
+        effects = action.end_effects if ends else action.start_effects
+        changes = [
+            literal.time
+            for negative, atoms in ((True, happening.add), (False, happening.delete))
+            for atom in atoms
+            for literal in self._literals.get(atom, ())
+            if literal.negative == negative
+        ]
+        for term in (*happening.writes, *(term.key for term in effects.reads)):
+            changes += self._values_in_time.get(term, ())
+        earlier = [time for time in changes if 0.0 < time <= self._times[node.id]]
+        if not earlier:
+            return False
+        self._graph.connect(EdgeType.CONDITION, 0, node.id, lower=max(earlier))
         return True
 
     def _interference(self, node: Node, start: Optional[int], happening: Happening) -> bool:
