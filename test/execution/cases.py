@@ -103,8 +103,6 @@ CASES: List[Case] = [
     Case("a timed value that is not needed", lasting("cook", "(>= (x) 10)", ends="(b)"), "(= (x) 15) (at 12.5 (= (x) 20))", "12.6 cook 2", "(b)", "0s<1"),
     Case("a timed value in an equation", lasting("cook", "(= (x) 20)", ends="(b)"), "(= (x) 0) (at 12.5 (= (x) 20))", "12.6 cook 2", "(b)", "0s>12.5"),
     Case("an effect behind a timed change to the opposite", lasting("set", begins="(a)", ends="(c)") + KEEP, "(at 3 (not (a)))", "5 set 2|5.1 keep 6", "(and (b) (c))", "0s>3 drift"),
-    Case("a change of a number behind a timed value", DOUBLE, "(= (x) 1) (at 3 (= (x) 5))", "4 double 1", "(= (x) 10)", "0s>3 drift"),
-    Case("a number that is read behind a timed value", COPY, "(= (x) 1) (= (y) 0) (at 3 (= (x) 5))", "4 copy 1", "(= (y) 5)", "0s>3 drift"),
     Case("a timed fact inside a window", MATCH + lasting("mend", "(c)", "(lit)", ends="(a)"), "(unused) (at 9 (c))", "4 light 8|9.1 mend 2", "(a)", "0s>3.9 1s>9 drift simple fails does.not.hold"),
     Case("a timed fact at an end", lasting("wait", end="(a)", ends="(b)"), "(at 9 (a))", "4 wait 6", "(b)", "0s>3.9 drift"),
     Case("a condition that never holds", TAKE, "", "0 take 2", "(b)", "simple fails (a).does.not.hold esterel fails (a).does.not.hold"),

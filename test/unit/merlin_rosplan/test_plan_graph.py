@@ -17,7 +17,7 @@ from merlin_rosplan.operator_model import (
     Operator,
     over_all_before_start,
 )
-from merlin_rosplan.plan_graph import MIN_BOUND, NO_BOUND, EdgeType, PlanGraph, TimedLiteral
+from merlin_rosplan.plan_graph import MIN_BOUND, NO_BOUND, EdgeType, PlanGraph, TimedLiteral, TimedValue
 from merlin_rosplan.plan_graph_builder import build_graph
 from merlin_rosplan.plan_text import PlanStep
 
@@ -232,6 +232,21 @@ def test_without_bounds_nothing_is_late_but_timed_literals_are_waited_for():
     assert schedule.waits_for_time(0)
     schedule.started(0, 200.0)
     assert schedule.late(1e6) is None
+
+
+@pytest.mark.parametrize("planned_at, earliest", [(4.0, 4.0), (2.0, 0.0)])
+@pytest.mark.parametrize("read", [True, False])
+def test_a_number_that_a_plain_action_reads_or_changes_waits_for_its_timed_value(read, planned_at, earliest):
+    x, y = Atom("x"), Atom("y")
+    effects = Effects(writes=(y,), reads=(x,)) if read else Effects(writes=(x,))
+    steps = [PlanStep(planned_at, "count", (), 0.5)]
+    graph = build_graph(
+        steps, [Operator("count", (), start_effects=effects, durative=False)], [TimedValue(3.0, x, 5.0)]
+    )
+    schedule = GraphSchedule(graph, planned(steps))
+    schedule.begin(100.0)
+    assert schedule.wake_time(100.0) == (100.0 + earliest if earliest else None)
+    assert bool(schedule.ready(100.0)) != bool(earliest)
 
 
 def test_a_tolerance_of_bounds_does_not_start_an_action_before_its_timed_literal():

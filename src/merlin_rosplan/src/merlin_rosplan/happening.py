@@ -30,8 +30,10 @@ class Happening(NamedTuple):
     unchecked_names: FrozenSet[str] = frozenset()
 
 
-def _keys(*groups: Iterable[Atom]) -> List[Atom]:
-    return list(dict.fromkeys(atom.key for group in groups for atom in group))
+def _keys(*groups: Sequence[Atom]) -> Sequence[Atom]:
+    if not any(groups):
+        return ()
+    return tuple(dict.fromkeys([atom.key for group in groups for atom in group]))
 
 
 def happening_of(action: Operator, type_: NodeType) -> Happening:
@@ -61,7 +63,7 @@ def _happening(needs: Conditions, keeps: Conditions, effects: Effects, unchecked
         _keys(effects.delete),
         _keys(keeps.positive),
         _keys(keeps.negative),
-        _keys(*(entry.reads for entry in needs.comparisons + keeps.comparisons), effects.reads),
+        _keys(*[entry.reads for entry in needs.comparisons + keeps.comparisons], effects.reads),
         _keys(effects.writes),
         _additive(effects),
         expression_names(needs, keeps) | effects.wild_reads,
@@ -71,7 +73,7 @@ def _happening(needs: Conditions, keeps: Conditions, effects: Effects, unchecked
             _keys(
                 unchecked.positive,
                 unchecked.negative,
-                *(entry.reads for entry in unchecked.comparisons),
+                *[entry.reads for entry in unchecked.comparisons],
                 effects.reads,
             )
         ),
@@ -79,8 +81,10 @@ def _happening(needs: Conditions, keeps: Conditions, effects: Effects, unchecked
     )
 
 
-def _additive(effects: Effects) -> List[Atom]:
+def _additive(effects: Effects) -> Sequence[Atom]:
     """Terms that are only increased and decreased, and not assigned besides."""
+    if not effects.additive:
+        return ()
     writes, additive = ([atom.key for atom in atoms] for atoms in (effects.writes, effects.additive))
     return [term for term in dict.fromkeys(additive) if writes.count(term) == additive.count(term)]
 

@@ -6,13 +6,12 @@ that message cannot carry (disjunctions, quantifiers, derived predicates) comes 
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, FrozenSet, Iterable, Sequence, Set, Tuple
+from typing import Any, Dict, FrozenSet, Iterable, NamedTuple, Sequence, Set, Tuple
 
 from merlin_rosplan import formula
 
 
-@dataclass(frozen=True)
-class Atom:
+class Atom(NamedTuple):
     """A predicate with arguments: operator variables (or constants) before grounding, objects after it."""
 
     name: str
@@ -20,12 +19,13 @@ class Atom:
 
     def ground(self, binding: Dict[str, str]) -> "Atom":
         """Variables replaced; what is no variable is a constant and stands for itself."""
-        return Atom(self.name, tuple(binding.get(argument, argument) for argument in self.arguments))
+        return Atom(self.name, tuple([binding.get(argument, argument) for argument in self.arguments]))
 
     @property
     def key(self) -> "Atom":
         """The atom for comparing: names in PDDL do not depend on case."""
-        return Atom(self.name.lower(), tuple(argument.lower() for argument in self.arguments))
+        lower = Atom(self.name.lower(), tuple([argument.lower() for argument in self.arguments]))
+        return self if lower == self else lower  # most are: one object for all who keep it
 
     def __str__(self) -> str:
         return "(" + " ".join((self.name,) + self.arguments) + ")"
@@ -257,6 +257,8 @@ def over_all_before_start(action: Operator) -> Conditions:
     Those its own start effects bring about do not: they hold from the start on, not before it.
     """
     effects = action.start_effects
+    if effects.empty:
+        return action.over_all
     added = {atom.key for atom in effects.add}
     deleted = {atom.key for atom in effects.delete}
 

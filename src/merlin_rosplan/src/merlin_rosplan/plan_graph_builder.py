@@ -248,6 +248,8 @@ class _Builder:
         Which change makes a disjunction or a quantified condition true is not looked into, nor what a
         conditional effect does: a name counts. ROSPlan has none of these edges.
         """
+        if not self._named:
+            return False
         supported = False
         unchecked = frozenset(atom.name for atom in happening.unchecked)
         for named, atoms, depends in (

@@ -7,6 +7,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlan, EsterelPlanEd
 from merlin_rosplan.dispatch_schedule import PlanError
 from merlin_rosplan.plan_graph import NO_BOUND, EdgeType, Node, NodeType, PlanGraph
 
+_EDGE_TYPES = {int(kind): kind for kind in EdgeType}
 _EDGE_COLOURS = {EdgeType.CONDITION: "green", EdgeType.START_END: "red", EdgeType.INTERFERENCE: "blue"}
 
 
@@ -73,7 +74,7 @@ def graph_from_message(plan: EsterelPlan) -> Tuple[PlanGraph, List[ActionDispatc
             ) from None
         graph.nodes.append(Node(index, kind, node.name, action))
     for edge in plan.edges:
-        kind = EdgeType(edge.edge_type) if edge.edge_type in list(EdgeType) else EdgeType.CONDITION
+        kind = _EDGE_TYPES.get(edge.edge_type, EdgeType.CONDITION)
         for source in edge.source_ids:
             for sink in edge.sink_ids:
                 if source not in position or sink not in position:
