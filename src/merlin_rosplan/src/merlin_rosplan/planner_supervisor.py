@@ -92,8 +92,13 @@ class Supervisor:
                         self._next = self._fork()
                 line = self._lines.pop(0)
                 if "job" in line:  # a cancel of what has just ended is left alone
-                    answer = self._run(line)
-                    self._channel.sendall(json.dumps({**answer, "job": line["job"]}).encode() + b"\n")
+                    child = self._next or self._fork()
+                    self._next = None
+                    try:
+                        answer = self._run(line, child)
+                        self._channel.sendall(json.dumps({**answer, "job": line["job"]}).encode() + b"\n")
+                    finally:  # behind the answer: large files take their time
+                        shutil.rmtree(child.folder, ignore_errors=True)
 
     def _receive(self, seconds: Optional[float]) -> None:
         """Waits for a line, the end of a child, or the time.
@@ -127,27 +132,24 @@ class Supervisor:
         os.close(reads)
         return _Child(pid, folder, writes)
 
-    def _run(self, job: Answer) -> Answer:
-        child = self._next or self._fork()
-        self._next = None
-        folder = child.folder
+    def _run(self, job: Answer, child: _Child) -> Answer:
+        folder = Path(child.folder)
         try:
             with contextlib.suppress(BrokenPipeError):  # it has died; its status says how
                 os.write(child.pipe, json.dumps(job).encode() + b"\n")
             os.close(child.pipe)
-            fault, status = self._watch(job, child.pid, Path(folder))
+            fault, status = self._watch(job, child.pid, folder)
             ended = end_descendants(ENDING)
             if not ended and fault is not None:
                 fault["reason"] += f"; {tree_size(os.getpid()).processes} of its processes do not end"
             if fault is not None:
                 return fault
             try:
-                return dict(json.loads((Path(folder) / OUTCOME).read_text()))
+                return dict(json.loads((folder / OUTCOME).read_text()))
             except (OSError, ValueError):
                 return _answer(PlannerState.CRASHED, f"the planning ended without an outcome: {_end(status)}")
         finally:
             end_descendants(ENDING)
-            shutil.rmtree(folder, ignore_errors=True)
 
     def _watch(self, job: Answer, pid: int, folder: Path) -> Any:
         """Waits for the end of a planning; returns what forced its end, if anything did, and its status."""

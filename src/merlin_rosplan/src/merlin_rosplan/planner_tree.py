@@ -5,9 +5,10 @@ import ctypes
 import os
 import signal
 import time
-from typing import Dict, List, NamedTuple
+from typing import Callable, Dict, List, NamedTuple
 
 _PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
+_LISTS = os.path.exists(f"/proc/self/task/{os.getpid()}/children")  # not every kernel is built with it
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -29,7 +30,31 @@ def adopt_orphans() -> None:
 
 
 def descendants(root: int) -> List[int]:
-    """Process ids below a process, without itself."""
+    """Process ids below a process, without itself.
+
+    A process that ends meanwhile may hide another one: ask again after its end.
+    """
+    children = _listed_children if _LISTS else _scanned_children()
+    found: List[int] = []
+    waiting = [root]
+    while waiting:
+        below = children(waiting.pop())
+        found.extend(below)
+        waiting.extend(below)
+    return found
+
+
+def _listed_children(pid: int) -> List[int]:
+    """The kernel's own list, where it has one: a look at every process takes fifty times as long."""
+    found: List[int] = []
+    with contextlib.suppress(OSError):
+        for task in os.listdir(f"/proc/{pid}/task"):
+            with contextlib.suppress(OSError), open(f"/proc/{pid}/task/{task}/children", "rb") as file:
+                found.extend(int(child) for child in file.read().split())
+    return found
+
+
+def _scanned_children() -> Callable[[int], List[int]]:
     children: Dict[int, List[int]] = {}
     for name in os.listdir("/proc"):
         if name.isdigit():
@@ -37,13 +62,7 @@ def descendants(root: int) -> List[int]:
                 # The command's name may hold blanks and parentheses; what follows its last one cannot.
                 parent = int(file.read().rsplit(b")", 1)[1].split()[1])
                 children.setdefault(parent, []).append(int(name))
-    found: List[int] = []
-    waiting = [root]
-    while waiting:
-        below = children.get(waiting.pop(), [])
-        found.extend(below)
-        waiting.extend(below)
-    return found
+    return lambda pid: children.get(pid, [])
 
 
 def tree_size(root: int) -> TreeSize:
