@@ -1,4 +1,7 @@
-"""Lets pytest collect rostest suites: every ``*.test`` file runs under its own master."""
+"""Lets pytest collect rostest suites: every ``*.test`` file runs under its own master.
+
+Those whose name ends in ``_long`` are marked as long.
+"""
 
 import contextlib
 import os
@@ -31,7 +34,10 @@ class RosTestFile(pytest.File):
 
     def collect(self) -> Iterator[pytest.Item]:
         """One item: a launch file starts its processes once for all its cases."""
-        yield RosTestItem.from_parent(self, name=self.path.stem)
+        item = RosTestItem.from_parent(self, name=self.path.stem)
+        if self.path.stem.endswith("_long"):
+            item.add_marker(pytest.mark.long)
+        yield item
 
 
 class RosTestFailure(Exception):

@@ -8,7 +8,12 @@ fail it. What every case has to satisfy besides, unless it fails: PDDL 2.1, and 
 
 # ruff: noqa: E501
 
-from typing import List, NamedTuple
+import re
+from typing import List, NamedTuple, Optional
+
+from merlin_rosplan.plan_text import PlanStep, parse_plan
+
+FACTS = ["a", "b", "c", "lit", "lit2", "unused", "unused2", "free"] + [f"f{number}" for number in range(6)]
 
 
 class Case(NamedTuple):
@@ -20,6 +25,29 @@ class Case(NamedTuple):
     plan: str
     goal: str
     expect: str
+
+
+def sections(domain: str) -> str:
+    """The sections of a domain with some actions, with all that any case uses."""
+    return (
+        f"(:types thing) (:predicates {' '.join(f'({fact})' for fact in FACTS)} (d)) (:functions (x) (y)) "
+        f"(:derived (d) (or (a) (a)))\n{domain}"
+    )
+
+
+def plan_of(case: Case) -> List[PlanStep]:
+    """The plan of a case."""
+    lines = []
+    for part in filter(None, case.plan.split("|")):
+        time, name, duration = part.split()
+        lines.append(f"{time}: ({name}) [{duration}]")
+    return parse_plan("\n".join(lines))
+
+
+def failure_of(case: Case, kind: str) -> Optional[str]:
+    """What the reason has to say if a kind of dispatcher has to fail."""
+    found = re.search(rf"{kind} fails (\S+)", case.expect)
+    return found.group(1).replace(".", " ") if found else None
 
 
 def plain(name: str, condition: str, effect: str) -> str:

@@ -4,40 +4,17 @@ import random
 import re
 
 import pytest
-from cases import CASES
+from cases import CASES, failure_of, plan_of, sections
 from pddl21 import Model
 from semantics import judge
 from simulation import Planned, World
 
-from merlin_rosplan.plan_text import parse_plan
-
-FACTS = ["a", "b", "c", "lit", "lit2", "unused", "unused2", "free"] + [f"f{number}" for number in range(6)]
 PACES = {
     "planned": lambda rng: 1.0,
     "slow": lambda rng: 10.0,
     "fast": lambda rng: 0.1,
     **{f"random {seed}": lambda rng: 10 ** rng.uniform(-1, 1) for seed in range(3)},
 }
-
-
-def sections(domain):
-    return (
-        f"(:types thing) (:predicates {' '.join(f'({fact})' for fact in FACTS)} (d)) (:functions (x) (y)) "
-        f"(:derived (d) (or (a) (a)))\n{domain}"
-    )
-
-
-def plan_of(case):
-    lines = []
-    for part in filter(None, case.plan.split("|")):
-        time, name, duration = part.split()
-        lines.append(f"{time}: ({name}) [{duration}]")
-    return parse_plan("\n".join(lines))
-
-
-def kinds(expect, kind):
-    found = re.search(rf"{kind} fails (\S+)", expect)
-    return found.group(1).replace(".", " ") if found else None
 
 
 @pytest.mark.parametrize("pace", PACES)
@@ -53,7 +30,7 @@ def test_case(case, kind, pace):
     durations = [step.duration * factor for step, factor in zip(steps, factors)]
     outcome = World(planned, durations, rng).run(kind)
     told = f"{outcome}\n{durations}"
-    failure = kinds(case.expect, kind)
+    failure = failure_of(case, kind)
     drift = "drift" in case.expect.split()
     if failure is not None:
         assert not outcome.report.success and failure in outcome.report.reason, told
