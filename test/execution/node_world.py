@@ -1,4 +1,4 @@
-"""The world of :mod:`simulation` with nodes: a planning system, action interfaces, and a clock that runs fast.
+"""The world of :mod:`simulation` with nodes: planning system, action interfaces, and a clock that runs fast.
 
 The domains of all cases are one: an operator's name begins with the number of its case.
 """
@@ -30,6 +30,7 @@ from merlin_sm.service_proxy import ServiceProxy
 LONG = 60.0
 KB = "/rosplan_knowledge_base"
 TICK = 0.01  # s of wall time
+KINDS = ("simple", "esterel")
 APART = 300.0  # s of ROS time between two runs: every timed change of the one before has come
 
 
@@ -114,8 +115,9 @@ class Interface(ActionInterface):
         self._effects = Recorded(getattr(self._effects, "_effects", self._effects), run)
 
     def _receive(self, dispatch: Any) -> None:
+        # All that the start of some actions is, are conditions: they were checked just now.
         if dispatch.name == self.operator and not self.of_run.changes_at_start(dispatch.action_id):
-            self.of_run.note("start", dispatch.action_id)  # all its start is, are conditions: checked just now
+            self.of_run.note("start", dispatch.action_id)
         super()._receive(dispatch)
 
 
@@ -168,7 +170,7 @@ class NodeWorld:
         rospy.set_param(f"{KB}/domain_path", str(folder / "domain.pddl"))
         rospy.set_param(f"{KB}/problem_path", str(folder / "problem.pddl"))
         components, remaps = {"rosplan_knowledge_base": "knowledge_base"}, []
-        for kind in ("simple", "esterel"):
+        for kind in KINDS:
             components[f"{kind}_parser"] = f"{kind}_plan_parser"
             components[f"{kind}_dispatcher"] = f"{kind}_plan_dispatcher"
             remaps.append(f"{kind}_dispatcher/complete_plan:={kind}_parser/complete_plan")
@@ -182,7 +184,7 @@ class NodeWorld:
         self._statuses: List[DispatchStatus] = []
         topic = f"{KB}/pddl_action_parameters"
         self._subscribers = [rospy.Subscriber(topic, DomainFormula, self._hear)]
-        for kind in ("simple", "esterel"):
+        for kind in KINDS:
             topic = f"/{kind}_dispatcher/dispatch_status"
             self._subscribers.append(rospy.Subscriber(topic, DispatchStatus, self._tell))
         self._knowledge = knowledge_client(KB)
@@ -281,6 +283,3 @@ class NodeWorld:
         }
         values = {(item.attribute_name,): item.function_value for item in self._knowledge.functions()}
         return State(facts, values)
-
-
-KINDS = ("simple", "esterel")

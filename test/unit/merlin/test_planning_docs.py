@@ -1,4 +1,4 @@
-"""What docs/planners.md and docs/dispatch.md say: their commands run, and their names and numbers are the code's."""
+"""docs/planners.md and docs/dispatch.md: their commands run, their names and numbers are the code's."""
 
 import re
 import shlex
@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-
 from merlin_msgs.msg import DispatchStatus
+
 from merlin_rosplan import planner_presets, validate
 from merlin_rosplan.planner_command import parse_command
 from merlin_rosplan.planner_engines import _parts as parts_of
@@ -39,7 +39,9 @@ def names(cell):
 )
 def test_each_planner_command_of_the_page_is_understood(value):
     for part in parts_of(value.replace("NAME", "tamer")):
-        assert part == "kairos" or is_preset(part) or parse_command(part).program in ("popf", "/opt/popf/popf")
+        assert (
+            part == "kairos" or is_preset(part) or parse_command(part).program in ("popf", "/opt/popf/popf")
+        )
         if part != "kairos":
             assert "PROBLEM" in expand(part)
 

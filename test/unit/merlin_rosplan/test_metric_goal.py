@@ -9,7 +9,8 @@ from merlin_rosplan.planning_outcome import PlannerState
 
 HEAD = "(define (problem p) (:domain d) (:objects A - item) (:init (= (worth) 0))"
 KNAPSACK = """(define (domain sack) (:requirements :typing :numeric-fluents) (:types item)
-  (:predicates (out ?i - item) (closed)) (:functions (room) (worth) (waste) (size ?i - item) (value ?i - item))
+  (:predicates (out ?i - item) (closed))
+  (:functions (room) (worth) (waste) (size ?i - item) (value ?i - item))
   (:action pack :parameters (?i - item) :precondition (and (out ?i) (>= (room) (size ?i)))
     :effect (and (not (out ?i)) (decrease (room) (size ?i)) (increase (worth) (value ?i))
                  (decrease (waste) (size ?i))))

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from merlin_rosplan import planner_tree
 from merlin_rosplan.planner import PlannerSettings
 from merlin_rosplan.planner_host import PlannerHost, PlannerHosts
-from merlin_rosplan import planner_tree
 from merlin_rosplan.planner_tree import descendants
 from merlin_rosplan.planning import Planning
 from merlin_rosplan.planning_outcome import PlannerState

@@ -1,6 +1,6 @@
 """What the start or the end of an action needs and changes: a happening of PDDL 2.1."""
 
-from typing import FrozenSet, Iterable, List, NamedTuple, Sequence
+from typing import FrozenSet, NamedTuple, Sequence
 
 from merlin_rosplan.operator_model import Atom, Conditions, Effects, Operator, over_all_before_start
 from merlin_rosplan.plan_graph import NodeType

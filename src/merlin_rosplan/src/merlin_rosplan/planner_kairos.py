@@ -96,7 +96,6 @@ class KairosPlanner:
         why = _why([entry.message for entry in result.diagnostics])
         return Attempt(KAIROS, state, f"{reason}: {why}" if why else reason)
 
-
     def _start(
         self, kairos: Any, problem: Any, settings: PlannerSettings, limit: float, anytime: float
     ) -> Optional[Any]:
