@@ -61,7 +61,7 @@ class Supervisor:
 
     :param channel: to the node.
     :param work: does one planning in the forked child: the job and its folder → the outcome.
-    :param warm_up: called in the child before its job is known.
+    :param warm_up: called in a child that waits for its job.
     """
 
     def __init__(
@@ -89,10 +89,11 @@ class Supervisor:
                 while not self._lines:
                     self._receive(IDLE if self._next is None else None)
                     if self._next is None and not self._lines:
-                        self._next = self._fork()
+                        self._next = self._fork(warm_up=True)
                 line = self._lines.pop(0)
                 if "job" in line:  # a cancel of what has just ended is left alone
-                    child = self._next or self._fork()
+                    # A job that is there already warms itself up.
+                    child = self._next or self._fork(warm_up=False)
                     self._next = None
                     try:
                         answer = self._run(line, child)
@@ -122,13 +123,13 @@ class Supervisor:
         if self._next is not None:
             shutil.rmtree(self._next.folder, ignore_errors=True)
 
-    def _fork(self) -> _Child:
+    def _fork(self, warm_up: bool) -> _Child:
         folder = tempfile.mkdtemp(prefix="planner-")
         reads, writes = os.pipe()
         pid = os.fork()
         if pid == 0:
             os.close(writes)
-            self._plan(reads, Path(folder))  # does not return
+            self._plan(reads, Path(folder), warm_up)  # does not return
         os.close(reads)
         return _Child(pid, folder, writes)
 
@@ -174,7 +175,7 @@ class Supervisor:
                 look = time.monotonic() + WATCH
             self._receive(max(0.0, look - time.monotonic()))
 
-    def _plan(self, pipe: int, folder: Path) -> None:
+    def _plan(self, pipe: int, folder: Path, warm_up: bool) -> None:
         """In the child: waits for the job, plans within the limits, writes the outcome, ends."""
         try:
             signal.set_wakeup_fd(-1)
@@ -182,8 +183,9 @@ class Supervisor:
                 signal.signal(number, signal.SIG_DFL)
             self._channel.close()
             os.close(self._wake)
-            self._warm_up()
             gc.disable()  # it ends before anything could pile up
+            if warm_up:
+                self._warm_up()
             with os.fdopen(pipe) as file:
                 line = file.readline()
             if not line:  # the supervising process was killed
