@@ -49,6 +49,7 @@ class Conformance(unittest.TestCase):
         durations = [float(part.split()[2]) * factor(rng) for part in filter(None, case.plan.split("|"))]
         run = self.world.run(case, model, kind, interfaces, durations)
         told = f"{run.reason}\n{run.events}\n{run.state}"
+        self.assertEqual(run.open, [], told)  # whatever came to no end was undone
         failure = failure_of(case, kind)
         if failure is not None:
             self.assertFalse(run.success, told)

@@ -15,6 +15,7 @@ from typing import Any, Dict, Iterator, List, Sequence
 import rospy
 from cases import FACTS, Case, plan_of, sections
 from merlin_msgs.msg import DispatchStatus
+from merlin_msgs.srv import ListExecutions
 from pddl21 import Model, State
 from rosgraph_msgs.msg import Clock
 from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
@@ -136,6 +137,7 @@ class Run:
         self.success = False
         self.reason = ""
         self.state = State()
+        self.open: List[Any] = []
         self._events: List[Event] = []
         self._model = model
 
@@ -190,6 +192,7 @@ class NodeWorld:
         self._knowledge = knowledge_client(KB)
         self._parse = {k: ServiceProxy(f"/{k}_parser/parse_plan_from_file", ParsingService) for k in KINDS}
         self._dispatch = {k: ServiceProxy(f"/{k}_dispatcher/dispatch_plan", DispatchService) for k in KINDS}
+        self._executions = ServiceProxy(f"{KB}/executions", ListExecutions)
         waiting = [self._knowledge, *self._parse.values(), *self._dispatch.values()]
         assert all(each.wait(LONG) for each in waiting), "the planning system does not come up"
 
@@ -256,6 +259,7 @@ class NodeWorld:
             )
             assert idle, self._statuses
             run.reason = self._statuses[-1].reason
+        run.open = self._executions("").executions
         run.state = self._state()
         return run
 
