@@ -10,6 +10,7 @@ from merlin_sm.dispatch_progress import (
     Action,
     Answer,
     DispatchProgress,
+    DispatchResult,
     Reply,
     ground,
 )
@@ -34,7 +35,14 @@ def test_actions_run_until_they_are_answered() -> None:
     assert progress.answered(1, 7, Answer.SUCCEEDED, {})
     assert progress.steps_done == 1
     assert [action.text for action in progress.running.values()] == ["(wave)"]
-    assert progress.result(Reply(achieved=True)) == (True, False, False, "", "", (), False)
+    assert progress.result(Reply(achieved=True)) == DispatchResult(True)
+
+
+def test_goals_that_do_not_hold_are_named() -> None:
+    progress = book(NAVIGATE)
+    progress.answered(1, 7, Answer.SUCCEEDED, {})
+    result = progress.result(Reply(), reason="these goals do not hold: (told)", unmet=["(told)"])
+    assert result == DispatchResult(False, reason="these goals do not hold: (told)", unmet=("(told)",))
 
 
 def test_answers_of_other_plans_and_unknown_actions_are_ignored() -> None:
