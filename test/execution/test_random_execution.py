@@ -44,9 +44,10 @@ def check(seed, kind, flexible, timed, spread, epsilon=0.001):
     return outcome, verdict, wanted, told
 
 
-@pytest.mark.parametrize("first", range(0, 200, 50))
-def test_a_plan_with_its_durations_is_carried_out(first):
-    for seed in range(first, first + 50):
+# 500379: a change of a number by one start was taken for that of another one.
+@pytest.mark.parametrize("seeds", [*(range(n, n + 50) for n in range(0, 200, 50)), [500379]], ids=str)
+def test_a_plan_with_its_durations_is_carried_out(seeds):
+    for seed in seeds:
         outcome, verdict, wanted, told = check(seed, "esterel", False, False, within, MARGIN)
         assert outcome.report.success, told
         assert not verdict.fault, told

@@ -84,17 +84,18 @@ class Running:
     def start_applied(self, outside: Outside) -> bool:
         """Whether the start effects are there.
 
-        A knowledge base of ours lists the executions of our interfaces. Of others a change of what they
-        change can be seen: where none comes, because the effect changes nothing, the time an interface has to
-        apply them must do.
+        A knowledge base of ours lists the executions, and nothing else counts: a change may be of another
+        action. Of others a change of what they change can be seen: where none comes, because the effect
+        changes nothing, the time an interface has to apply them must do.
         """
         if self.applied is not None and self.applied.remaining() <= 0:
             return True
         if not self.look:
             return False
         self.look = False
-        if outside.begun(self.action):
-            return True
+        begun = outside.begun(self.action)
+        if begun is not None:
+            return begun
         if self.unheard:
             return False
         added = {atom.key for atom in self.operator.start_effects.add}
