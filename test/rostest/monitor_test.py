@@ -11,7 +11,7 @@ from actionlib_msgs.msg import GoalStatusArray
 from chromium import Visit, chromium
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, Pose, PoseArray
-from merlin_msgs.msg import ExecutorStatus, KnowledgeChanges, MissionStatus
+from merlin_msgs.msg import ExecutorStatus, GuardStatus, KnowledgeChanges, MissionStatus
 from monitor_process import LONG, Latest, Monitor
 from nav_msgs.msg import OccupancyGrid
 from rosplan_knowledge_msgs.msg import KnowledgeItem
@@ -19,7 +19,7 @@ from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 from std_srvs.srv import Trigger
 
 import rostest
-from merlin_executor.executor_client import MerlinExecutorClient
+from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.goal_dispatcher import GoalDispatcher
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
@@ -47,6 +47,7 @@ class MonitorPage(unittest.TestCase):
         cls.knowledge = MerlinROSPlanAssistant()
         cls.status = Latest("merlin/status", ExecutorStatus)
         cls.mission = Latest("merlin/mission", MissionStatus)
+        cls.guard = Latest("merlin/guard", GuardStatus)
         cls.changes = Latest(f"{KB}/changes", KnowledgeChanges)
         assert cls.status.wait(lambda status: status.state == ExecutorStatus.IDLE), "no status"
         cls.monitor = Monitor()
@@ -316,6 +317,29 @@ class MonitorPage(unittest.TestCase):
         self.assertEqual(ended, [False])
         with self.assertRaises(rospy.ServiceException):
             rospy.ServiceProxy("merlin/mission/pause", Trigger)()
+
+    def test_7_the_stop_button_stops_the_base_until_its_release(self):
+        visit = self.visit()
+        page = visit.page
+        page.set_viewport_size({"width": 390, "height": 800})
+        page.locator("#stop").click()
+        visit.wait_text("#control-said", "A token is needed")
+        page.fill("#token", TOKEN)
+        request = self.client.send("(checked dorm_room)")
+        self.assertTrue(self.guard.wait(lambda status: status.moving))
+        page.locator("#stop").click()
+        visit.wait_text("#guard-says", "The base is stopped")
+        self.assertTrue(self.guard.wait(lambda status: status.state == GuardStatus.STOPPED))
+        self.assertFalse(self.guard.message.moving)
+        self.assertTrue(request.wait(LONG))
+        self.assertEqual(outcome_name(request.result.outcome), "CANCELLED", request.result.reason)
+        result = self.client.execute("(checked bathroom)", LONG)
+        self.assertEqual(outcome_name(result.outcome), "ACTION_FAILED")
+        self.assertIn("has stopped the base", result.reason)
+        page.locator("#release").click()
+        visit.wait("() => document.getElementById('guard').hidden")
+        result = self.client.execute("(checked bathroom)", LONG)
+        self.assertEqual(outcome_name(result.outcome), "SUCCEEDED", result.reason)
 
     # --- again ---------------------------------------------------------------------------------------------
 

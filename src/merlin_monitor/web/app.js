@@ -1,6 +1,7 @@
 // Puts the sections together and lets the keyboard reach them.
 import { byId } from "./dom.js";
 import { Control } from "./control.js";
+import { showGuard } from "./guard.js";
 import { showHealth } from "./health.js";
 import { showHistory } from "./history.js";
 import { showKnowledge } from "./knowledge.js";
@@ -15,6 +16,7 @@ const store = new Store();
 const control = new Control(store);
 showConnection(store);
 showNow(store, control);
+showGuard(store, control);
 showQueue(store, control);
 showPlan(store);
 showMachines(store);

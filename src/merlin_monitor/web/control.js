@@ -42,6 +42,7 @@ export class Control {
     box.replaceChildren(...(wanted ? [el("button", { type: "button", onclick: () => this.ask(wanted, {}) }, wanted === "pause" ? "Pause the mission" : "Resume the mission")] : []));
   }
 
+  // Whether it was done; what was said about it stands in the section.
   async ask(what, fields) {
     const said = byId("control-said");
     try {
@@ -60,9 +61,11 @@ export class Control {
       }
       said.toggleAttribute("data-bad", !answer.ok);
       setText(said, words.trim());
+      return answer.ok;
     } catch {
       said.toggleAttribute("data-bad", true);
       setText(said, "The monitor does not answer.");
+      return false;
     }
   }
 

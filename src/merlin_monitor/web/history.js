@@ -1,7 +1,7 @@
 // What happened: bars of goals and actions over time, and events, newest first, back to the first one kept.
 import { byId, clockText, el, keyed, svg } from "./dom.js";
 
-const KINDS = ["mission", "goal", "plan", "action", "machine", "knowledge", "health", "control", "monitor"];
+const KINDS = ["mission", "goal", "plan", "action", "machine", "knowledge", "health", "guard", "control", "monitor"];
 const QUIET = new Set(["machine", "knowledge"]); // not shown until asked for
 const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", machine: "⬡", knowledge: "+", health: "♥", control: "✎", monitor: "·" };
 const BAD = /\b(failed|error|unsolvable|no plan|refused|timeout|crashed|invalid|internal|silent)\b/;

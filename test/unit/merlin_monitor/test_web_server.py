@@ -44,6 +44,13 @@ class FakeRobot:
         self.calls.append(("pause", pause))
         return "Paused."
 
+    def stop(self) -> str:
+        self.calls.append(("stop",))
+        return "stopped until merlin/release is called"
+
+    def release(self) -> str:
+        raise ControlError("The base was not released: no velocity guard runs.")
+
 
 class Served:
     """A running server and what belongs to it."""
@@ -208,6 +215,15 @@ def test_control_with_the_token(served: Served) -> None:
         ("pause", True),
         ("pause", False),
     ]
+
+
+def test_the_stop_button(served: Served) -> None:
+    assert ask(served.url, "control/stop", "POST", {}).status in (401, 403)
+    stopped = ask(served.url, "control/stop", "POST", CONTROL)
+    assert stopped.status == 200 and "stopped until" in stopped.said
+    assert served.robot.calls == [("stop",)]
+    released = ask(served.url, "control/release", "POST", CONTROL)
+    assert released.status == 409 and "no velocity guard" in released.said
 
 
 @pytest.mark.parametrize(

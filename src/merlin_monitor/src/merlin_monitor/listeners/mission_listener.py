@@ -1,15 +1,16 @@
-"""Follows the mission and the Executor."""
+"""Follows the mission, the Executor and the velocity guard."""
 
+import time
 from typing import Any
 
 import rospy
-from merlin_msgs.msg import ExecuteActionResult, ExecutorStatus, GoalQueue, MissionStatus
+from merlin_msgs.msg import ExecuteActionResult, ExecutorStatus, GoalQueue, GuardStatus, MissionStatus
 
 from merlin_monitor.state.monitor_model import MonitorModel
 
 
 class MissionListener:
-    """Keeps the sections of the present and of the queue up to date.
+    """Keeps the sections of the present, the queue and the guard up to date.
 
     :param state: the model.
     :param executor: name of the Executor's action.
@@ -22,6 +23,9 @@ class MissionListener:
             _subscribe("merlin/status", ExecutorStatus, lambda m: put(now.executor, m, _time(m))),
             _subscribe("merlin/queue", GoalQueue, lambda m: put(now.queue, m)),
             _subscribe(f"{executor}/result", ExecuteActionResult, lambda m: put(now.result, m, _time(m))),
+            _subscribe(
+                "merlin/guard", GuardStatus, lambda m: put(state.guard.status, m, _time(m), time.monotonic())
+            ),
         ]
 
 

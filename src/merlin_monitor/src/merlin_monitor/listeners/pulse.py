@@ -54,6 +54,7 @@ class Pulse:
         self._state.tree.set("meta", "time", round(at, 1))
         self._state.machines.check_silence(wall, self._paused)
         self._state.health.check_silence(at, wall)
+        self._state.guard.check_silence(at, wall)
 
     def _diagnostics(self, message: DiagnosticArray) -> None:
         self._state.inbox.put(self._state.health.diagnostics, message, rospy.get_time(), time.monotonic())

@@ -7,7 +7,7 @@ class Event(NamedTuple):
     """Something that happened.
 
     Attributes:
-        kind: mission, goal, plan, action, machine, knowledge, health, control or monitor.
+        kind: mission, goal, plan, action, machine, knowledge, health, guard, control or monitor.
         text: one line in plain words.
         at: ROS time, s.
         detail: what a timeline draws: ``began`` and ``ended`` (ROS time, s), ``outcome``, ``lane``.

@@ -7,6 +7,7 @@ from typing import Any, Dict, List, Optional
 from merlin_monitor.drawing.layout_thread import LayoutThread
 from merlin_monitor.drawing.machine_graph import Graph, machine_graph, plan_graph
 from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.guard_section import GUARD, GuardSection
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.history_section import NEWEST, HistorySection
 from merlin_monitor.state.history_store import HistoryError, HistoryStore
@@ -19,7 +20,7 @@ from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
 
-SECTIONS = ("meta", "now", "queue", "knowledge", "plan", "machines", "map", "history", "health")
+SECTIONS = ("meta", "now", "queue", "knowledge", "plan", "machines", "map", "history", "health", GUARD)
 PLAN_PICTURE = "plan"
 STARTUP = 10.0  # s of wall time for the history's first answer
 
@@ -54,6 +55,7 @@ class MonitorModel:
         self.now = NowSection(self.tree, self.tell, self.plan, self.machines)
         self.map = MapSection(self.tree)
         self.health = HealthSection(self.tree, self.tell)
+        self.guard = GuardSection(self.tree, self.tell)
         if history is not None:
             self.history = HistoryStore(history, history_limit, self._history.add, make_folder)
 

@@ -1,9 +1,10 @@
-"""Control of the robot from the page: goals, cancels, pausing a mission. Each request is checked first."""
+"""Control of the robot from the page: goals, cancels, pausing, stop. Each request is checked first."""
 
 from typing import Any, Dict, Protocol
 
 LONGEST_GOAL = 4000  # characters
 HIGHEST_PRIORITY = 2**31 - 1
+REQUESTS = ("check", "send", "cancel", "pause", "resume", "stop", "release")
 
 
 class ControlError(Exception):
@@ -25,6 +26,12 @@ class ControlledRobot(Protocol):
     def pause_mission(self, pause: bool) -> str:
         """Pauses the mission, or lets it go on; returns what it answered."""
 
+    def stop(self) -> str:
+        """Stops the base until it is released, and cancels all requests; returns what was done."""
+
+    def release(self) -> str:
+        """Lets the base drive again; returns what the guard answered."""
+
 
 class Control:
     """Carries out what the page asks for.
@@ -38,7 +45,7 @@ class Control:
     def carry_out(self, what: str, fields: Dict[str, Any]) -> str:
         """Does something; returns a sentence.
 
-        :param what: check, send, cancel, pause or resume.
+        :param what: check, send, cancel, pause, resume, stop or release.
         :param fields: goal and priority, or request.
         :raises ControlError: it cannot be done.
         """
@@ -57,7 +64,11 @@ class Control:
             return "The cancel was sent."
         if what in ("pause", "resume"):
             return self._robot.pause_mission(what == "pause")
-        raise ControlError(f"There is nothing called {what!r}; there is check, send, cancel, pause, resume.")
+        if what == "stop":
+            return self._robot.stop()
+        if what == "release":
+            return self._robot.release()
+        raise ControlError(f"There is nothing called {what!r}; there is {', '.join(REQUESTS)}.")
 
 
 def _goal(fields: Dict[str, Any]) -> str:

@@ -1,9 +1,10 @@
-"""Control of the robot over ROS: the Executor's public client, and the mission's services."""
+"""Control of the robot over ROS: the Executor's public client, the mission's and the guard's services."""
 
 import re
 
 import rospy
 from actionlib_msgs.msg import GoalID
+from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import MerlinExecutorClient
@@ -16,6 +17,8 @@ from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal
 from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 MISSION_ANSWERS = 5.0  # s of wall time
+GUARD_ANSWERS = 1.0  # s of wall time
+ALL_REQUESTS = GoalID()  # a cancel without name and time is for all goals of an action (actionlib)
 _REQUEST = re.compile(r"[^\x00-\x1f]{1,500}\Z")
 
 
@@ -36,6 +39,9 @@ class RobotControl:
             pause: ServiceProxy(f"merlin/mission/{name}", Trigger, timeout=MISSION_ANSWERS)
             for pause, name in ((True, "pause"), (False, "resume"))
         }
+        self._stops = rospy.Publisher("merlin/stop", Empty, queue_size=1)
+        self._stop = ServiceProxy("merlin/stop", Trigger, timeout=GUARD_ANSWERS)
+        self._release = ServiceProxy("merlin/release", Trigger, timeout=GUARD_ANSWERS)
 
     def check(self, goal: str) -> None:
         """Compares a goal with the domain and the objects."""
@@ -72,6 +78,33 @@ class RobotControl:
             raise ControlError(answer.message or "The mission refused.")
         self._tell(f"mission {'paused' if pause else 'resumed'} from the page")
         return str(answer.message)
+
+    def stop(self) -> str:
+        """Has the guard stop the base until its release, and cancels all requests of the Executor.
+
+        The topics come first: they need no answer of a process that may hang.
+        """
+        self._stops.publish(Empty())
+        self._cancels.publish(ALL_REQUESTS)
+        self._tell("stop from the page: the base stops, all requests are cancelled")
+        self._ask_guard(self._stop, "All requests were cancelled, but the base was not stopped")
+        return "All requests were cancelled; the base stands until it is released."
+
+    def release(self) -> str:
+        """Lets the base drive again."""
+        self._ask_guard(self._release, "The base was not released")
+        self._tell("base released from the page")
+        return "The base may drive again."
+
+    def _ask_guard(self, service: ServiceProxy, otherwise: str) -> None:
+        if not service.available():
+            raise ControlError(f"{otherwise}: no velocity guard runs.")
+        try:
+            answer = service()
+        except ServiceError as error:
+            raise ControlError(f"{otherwise}: {error}") from error
+        if not answer.success:
+            raise ControlError(f"{otherwise}: {answer.message}")
 
     def _tell(self, text: str) -> None:
         self._state.tell(Event("control", text, rospy.get_time()))

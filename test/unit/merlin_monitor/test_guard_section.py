@@ -1,0 +1,41 @@
+"""What the page says of the velocity guard."""
+
+from merlin_msgs.msg import GuardStatus
+from messages import Told
+
+from merlin_monitor.state.guard_section import SILENT_AFTER, GuardSection
+from merlin_monitor.state.state_tree import StateTree
+
+
+def test_a_stop_is_shown_with_its_reason_until_the_release() -> None:
+    tree, told = StateTree(), Told()
+    guard = GuardSection(tree, told)
+    guard.status(GuardStatus(state=GuardStatus.PASSING), 1.0, 1.0)
+    assert tree.get("guard", "state") == "passing" and not told
+    guard.status(GuardStatus(state=GuardStatus.STOPPED, reason="stopped by /monitor"), 2.0, 2.0)
+    assert (tree.get("guard", "state"), tree.get("guard", "reason")) == ("stopped", "stopped by /monitor")
+    guard.status(GuardStatus(state=GuardStatus.STOPPED, reason="stopped by /monitor"), 2.5, 2.5)
+    guard.status(GuardStatus(state=GuardStatus.IDLE), 3.0, 3.0)
+    assert (tree.get("guard", "state"), tree.get("guard", "reason")) == ("idle", "")
+    assert told.texts == ["base stopped: stopped by /monitor", "base may drive again"]
+
+
+def test_a_guard_that_falls_silent_is_not_shown_as_it_was() -> None:
+    tree, told = StateTree(), Told()
+    guard = GuardSection(tree, told)
+    guard.check_silence(0.0, 100.0)
+    assert not told, "there may be no guard"
+    guard.status(GuardStatus(state=GuardStatus.PASSING), 1.0, 100.0)
+    guard.check_silence(2.0, 100.0 + SILENT_AFTER)
+    assert tree.get("guard", "state") == "passing"
+    guard.check_silence(3.0, 100.1 + SILENT_AFTER)
+    assert tree.get("guard", "state") == "silent"
+    guard.status(GuardStatus(state=GuardStatus.IDLE), 4.0, 104.0)
+    assert tree.get("guard", "state") == "idle"
+    assert len(told) == 2
+
+
+def test_a_state_of_a_newer_guard_is_shown_as_it_is() -> None:
+    tree = StateTree()
+    GuardSection(tree, Told()).status(GuardStatus(state=77), 1.0, 1.0)
+    assert tree.get("guard", "state") == "77"
