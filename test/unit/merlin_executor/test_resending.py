@@ -14,6 +14,7 @@ from merlin_msgs.msg import ExecuteGoal, ExecuteResult
 from merlin_executor import executor_request
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.resending import END, RESEND, RESENDS, Next, Resending
+from merlin_sm import late_topics
 
 LONG = 20.0
 
@@ -146,6 +147,8 @@ def client() -> Client:
 def statuses(monkeypatch: pytest.MonkeyPatch) -> Statuses:
     made = Statuses()
     monkeypatch.setattr(rospy, "Subscriber", made)
+    master = SimpleNamespace(getPid=lambda: 1, master_uri="http://here")
+    monkeypatch.setattr(late_topics, "bounded_master", lambda *_: master)
     monkeypatch.setattr(rospy, "logwarn", lambda text: None)
     return made
 
