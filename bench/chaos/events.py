@@ -40,6 +40,13 @@ FACTS = "facts"
 GONE = "gone"
 #: Processes that a planner has left behind were counted: count.
 LEFT = "left"
+#: How the machine served the system: span (s until now), waited (s of it for which the system had to wait for
+#: a processor, at most).
+WAITED = "waited"
+#: A node said something on rosout, a warning or worse: node, level, text.
+SAID = "said"
+#: The client has put a fact into the knowledge base during the fault: fact, error (empty: acknowledged).
+WRITTEN = "written"
 #: From here on the next goal may be sent.
 NEXT = "next"
 #: The trial's judged time ends here.

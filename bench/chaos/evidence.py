@@ -9,6 +9,8 @@ from chaos.trials import Trial
 
 STANDING_FOR = 0.2
 """s that the base has to stand to count as standing."""
+STARVED = 0.5
+"""Share of a sample from which on the machine counts as starving the system."""
 REQUEST, NEXT = "request", "next"
 """Labels of the request that the fault strikes, and of the one after it."""
 
@@ -42,6 +44,22 @@ class Evidence:
     def all(self, kind: str, begin: float, end: float) -> List[Event]:
         """The events of a kind within a time."""
         return [event for event in self.log if event.kind == kind and begin <= event.at <= end]
+
+    def deadline(self, begin: float, limit: float) -> float:
+        """When a limit ends that begins at a time; seconds without a processor do not count.
+
+        :param limit: s.
+        """
+        end = begin + limit
+        for event in self.log:
+            if event.kind != events.WAITED or event.at <= begin:
+                continue
+            since, share = event.at - event["span"], event["waited"] / event["span"]
+            if since >= end:
+                break
+            if share >= STARVED:
+                end += share * (min(event.at, end) - max(since, begin))
+        return end
 
     def when(self, at: float) -> str:
         """A time as text."""

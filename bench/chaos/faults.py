@@ -34,8 +34,10 @@ GUARD = "merlin_guard"
 SIGNAL = "signal"
 LINK = "link"
 CLOCK_BACK = "clock_back"
+SECOND_CLOCK = "second_clock"
 DISK_FULL = "disk_full"
 SECOND_NODE = "second_node"
+START = "start"
 NONE = "none"
 
 HANG = 10.0
@@ -105,7 +107,7 @@ def links() -> List[Fault]:
         *cuts,
         Fault("link:cut", LINK, loss=1.0),
         Fault("link:lossy", LINK, lasts=20.0, loss=0.2),
-        Fault("link:slow", LINK, lasts=20.0, delay=0.3),
+        Fault("link:slow", LINK, lasts=20.0, delay=0.2),
     ]
 
 
@@ -113,9 +115,11 @@ def others() -> List[Fault]:
     """What is neither a signal nor a link."""
     return [
         Fault("clock:back", CLOCK_BACK),
+        Fault("clock:second", SECOND_CLOCK),
         Fault("disk:full", DISK_FULL, lasts=10.0),
         Fault("second:merlin_executor", SECOND_NODE, ("merlin_executor",)),
         Fault("second:merlin_bridges", SECOND_NODE, ("merlin_bridges",)),
+        Fault("start:shuffled", START),
     ]
 
 

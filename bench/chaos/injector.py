@@ -7,13 +7,25 @@ from typing import Dict, List, Optional
 
 from chaos import events, processes
 from chaos.events import Event
-from chaos.faults import CLIENT, CLOCK_BACK, DISK_FULL, LINK, MASTER, SECOND_NODE, SIGNAL, Fault
+from chaos.faults import (
+    CLIENT,
+    CLOCK_BACK,
+    DISK_FULL,
+    LINK,
+    MASTER,
+    SECOND_CLOCK,
+    SECOND_NODE,
+    SIGNAL,
+    Fault,
+)
 from chaos.system import System
 
 SIGNALS = {"KILL": signal.SIGKILL, "STOP": signal.SIGSTOP, "TERM": signal.SIGTERM}
 BALLAST = "ballast"
 """The file that fills the disk."""
 CHUNK = b"\0" * 4096
+WRITTEN_FACTS = tuple(f"(noted f{number})" for number in range(20))
+"""Facts that the client tells the knowledge base while its disk is full, until one is refused."""
 
 
 class Injector:
@@ -55,8 +67,11 @@ class Injector:
             self._system.network.shape(fault.loss, fault.delay)
         elif fault.kind == CLOCK_BACK:
             self._system.tell_client(do="clock_back")
+        elif fault.kind == SECOND_CLOCK:
+            self._system.tell_client(do="second_clock")
         elif fault.kind == DISK_FULL:
             self._fill()
+            self._system.tell_client(do="write", facts=list(WRITTEN_FACTS))
         elif fault.kind == SECOND_NODE:
             self._system.start_second(fault.targets[0])
         self._system.log.add(Event(at, events.FAULT, {"fault": fault.name, "targets": list(fault.targets)}))

@@ -1,6 +1,6 @@
 """Process: starts a launch file's nodes below a master that runs already, as roslaunch does.
 
-What differs from roslaunch: no node ends the others; nodes can be left out, started in random order, never
+What differs from roslaunch: no node ends the others; nodes can be left out, started at random times, never
 respawned, or started again by a command (a line of JSON: {"start": "node"}). It ends with its input.
 """
 
@@ -9,6 +9,7 @@ import json
 import os
 import random
 import sys
+import time
 from pathlib import Path
 from typing import Any, Dict, List
 
@@ -24,6 +25,8 @@ from chaos.child import Reporter, commands
 END_LIMITS = (2.0, 1.0)
 """s between SIGINT and SIGTERM, and between that and SIGKILL."""
 WORLD = "merlin_sim"
+SPREAD = 10.0
+"""s within which nodes are started that start at random times."""
 
 
 class Launcher(roslaunch.parent.ROSLaunchParent):
@@ -50,8 +53,6 @@ class Launcher(roslaunch.parent.ROSLaunchParent):
         # roslaunch starts rosout only together with a master of its own.
         config.nodes = [node for node in [*config.nodes, *config.nodes_core] if _chosen(node.name, options)]
         config.nodes_core = []
-        if options.shuffled is not None:
-            random.Random(f"start {options.shuffled}").shuffle(config.nodes)
         for node in config.nodes:
             # Here no node's death ends the run; a required one comes back as under a supervisor.
             # The world is left alone: a new one would have the base elsewhere.
@@ -69,10 +70,22 @@ class Launcher(roslaunch.parent.ROSLaunchParent):
         for key, value in options.set.items():
             config.params[key] = Param(key, value)
         self._all = {node.name: node for node in config.nodes}
+        if options.shuffled is not None:
+            config.nodes = []  # start_shuffled() starts them
         return sorted(self._all)
 
+    def start_shuffled(self, seed: int) -> Dict[str, float]:
+        """Starts the nodes one by one, at times drawn from a seed; returns the times, in s."""
+        numbers = random.Random(f"start {seed}")
+        times = {name: numbers.uniform(0.0, SPREAD) for name in sorted(self._all)}
+        begin = time.monotonic()
+        for name in sorted(times, key=lambda name: times[name]):
+            time.sleep(max(0.0, begin + times[name] - time.monotonic()))
+            self.start_again(name)
+        return times
+
     def start_again(self, name: str) -> bool:
-        """Starts a node that has ended; False when there is no such node."""
+        """Starts a node that does not run; False when there is no such node."""
         if name not in self._all:
             return False
         self.runner.launch_node(self._all[name])
@@ -112,7 +125,8 @@ def main() -> int:
     launcher = Launcher(options)
     names = launcher.prepare()
     launcher.start(auto_terminate=False)
-    report("launched", nodes=names)
+    times = launcher.start_shuffled(options.shuffled) if options.shuffled is not None else {}
+    report("launched", nodes=names, times=times)
     for command in commands(sys.stdin):
         _obey(launcher, command)
     launcher.shutdown()

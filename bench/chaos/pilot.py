@@ -1,8 +1,8 @@
 """Process: the robot's client in a campaign. It sends requests, cancels them, and looks what the robot knows.
 
 Commands are lines of JSON with `do`: ready, send (label, goals), cancel (label), prepare (add, remove),
-look (number), clock_back. Each runs in a thread of its own, so that one that gets no answer does not hold up
-the others.
+look (number), write (facts), clock_back, second_clock. Each runs in a thread of its own, so that one that
+gets no answer does not hold up the others.
 """
 
 import os
@@ -16,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import rospy
 from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
 
 from chaos import events
 from chaos.child import Reporter, commands
@@ -33,7 +34,7 @@ ANSWER_LIMIT = 10.0
 RETRY = 0.1
 """s between two attempts to reach a knowledge base that is being started."""
 OLD_CLOCK = (5.0, 10)
-"""s by which the clock jumps back, and in how many messages."""
+"""s by which a second clock is late, and how many messages it sends."""
 CLOCK_LASTS = 1.0
 """s of wall time for which the second clock is there."""
 
@@ -115,7 +116,23 @@ class Pilot:
                     return
             time.sleep(RETRY)
 
+    def _write(self, facts: List[str]) -> None:
+        """One fact after the other, until one is refused."""
+        for fact in facts:
+            error = ""
+            try:
+                self._knowledge.change_facts(add=[fact])
+            except (ServiceError, KnowledgeError, rospy.ROSException) as refused:
+                error = str(refused)
+            self._report(events.WRITTEN, fact=fact, error=error)
+            if error:
+                return
+
     def _clock_back(self) -> None:
+        answer = rospy.ServiceProxy("merlin_sim/clock_back", Trigger)()
+        self._report("clock_back" if answer.success else "failed", do="clock_back", error=answer.message)
+
+    def _second_clock(self) -> None:
         # Made only now: the simulator refuses to start beside another clock.
         clock = rospy.Publisher("/clock", Clock, queue_size=20, latch=True)
         back, messages = OLD_CLOCK
@@ -124,7 +141,7 @@ class Pilot:
             clock.publish(Clock(past + rospy.Duration(0.02 * number)))
         time.sleep(CLOCK_LASTS)  # subscribers connect, and get the last one at least
         clock.unregister()
-        self._report("clock_back", seconds=back)
+        self._report("second_clock", seconds=back)
 
 
 def main() -> int:

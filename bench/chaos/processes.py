@@ -27,10 +27,17 @@ class Usage(NamedTuple):
 
 def marked(run: str, proc: Path = Path("/proc")) -> List[int]:
     """Ids of all living processes of a run, this one not among them."""
-    wanted = f"{MARK}={run}".encode()
-    return [
-        pid for pid in _ids(proc) if pid != os.getpid() and wanted in _fields(proc / str(pid) / "environ")
-    ]
+    return [pid for pid in ids(proc) if is_marked(run, pid, proc)]
+
+
+def is_marked(run: str, pid: int, proc: Path = Path("/proc")) -> bool:
+    """Whether a process belongs to a run and is not this one."""
+    return pid != os.getpid() and f"{MARK}={run}".encode() in _fields(proc / str(pid) / "environ")
+
+
+def ids(proc: Path = Path("/proc")) -> List[int]:
+    """Ids of all processes."""
+    return [int(entry.name) for entry in proc.iterdir() if entry.name.isdigit()]
 
 
 def node_pid(run: str, node: str, parents: Sequence[int], proc: Path = Path("/proc")) -> Optional[int]:
@@ -106,7 +113,7 @@ def reap() -> None:
 
     Children of subprocess.Popen are left alone as long as Popen knows them: it finds them ended all the same.
     """
-    for pid in _ids(Path("/proc")):
+    for pid in ids():
         if _parent(Path("/proc"), pid) == os.getpid() and _zombie(pid):
             try:
                 os.waitpid(pid, os.WNOHANG)
@@ -117,10 +124,6 @@ def reap() -> None:
 def alive(pid: int) -> bool:
     """Whether a process is there and not a zombie."""
     return Path(f"/proc/{pid}").exists() and not _zombie(pid)
-
-
-def _ids(proc: Path) -> List[int]:
-    return [int(entry.name) for entry in proc.iterdir() if entry.name.isdigit()]
 
 
 def _fields(path: Path) -> List[bytes]:

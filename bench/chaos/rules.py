@@ -37,7 +37,8 @@ NEAR = 0.5
 """m within which the robot is at a point of interest."""
 SILENT = 5.0
 """s without anything that runs after which a request hangs."""
-NOWHERE = "anywhere"
+STATE_FILE = "knowledge.sqlite"
+"""The file that the knowledge base keeps its facts in."""
 #: Outcomes that need no reason.
 GOOD = ("SUCCEEDED", "ALREADY_TRUE")
 
@@ -102,7 +103,10 @@ def base_stands(evidence: Evidence) -> List[str]:
     if trial.fault.targets == (MASTER,) and not trial.cancel:
         limit = STAND_LIMIT_MASTER
     stood = stood_at(evidence, evidence.zero)
-    if stood is not None and _seconds_of_stopping(evidence, stood) <= limit:
+    deadline = evidence.deadline(evidence.zero, limit)
+    if stood is not None and stood - _slow_braking(evidence, stood) <= deadline:
+        return []
+    if stood is None and evidence.end <= deadline:
         return []
     until = stood if stood is not None else evidence.end
     metres = way(evidence, evidence.zero, until)
@@ -113,11 +117,11 @@ def base_stands(evidence: Evidence) -> List[str]:
     return [f"the base stands only {after}"]
 
 
-def _seconds_of_stopping(evidence: Evidence, stood: float) -> float:
-    """s from the fault until the base stood, less what a slow simulated world has added to its braking."""
+def _slow_braking(evidence: Evidence, stood: float) -> float:
+    """s that a slow simulated world has added to the base's braking."""
     braking = max(evidence.zero, stood - 2 * BRAKING)
     slow = (stood - braking) - (world_time(evidence, stood) - world_time(evidence, braking))
-    return stood - evidence.zero - max(0.0, slow)
+    return max(0.0, slow)
 
 
 def no_motion_after_the_end(evidence: Evidence) -> List[str]:
@@ -126,7 +130,7 @@ def no_motion_after_the_end(evidence: Evidence) -> List[str]:
     ends = [event for event in evidence.log if event.kind == events.ENDED]
     for ended in ends:
         sent = evidence.first(events.SENT, after=ended.at)
-        begin, end = ended.at + END_GRACE, sent.at if sent is not None else evidence.end
+        begin, end = evidence.deadline(ended.at, END_GRACE), sent.at if sent is not None else evidence.end
         if evidence.trial.moment is Moment.IDLE and ended.get("label") == REQUEST:
             continue
         braked = world_time(evidence, ended.at) + BRAKING
@@ -163,9 +167,11 @@ def the_end_is_told(evidence: Evidence) -> List[str]:
         ended = evidence.first(events.ENDED, label)
         begin = max(asked.at, evidence.zero) if label == REQUEST else asked.at
         name = "a cancelled request" if label == REQUEST else "the next request, cancelled,"
-        if ended is None:
+        limit = ANSWER_LIMIT_PLANNER if trial.variant.planner else ANSWER_LIMIT
+        deadline = evidence.deadline(begin, limit)
+        if ended is None and evidence.end > deadline:
             found.append(f"{name} has not ended {evidence.end - begin:.1f} s after its cancel: it hangs")
-        elif ended.at - begin > (ANSWER_LIMIT_PLANNER if trial.variant.planner else ANSWER_LIMIT):
+        elif ended is not None and ended.at > deadline:
             found.append(f"{name} ended ({ended['outcome']}) only {ended.at - begin:.1f} s after its cancel")
     return found + _hangs(evidence) + _outlives_its_client(evidence)
 
@@ -225,6 +231,21 @@ def nothing_is_lost(evidence: Evidence) -> List[str]:
     return found
 
 
+def what_is_full_is_said(evidence: Evidence) -> List[str]:
+    """A knowledge base that refuses a fact because its disk is full says which file it is."""
+    refused = next((event for event in evidence.log if event.kind == events.WRITTEN and event["error"]), None)
+    if refused is None:
+        return []
+    said = [event["text"] for event in evidence.all(events.SAID, evidence.zero, evidence.end)]
+    if any(STATE_FILE in text and "full" in text for text in said):
+        return []
+    heard = f"'{said[0][:120]}'" if said else "nothing"
+    return [
+        f"{refused['fact']} is refused at {evidence.when(refused.at)}, and no node says that the disk of "
+        f"{STATE_FILE} is full; said: {heard}"
+    ]
+
+
 def no_process_is_left(evidence: Evidence) -> List[str]:
     """What a planner has started ends with it."""
     return [
@@ -243,12 +264,15 @@ def the_next_goal_works(evidence: Evidence) -> List[str]:
     helped = evidence.first(events.HELPED)
     limit = NEXT_LIMIT_HELPED if helped is not None else NEXT_LIMIT
     if began is not None:
-        late = began.at - ready.at
-        return [] if late <= limit else [f"the next goal's first action began only after {late:.1f} s"]
+        if began.at <= evidence.deadline(ready.at, limit):
+            return []
+        return [f"the next goal's first action began only after {began.at - ready.at:.1f} s"]
     cancelled = evidence.first(events.CANCEL, NEXT)
     if ended is not None and (cancelled is None or ended.at < cancelled.at):
         return [f"the next goal ended {ended['outcome']} before any action: {ended['reason'][:160]}"]
     until = cancelled.at if cancelled is not None else evidence.end
+    if until <= evidence.deadline(ready.at, limit):
+        return []
     return [f"the next goal has not begun {until - ready.at:.1f} s after it could"]
 
 
@@ -259,6 +283,7 @@ RULES: Tuple[Callable[[Evidence], List[str]], ...] = (
     the_end_is_true,
     one_true_place,
     nothing_is_lost,
+    what_is_full_is_said,
     no_process_is_left,
     the_next_goal_works,
 )
@@ -273,7 +298,7 @@ def _hangs(evidence: Evidence) -> List[str]:
     until = min(event.at for event in (asked, ended) if event is not None) if asked or ended else evidence.end
     over = evidence.first(events.OVER)
     begin = max(evidence.zero, over.at if over is not None and over.at < until else evidence.zero)
-    if until - begin < ANSWER_LIMIT - 0.5:
+    if until < evidence.deadline(begin, ANSWER_LIMIT - 0.5):
         return []
     window = until - SILENT
     works = [
@@ -302,14 +327,15 @@ def _outlives_its_client(evidence: Evidence) -> List[str]:
     ]
     if not idle:
         return [f"the request of a dead client still runs at {evidence.when(evidence.end)}"]
-    late = idle[0].at - evidence.zero
-    return [f"the request of a dead client runs for {late:.1f} s"] if late > ANSWER_LIMIT else []
+    if idle[0].at <= evidence.deadline(evidence.zero, ANSWER_LIMIT):
+        return []
+    return [f"the request of a dead client runs for {idle[0].at - evidence.zero:.1f} s"]
 
 
 def _cancelled_truly(evidence: Evidence, ended: Event) -> List[str]:
     found = []
     at = evidence.when(ended.at)
-    scene = scene_at(evidence.log, ended.at + END_GRACE)
+    scene = scene_at(evidence.log, evidence.deadline(ended.at, END_GRACE))
     braked = world_time(evidence, ended.at) + BRAKING
     later = evidence.all(events.TRUTH, ended.at, evidence.end)
     after = next((event for event in later if event.get("ros", event.at) > braked), None)

@@ -10,8 +10,8 @@ from typing import Callable, Dict, List, Optional, Set, Tuple
 from chaos import events, processes
 from chaos.events import Event, LogClosed
 from chaos.evidence import NEXT, REQUEST, Evidence
-from chaos.faults import CLIENT, MASTER, NONE, SECOND_NODE
-from chaos.injector import Injector
+from chaos.faults import CLIENT, DISK_FULL, MASTER, NONE, SECOND_NODE
+from chaos.injector import SIGNALS, WRITTEN_FACTS, Injector
 from chaos.moments import WINDOWS, Moment, begins, holds
 from chaos.rules import Judgement, judge
 from chaos.scene import DRIVING_SPEED, Scene, scene_at
@@ -24,6 +24,10 @@ ANSWER_WATCH = 20.0
 """s that an answer is waited for: twice what it may take, so that it is measured."""
 UNTOLD_WATCH = 10.5
 """s after which a request that was not cancelled is cancelled."""
+GOES_ON = 4.0
+"""s after a fault, or after its end, from which on a request that drives is known to go on."""
+GOES_ON_MASTER = 7.0
+"""The same without a master, which is missed later."""
 NEXT_WATCH = 12.0
 SETTLE = 1.5
 """s watched after an end, for what must not move any more."""
@@ -34,6 +38,9 @@ PLANNER_CHILD = "planner_child"
 """Last word of the command line of what the campaign's planner leaves behind."""
 FAR = 2.0
 """m that a place to drive to is away at least."""
+
+
+_ONE = Event(0.0, events.WAITED, {"span": 1.0, "waited": 0.0})
 
 
 class Missed(Exception):
@@ -66,6 +73,12 @@ class Result:
         if len(truth) < 2 or truth[-1].at <= truth[0].at:
             return 0.0
         return float(truth[-1]["ros"] - truth[0]["ros"]) / (truth[-1].at - truth[0].at)
+
+    @property
+    def waited(self) -> float:
+        """Share of the trial in which the system had to wait for a processor, at most."""
+        samples = [event for event in self.log if event.kind == events.WAITED]
+        return sum(event["waited"] for event in samples) / sum(event["span"] for event in samples or [_ONE])
 
     @property
     def clean(self) -> bool:
@@ -168,14 +181,15 @@ class _Course:
         if REQUESTS[self._trial.moment] == LISTEN:
             add.append(remove.pop(0))
         remove += [f"({name} {place})" for name in ("deaf_at", "touchy_at") for place in self._points]
+        if self._trial.fault.kind == DISK_FULL:
+            remove += WRITTEN_FACTS
         self._system.tell_client(do="prepare", add=add, remove=remove)
         prepared = self._find("prepared", 15.0)
         if prepared is None or prepared.kind == "failed":
             raise Missed(
                 f"the knowledge base takes no facts: {prepared['error'] if prepared else 'no answer'}"
             )
-        if note not in self._notes:
-            self._notes.append(note)
+        self._notes[:] = sorted({*self._notes, note} - set(remove))
 
     def _goals(self) -> List[str]:
         if self._trial.goals:
@@ -259,8 +273,9 @@ class _Course:
             return
         cancelled = trial.cancel or trial.moment is Moment.CANCELLING
         if not cancelled:
-            lasts = trial.fault.lasts or 0.0
-            if self._ended(REQUEST, UNTOLD_WATCH + min(lasts, 10.0)):
+            lasts = min(trial.fault.lasts or 0.0, 10.0)
+            goes_on = lasts + (GOES_ON_MASTER if MASTER in trial.fault.targets else GOES_ON)
+            if self._ended_or_drives(fault_at + goes_on, UNTOLD_WATCH + lasts):
                 return
             self._system.tell_client(do="cancel", label=REQUEST)
         self._ended(REQUEST, ANSWER_WATCH)
@@ -273,11 +288,23 @@ class _Course:
         if trial.fault.lasts is not None and not injector.over:
             left = fault_at + trial.fault.lasts + 1.0 - time.monotonic()
             self._find(events.OVER, max(0.0, left))
+        if trial.fault.kind == DISK_FULL:
+            self._restart_knowledge()
         lasting = trial.fault.lasts is None and trial.fault.kind not in (NONE, SECOND_NODE)
         helped = injector.help() if lasting else []
         if MASTER in trial.fault.targets and helped:
             self._report(events.HELPED, what="a new master knows nobody")
         return helped
+
+    def _restart_knowledge(self) -> None:
+        """Has the knowledge base read its file: what it has acknowledged is there."""
+        written = (event for event in self._log.since(self._begin) if event.kind == events.WRITTEN)
+        self._notes += [event["fact"] for event in written if not event["error"]]
+        knowledge = self._system.pid("planning_system")
+        if knowledge is None:
+            raise Missed("planning_system does not run")
+        processes.send(knowledge, SIGNALS["KILL"])
+        self._pause(SETTLE)
 
     def _next_goal(self) -> None:
         self._report(events.NEXT)
@@ -333,6 +360,24 @@ class _Course:
             time.monotonic() + limit,
             time.monotonic,
         )
+        return bool(found)
+
+    def _ended_or_drives(self, goes_on: float, limit: float) -> bool:
+        """Whether the request has ended; False at once when the base drives after a time.
+
+        :param goes_on: from when on, s on the monotonic clock.
+        :param limit: s to wait at most.
+        """
+        scene = Scene()
+
+        def find(event: Event) -> Optional[bool]:
+            scene.apply(event)
+            if event.kind == events.ENDED and event["label"] == REQUEST:
+                return True
+            drives = event.at >= goes_on and holds(Moment.DRIVING, scene)
+            return False if drives else None
+
+        found = self._log.wait_for(self._begin, find, time.monotonic() + limit, time.monotonic)
         return bool(found)
 
     def _find(self, kind: str, limit: float) -> Optional[Event]:

@@ -19,6 +19,8 @@ from chaos.child import Child
 from chaos.events import GONE, TRUTH, Event, EventLog
 from chaos.faults import CLIENT, MASTER, NODES
 from chaos.network import ADDRESSES, MIND, ROBOT, Network
+from chaos.pressure import Pressure
+from chaos.rules import STATE_FILE
 from chaos.trials import Variant
 
 HERE = Path(__file__).resolve().parent
@@ -38,7 +40,9 @@ ACTIONS = [
     *(f"chaos_actions:{name}" for name in ("Say", "Hear", "DriveDeaf", "DriveTouchy", "Quit")),
 ]
 LAUNCHER = "launcher"
-SMALL_DISK = "1m"
+SMALL_DISK = "2m"
+SIMULATOR = {"merlin_sim": "clock_simulator"}
+"""The simulator whose clock can be set back, in the place of the other one."""
 
 
 class StartError(RuntimeError):
@@ -63,6 +67,7 @@ class System:
         self._network: Optional[Network] = None
         self._master: Optional[subprocess.Popen] = None
         self._children: Dict[str, Child] = {}
+        self._pressure: Optional[Pressure] = None
         self._port = 0
 
     @property
@@ -96,6 +101,7 @@ class System:
             position = self.log.position()
             self._network = Network(self.run, self._env(), self._folder, self.log.add)
             self._await("linked", position, "the link")
+        self._pressure = Pressure(self.run, self.log.add)
         self._start_master()
         self._launch()
         self.start_witnesses()
@@ -184,6 +190,8 @@ class System:
         :param keep: the folder of the logs.
         """
         self.log.close("the system was stopped")
+        if self._pressure is not None:
+            self._pressure.close()
         processes.kill_marked(self.run)
         for child in self._children.values():
             child.close()
@@ -254,8 +262,10 @@ class System:
             command.append("--respawn")
         if self.variant.shuffled:
             command += ["--shuffled", str(self._seed)]
+        instead = dict(SIMULATOR)
         if self.variant.navigation:
-            command += ["--instead", json.dumps({"navigation": self.variant.navigation})]
+            instead["navigation"] = self.variant.navigation
+        command += ["--instead", json.dumps(instead)]
         position = self._child(name, side, [*command, *selection])
         nodes: List[str] = self._await("launched", position, f"the {name}")["nodes"]
         return nodes
@@ -268,7 +278,7 @@ class System:
             "/rosplan_planner_interface/anytime": ANYTIME,
         }
         if self.variant.state_file:
-            parameters["/rosplan_knowledge_base/state_file"] = str(self.disk / "knowledge.sqlite")
+            parameters["/rosplan_knowledge_base/state_file"] = str(self.disk / STATE_FILE)
             parameters["/rosplan_knowledge_base/reset_state"] = False
             parameters["/merlin_executor/goals_file"] = str(self.disk / "goals")
         if self.variant.planner:

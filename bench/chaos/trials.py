@@ -14,6 +14,7 @@ from chaos.faults import (
     NODES,
     NONE,
     SIGNAL,
+    START,
     Fault,
     all_faults,
 )
@@ -44,7 +45,7 @@ class Variant:
     :param state_file: the knowledge base keeps its state in a file; "full": on a small file system.
     :param planner: name of a planner of the campaign's own; empty: the default one.
     :param navigation: name of a navigation of the campaign's own; empty: the default one.
-    :param shuffled: nodes start in an order drawn from the seed.
+    :param shuffled: nodes start at times drawn from the seed.
     """
 
     respawn: bool = True
@@ -153,12 +154,16 @@ def variant_of(fault: Fault, respawn: bool) -> Variant:
         return Variant(respawn, network=True)
     if fault.kind == DISK_FULL:
         return Variant(respawn, state_file="full")
+    if fault.kind == START:
+        return Variant(respawn, shuffled=True)
     # Only the guard stops a base that never stops by itself: without a guard nothing does.
     return Variant(respawn, base_timeout=0.5 if GUARD in fault.targets else None)
 
 
 def fits(fault: Fault, moment: Moment, respawn: bool) -> bool:
     """Whether a fault makes sense at a moment."""
+    if fault.kind == START and moment is not Moment.IDLE:
+        return False
     if fault.kind != SIGNAL:
         return respawn
     if not respawn and (MASTER in fault.targets or CLIENT in fault.targets):
@@ -217,10 +222,4 @@ def _pool(
             for again in respawn
             if fits(fault, moment, again)
         ]
-    if "*" in patterns and Moment.IDLE in moments:
-        chosen.append(
-            Trial(
-                "start:shuffled", Fault("start:shuffled", NONE), Moment.IDLE, variant=Variant(shuffled=True)
-            )
-        )
     return chosen

@@ -16,6 +16,7 @@ from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import Twist
 from merlin_msgs.msg import ExecutorStatus, GuardStatus
 from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Log
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 
 from chaos import events
@@ -24,6 +25,8 @@ from chaos.scene import SERVERS
 
 LIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 ROBOT, MIND = "robot", "mind"
+LONGEST = 500
+"""Characters of a node's message that are kept."""
 
 
 class Witness:
@@ -33,6 +36,7 @@ class Witness:
         self._report = report
         self._lock = threading.Lock()  # guards _goals; rospy has a thread per connection
         self._goals: Dict[str, Tuple] = {}
+        self._world = WorldTime()
         if side in (ROBOT, "all"):
             self._subscribe("ground_truth", Odometry, self._truth)
             self._subscribe("cmd_vel", Twist, self._command)
@@ -40,6 +44,7 @@ class Witness:
             for server in SERVERS:
                 self._subscribe(f"{server}/status", GoalStatusArray, self._statuses, server)
         if side in (MIND, "all"):
+            self._subscribe("/rosout", Log, self._said)
             self._subscribe("merlin/status", ExecutorStatus, self._status)
             self._subscribe("rosplan_plan_dispatcher/action_dispatch", ActionDispatch, self._dispatch)
             self._subscribe("rosplan_plan_dispatcher/action_feedback", ActionFeedback, self._feedback)
@@ -55,7 +60,7 @@ class Witness:
             turn=round(twist.angular.z, 4),
             x=round(place.x, 3),
             y=round(place.y, 3),
-            ros=message.header.stamp.to_sec(),
+            ros=self._world.at(message.header.stamp.to_sec()),
         )
 
     def _command(self, message: Twist) -> None:
@@ -79,6 +84,10 @@ class Witness:
             events.STATUS, state=message.state, stage=message.stage, request=message.request, running=running
         )
 
+    def _said(self, message: Log) -> None:
+        if message.level >= Log.WARN:
+            self._report(events.SAID, node=message.name, level=message.level, text=message.msg[:LONGEST])
+
     def _dispatch(self, message: ActionDispatch) -> None:
         self._report(events.DISPATCH, name=message.name, action=message.action_id, plan=message.plan_id)
 
@@ -91,6 +100,24 @@ class Witness:
             status=message.status,
             information=said,
         )
+
+
+class WorldTime:
+    """Simulated time that goes on where the clock is set back."""
+
+    def __init__(self) -> None:
+        self._last = 0.0
+        self._back = 0.0
+
+    def at(self, stamp: float) -> float:
+        """s, never less than before.
+
+        :param stamp: s on the clock.
+        """
+        if stamp < self._last:
+            self._back += self._last - stamp
+        self._last = stamp
+        return stamp + self._back
 
 
 def main() -> int:

@@ -3,7 +3,8 @@
   (:domain chaos)
   (:objects
     dorm_room bathroom kitchen main_door - poi
-    n0 n1 n2 n3 n4 n5 n6 n7 n8 n9 n10 n11 n12 n13 n14 n15 n16 n17 n18 n19 - note)
+    n0 n1 n2 n3 n4 n5 n6 n7 n8 n9 n10 n11 n12 n13 n14 n15 n16 n17 n18 n19
+    f0 f1 f2 f3 f4 f5 f6 f7 f8 f9 f10 f11 f12 f13 f14 f15 f16 f17 f18 f19 - note)
   (:init
     (robot_at anywhere)
     (= (duration anywhere dorm_room) 25)

@@ -1,0 +1,91 @@
+"""How long the system under test had to wait for the machine, and not for its own mistakes.
+
+A starved machine makes every figure of a trial worse. The kernel counts for each thread how long it was ready
+and had no processor; sampled over all threads of the system, that is an upper bound of what the machine, and
+not the robot, has added to a figure.
+"""
+
+import os
+import threading
+import time
+from pathlib import Path
+from typing import Callable, Dict, Set, Tuple
+
+from chaos import events, processes
+from chaos.events import Event
+
+PERIOD = 0.25
+"""s between two samples."""
+
+Delays = Dict[Tuple[int, str], int]
+
+
+class Pressure:
+    """Samples a system and reports an event per period.
+
+    :param run: mark of the system's processes.
+    :param report: takes the events.
+    """
+
+    def __init__(self, run: str, report: Callable[[Event], None], proc: Path = Path("/proc")) -> None:
+        self._run = run
+        self._report = report
+        self._proc = proc
+        self._ours: Set[int] = set()
+        self._seen: Set[int] = set()
+        self._sure: Set[int] = set()
+        self._over = threading.Event()
+        # Ends with close().
+        self._thread = threading.Thread(target=self._sample, name="pressure", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the sampling."""
+        self._over.set()
+        self._thread.join()
+
+    def _sample(self) -> None:
+        at, before, lost = time.monotonic(), self._delays(), self._taken()
+        while not self._over.wait(PERIOD):
+            now, delays, taken = time.monotonic(), self._delays(), self._taken()
+            waited = sum(delay - before.get(thread, 0) for thread, delay in delays.items()) / 1e9
+            span = now - at
+            self._report(
+                Event(now, events.WAITED, {"span": span, "waited": min(span, waited + taken - lost)})
+            )
+            at, before, lost = now, delays, taken
+
+    def _delays(self) -> Delays:
+        """ns that each thread of the system has waited for a processor in its life."""
+        found: Delays = {}
+        for pid in self._pids():
+            folder = f"{self._proc}/{pid}/task"
+            try:
+                threads = os.listdir(folder)
+            except OSError:
+                continue  # it has ended
+            for thread in threads:
+                try:
+                    with open(f"{folder}/{thread}/schedstat", "rb") as file:
+                        found[pid, thread] = int(file.read().split()[1])
+                except (OSError, IndexError, ValueError):
+                    continue
+        return found
+
+    def _pids(self) -> Set[int]:
+        """Processes of the run. A new one is looked at twice: the first time it may not have begun its own
+        program, and with it its environment."""
+        now = set(processes.ids(self._proc))
+        unsure = now - self._sure
+        self._ours &= now
+        self._ours |= {pid for pid in unsure if processes.is_marked(self._run, pid, self._proc)}
+        self._sure, self._seen = now & self._seen, now
+        return self._ours
+
+    def _taken(self) -> float:
+        """s for which a hypervisor gave the processors to others."""
+        try:
+            fields = (self._proc / "stat").read_text().splitlines()[0].split()
+            return int(fields[8]) / float(os.sysconf("SC_CLK_TCK"))
+        except (OSError, IndexError, ValueError):
+            return 0.0
