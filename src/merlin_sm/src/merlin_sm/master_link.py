@@ -41,39 +41,45 @@ lost = threading.Event()
 _never = threading.Event()
 
 
-class _Bounds:
-    """Bounds the calls of an XML-RPC transport, whoever made it.
+class _BoundedTransport(xmlrpc.client.Transport):
+    """An XML-RPC transport whose calls end.
 
-    :param transport: of an `xmlrpc.client.ServerProxy` that no other thread uses yet.
+    A class, not a change of an instance: an instance that refers to itself keeps its connection open until the
+    garbage collector finds it.
+
     :param uri: of the server, for texts.
     :param timeout: for each wait for the server, s of wall time.
     :param lost: while set, calls fail at once.
     """
 
-    def __init__(
-        self, transport: xmlrpc.client.Transport, uri: str, timeout: float, lost: threading.Event
-    ) -> None:
+    def __init__(self, uri: str, timeout: float, lost: threading.Event) -> None:
+        super().__init__()
+        self.bound(uri, timeout, lost)
+
+    def bound(self, uri: str, timeout: float, lost: threading.Event) -> None:
+        """Sets what the constructor takes."""
         self._uri = uri
         self._timeout = timeout
         self._lost = lost
         self._silent = False  # whether the last call had no answer; calls of a transport are one at a time
-        self._connect = transport.make_connection
-        self._ask = transport.request
-        transport.make_connection = self._make_connection  # type: ignore[method-assign]
-        transport.request = self._request  # type: ignore[method-assign]
 
-    def _make_connection(self, host: Any) -> http.client.HTTPConnection:
-        connection = self._connect(host)
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        """The connection of the calls before, or a new one, with the timeout."""
+        connection = super().make_connection(host)
         connection.timeout = min(self._timeout, SILENT_TIMEOUT) if self._silent else self._timeout
         if connection.sock is not None:  # kept from the call before
             connection.sock.settimeout(connection.timeout)
         return connection
 
-    def _request(self, *args: Any, **options: Any) -> Any:
+    def request(self, *args: Any, **options: Any) -> Any:
+        """Calls the server.
+
+        :raises MasterSilent: when there is no answer in time.
+        """
         if self._lost.is_set():
             raise MasterSilent(f"the master at {self._uri} does not answer")
         try:
-            answer = self._ask(*args, **options)
+            answer = super().request(*args, **options)
         except socket.timeout as error:
             self._silent = True
             raise MasterSilent(f"{self._uri} did not answer within {self._timeout:g} s") from error
@@ -91,9 +97,7 @@ def bounded_proxy(uri: str, timeout: float) -> xmlrpc.client.ServerProxy:
     :param uri: of a node or master.
     :param timeout: for each wait for the server, s of wall time.
     """
-    proxy = xmlrpc.client.ServerProxy(uri)
-    _Bounds(proxy("transport"), uri, timeout, _never)
-    return proxy
+    return xmlrpc.client.ServerProxy(uri, transport=_BoundedTransport(uri, timeout, _never))
 
 
 def bounded_master(timeout: float = MASTER_TIMEOUT) -> rosgraph.Master:
@@ -102,8 +106,8 @@ def bounded_master(timeout: float = MASTER_TIMEOUT) -> rosgraph.Master:
     :param timeout: for each wait for the master, s of wall time.
     """
     master = rosgraph.Master(rospy.get_name())
-    master.handle = xmlrpc.client.ServerProxy(master.master_uri)
-    _Bounds(master.handle("transport"), master.master_uri, timeout, lost)
+    transport = _BoundedTransport(master.master_uri, timeout, lost)
+    master.handle = xmlrpc.client.ServerProxy(master.master_uri, transport=transport)
     return master
 
 
@@ -113,7 +117,9 @@ def bound_rospy() -> None:
     rospy registers through one connection, with a lock around it, and has no option for a timeout.
     """
     uri = rosgraph.get_master_uri()
-    _Bounds(rospy.core.xmlrpcapi(uri)("transport"), uri, MASTER_TIMEOUT, lost)
+    transport = rospy.core.xmlrpcapi(uri)("transport")
+    transport.__class__ = _BoundedTransport  # rospy has made it, and has no other place for it
+    transport.bound(uri, MASTER_TIMEOUT, lost)
 
 
 def master_answers() -> bool:
