@@ -19,7 +19,7 @@ from chaos import endurance, table
 from chaos.campaign import Campaign
 from chaos.faults import NODES, all_faults
 from chaos.moments import Moment
-from chaos.network import why_impossible
+from chaos.network import why_impossible, why_slow
 from chaos.system import StartError
 from chaos.trials import Trial, draw, known_failures
 
@@ -112,6 +112,8 @@ def _count(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace, rows: Path, trials: Iterator[Trial], count: int) -> int:
     if why_impossible():
         print(f"chaos: no trials with a cut link: {why_impossible()}", file=sys.stderr)
+    elif why_slow():
+        print(f"chaos: after a cut of 30 s the next goal comes late: {why_slow()}", file=sys.stderr)
     campaign = Campaign(rows, points_of_interest(), sys.stdout, reuse=not options.fresh)
     seconds = None if options.minutes is None else options.minutes * 60.0
     try:

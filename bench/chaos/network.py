@@ -11,6 +11,9 @@ from chaos.child import Child
 from chaos.events import Event
 
 ROBOT, MIND = "robot", "mind"
+TCP_SETTINGS = {"tcp_rto_max_ms": "2000", "tcp_retries2": "255"}
+"""What docs/real-robot.md asks of a robot's computers: a connection that stalled in a cut goes on within 2 s
+after it. Without, TCP waits as long again as the cut has lasted."""
 ADDRESSES = {ROBOT: "10.213.7.1", MIND: "10.213.7.2"}
 
 
@@ -25,6 +28,12 @@ def why_impossible() -> str:
     if not Path("/dev/net/tun").exists():
         return "there is no /dev/net/tun"
     return ""
+
+
+def why_slow() -> str:
+    """Why connections are slow to come back after a cut; empty when they are not."""
+    missing = [name for name in TCP_SETTINGS if not Path(f"/proc/sys/net/ipv4/{name}").exists()]
+    return f"this kernel has no net.ipv4.{missing[0]} (it takes Linux 6.15)" if missing else ""
 
 
 class Network:
@@ -48,6 +57,7 @@ class Network:
         except (OSError, subprocess.CalledProcessError) as error:
             self.close()
             raise NetworkError(f"ip netns add: {getattr(error, 'stderr', '') or error}") from error
+        self._set_tcp()
         ends = [word for side in (ROBOT, MIND) for word in (self.names[side], ADDRESSES[side])]
         script = str(Path(__file__).with_name("link.py"))
         self._link = Child("link", [sys.executable, script, *ends], env, folder, on_event)
@@ -55,6 +65,12 @@ class Network:
     def inside(self, side: str, command: List[str]) -> List[str]:
         """A command line that runs in a namespace."""
         return ["nsenter", f"--net=/run/netns/{self.names[side]}", *command]
+
+    def _set_tcp(self) -> None:
+        for side in self.names:
+            for name, value in TCP_SETTINGS.items():
+                script = f"echo {value} > /proc/sys/net/ipv4/{name}"
+                subprocess.run(self.inside(side, ["sh", "-c", script]), capture_output=True, check=False)
 
     def shape(self, loss: float = 0.0, delay: float = 0.0) -> None:
         """Makes the link lossy and slow; the defaults heal it."""
