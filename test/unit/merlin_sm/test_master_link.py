@@ -53,7 +53,7 @@ def ask_the_master(uri: str) -> Any:
 
 @pytest.mark.parametrize("ask", [ask_a_node, ask_the_master])
 def test_a_dropped_client_closes_its_connection_at_once(uri: str, ask: Any) -> None:
-    gc.disable()  # a quiet node's collector comes after minutes, and each look at the master left a connection
+    gc.disable()  # a quiet node's collector comes after minutes
     try:
         client = ask(uri)
         assert not closed.is_set()

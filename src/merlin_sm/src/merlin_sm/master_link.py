@@ -44,8 +44,8 @@ _never = threading.Event()
 class _BoundedTransport(xmlrpc.client.Transport):
     """An XML-RPC transport whose calls end.
 
-    A class, not a change of an instance: an instance that refers to itself keeps its connection open until the
-    garbage collector finds it.
+    A class, not a change of an instance: an instance that refers to itself keeps its connection open until
+    the garbage collector finds it.
 
     :param uri: of the server, for texts.
     :param timeout: for each wait for the server, s of wall time.
