@@ -14,7 +14,7 @@ DISTURBANCES ?= 5
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment restaurant test lint bench chaos soak screenshots clean
+.PHONY: help build demo experiment restaurant test lint bench chaos chaos-table soak screenshots clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD=)"
@@ -23,6 +23,7 @@ help:
 	@echo "make test   all tests"
 	@echo "make bench  benchmarks"
 	@echo "make chaos  the fault campaign (TRIALS= MINUTES= SEED= FAULT= MOMENT= RESPAWN=yes|no)"
+	@echo "make chaos-table   its table into docs/reliability.md (RESULTS='folder folder …')"
 	@echo "make soak   10 000 cancels and interruptions, the long tests, an hour of faults, 3 000 goals (CYCLES= MINUTES=)"
 	@echo "make lint   ruff, catkin_lint, roslaunch-check"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
@@ -57,6 +58,10 @@ CHAOS = $(IN) python bench/chaos
 chaos: build
 	@$(CHAOS) $(call given,TRIALS,trials) $(call given,MINUTES,minutes) --seed $(SEED) \
 	  $(call given,FAULT,faults) $(call given,MOMENT,moments) $(call given,RESPAWN,respawn)
+
+# The table in docs/reliability.md, from the rows of one or more campaigns.
+chaos-table: build
+	@$(CHAOS) --markdown docs/reliability.md --results $(or $(RESULTS),results/chaos)
 
 soak: build
 	@CYCLES=$(CYCLES) LIMIT=20000 $(IN) python bench/run.py cancel_stress

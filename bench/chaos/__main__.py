@@ -60,11 +60,22 @@ def arguments(words: List[str]) -> argparse.Namespace:
     parser.add_argument(
         "--respawn", choices=["both", "yes", "no"], default="both", help="do dead nodes come back"
     )
-    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument(
+        "--results",
+        type=Path,
+        nargs="+",
+        default=[RESULTS],
+        help="folder of the rows; several only for --markdown, which puts them together",
+    )
     parser.add_argument("--fresh", action="store_true", help="a new system for every trial")
     parser.add_argument("--keep", action="store_true", help="add to the rows that are there")
     parser.add_argument(
-        "--markdown", action="store_true", help="print the table of the rows that are there; no trials"
+        "--markdown",
+        type=Path,
+        nargs="?",
+        const=Path("-"),
+        metavar="PAGE",
+        help="no trials: print the table of the rows that are there, or put it between the marks of a page",
     )
     parser.add_argument(
         "--goals", type=int, help="no faults: so many goals on one system; does anything grow"
@@ -76,13 +87,16 @@ def arguments(words: List[str]) -> argparse.Namespace:
 def main(words: List[str]) -> int:
     """Runs a campaign; returns the exit code."""
     options = arguments(words)
-    rows = options.results / "trials.csv"
     if options.list:
         print("\n".join([*known_failures(), *all_faults()]))
         return 0
     if options.markdown:
-        print(table.markdown(table.read(rows)))
-        return 0
+        return _tabulate(options)
+    if len(options.results) > 1:
+        print("chaos: several folders of results are for --markdown only", file=sys.stderr)
+        return EXIT_USAGE
+    options.results = options.results[0]
+    rows = options.results / "trials.csv"
     if options.goals:
         return _guarded(lambda: _endure(options))
     if not options.keep:
@@ -96,6 +110,19 @@ def main(words: List[str]) -> int:
         print(f"chaos: {error}", file=sys.stderr)
         return EXIT_USAGE
     return _guarded(lambda: _run(options, rows, chain([first], trials), options.trials or _count(options)))
+
+
+def _tabulate(options: argparse.Namespace) -> int:
+    try:
+        rows = [row for folder in options.results for row in table.read(folder / "trials.csv")]
+        if options.markdown == Path("-"):
+            print(table.markdown(rows))
+        else:
+            table.write_into(options.markdown, rows)
+    except (OSError, ValueError) as error:
+        print(f"chaos: {error}", file=sys.stderr)
+        return EXIT_USAGE
+    return 0
 
 
 def _count(options: argparse.Namespace) -> int:

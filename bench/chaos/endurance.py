@@ -41,6 +41,20 @@ def leaks(samples: List[Tuple[int, Dict[str, Usage]]]) -> List[str]:
     return found
 
 
+def report(samples: List[Tuple[int, Dict[str, Usage]]]) -> str:
+    """What each process held after the warm-up and at the end, for the screen and for a page."""
+    (first, before), (last, after) = samples[0], samples[-1]
+    heads = ("process", "memory, MB", "threads", "descriptors", "sockets")
+    lines = ["| " + " | ".join(heads) + " |", "| --- " * len(heads) + "|"]
+    for node in sorted(before):
+        cells = [
+            f"{value:.0f} → {getattr(after[node], name):.0f}" if node in after else f"{value:.0f} → ended"
+            for name, value in before[node]._asdict().items()
+        ]
+        lines.append(f"| {node} | {' | '.join(cells)} |")
+    return "\n".join([f"After {first} and after {last} goals:", "", *lines])
+
+
 def run(goals: int, points: Dict[str, Tuple[float, float]], folder: Path, out: TextIO) -> List[str]:
     """Sends goals, cancels each when it has begun, and returns what went wrong.
 
@@ -62,6 +76,7 @@ def run(goals: int, points: Dict[str, Tuple[float, float]], folder: Path, out: T
     finally:
         system.stop()
     _write(folder / "usage.csv", samples)
+    out.write(report(samples) + "\n")
     return leaks(samples)
 
 

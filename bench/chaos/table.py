@@ -5,6 +5,7 @@ import statistics
 from pathlib import Path
 from typing import Dict, Iterable, List, Optional, Sequence, Tuple
 
+from chaos.moments import Moment
 from chaos.runner import Result
 
 COLUMNS = (
@@ -29,6 +30,8 @@ COLUMNS = (
     "violations",
     "note",
 )
+BEGIN, END = "<!-- campaign's table: begin -->", "<!-- campaign's table: end -->"
+"""Lines of a page between which the table is written."""
 HEADS = (
     "fault",
     "moment",
@@ -38,6 +41,7 @@ HEADS = (
     "next goal p50 / max, s",
     "violations",
 )
+PAGE_HEADS = ("fault", *(moment.value for moment in Moment), *HEADS[3:], "trials")
 
 
 def row(number: int, result: Result, fresh: bool) -> Dict[str, str]:
@@ -108,9 +112,42 @@ def text(rows: Iterable[Dict[str, str]]) -> str:
 
 
 def markdown(rows: Iterable[Dict[str, str]]) -> str:
-    """The table for a page."""
-    lines = [HEADS, ("---",) * len(HEADS), *summary(rows)]
+    """The table for a page: a line per fault, a column per moment. Pairs of nodes share the lines of their
+    signals, and whether nodes come back by themselves is not told apart."""
+    valid = [fields for fields in rows if fields["valid"] == "1"]
+    names = {fields["name"] for fields in valid}
+    lines = [PAGE_HEADS, ("---",) * len(PAGE_HEADS)]
+    for line in sorted({_line_of(name) for name in names}):
+        lines.append((line, *_moments([fields for fields in valid if _line_of(fields["name"]) == line])))
+    lines.append(("all", *_moments(valid)))
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _line_of(name: str) -> str:
+    targets, _, how = name.partition(":")
+    return f"two nodes:{how}" if "+" in targets else name
+
+
+def _moments(group: Sequence[Dict[str, str]]) -> Tuple[str, ...]:
+    cells = []
+    for moment in Moment:
+        here = [fields for fields in group if fields["moment"] == moment.value]
+        bad = sum(bool(fields["violations"]) for fields in here)
+        cells.append((f"{len(here)}, {bad} bad" if bad else str(len(here))) if here else "")
+    return (*cells, *_figures(group)[1:], _figures(group)[0])
+
+
+def write_into(page: Path, rows: Iterable[Dict[str, str]]) -> None:
+    """Puts the table into a page, in the place of the one between the marks.
+
+    :raises ValueError: when the page has no marks.
+    """
+    old = page.read_text()
+    before, begin, rest = old.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not (begin and end):
+        raise ValueError(f"{page} has no lines '{BEGIN}' and '{END}' for the table")
+    page.write_text(f"{before}{begin}\n{markdown(rows)}\n{end}{after}")
 
 
 def _figures(group: Sequence[Dict[str, str]]) -> Tuple[str, ...]:

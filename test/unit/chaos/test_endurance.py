@@ -1,6 +1,6 @@
 """Growth is seen, and noise is not taken for growth."""
 
-from chaos.endurance import leaks
+from chaos.endurance import leaks, report
 from chaos.processes import Usage
 
 BEFORE = Usage(80.0, 20, 40, 30)
@@ -21,3 +21,10 @@ def test_a_process_that_ended_is_named() -> None:
     assert leaks([(300, {"executor": BEFORE}), (3000, {})]) == [
         "executor does not run any more after 3000 goals"
     ]
+
+
+def test_the_table_has_a_line_per_process() -> None:
+    text = report([(30, {"executor": BEFORE, "guard": BEFORE}), (300, {"executor": Usage(95.0, 21, 41, 31)})])
+    assert text.startswith("After 30 and after 300 goals:")
+    assert "| executor | 80 → 95 | 20 → 21 | 40 → 41 | 30 → 31 |" in text
+    assert "| guard | 80 → ended |" in text

@@ -3,6 +3,7 @@
 import threading
 import time
 from pathlib import Path
+from typing import Dict
 
 import pytest
 from chaos import table
@@ -47,4 +48,38 @@ def test_rows_become_a_table(tmp_path: Path) -> None:
     first, total = table.summary(table.read(rows))
     assert first == ("navigation:kill", "driving", "3", "0.40 / 0.60", "1.00 / 1.00", "–", "1")
     assert total[2] == "3"
-    assert "| navigation:kill | driving | 3 | 0.40 / 0.60 |" in table.markdown(table.read(rows))
+
+
+def fields(name: str, moment: str, violations: str = "", stand: str = "") -> Dict[str, str]:
+    made = dict.fromkeys(table.COLUMNS, "")
+    made.update(name=name, moment=moment, valid="1", respawn="1", violations=violations, stand_s=stand)
+    return made
+
+
+def test_a_page_has_a_line_per_fault_and_pairs_share_theirs() -> None:
+    rows = [
+        fields("navigation:kill", "driving", stand="0.2"),
+        fields("navigation:kill", "driving", "too late", stand="0.4"),
+        fields("navigation:kill", "idle"),
+        fields("merlin_bridges+navigation:kill", "idle"),
+        fields("merlin_executor+navigation:kill", "idle"),
+    ]
+    heads, _, one, pairs, every = table.markdown(rows).splitlines()
+    assert heads.startswith("| fault | driving | speaking | listening | planning | between | idle |")
+    assert one == "| navigation:kill | 2, 1 bad |  |  |  |  | 1 |  | 0.30 / 0.40 | – | – | 1 | 3 |"
+    assert pairs.startswith("| two nodes:kill |  |  |  |  |  | 2 |")
+    assert every.endswith("| 1 | 5 |")
+
+
+def test_the_table_takes_the_place_of_the_one_between_the_marks(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{table.BEGIN}\n| old |\n{table.END}\nafter\n")
+    for _ in range(2):
+        table.write_into(page, [fields("navigation:kill", "idle")])
+    text = page.read_text()
+    assert "old" not in text
+    assert text.startswith(f"before\n{table.BEGIN}\n| fault |")
+    assert text.endswith(f"|\n{table.END}\nafter\n")
+    page.write_text("no marks")
+    with pytest.raises(ValueError, match="has no lines"):
+        table.write_into(page, [])
