@@ -16,47 +16,38 @@ from chaos.events import Event
 
 PERIOD = 0.25
 """s between two samples."""
+STOLEN = 8
+"""Field of /proc/stat's first line: time that a hypervisor gave to others."""
 
 Delays = Dict[Tuple[int, str], int]
 
 
-class Pressure:
-    """Samples a system and reports an event per period.
+class Waiting:
+    """What the threads of a run have waited for a processor.
 
-    :param run: mark of the system's processes.
-    :param report: takes the events.
+    :param run: mark of the processes.
     """
 
-    def __init__(self, run: str, report: Callable[[Event], None], proc: Path = Path("/proc")) -> None:
+    def __init__(self, run: str, proc: Path = Path("/proc")) -> None:
         self._run = run
-        self._report = report
         self._proc = proc
         self._ours: Set[int] = set()
         self._seen: Set[int] = set()
         self._sure: Set[int] = set()
-        self._over = threading.Event()
-        # Ends with close().
-        self._thread = threading.Thread(target=self._sample, name="pressure", daemon=True)
-        self._thread.start()
+        self._delays: Delays = {}
+        self._stolen = self._stolen_so_far()
+        self.since_last()
 
-    def close(self) -> None:
-        """Ends the sampling."""
-        self._over.set()
-        self._thread.join()
+    def since_last(self) -> float:
+        """s that all threads together have waited since the last call, or since they began."""
+        delays, stolen = self._delays_so_far(), self._stolen_so_far()
+        waited = sum(delay - self._delays.get(thread, 0) for thread, delay in delays.items()) / 1e9
+        waited += stolen - self._stolen
+        self._delays, self._stolen = delays, stolen
+        return waited
 
-    def _sample(self) -> None:
-        at, before, lost = time.monotonic(), self._delays(), self._taken()
-        while not self._over.wait(PERIOD):
-            now, delays, taken = time.monotonic(), self._delays(), self._taken()
-            waited = sum(delay - before.get(thread, 0) for thread, delay in delays.items()) / 1e9
-            span = now - at
-            self._report(
-                Event(now, events.WAITED, {"span": span, "waited": min(span, waited + taken - lost)})
-            )
-            at, before, lost = now, delays, taken
-
-    def _delays(self) -> Delays:
-        """ns that each thread of the system has waited for a processor in its life."""
+    def _delays_so_far(self) -> Delays:
+        """ns that each thread has waited in its life."""
         found: Delays = {}
         for pid in self._pids():
             folder = f"{self._proc}/{pid}/task"
@@ -82,10 +73,38 @@ class Pressure:
         self._sure, self._seen = now & self._seen, now
         return self._ours
 
-    def _taken(self) -> float:
-        """s for which a hypervisor gave the processors to others."""
+    def _stolen_so_far(self) -> float:
         try:
             fields = (self._proc / "stat").read_text().splitlines()[0].split()
-            return int(fields[8]) / float(os.sysconf("SC_CLK_TCK"))
+            return int(fields[STOLEN]) / float(os.sysconf("SC_CLK_TCK"))
         except (OSError, IndexError, ValueError):
             return 0.0
+
+
+class Pressure:
+    """Samples a system and reports an event per period.
+
+    :param run: mark of the system's processes.
+    :param report: takes the events.
+    """
+
+    def __init__(self, run: str, report: Callable[[Event], None]) -> None:
+        self._waiting = Waiting(run)
+        self._report = report
+        self._over = threading.Event()
+        # Ends with close().
+        self._thread = threading.Thread(target=self._sample, name="pressure", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the sampling."""
+        self._over.set()
+        self._thread.join()
+
+    def _sample(self) -> None:
+        at = time.monotonic()
+        while not self._over.wait(PERIOD):
+            waited, now = self._waiting.since_last(), time.monotonic()
+            span = now - at
+            self._report(Event(now, events.WAITED, {"span": span, "waited": min(span, waited)}))
+            at = now

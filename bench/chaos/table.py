@@ -116,10 +116,11 @@ def markdown(rows: Iterable[Dict[str, str]]) -> str:
     signals, and whether nodes come back by themselves is not told apart."""
     valid = [fields for fields in rows if fields["valid"] == "1"]
     names = {fields["name"] for fields in valid}
-    lines = [PAGE_HEADS, ("---",) * len(PAGE_HEADS)]
-    for line in sorted({_line_of(name) for name in names}):
-        lines.append((line, *_moments([fields for fields in valid if _line_of(fields["name"]) == line])))
-    lines.append(("all", *_moments(valid)))
+    lines = [
+        (line, *_moments([fields for fields in valid if _line_of(fields["name"]) == line]))
+        for line in sorted({_line_of(name) for name in names})
+    ]
+    lines = [PAGE_HEADS, ("---",) * len(PAGE_HEADS), *lines, ("all", *_moments(valid))]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 

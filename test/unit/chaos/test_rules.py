@@ -119,6 +119,45 @@ def test_a_fault_that_takes_no_owner_lets_the_base_drive() -> None:
     assert judgement.stand is None
 
 
+def starve(story: Story, begin: float, end: float, share: float) -> Story:
+    """A machine that lets the system wait for a share of a time."""
+    for number in range(round((end - begin) * 4)):
+        story.add(begin + (number + 1) / 4, events.WAITED, span=0.25, waited=0.25 * share)
+    return story
+
+
+def test_what_a_starved_machine_has_taken_is_given_back() -> None:
+    def late() -> Story:
+        story = Story().drive(6.0, 11.4, 20.0).add(10.01, events.CANCEL, label=REQUEST)
+        story.add(11.4, events.GOALS, server="move_base", active=[], ended={"a": 2})
+        return story.told(11.6).facts(12.0)
+
+    only(late().judge(), "stands only 1.40 s after")
+    assert starve(late(), 10.0, 11.0, 0.8).judge().violations == ()
+    only(starve(late(), 10.0, 11.0, 0.2).judge(), "stands only")  # as always on a machine that has time
+    only(starve(late(), 6.0, 10.0, 1.0).judge(), "stands only")  # before the fault
+
+
+def test_a_starved_machine_does_not_excuse_a_base_that_drives_on() -> None:
+    story = starve(Story().drive(6.0, 99.0, 30.0), 10.0, 14.0, 1.0)
+    judgement = story.told(11.0, "ACTION_FAILED").judge(Trial("test", KILL, Moment.DRIVING))
+    assert any("drives on" in text for text in judgement.violations)
+
+
+def test_a_full_disk_is_named() -> None:
+    def refused() -> Story:
+        return good().add(10.5, events.WRITTEN, fact="(noted f1)", error="refused")
+
+    only(refused().judge(), "no node says that the disk of knowledge.sqlite is full; said: nothing")
+    only(
+        refused().add(10.6, events.SAID, node="/kb", level=8, text="cannot write").judge(),
+        "said: 'cannot write'",
+    )
+    text = "the state file cannot be written: /x/knowledge.sqlite: database or disk is full"
+    assert refused().add(10.6, events.SAID, node="/kb", level=8, text=text).judge().violations == ()
+    assert good().add(10.5, events.WRITTEN, fact="(noted f1)", error="").judge().violations == ()
+
+
 def test_cancelled_while_the_base_drives_is_a_lie() -> None:
     story = Story().drive(6.0, 14.0, 20.0).add(10.0, events.CANCEL, label=REQUEST).told(10.5)
     story.add(14.0, events.GOALS, server="move_base", active=[], ended={"a": 2})

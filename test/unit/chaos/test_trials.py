@@ -43,6 +43,14 @@ def test_a_pattern_chooses_faults() -> None:
     }
 
 
+def test_a_start_in_random_order_is_a_fault_like_others() -> None:
+    trials = list(islice(draw(1, ["start:*"]), 3))
+    assert {(trial.fault.name, trial.moment, trial.variant.shuffled) for trial in trials} == {
+        ("start:shuffled", Moment.IDLE, True)
+    }
+    assert len({trial.seed for trial in trials}) == 3
+
+
 def test_nodes_that_are_absent_are_left_out() -> None:
     for trial in islice(draw(1, absent=[GUARD]), 3000):
         assert GUARD not in trial.fault.targets
