@@ -1,3 +1,4 @@
+import contextlib
 import os
 import random
 import signal
@@ -9,7 +10,7 @@ import pytest
 
 from merlin_rosplan.domain_reader import parse_domain
 from merlin_rosplan.executions import Executions
-from merlin_rosplan.knowledge import Fact, FunctionValue, Instance
+from merlin_rosplan.knowledge import Fact, FunctionValue, Goal, Instance
 from merlin_rosplan.knowledge_checks import KnowledgeError
 from merlin_rosplan.knowledge_store import KnowledgeStore
 from merlin_rosplan.problem_reader import parse_problem
@@ -119,6 +120,71 @@ def test_killed_process_loses_nothing_it_acknowledged(path):
     names = open_store(path).instances("place")
     expected = [f"p{number}{half}" for number in range(len(names) // 2) for half in "ab"]
     assert names == expected and len(names) // 2 > acknowledged
+
+
+class FullDisk:
+    """A file system of two megabytes."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        folder.mkdir()
+        subprocess.run(["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", str(folder)], check=True)
+
+    def fill(self):
+        with (self.folder / "ballast").open("wb", buffering=0) as ballast, contextlib.suppress(OSError):
+            while True:
+                ballast.write(bytes(4096))
+
+    def make_space(self):
+        (self.folder / "ballast").unlink()
+
+
+@pytest.fixture
+def disk(tmp_path):
+    if os.geteuid() != 0:
+        pytest.skip("a small file system is mounted by root")
+    made = FullDisk(tmp_path / "disk")
+    yield made
+    subprocess.run(["umount", "-l", str(made.folder)], check=True)
+
+
+def drive(store, phase, token):
+    with store.transaction() as change:
+        getattr(Executions(change), phase)(token, "drive", **_PARAMETERS.get(phase, {}))
+
+
+_BINDING = {"parameters": {"r": "r", "from": "a", "to": "b"}}
+_PARAMETERS = {"start": _BINDING, "end": _BINDING}
+
+
+def test_full_disk_takes_nothing_new_but_what_runs_comes_to_its_end(disk):
+    path = disk.folder / "state.sqlite"
+    store = open_store(path)
+    problem = parse_problem(PROBLEM, DOMAIN)
+    store.load_problem(problem)
+    drive(store, "start", "one")
+    disk.fill()
+    with pytest.raises(KnowledgeError, match="state.sqlite: database or disk is full"):
+        drive(store, "start", "two")
+    with pytest.raises(KnowledgeError, match="full"), store.transaction() as change:
+        change.add(Fact("clean", ("a",)))
+    drive(store, "rollback", "one")
+    with store.transaction() as change:
+        for condition in problem.goals:
+            change.remove_goal(Goal(condition))
+    disk.make_space()
+    with store.transaction() as change:
+        change.add(Fact("clean", ("a",)))
+    disk.fill()  # and once more
+    with store.transaction() as change:
+        change.remove(Fact("clean", ("a",)))
+    before = problem_text(store)
+    store.close()
+    again = open_store(path)
+    assert problem_text(again) == before
+    assert [fact.text() for fact in again.facts("at")] == ["(at r a)"]
+    assert again.snapshot()[1].goals == []
+    again.close()
 
 
 def test_file_of_another_domain_is_refused(path):

@@ -5,14 +5,19 @@ answer. A power cut is another matter, because a sync to the disk costs millisec
 journal of executions waits for one, and takes all earlier ones with it; the others are synced within 0.1 s.
 So a power cut may take the knowledge of the last 0.1 s, never the beginning or the end of an execution, and
 never the file's consistency.
+
+On a full disk new knowledge is refused. What ends something still succeeds, from space kept for that: else
+executions and goals would stay open that nothing carries out any more.
 """
 
 import json
+import logging
 import os
 import sqlite3
 from operator import itemgetter
 from typing import Any, Dict, List, NoReturn, Optional, Sequence, Tuple
 
+from merlin_rosplan.disk_reserve import DiskReserve
 from merlin_rosplan.domain import Domain
 from merlin_rosplan.knowledge import Row
 from merlin_rosplan.knowledge_store import Journal
@@ -20,6 +25,8 @@ from merlin_rosplan.late_sync import LateSync
 from merlin_rosplan.state_codec import decode_row, encode_row
 from merlin_rosplan.state_lock import StateLock, StateLockedError
 from merlin_rosplan.transaction import Step
+
+_log = logging.getLogger(__name__)
 
 FORMAT = "1"
 _TABLES = {
@@ -49,6 +56,7 @@ class StateFile(Journal):
         self._path = os.path.abspath(os.path.expanduser(path))
         self._domain = domain
         self._sync: Optional[LateSync] = None
+        self._reserve = DiskReserve(f"{self._path}.reserve")
         try:
             os.makedirs(os.path.dirname(self._path), exist_ok=True)
             self._lock = StateLock(self._path)
@@ -68,7 +76,7 @@ class StateFile(Journal):
             raise StateFileError(f"the state file {self._path} cannot be used: {error}{hint}") from error
 
     def _remove(self) -> None:
-        for suffix in ("", "-wal", "-shm", "-journal"):
+        for suffix in ("", "-wal", "-shm", "-journal", ".reserve"):
             if os.path.exists(self._path + suffix):
                 os.remove(self._path + suffix)
 
@@ -81,6 +89,8 @@ class StateFile(Journal):
             log = f"{self._path}-wal"
             if os.path.exists(log):  # otherwise the file system allows none, and every commit is synced
                 self._sync = LateSync(log)
+            if not self._reserve.hold():
+                _log.warning("there is no space for %s.reserve: the disk is nearly full", self._path)
         except BaseException:
             self._database.close()
             raise
@@ -160,32 +170,43 @@ class StateFile(Journal):
 
         :raises OSError: when it could not be written; the file holds what it held before.
         """
-        execute = self._database.execute
         journalled = any(table.kind == "execution" for table, *_ in steps)
+        ends = _ends_something(steps)
         try:
-            execute(f"PRAGMA synchronous = {'FULL' if journalled else 'NORMAL'}")
-            execute("BEGIN IMMEDIATE")
             try:
-                for table, key, _, after in steps:
-                    if key is None:
-                        execute("DELETE FROM row WHERE kind = ?", (table.kind,))
-                    elif after is None:
-                        execute("DELETE FROM row WHERE kind = ? AND key = ?", (table.kind, _text(key)))
-                    else:
-                        execute(
-                            "INSERT OR REPLACE INTO row VALUES (?, ?, ?, ?)",
-                            (table.kind, _text(key), after.order, json.dumps(encode_row(after))),
-                        )
-                execute("UPDATE meta SET value = ? WHERE name = 'version'", (str(version),))
-                execute("COMMIT")
-            except BaseException:
-                if self._database.in_transaction:
-                    execute("ROLLBACK")
-                raise
+                self._write(steps, version, journalled)
+            except sqlite3.OperationalError:
+                if not (ends and self._reserve.release()):
+                    raise
+                self._write(steps, version, journalled)
         except sqlite3.Error as error:
             raise OSError(f"{self._path}: {error}") from error
+        if not ends:
+            self._reserve.hold()  # there is space again, if there was none
         if self._sync is not None and not journalled:
             self._sync.soon()
+
+    def _write(self, steps: Sequence[Step], version: int, journalled: bool) -> None:
+        execute = self._database.execute
+        execute(f"PRAGMA synchronous = {'FULL' if journalled else 'NORMAL'}")
+        execute("BEGIN IMMEDIATE")
+        try:
+            for table, key, _, after in steps:
+                if key is None:
+                    execute("DELETE FROM row WHERE kind = ?", (table.kind,))
+                elif after is None:
+                    execute("DELETE FROM row WHERE kind = ? AND key = ?", (table.kind, _text(key)))
+                else:
+                    execute(
+                        "INSERT OR REPLACE INTO row VALUES (?, ?, ?, ?)",
+                        (table.kind, _text(key), after.order, json.dumps(encode_row(after))),
+                    )
+            execute("UPDATE meta SET value = ? WHERE name = 'version'", (str(version),))
+            execute("COMMIT")
+        except BaseException:
+            if self._database.in_transaction:
+                execute("ROLLBACK")
+            raise
 
     def close(self) -> None:
         """Closes the file."""
@@ -193,7 +214,16 @@ class StateFile(Journal):
             self._sync.close()
             self._sync = None
         self._database.close()
+        self._reserve.close()
         self._lock.close()
+
+
+def _ends_something(steps: Sequence[Step]) -> bool:
+    """Whether a transaction closes an execution, or only takes away."""
+    return all(after is None for *_, after in steps) or any(
+        table.kind == "execution" and after is not None and after.data.get("ended")
+        for table, _, _, after in steps
+    )
 
 
 _SEPARATOR = "\x1f"

@@ -1,0 +1,59 @@
+"""Disk space that is kept for the moment when the disk is full."""
+
+import contextlib
+import os
+from typing import Optional
+
+SIZE = 256 * 1024
+"""bytes; a closed execution takes about 20 thousand."""
+
+
+class DiskReserve:
+    """A file that only takes space, and gives it back when it is needed.
+
+    :param path: of the file. A killed process leaves it, the next one goes on with it.
+    :param size: bytes.
+    """
+
+    def __init__(self, path: str, size: int = SIZE) -> None:
+        self._path = path
+        self._size = size
+        self._file: Optional[int] = None
+        self._held = False
+
+    def hold(self) -> bool:
+        """Takes the space, if that was not done; False when there is too little."""
+        if self._held:
+            return True
+        try:
+            if self._file is None:
+                self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            os.posix_fallocate(self._file, 0, self._size)
+        except OSError:
+            self._free()
+            return False
+        self._held = True
+        return True
+
+    def release(self) -> bool:
+        """Gives the space back; False when there was none."""
+        held, self._held = self._held, False
+        return held and self._free()
+
+    def close(self) -> None:
+        """Takes the file away."""
+        self._held = False
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+            with contextlib.suppress(OSError):
+                os.remove(self._path)
+
+    def _free(self) -> bool:
+        if self._file is None:
+            return False
+        try:
+            os.ftruncate(self._file, 0)
+        except OSError:
+            return False
+        return True
