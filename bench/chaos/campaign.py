@@ -15,7 +15,7 @@ from chaos.trials import Trial
 
 STARTS = 2
 """How often in a row a system may fail to come up."""
-BATCH = 8
+BATCH = 24
 """Trials that are looked at together, so that those of one variant share a system."""
 
 

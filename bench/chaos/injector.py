@@ -32,13 +32,16 @@ class Injector:
     """One fault on one system.
 
     :param fault: what to do; its targets are looked up now, so that the fault itself takes no time.
+    :param alone: nodes that die do not come back by themselves.
     :raises LookupError: when a target does not run.
     """
 
-    def __init__(self, system: System, fault: Fault) -> None:
+    def __init__(self, system: System, fault: Fault, alone: bool = False) -> None:
         self._system = system
         self._fault = fault
         self._pids: Dict[str, int] = {}
+        self._alone = alone
+        self._respawners: Dict[str, int] = {}
         self._timer: Optional[threading.Timer] = None
         self._over = threading.Event()
         if fault.kind == SIGNAL:
@@ -50,6 +53,9 @@ class Injector:
                     raise LookupError(f"{target} does not run")
             if not self._pids:
                 raise LookupError(f"this system has no {' and no '.join(fault.targets)}")
+        if alone:
+            found = {target: processes.respawner(pid) for target, pid in self._pids.items()}
+            self._respawners = {target: pid for target, pid in found.items() if pid is not None}
 
     @property
     def over(self) -> bool:
@@ -59,6 +65,8 @@ class Injector:
     def strike(self) -> float:
         """Does the fault and returns when, on the monotonic clock."""
         fault = self._fault
+        for respawner in self._respawners.values():
+            processes.send(respawner, signal.SIGSTOP)
         at = time.monotonic()
         if fault.kind == SIGNAL:
             for pid in self._pids.values():
@@ -101,6 +109,7 @@ class Injector:
             self._timer.cancel()
         if self._fault.lasts is not None and not self.over:
             self._end_by_itself()
+        self._let_respawn()
 
     def _help_processes(self) -> List[str]:
         fault, system = self._fault, self._system
@@ -116,10 +125,14 @@ class Injector:
                 helped.append("master started again")
             elif target == CLIENT and fault.lasts is None:
                 system.start_client()  # the next client is another one; that is no help
-            elif target in system.nodes and not system.variant.respawn and fault.lasts is None:
-                system.start_again(target)
+            elif target in self._respawners and fault.lasts is None:
                 helped.append(f"{target} started again")
+        self._let_respawn()
         return helped
+
+    def _let_respawn(self) -> None:
+        for respawner in self._respawners.values():
+            processes.send(respawner, signal.SIGCONT)
 
     def _end_by_itself(self) -> None:
         if self._fault.kind == SIGNAL:

@@ -1,7 +1,7 @@
 """Process: starts a launch file's nodes below a master that runs already, as roslaunch does.
 
-What differs from roslaunch: no node ends the others; nodes can be left out, started at random times, never
-respawned, or started again by a command (a line of JSON: {"start": "node"}). It ends with its input.
+What differs from roslaunch: no node ends the others; nodes can be left out, or started at random times. It
+ends with its input.
 """
 
 import argparse
@@ -11,7 +11,7 @@ import random
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Dict, List
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -20,7 +20,7 @@ import roslaunch.parent
 import roslib
 from roslaunch.core import Node, Param
 
-from chaos.child import Reporter, commands
+from chaos.child import Reporter
 
 END_LIMITS = (2.0, 1.0)
 """s between SIGINT and SIGTERM, and between that and SIGKILL."""
@@ -56,10 +56,8 @@ class Launcher(roslaunch.parent.ROSLaunchParent):
         for node in config.nodes:
             # Here no node's death ends the run; a required one comes back as under a supervisor.
             # The world is left alone: a new one would have the base elsewhere.
-            node.respawn = options.respawn and (node.respawn or node.required) and node.name != WORLD
+            node.respawn = (node.respawn or node.required) and node.name != WORLD
             node.required = False
-            if not options.respawn and str(node.launch_prefix or "").endswith("/respawn"):
-                node.launch_prefix = None
             node.output = "log"
             if node.name in options.instead:
                 script = Path(__file__).parent / "application" / f"{options.instead[node.name]}.py"
@@ -81,15 +79,8 @@ class Launcher(roslaunch.parent.ROSLaunchParent):
         begin = time.monotonic()
         for name in sorted(times, key=lambda name: times[name]):
             time.sleep(max(0.0, begin + times[name] - time.monotonic()))
-            self.start_again(name)
+            self.runner.launch_node(self._all[name])
         return times
-
-    def start_again(self, name: str) -> bool:
-        """Starts a node that does not run; False when there is no such node."""
-        if name not in self._all:
-            return False
-        self.runner.launch_node(self._all[name])
-        return True
 
 
 def _chosen(name: str, options: argparse.Namespace) -> bool:
@@ -103,7 +94,6 @@ def _options() -> argparse.Namespace:
     parser.add_argument("file")
     parser.add_argument("arguments", nargs="*")
     parser.add_argument("--run-id", required=True)
-    parser.add_argument("--respawn", action="store_true")
     parser.add_argument("--only", nargs="*", default=[])
     parser.add_argument("--leave-out", nargs="*", default=[])
     parser.add_argument("--shuffled", type=int)
@@ -127,14 +117,9 @@ def main() -> int:
     launcher.start(auto_terminate=False)
     times = launcher.start_shuffled(options.shuffled) if options.shuffled is not None else {}
     report("launched", nodes=names, times=times)
-    for command in commands(sys.stdin):
-        _obey(launcher, command)
+    sys.stdin.read()
     launcher.shutdown()
     return 0
-
-
-def _obey(launcher: Launcher, command: Dict[str, Any]) -> None:
-    launcher.start_again(command["start"])
 
 
 if __name__ == "__main__":

@@ -58,6 +58,15 @@ def node_pid(run: str, node: str, parents: Sequence[int], proc: Path = Path("/pr
     return max(found, key=lambda pid: _started(proc, pid)) if found else None
 
 
+def respawner(pid: int, proc: Path = Path("/proc")) -> Optional[int]:
+    """The process that starts a node again when it dies; None when there is none.
+
+    :param pid: of the node.
+    """
+    parent = _parent(proc, pid)
+    return parent if _starts_again(proc, parent) else None
+
+
 def with_word(run: str, word: str, proc: Path = Path("/proc")) -> List[int]:
     """Ids of the processes of a run of whose command line a word ends with a text."""
     wanted = word.encode()

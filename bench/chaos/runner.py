@@ -148,7 +148,7 @@ class _Course:
             if REQUESTS[trial.moment] is not None:
                 self._send(REQUEST, self._goals())
             self._await_moment()
-            self._injector = Injector(self._system, trial.fault)
+            self._injector = Injector(self._system, trial.fault, trial.alone)
             fault_at = self._await_delay_and_strike()
             if REQUESTS[trial.moment] is None and trial.goals:
                 self._send(REQUEST, self._goals())

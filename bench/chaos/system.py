@@ -137,12 +137,6 @@ class System:
                 found[name] = held
         return found
 
-    def start_again(self, node: str) -> None:
-        """Starts a node that ended and is not respawned."""
-        for name, child in self._children.items():
-            if name.startswith(LAUNCHER):
-                child.tell(start=node)
-
     def start_master_again(self) -> None:
         """Starts a new master at the old one's port, and witnesses and a client that it knows."""
         if self._master is not None and self._master.poll() is None:
@@ -258,8 +252,6 @@ class System:
             "--set",
             json.dumps(self._parameters() if "--without-parameters" not in selection else {}),
         ]
-        if self.variant.respawn:
-            command.append("--respawn")
         if self.variant.shuffled:
             command += ["--shuffled", str(self._seed)]
         instead = dict(SIMULATOR)

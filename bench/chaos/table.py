@@ -56,7 +56,7 @@ def row(number: int, result: Result, fresh: bool) -> Dict[str, str]:
         "fault": trial.fault.name,
         "moment": trial.moment.value,
         "cancel": str(int(trial.cancel)),
-        "respawn": str(int(trial.variant.respawn)),
+        "respawn": str(int(not trial.alone)),
         "seed": str(trial.seed),
         "delay_s": f"{trial.delay:.3f}",
         "fresh": str(int(fresh)),

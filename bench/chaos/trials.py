@@ -39,7 +39,6 @@ REQUESTS: Dict[Moment, Optional[str]] = {
 class Variant:
     """How the system is started. Trials of one variant share a running system while it is healthy.
 
-    :param respawn: whether nodes that die are started again by the launcher.
     :param base_timeout: s after which the base stops without commands; None: a base that never does.
     :param network: robot and the rest in network namespaces of their own.
     :param state_file: the knowledge base keeps its state in a file; "full": on a small file system.
@@ -48,7 +47,6 @@ class Variant:
     :param shuffled: nodes start at times drawn from the seed.
     """
 
-    respawn: bool = True
     base_timeout: Optional[float] = None
     network: bool = False
     state_file: str = ""
@@ -63,6 +61,7 @@ class Trial:
 
     :param name: of the fault, or of the known failure.
     :param cancel: the client cancels right after the fault.
+    :param alone: nodes that die do not come back by themselves.
     :param goals: that the client sends instead of those of the moment.
     :param seed: of the delay within the moment, and of the place to drive to.
     :param wait: s by which the fault comes later still, so that what misbehaves has begun to.
@@ -76,6 +75,7 @@ class Trial:
     variant: Variant = field(default_factory=Variant)
     seed: int = 0
     wait: float = 0.0
+    alone: bool = False
 
     @property
     def delay(self) -> float:
@@ -88,7 +88,7 @@ class Trial:
         parts = [self.name, f"@{self.moment.value}"]
         if self.cancel:
             parts.append("+cancel")
-        if not self.variant.respawn:
+        if self.alone:
             parts.append("alone")
         return " ".join(parts)
 
@@ -148,16 +148,16 @@ def known_failures() -> Dict[str, Trial]:
     return {trial.name: trial for trial in _known()}
 
 
-def variant_of(fault: Fault, respawn: bool) -> Variant:
+def variant_of(fault: Fault) -> Variant:
     """The system that a fault needs."""
     if fault.kind == LINK:
-        return Variant(respawn, network=True)
+        return Variant(network=True)
     if fault.kind == DISK_FULL:
-        return Variant(respawn, state_file="full")
+        return Variant(state_file="full")
     if fault.kind == START:
-        return Variant(respawn, shuffled=True)
+        return Variant(shuffled=True)
     # Only the guard stops a base that never stops by itself: without a guard nothing does.
-    return Variant(respawn, base_timeout=0.5 if GUARD in fault.targets else None)
+    return Variant(base_timeout=0.5 if GUARD in fault.targets else None)
 
 
 def fits(fault: Fault, moment: Moment, respawn: bool) -> bool:
@@ -217,7 +217,7 @@ def _pool(
         if absent & set(fault.targets) or not any(fnmatch.fnmatchcase(fault.name, each) for each in patterns):
             continue
         chosen += [
-            Trial(fault.name, fault, moment, variant=variant_of(fault, again))
+            Trial(fault.name, fault, moment, variant=variant_of(fault), alone=not again)
             for moment in moments
             for again in respawn
             if fits(fault, moment, again)

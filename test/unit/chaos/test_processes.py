@@ -66,6 +66,8 @@ def test_the_node_is_meant_and_not_the_script_that_starts_it_again() -> None:
         process.stdout.readline()
         found = processes.node_pid(run, "one", [os.getpid()])
         assert found is not None and found != process.pid
+        assert processes.respawner(found) == process.pid
+        assert processes.respawner(process.pid) is None
         os.kill(found, signal.SIGKILL)
         process.stdout.readline()
         assert processes.node_pid(run, "one", [os.getpid()]) not in (None, found, process.pid)

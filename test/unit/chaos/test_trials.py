@@ -17,7 +17,7 @@ def test_equal_seeds_draw_equal_trials(seed: int) -> None:
 
 def test_every_node_meets_every_signal_at_every_moment_respawning_and_alone() -> None:
     drawn = list(islice(draw(1), 5000))
-    seen = {(trial.fault.name, trial.moment, trial.variant.respawn) for trial in drawn}
+    seen = {(trial.fault.name, trial.moment, not trial.alone) for trial in drawn}
     for node in NODES:
         for signal in ("kill", "stop10", "stop", "term"):
             for moment in Moment:
@@ -67,7 +67,7 @@ def test_a_cut_link_needs_a_network_and_a_dead_guard_a_base_that_stops() -> None
         if trial.fault.targets == (GUARD,):
             assert trial.variant.base_timeout is not None
         if {MASTER, CLIENT} & set(trial.fault.targets):
-            assert trial.variant.respawn
+            assert not trial.alone
         if CLIENT in trial.fault.targets:
             assert not trial.cancel
 
