@@ -61,6 +61,13 @@ class Evidence:
                 end += share * (min(event.at, end) - max(since, begin))
         return end
 
+    def looks_before_next(self) -> List[Event]:
+        """The looks at the knowledge between the trial's end and the next goal; the last of them counts."""
+        ready, sent = self.first(events.NEXT), self.first(events.SENT, NEXT)
+        if ready is None:
+            return []
+        return self.all(events.FACTS, ready.at, sent.at if sent is not None else self.end)
+
     def when(self, at: float) -> str:
         """A time as text."""
         return f"{at - self.zero:.2f} s"
@@ -70,6 +77,11 @@ class Evidence:
         """When the judged time ends."""
         closed = self.first(events.CLOSED)
         return closed.at if closed is not None else (self.log[-1].at if self.log else self.zero)
+
+
+def settled(facts: Event) -> bool:
+    """Whether a look found the knowledge as it is between two requests: one place, no goal."""
+    return "error" not in facts.data and len(facts["robot_at"]) == 1 and not facts["goals"]
 
 
 def action_began(evidence: Evidence) -> Optional[Event]:

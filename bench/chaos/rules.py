@@ -9,7 +9,7 @@ from typing import Callable, List, Optional, Tuple
 
 from chaos import events
 from chaos.events import Event
-from chaos.evidence import NEXT, REQUEST, Evidence, action_began, stood_at, way, world_time
+from chaos.evidence import NEXT, REQUEST, Evidence, action_began, settled, stood_at, way, world_time
 from chaos.faults import CLIENT, MASTER
 from chaos.moments import Moment
 from chaos.scene import CANCEL_ACTION, IDLE, commands_motion, scene_at, stands
@@ -33,6 +33,8 @@ NEXT_LIMIT = 5.0
 """s from an end until the first action of the next goal begins."""
 NEXT_LIMIT_HELPED = 10.0
 """The same when a process had to be started by hand first."""
+FACTS_LIMIT = 5.0
+"""s from the first look until the knowledge is as it is between two requests."""
 NEAR = 0.5
 """m within which the robot is at a point of interest."""
 SILENT = 5.0
@@ -196,7 +198,7 @@ def the_end_is_true(evidence: Evidence) -> List[str]:
 def one_true_place(evidence: Evidence) -> List[str]:
     """Exactly one robot_at holds, and it agrees with where the robot is."""
     found = []
-    for facts in (event for event in evidence.log if event.kind == events.FACTS):
+    for facts in _looks(evidence):
         at = evidence.when(facts.at)
         if "error" in facts.data:
             found.append(f"the knowledge base does not answer at {at}: {facts['error'][:120]}")
@@ -217,6 +219,15 @@ def one_true_place(evidence: Evidence) -> List[str]:
     return found
 
 
+def _looks(evidence: Evidence) -> List[Event]:
+    """The looks at the knowledge that count: what is being restarted may settle its knowledge first."""
+    before = evidence.looks_before_next()
+    bad = next((number for number, facts in enumerate(before) if settled(facts)), len(before))
+    in_time = bad < len(before) and before[bad].at <= evidence.deadline(before[0].at, FACTS_LIMIT)
+    excused = before[: bad if in_time else max(0, bad - 1)]
+    return [event for event in evidence.log if event.kind == events.FACTS and event not in excused]
+
+
 def nothing_is_lost(evidence: Evidence) -> List[str]:
     """Facts that were acknowledged are still there; goals of ended requests are not."""
     found = []
@@ -226,7 +237,7 @@ def nothing_is_lost(evidence: Evidence) -> List[str]:
         lost = sorted(set(evidence.notes) - set(facts["notes"]))
         if lost:
             found.append(f"acknowledged facts are lost at {evidence.when(facts.at)}: {', '.join(lost)}")
-        if facts["goals"]:
+        if facts["goals"] and facts in _looks(evidence):
             found.append(f"goals are left at {evidence.when(facts.at)}: {', '.join(facts['goals'])}")
     return found
 
@@ -263,15 +274,16 @@ def the_next_goal_works(evidence: Evidence) -> List[str]:
     began, ended = action_began(evidence), evidence.first(events.ENDED, NEXT)
     helped = evidence.first(events.HELPED)
     limit = NEXT_LIMIT_HELPED if helped is not None else NEXT_LIMIT
+    deadline = evidence.deadline(max([ready.at, *(look.at for look in evidence.looks_before_next())]), limit)
     if began is not None:
-        if began.at <= evidence.deadline(ready.at, limit):
+        if began.at <= deadline:
             return []
         return [f"the next goal's first action began only after {began.at - ready.at:.1f} s"]
     cancelled = evidence.first(events.CANCEL, NEXT)
     if ended is not None and (cancelled is None or ended.at < cancelled.at):
         return [f"the next goal ended {ended['outcome']} before any action: {ended['reason'][:160]}"]
     until = cancelled.at if cancelled is not None else evidence.end
-    if until <= evidence.deadline(ready.at, limit):
+    if until <= deadline:
         return []
     return [f"the next goal has not begun {until - ready.at:.1f} s after it could"]
 

@@ -9,7 +9,7 @@ from typing import Callable, Dict, List, Optional, Set, Tuple
 
 from chaos import events, processes
 from chaos.events import Event, LogClosed
-from chaos.evidence import NEXT, REQUEST, Evidence
+from chaos.evidence import NEXT, REQUEST, Evidence, settled
 from chaos.faults import CLIENT, DISK_FULL, MASTER, NONE, SECOND_NODE
 from chaos.injector import SIGNALS, WRITTEN_FACTS, Injector
 from chaos.moments import WINDOWS, Moment, begins, holds
@@ -32,6 +32,8 @@ NEXT_WATCH = 12.0
 SETTLE = 1.5
 """s watched after an end, for what must not move any more."""
 LOOK_WATCH = 12.0
+LOOK_PERIOD = 0.3
+"""s between two looks at knowledge that is not settled."""
 TRIAL_LIMIT = 180.0
 """s after which the watchdog ends a trial with everything that it runs."""
 PLANNER_CHILD = "planner_child"
@@ -308,7 +310,7 @@ class _Course:
 
     def _next_goal(self) -> None:
         self._report(events.NEXT)
-        self._look()
+        self._look_until_settled()
         ready = self._log.position()
         self._send(NEXT, [f"(robot_at {self._far_place()})"])
         if not self._next_begins(ready):
@@ -331,20 +333,28 @@ class _Course:
         found = self._log.wait_for(position, find, time.monotonic() + NEXT_WATCH, time.monotonic)
         return bool(found)
 
-    def _look(self) -> None:
+    def _look_until_settled(self) -> None:
+        """What was restarted, by itself or by help, puts its knowledge right first."""
+        end = time.monotonic() + LOOK_WATCH
+        while not self._look() and time.monotonic() < end:
+            self._pause(LOOK_PERIOD)
+
+    def _look(self) -> bool:
+        """Looks at the knowledge; True when it is as it is between two requests."""
         position = self._log.position()
         self._looks += 1
         number = self._looks
         self._system.tell_client(do="look", number=number)
         found = self._log.wait_for(
             position,
-            lambda event: True if event.kind == events.FACTS and event["look"] == number else None,
+            lambda event: event if event.kind == events.FACTS and event["look"] == number else None,
             time.monotonic() + LOOK_WATCH,
             time.monotonic,
         )
         if found is None:
             self._late.add(number)
             self._report(events.FACTS, look=number, error=f"no answer within {LOOK_WATCH:.0f} s")
+        return found is not None and settled(found)
 
     def _too_late(self, event: Event) -> bool:
         """Whether it answers a look that was given up."""

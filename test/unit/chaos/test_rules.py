@@ -237,6 +237,26 @@ def test_lost_facts_left_goals_and_silence_are_seen() -> None:
     only(good().add(19.0, events.FACTS, error="no answer").judge(), "does not answer")
 
 
+def restarting(settled_at: Optional[float]) -> Story:
+    """The next goal may be sent at 12 s; until it is settled the knowledge is looked at again."""
+    story = good()
+    story.events = [event for event in story.events if event.at < 12.0 or event.kind == events.TRUTH]
+    story.add(12.0, events.NEXT).facts(12.1, []).facts(12.4, [], goals=["(robot_at kitchen)"])
+    if settled_at is not None:
+        story.facts(settled_at)
+    sent = 12.5 if settled_at is None else settled_at + 0.1
+    story.add(sent, events.SENT, label=NEXT, goals=["(robot_at bathroom)"])
+    return story.add(sent + 4.0, events.GOALS, server="move_base", active=["b"], ended={"a": 2})
+
+
+def test_what_is_restarted_may_settle_its_knowledge_first() -> None:
+    assert restarting(16.0).judge().violations == ()  # and the next goal's time counts from there
+    found = " | ".join(restarting(None).judge().violations)
+    assert "0 robot_at hold at 2.40 s" in found
+    assert "goals are left at 2.40 s" in found
+    assert any("0 robot_at hold" in text for text in restarting(18.0).judge().violations)
+
+
 def test_a_reason_names_a_part() -> None:
     story = Story().drive(6.0, 10.5, 20.0).add(10.5, events.GOALS, server="move_base", active=[], ended={})
     only(story.told(10.6, "INTERNAL", "[Errno 111] Connection refused").judge(), "names no part")
