@@ -9,7 +9,8 @@ from typing import Dict, Iterator, List, Optional, TextIO, Tuple
 from chaos import events, table
 from chaos.faults import LINK
 from chaos.network import why_impossible
-from chaos.runner import Result, Runner
+from chaos.result import Result
+from chaos.runner import Runner
 from chaos.system import StartError, System
 from chaos.trials import Trial
 

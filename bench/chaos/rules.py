@@ -9,8 +9,9 @@ from typing import Callable, List, Optional, Tuple
 
 from chaos import events
 from chaos.events import Event
-from chaos.evidence import NEXT, REQUEST, Evidence, action_began, settled, stood_at, way, world_time
+from chaos.evidence import NEXT, REQUEST, Evidence, action_began, stood_at, way, world_time
 from chaos.faults import CLIENT, MASTER
+from chaos.knowledge_rules import nothing_is_lost, one_true_place, what_is_full_is_said
 from chaos.moments import Moment
 from chaos.scene import CANCEL_ACTION, IDLE, commands_motion, scene_at, stands
 
@@ -33,14 +34,8 @@ NEXT_LIMIT = 5.0
 """s from an end until the first action of the next goal begins."""
 NEXT_LIMIT_HELPED = 10.0
 """The same when a process had to be started by hand first."""
-FACTS_LIMIT = 5.0
-"""s from the first look until the knowledge is as it is between two requests."""
-NEAR = 0.5
-"""m within which the robot is at a point of interest."""
 SILENT = 5.0
 """s without anything that runs after which a request hangs."""
-STATE_FILE = "knowledge.sqlite"
-"""The file that the knowledge base keeps its facts in."""
 #: Outcomes that need no reason.
 GOOD = ("SUCCEEDED", "ALREADY_TRUE")
 
@@ -193,68 +188,6 @@ def the_end_is_true(evidence: Evidence) -> List[str]:
         if _ERRNO.search(reason):
             found.append(f"{outcome} at {at} with a reason that names no part: '{reason[:120]}'")
     return found
-
-
-def one_true_place(evidence: Evidence) -> List[str]:
-    """Exactly one robot_at holds, and it agrees with where the robot is."""
-    found = []
-    for facts in _looks(evidence):
-        at = evidence.when(facts.at)
-        if "error" in facts.data:
-            found.append(f"the knowledge base does not answer at {at}: {facts['error'][:120]}")
-            continue
-        places = [fact.strip("()").split()[-1] for fact in facts["robot_at"]]
-        if len(places) != 1:
-            found.append(f"{len(places)} robot_at hold at {at}: {', '.join(places) or 'none'}")
-            continue
-        truth = scene_at(evidence.log, facts.at).truth
-        point = evidence.points.get(places[0])
-        if truth is None or point is None:
-            continue
-        off = ((truth["x"] - point[0]) ** 2 + (truth["y"] - point[1]) ** 2) ** 0.5
-        if off > NEAR:
-            found.append(
-                f"(robot_at {places[0]}) holds at {at}, but the robot is {off:.1f} m away from there"
-            )
-    return found
-
-
-def _looks(evidence: Evidence) -> List[Event]:
-    """The looks at the knowledge that count: what is being restarted may settle its knowledge first."""
-    before = evidence.looks_before_next()
-    bad = next((number for number, facts in enumerate(before) if settled(facts)), len(before))
-    in_time = bad < len(before) and before[bad].at <= evidence.deadline(before[0].at, FACTS_LIMIT)
-    excused = before[: bad if in_time else max(0, bad - 1)]
-    return [event for event in evidence.log if event.kind == events.FACTS and event not in excused]
-
-
-def nothing_is_lost(evidence: Evidence) -> List[str]:
-    """Facts that were acknowledged are still there; goals of ended requests are not."""
-    found = []
-    for facts in (
-        event for event in evidence.log if event.kind == events.FACTS and "error" not in event.data
-    ):
-        lost = sorted(set(evidence.notes) - set(facts["notes"]))
-        if lost:
-            found.append(f"acknowledged facts are lost at {evidence.when(facts.at)}: {', '.join(lost)}")
-        if facts["goals"] and facts in _looks(evidence):
-            found.append(f"goals are left at {evidence.when(facts.at)}: {', '.join(facts['goals'])}")
-    return found
-
-
-def what_is_full_is_said(evidence: Evidence) -> List[str]:
-    """A knowledge base that refuses a fact because its disk is full says which file it is."""
-    refused = next((event for event in evidence.log if event.kind == events.WRITTEN and event["error"]), None)
-    if refused is None:
-        return []
-    said = [event["text"] for event in evidence.all(events.SAID, evidence.zero, evidence.end)]
-    if any(STATE_FILE in text and "full" in text for text in said):
-        return []
-    heard = f"'{said[0][:120]}'" if said else "nothing"
-    return [
-        f"{refused['fact']} is refused at {evidence.when(refused.at)}, and no node says that the disk of "
-        f"{STATE_FILE} is full; said: {heard}"
-    ]
 
 
 def no_process_is_left(evidence: Evidence) -> List[str]:

@@ -18,9 +18,9 @@ from chaos import processes
 from chaos.child import Child
 from chaos.events import GONE, TRUTH, Event, EventLog
 from chaos.faults import CLIENT, MASTER, NODES
+from chaos.knowledge_rules import STATE_FILE
 from chaos.network import ADDRESSES, MIND, ROBOT, Network
 from chaos.pressure import Pressure
-from chaos.rules import STATE_FILE
 from chaos.trials import Variant
 
 HERE = Path(__file__).resolve().parent

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Dict, Iterable, List, Optional, Sequence, Tuple
 
 from chaos.moments import Moment
-from chaos.runner import Result
+from chaos.result import Result
 
 COLUMNS = (
     "number",

@@ -10,8 +10,8 @@ from chaos import table
 from chaos.events import Event, EventLog, LogClosed
 from chaos.faults import all_faults
 from chaos.moments import Moment
+from chaos.result import Result
 from chaos.rules import Judgement
-from chaos.runner import Result
 from chaos.trials import Trial
 
 
