@@ -11,6 +11,8 @@ STANDING_FOR = 0.2
 """s that the base has to stand to count as standing."""
 STARVED = 0.5
 """Share of a sample from which on the machine counts as starving the system."""
+PATIENCE = 2.0
+"""How many times a limit a starved machine may make of it: what never ends is seen on any machine."""
 REQUEST, NEXT = "request", "next"
 """Labels of the request that the fault strikes, and of the one after it."""
 
@@ -59,7 +61,7 @@ class Evidence:
                 break
             if share >= STARVED:
                 end += share * (min(event.at, end) - max(since, begin))
-        return end
+        return min(end, begin + PATIENCE * limit)
 
     def looks_before_next(self) -> List[Event]:
         """The looks at the knowledge between the trial's end and the next goal; the last of them counts."""

@@ -139,7 +139,7 @@ def test_what_a_starved_machine_has_taken_is_given_back() -> None:
 
 
 def test_a_starved_machine_does_not_excuse_a_base_that_drives_on() -> None:
-    story = starve(Story().drive(6.0, 99.0, 30.0), 10.0, 14.0, 1.0)
+    story = starve(Story().drive(6.0, 99.0, 30.0), 6.0, 30.0, 1.0)
     judgement = story.told(11.0, "ACTION_FAILED").judge(Trial("test", KILL, Moment.DRIVING))
     assert any("drives on" in text for text in judgement.violations)
 
