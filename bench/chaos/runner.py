@@ -28,7 +28,8 @@ GOES_ON = 4.0
 """s after a fault, or after its end, from which on a request that drives is known to go on."""
 GOES_ON_MASTER = 7.0
 """The same without a master, which is missed later."""
-NEXT_WATCH = 12.0
+NEXT_WATCH = 21.0
+"""s; longer than a starved machine may make the limit."""
 SETTLE = 1.5
 """s watched after an end, for what must not move any more."""
 LOOK_WATCH = 12.0
