@@ -7,12 +7,12 @@ import sys
 from typing import Callable
 
 import rospy
-from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
-
-from merlin_sim import simulator_node
 from merlin_sim.simulation import PHYSICS_RATE
 from merlin_sim.simulator_node import SimulatorNode
 from merlin_sim.world_file import WorldError
+from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
+
+from merlin_sim import simulator_node
 from merlin_sm.node import run_node
 
 FIRST = 1000
