@@ -10,11 +10,11 @@ from pathlib import Path
 
 from engine_problems import problems
 
-from merlin_rosplan.pddl_check import PlanValidator
-from merlin_rosplan.plan_text import parse_plan
-from merlin_rosplan.planner import PlannerSettings
-from merlin_rosplan.planning import Planning
-from merlin_rosplan.planning_outcome import PlannerState
+from merlin_pddl.checks.kairos_check import PlanValidator
+from merlin_pddl.plan_text import parse_plan
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState
+from merlin_rosplan.supervision.planning import Planning
 
 ENGINES = ["kairos", "fast-downward", "symk", "lpg", "enhsp", "kairos+symk"]
 

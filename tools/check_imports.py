@@ -17,19 +17,22 @@ MOST_MODULES = 15
 
 #: Package → the packages of MERLIN that it may import.
 MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
-    "merlin_sm": ("merlin_msgs",),
-    "merlin_guard": ("merlin_msgs", "merlin_sm"),
-    "merlin_actions": ("merlin_msgs", "merlin_sm"),
-    "merlin_executor": ("merlin_msgs", "merlin_sm"),
-    "merlin_rosplan": ("merlin_msgs", "merlin_sm", "merlin_actions"),
-    "merlin_reactive": ("merlin_msgs", "merlin_sm"),
-    "merlin_sim": ("merlin_msgs", "merlin_sm", "merlin_reactive"),
-    "merlin_monitor": ("merlin_msgs", "merlin_sm", "merlin_executor"),
-    "merlin_home": ("merlin_msgs", "merlin_sm", "merlin_actions", "merlin_executor"),
-    "merlin_restaurant": ("merlin_msgs", "merlin_sm", "merlin_actions", "merlin_executor"),
-    "merlin_guests": ("merlin_msgs", "merlin_sm", "merlin_reactive", "merlin_sim", "merlin_restaurant"),
+    "merlin_pddl": (),
+    "merlin_ros": ("merlin_msgs",),
+    "merlin_sm": ("merlin_msgs", "merlin_pddl", "merlin_ros"),
+    "merlin_guard": ("merlin_msgs", "merlin_ros"),
+    "merlin_actions": ("merlin_msgs", "merlin_ros", "merlin_sm"),
+    "merlin_executor": ("merlin_msgs", "merlin_ros", "merlin_sm"),
+    "merlin_rosplan": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_sm", "merlin_actions"),
+    "merlin_reactive": ("merlin_msgs", "merlin_ros"),
+    "merlin_sim": ("merlin_msgs", "merlin_ros", "merlin_reactive"),
+    "merlin_monitor": ("merlin_msgs", "merlin_ros", "merlin_sm", "merlin_executor"),
+    "merlin_home": ("merlin_msgs", "merlin_ros", "merlin_sm", "merlin_actions", "merlin_executor"),
+    "merlin_restaurant": ("merlin_msgs", "merlin_ros", "merlin_sm", "merlin_actions", "merlin_executor"),
+    "merlin_guests": ("merlin_msgs", "merlin_ros", "merlin_reactive", "merlin_sim", "merlin_restaurant"),
     "merlin_experiment": (
         "merlin_msgs",
+        "merlin_ros",
         "merlin_sm",
         "merlin_reactive",
         "merlin_sim",
@@ -38,13 +41,22 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
     ),
     "merlin": (),
     # The underlay's nodes of these names are those of merlin_rosplan.
-    "rosplan_knowledge_base": ("merlin_sm", "merlin_rosplan"),
-    "rosplan_planning_system": ("merlin_sm", "merlin_rosplan"),
+    "rosplan_knowledge_base": ("merlin_ros", "merlin_sm", "merlin_rosplan"),
+    "rosplan_planning_system": ("merlin_ros", "merlin_sm", "merlin_rosplan"),
 }
 
 #: Package → its sub-packages, lowest first; those of one text do not import each other; "." is the modules
 #: beside them. A package that is missing here has no sub-packages yet.
 LAYERS: Dict[str, Tuple[str, ...]] = {
+    "merlin_pddl": (".", "checks"),
+    "merlin_ros": ("master", ".", "actions"),
+    "merlin_rosplan": (
+        "knowledge planning dispatch",
+        "storage supervision",
+        "messages transport",
+        "dispatcher",
+        "nodes",
+    ),
     "merlin_reactive": (".", "localization navigation speech listening recognition"),
     "merlin_sim": ("world", "robot people", "engine", "node"),
     "merlin_monitor": ("text drawing", "state", "listeners", "web terminal"),
@@ -54,7 +66,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
 }
 
 #: Packages whose folders may hold more: to be sorted yet, or as SMACH has it.
-MAY_BE_FULL = ("merlin_sm", "merlin_actions", "merlin_executor", "merlin_rosplan", "smach")
+MAY_BE_FULL = ("merlin_actions", "merlin_executor", "smach")
 
 #: Imported name → what a manifest calls it.
 KEYS = {

@@ -23,9 +23,9 @@ from chaos.child import Reporter, commands
 from chaos.scene import SERVERS
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
 from merlin_executor.readiness import missing_interfaces, missing_servers
+from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import KnowledgeError, knowledge_client
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-from merlin_sm.service_proxy import ServiceError
 
 READY_LIMIT = 60.0
 """s for a system to be up."""

@@ -11,7 +11,7 @@ fail it. What every case has to satisfy besides, unless it fails: PDDL 2.1, and 
 import re
 from typing import List, NamedTuple, Optional
 
-from merlin_rosplan.plan_text import PlanStep, parse_plan
+from merlin_pddl.plan_text import PlanStep, parse_plan
 
 FACTS = ["a", "b", "c", "lit", "lit2", "unused", "unused2", "free"] + [f"f{number}" for number in range(6)]
 

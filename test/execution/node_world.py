@@ -24,9 +24,9 @@ from semantics import Event
 
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.ending import Closing, Ending
-from merlin_rosplan.ros_alarm import RosAlarm
+from merlin_ros.service_proxy import ServiceProxy
+from merlin_rosplan.transport.ros_alarm import RosAlarm
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
-from merlin_sm.service_proxy import ServiceProxy
 
 LONG = 60.0
 KB = "/rosplan_knowledge_base"

@@ -10,8 +10,8 @@ from merlin_msgs.msg import DispatchStatus, KnowledgeChanges
 from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
 
 import rostest
+from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
-from merlin_sm.service_proxy import ServiceProxy
 
 LONG = 60.0
 KB = "/rosplan_knowledge_base"

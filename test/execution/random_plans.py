@@ -6,7 +6,7 @@ from typing import List, NamedTuple, Tuple
 from pddl21 import Model
 from semantics import validate
 
-from merlin_rosplan.plan_text import PlanStep
+from merlin_pddl.plan_text import PlanStep
 
 FACTS = [f"f{number}" for number in range(5)]
 NUMBERS = [f"n{number}" for number in range(2)]

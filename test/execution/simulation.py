@@ -12,9 +12,14 @@ from typing import Any, Callable, Dict, FrozenSet, List, NamedTuple, Optional, S
 from pddl21 import Ground, Model, State, Tree
 from semantics import Event
 
-from merlin_rosplan.dispatch import Dispatch
-from merlin_rosplan.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch_outside import (
+from merlin_pddl.domain import Domain
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.evaluation import Evaluator
+from merlin_pddl.evaluation import State as KnowledgeState
+from merlin_pddl.plan_text import PlanStep
+from merlin_rosplan.dispatch.dispatch import Dispatch
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
+from merlin_rosplan.dispatch.dispatch_outside import (
     DispatchLimits,
     DispatchReport,
     Feedback,
@@ -23,18 +28,13 @@ from merlin_rosplan.dispatch_outside import (
     Outside,
     Tick,
 )
-from merlin_rosplan.dispatch_schedule import PlannedAction, Schedule, SequentialSchedule
-from merlin_rosplan.domain import Domain
-from merlin_rosplan.domain_messages import operator_message
-from merlin_rosplan.domain_reader import parse_domain
-from merlin_rosplan.evaluation import Evaluator
-from merlin_rosplan.evaluation import State as KnowledgeState
-from merlin_rosplan.operator_expressions import with_expressions
-from merlin_rosplan.operator_model import Atom, Conditions, Operator
-from merlin_rosplan.plan_graph import TimedLiteral, TimedValue
-from merlin_rosplan.plan_graph_builder import build_graph
-from merlin_rosplan.plan_text import PlanStep
-from merlin_rosplan.timed_numbers import comparison_holds
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule, SequentialSchedule
+from merlin_rosplan.dispatch.operator_model import Atom, Conditions, Operator
+from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
+from merlin_rosplan.dispatch.plan_graph_builder import build_graph
+from merlin_rosplan.dispatch.timed_numbers import comparison_holds
+from merlin_rosplan.messages.domain_messages import operator_message
+from merlin_rosplan.messages.operator_expressions import with_expressions
 
 PLAN_ID = 3
 END_OF_TIME = 1e5  # s of simulated time

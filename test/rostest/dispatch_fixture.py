@@ -11,7 +11,8 @@ from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_srvs.srv import Empty
 
-from merlin_sm.action_client import ActionClient
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import (
     ADD,
     REMOVE,
@@ -21,7 +22,6 @@ from merlin_sm.knowledge_client import (
     function_value,
     knowledge_client,
 )
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 LONG = 60.0
 KNOWLEDGE_BASE = "/rosplan_knowledge_base"

@@ -12,7 +12,7 @@ from dispatch_fixture import LONG, Interfaces, named
 from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
 
 import rostest
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 
 class Shutdown(unittest.TestCase):

@@ -23,9 +23,9 @@ from std_srvs.srv import Empty, Trigger, TriggerResponse
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.resending import RESEND
+from merlin_ros.master.master_link import bounded_proxy
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update, fact
-from merlin_sm.master_link import bounded_proxy
-from merlin_sm.pddl_text import to_pddl
+from merlin_sm.knowledge_text import to_pddl
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 60.0

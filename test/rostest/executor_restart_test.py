@@ -14,7 +14,7 @@ import rospy
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, Update, fact, knowledge_client
-from merlin_sm.pddl_text import to_pddl
+from merlin_sm.knowledge_text import to_pddl
 
 LONG = 60.0
 FOREIGN = fact("checked", "bathroom")

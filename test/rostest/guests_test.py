@@ -11,8 +11,8 @@ from merlin_msgs.srv import PlaceThing, SetAnswers
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
 import rostest
-from merlin_sm.action_client import ActionClient
-from merlin_sm.service_proxy import ServiceProxy
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.service_proxy import ServiceProxy
 
 LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"

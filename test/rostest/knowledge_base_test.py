@@ -31,7 +31,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty
 
 import rostest
-from merlin_sm.lease_holder import LeaseHolder
+from merlin_ros.actions.lease_holder import LeaseHolder
 
 LONG = 60.0
 KB = "rosplan_knowledge_base"

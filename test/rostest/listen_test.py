@@ -14,8 +14,8 @@ from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 import rostest
 from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
-from merlin_sm.action_client import ActionClient
-from merlin_sm.publishing import Subscribed
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.publishing import Subscribed
 
 LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"

@@ -13,7 +13,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from nav_msgs.msg import Odometry
 
 import rostest
-from merlin_sm.action_client import ActionClient
+from merlin_ros.actions.action_client import ActionClient
 
 LONG = 60.0  # s of wall time
 

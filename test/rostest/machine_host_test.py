@@ -14,9 +14,9 @@ import rostest
 import smach
 from merlin_actions.merlin_action_server import MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_sm.action_client import ActionClient
-from merlin_sm.action_server import ActionServer
-from merlin_sm.health import ERROR
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.actions.action_server import ActionServer
+from merlin_ros.health import ERROR
 
 LONG = 60.0
 CANCEL_LIMIT = 1.0

@@ -14,8 +14,8 @@ from nav_msgs.srv import GetPlan
 from std_srvs.srv import Empty, Trigger
 
 import rostest
-from merlin_sm.action_client import ActionClient
-from merlin_sm.service_proxy import ServiceProxy
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.service_proxy import ServiceProxy
 
 LONG = 60.0  # s of wall time
 

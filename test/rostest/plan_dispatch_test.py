@@ -21,6 +21,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from std_msgs.msg import String
 
 import rostest
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import (
     ADD,
     ADD_GOAL,
@@ -29,7 +30,6 @@ from merlin_sm.knowledge_client import (
     fact,
     function_value,
 )
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 
 class Expressions(DispatchFixture):

@@ -12,8 +12,8 @@ from rosgraph_msgs.msg import Clock
 from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
 
 import rostest
+from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
-from merlin_sm.service_proxy import ServiceProxy
 
 LONG = 60.0
 DISPATCHER = "/rosplan_plan_dispatcher"

@@ -19,8 +19,8 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty
 
 import rostest
-from merlin_sm.action_client import ActionClient
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 LONG = 60.0
 NODE = "/rosplan_planner_interface"

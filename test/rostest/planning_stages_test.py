@@ -11,8 +11,8 @@ from rosplan_dispatch_msgs.srv import DispatchService
 from std_srvs.srv import Empty
 
 import rostest
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import ADD, ADD_GOAL, REMOVE, REMOVE_GOAL, Update, fact, knowledge_client
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 LONG = 60.0
 

@@ -14,7 +14,7 @@ from merlin_msgs.msg import RecognizeAction, RecognizeGoal
 from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithPose
 
 import rostest
-from merlin_sm.action_client import ActionClient
+from merlin_ros.actions.action_client import ActionClient
 
 LONG = 60.0  # s of wall time
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "real-robot.md"

@@ -14,8 +14,8 @@ from std_srvs.srv import Trigger
 
 import rostest
 import smach
-from merlin_sm.action_client import ActionClient
-from merlin_sm.service_proxy import ServiceProxy
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.state_factory import MerlinStateFactory
 
 LONG = 60.0  # s of wall time

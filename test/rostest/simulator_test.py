@@ -16,7 +16,7 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 import rostest
-from merlin_sm.service_proxy import ServiceProxy
+from merlin_ros.service_proxy import ServiceProxy
 
 LONG = 60.0  # s of wall time
 

@@ -13,8 +13,8 @@ from std_srvs.srv import Trigger
 
 import rostest
 from merlin_reactive.speech.speech_synthesizer import SpeechSynthesizer
-from merlin_sm.action_client import ActionClient
-from merlin_sm.service_proxy import ServiceProxy
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.service_proxy import ServiceProxy
 
 LONG = 60.0  # s of wall time
 CLOCK_LAG = 0.05  # s of ROS time by which this process may know an older /clock than the node

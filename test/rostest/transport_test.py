@@ -18,13 +18,13 @@ from rosplan_dispatch_msgs.msg import NonBlockingDispatchResult as Result
 from std_srvs.srv import Trigger, TriggerResponse
 
 import rostest
-from merlin_sm import deadline
-from merlin_sm.action_client import SILENCE, ActionClient
-from merlin_sm.action_server import ActionServer
-from merlin_sm.lease import LeaseState
-from merlin_sm.ownership import ownership
-from merlin_sm.serial_action_server import SerialActionServer
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from merlin_ros import deadline
+from merlin_ros.actions.action_client import SILENCE, ActionClient
+from merlin_ros.actions.action_server import ActionServer
+from merlin_ros.actions.lease import LeaseState
+from merlin_ros.actions.ownership import ownership
+from merlin_ros.actions.serial_action_server import SerialActionServer
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 LONG = 60.0
 

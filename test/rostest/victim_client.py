@@ -6,7 +6,7 @@ import sys
 import rospy
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchAction, NonBlockingDispatchGoal
 
-from merlin_sm.action_client import ActionClient
+from merlin_ros.actions.action_client import ActionClient
 
 rospy.init_node("victim_client")
 client = ActionClient("owned", NonBlockingDispatchAction)

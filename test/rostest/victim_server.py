@@ -5,7 +5,7 @@ import rospy
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchAction, NonBlockingDispatchResult
 from std_srvs.srv import Trigger, TriggerResponse
 
-from merlin_sm.serial_action_server import SerialActionServer
+from merlin_ros.actions.serial_action_server import SerialActionServer
 
 
 def execute(goal):

@@ -12,8 +12,8 @@ from merlin_sim.simulator_node import SimulatorNode
 from merlin_sim.world_file import WorldError
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
+from merlin_ros.node import run_node
 from merlin_sim import simulator_node
-from merlin_sm.node import run_node
 
 FIRST = 1000
 """s on the clock when the world begins, so that there is time to go back to."""

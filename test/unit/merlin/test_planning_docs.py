@@ -9,12 +9,13 @@ import pytest
 import yaml
 from merlin_msgs.msg import DispatchStatus
 
-from merlin_rosplan import planner_presets, validate
-from merlin_rosplan.planner_command import parse_command
-from merlin_rosplan.planner_engines import _parts as parts_of
-from merlin_rosplan.planner_interface import PlannerInterface
-from merlin_rosplan.planner_presets import expand, is_preset
-from merlin_rosplan.planning_outcome import PlannerState
+from merlin_pddl.checks import validate
+from merlin_rosplan.nodes.planner_interface import PlannerInterface
+from merlin_rosplan.planning import planner_presets
+from merlin_rosplan.planning.planner_command import parse_command
+from merlin_rosplan.planning.planner_engines import _parts as parts_of
+from merlin_rosplan.planning.planner_presets import expand, is_preset
+from merlin_rosplan.planning.planning_outcome import PlannerState
 
 ROOT = Path(__file__).parents[3]
 PLANNERS = (ROOT / "docs" / "planners.md").read_text()

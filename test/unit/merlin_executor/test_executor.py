@@ -13,8 +13,8 @@ from rosplan_knowledge_msgs.msg import ExprBase, KnowledgeItem
 from merlin_executor import executor as executor_module
 from merlin_executor.executor import Executor
 from merlin_executor.outcome import Outcome, Verdict, outcome_name
-from merlin_sm.lease import LeaseState
-from merlin_sm.service_proxy import ServiceUnavailable
+from merlin_ros.actions.lease import LeaseState
+from merlin_ros.service_proxy import ServiceUnavailable
 
 LONG = 20.0
 

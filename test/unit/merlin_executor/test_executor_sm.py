@@ -11,11 +11,11 @@ from merlin_executor.course import Course
 from merlin_executor.executor_sm import ExecutorSM
 from merlin_executor.executor_stages import GOALS_GONE, PlanningSystem
 from merlin_executor.outcome import Outcome, Stop, StopKind, Verdict
-from merlin_sm.call_scope import current_scope
+from merlin_ros.call_scope import current_scope
+from merlin_ros.service_proxy import ServiceUnavailable
 from merlin_sm.dispatch_progress import DispatchResult
-from merlin_sm.pddl_text import parse_goal
+from merlin_sm.knowledge_text import parse_goal
 from merlin_sm.planning_client import Planned, PlanningResult
-from merlin_sm.service_proxy import ServiceUnavailable
 
 LONG = 20.0
 KITCHEN = parse_goal("(checked kitchen)")

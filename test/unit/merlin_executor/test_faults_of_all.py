@@ -16,7 +16,7 @@ WITNESS = """
 import sys, threading, rospy
 from geometry_msgs.msg import Twist
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
-from merlin_sm.node import run_node
+from merlin_ros.node import run_node
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 class Base:

@@ -14,7 +14,7 @@ from merlin_msgs.msg import ExecuteGoal, ExecuteResult
 from merlin_executor import executor_request
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.resending import END, RESEND, RESENDS, Next, Resending
-from merlin_sm import late_topics
+from merlin_ros import late_topics
 
 LONG = 20.0
 

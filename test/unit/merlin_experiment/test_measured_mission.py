@@ -10,7 +10,7 @@ from merlin_experiment.mission.real_time_factor import RealTimeFactor
 from merlin_experiment.records.task_record import TaskRecord
 from merlin_experiment.records.trajectory import Sample, Trajectory
 from merlin_home.mission_list import MissionTask, make_mission
-from merlin_sm.service_proxy import ServiceError
+from merlin_ros.service_proxy import ServiceError
 
 POINTS = ["dorm_room", "bathroom", "kitchen", "main_door"]
 

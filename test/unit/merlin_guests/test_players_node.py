@@ -8,7 +8,7 @@ import pytest
 from merlin_guests import players_node
 from merlin_guests.players_node import Players
 from merlin_guests.stage import Closed
-from merlin_sm.service_proxy import ServiceError
+from merlin_ros.service_proxy import ServiceError
 
 LONG = 20.0
 

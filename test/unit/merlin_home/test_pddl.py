@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from merlin_rosplan.validate import validate
+from merlin_pddl.checks.validate import validate
 from merlin_sim.world.poi_distances import main as poi_distances
 from merlin_sim.world.world_file import find_world
 

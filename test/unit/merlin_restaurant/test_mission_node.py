@@ -8,7 +8,7 @@ import pytest
 from merlin_restaurant import evening_results, mission_node
 from merlin_restaurant.evening_record import CLOSED, EveningRecord
 from merlin_restaurant.mission_node import BALANCED, EveningNode
-from merlin_sm.service_proxy import ServiceError
+from merlin_ros.service_proxy import ServiceError
 
 GONE = "service /rosplan_knowledge_base/state/propositions does not answer: it is gone"
 

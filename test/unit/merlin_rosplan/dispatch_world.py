@@ -3,18 +3,18 @@
 import threading
 import time
 
-from merlin_rosplan.dispatch import Dispatch
-from merlin_rosplan.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch_outside import (
+from merlin_pddl.plan_text import PlanStep
+from merlin_rosplan.dispatch.dispatch import Dispatch
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
+from merlin_rosplan.dispatch.dispatch_outside import (
     DispatchError,
     DispatchLimits,
     Feedback,
     Outside,
 )
-from merlin_rosplan.dispatch_schedule import PlannedAction
-from merlin_rosplan.operator_model import Atom, Conditions, Effects, Operator
-from merlin_rosplan.plan_graph_builder import build_graph
-from merlin_rosplan.plan_text import PlanStep
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
+from merlin_rosplan.dispatch.operator_model import Atom, Conditions, Effects, Operator
+from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 
 LONG = 30.0
 PLAN_ID = 7

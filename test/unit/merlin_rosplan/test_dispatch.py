@@ -6,20 +6,20 @@ import time
 import pytest
 from dispatch_world import GUARDED, LIGHT, LONG, PLAN_ID, WORK, Run, World, actions, parallel
 
-from merlin_rosplan.dispatch import Dispatch
-from merlin_rosplan.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch_outside import (
+from merlin_pddl.plan_text import PlanStep
+from merlin_rosplan.dispatch.dispatch import Dispatch
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
+from merlin_rosplan.dispatch.dispatch_outside import (
     DispatchLimits,
     DispatchState,
     FeedbackStatus,
     KnowledgeChanged,
     Tick,
 )
-from merlin_rosplan.dispatch_schedule import SequentialSchedule
-from merlin_rosplan.operator_model import Atom
-from merlin_rosplan.plan_graph import TimedLiteral
-from merlin_rosplan.plan_graph_builder import build_graph
-from merlin_rosplan.plan_text import PlanStep
+from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
+from merlin_rosplan.dispatch.operator_model import Atom
+from merlin_rosplan.dispatch.plan_graph import TimedLiteral
+from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 
 
 @pytest.fixture

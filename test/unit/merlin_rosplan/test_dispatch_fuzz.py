@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlan, EsterelPlanEdge, EsterelPlanNode
 
-from merlin_rosplan.dispatch import Dispatch
-from merlin_rosplan.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch_outside import (
+from merlin_pddl.plan_text import PlanStep
+from merlin_rosplan.dispatch.dispatch import Dispatch
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
+from merlin_rosplan.dispatch.dispatch_outside import (
     DispatchError,
     DispatchLimits,
     DispatchState,
@@ -19,13 +20,12 @@ from merlin_rosplan.dispatch_outside import (
     Outside,
     Tick,
 )
-from merlin_rosplan.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
-from merlin_rosplan.operator_model import Conditions, Operator
-from merlin_rosplan.plan_graph_builder import build_graph
-from merlin_rosplan.plan_graph_messages import graph_from_message, graph_to_dot
-from merlin_rosplan.plan_text import PlanStep
-from merlin_rosplan.planner_command import PlannerCommandError, parse_command
-from merlin_rosplan.planner_output import candidate_plans, verdict
+from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
+from merlin_rosplan.dispatch.operator_model import Conditions, Operator
+from merlin_rosplan.dispatch.plan_graph_builder import build_graph
+from merlin_rosplan.messages.plan_graph_messages import graph_from_message, graph_to_dot
+from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_command
+from merlin_rosplan.planning.planner_output import candidate_plans, verdict
 
 PLAN_ID = 5
 LONG = 20.0

@@ -1,10 +1,10 @@
 import pytest
 
-from merlin_rosplan.domain_reader import parse_domain
-from merlin_rosplan.executions import REMEMBERED, Executions
-from merlin_rosplan.knowledge import Fact, FunctionValue, Instance
-from merlin_rosplan.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge_store import KnowledgeStore
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance
+from merlin_rosplan.knowledge.executions import REMEMBERED, Executions
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 
 DOMAIN = parse_domain(
     """(define (domain d)

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from merlin_rosplan.domain_reader import parse_domain
-from merlin_rosplan.executions import Executions
-from merlin_rosplan.knowledge import Fact, FunctionValue, Instance
-from merlin_rosplan.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge_store import KnowledgeStore
-from merlin_rosplan.state_file import StateFile
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance
+from merlin_rosplan.knowledge.executions import Executions
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
+from merlin_rosplan.storage.state_file import StateFile
 
 DOMAIN = parse_domain(
     """(define (domain d) (:types place) (:constants anywhere base hall - place)

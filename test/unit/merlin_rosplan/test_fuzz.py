@@ -23,16 +23,16 @@ from rosplan_knowledge_msgs.srv import (
     KnowledgeQueryServiceResponse,
 )
 
-from merlin_rosplan.domain_reader import parse_domain
-from merlin_rosplan.executions import Executions
-from merlin_rosplan.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge_messages import KnowledgeReader, KnowledgeWriter
-from merlin_rosplan.knowledge_store import KnowledgeStore
-from merlin_rosplan.pddl_text import PddlError
-from merlin_rosplan.problem_reader import parse_problem
-from merlin_rosplan.problem_writer import ProblemWriteError, write_problem
-from merlin_rosplan.update_messages import UpdateReader
-from merlin_rosplan.wire_items import (
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.problem_reader import parse_problem
+from merlin_pddl.problem_writer import ProblemWriteError, write_problem
+from merlin_pddl.text_reader import PddlError
+from merlin_rosplan.knowledge.executions import Executions
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
+from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
+from merlin_rosplan.messages.update_messages import UpdateReader
+from merlin_rosplan.messages.wire_items import (
     Query,
     QueryRequest,
     QueryResponse,

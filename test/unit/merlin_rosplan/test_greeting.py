@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from merlin_rosplan import service_server
+from merlin_rosplan.transport import service_server
 
 LONG = 60.0
 GREETING = struct.pack("<I", 5) + b"hello"

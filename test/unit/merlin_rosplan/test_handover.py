@@ -7,8 +7,8 @@ import pytest
 from std_msgs.msg import String
 from std_srvs.srv import TriggerRequest
 
-from merlin_rosplan import handover
-from merlin_rosplan.handover import Handover
+from merlin_rosplan.transport import handover
+from merlin_rosplan.transport.handover import Handover
 
 
 class Message:

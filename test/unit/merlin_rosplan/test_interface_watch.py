@@ -2,7 +2,7 @@
 
 import pytest
 
-from merlin_rosplan.interface_watch import YOUNG, InterfaceWatch
+from merlin_rosplan.dispatch.interface_watch import YOUNG, InterfaceWatch
 
 
 class Clock:

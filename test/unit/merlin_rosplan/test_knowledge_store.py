@@ -4,14 +4,14 @@ import time
 import pytest
 import rospy
 
-from merlin_rosplan import timed_knowledge
-from merlin_rosplan.domain_reader import parse_domain
-from merlin_rosplan.formula import Atom, Comparison, Fluent, Not, Number
-from merlin_rosplan.knowledge import Fact, FunctionValue, Goal, Instance, Metric
-from merlin_rosplan.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge_state import KnowledgeState
-from merlin_rosplan.knowledge_store import LONG, Journal, JournalError, KnowledgeStore
-from merlin_rosplan.problem_reader import parse_condition, parse_problem
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.formula import Atom, Comparison, Fluent, Not, Number
+from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance, Metric
+from merlin_pddl.problem_reader import parse_condition, parse_problem
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_state import KnowledgeState
+from merlin_rosplan.knowledge.knowledge_store import LONG, Journal, JournalError, KnowledgeStore
+from merlin_rosplan.nodes import timed_knowledge
 
 DOMAIN = parse_domain(
     """(define (domain d)

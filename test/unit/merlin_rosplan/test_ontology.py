@@ -1,10 +1,10 @@
 import pytest
 
-from merlin_rosplan.domain_reader import read_domain
-from merlin_rosplan.knowledge import Instance
-from merlin_rosplan.knowledge_store import KnowledgeStore
-from merlin_rosplan.ontology_command import convert
-from merlin_rosplan.problem_reader import read_problem
+from merlin_pddl.domain_reader import read_domain
+from merlin_pddl.knowledge import Instance
+from merlin_pddl.problem_reader import read_problem
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
+from merlin_rosplan.knowledge.ontology_command import convert
 
 HOUSE = """
 @prefix : <http://example.org/house#> .

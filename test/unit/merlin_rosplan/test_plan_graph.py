@@ -4,11 +4,12 @@ import random
 
 import pytest
 
-from merlin_rosplan.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
-from merlin_rosplan.formula import Atom as FormulaAtom
-from merlin_rosplan.formula import Forall, Or, Variable
-from merlin_rosplan.operator_model import (
+from merlin_pddl.formula import Atom as FormulaAtom
+from merlin_pddl.formula import Forall, Or, Variable
+from merlin_pddl.plan_text import PlanStep
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
+from merlin_rosplan.dispatch.operator_model import (
     Atom,
     Comparison,
     Conditions,
@@ -17,9 +18,15 @@ from merlin_rosplan.operator_model import (
     Operator,
     over_all_before_start,
 )
-from merlin_rosplan.plan_graph import MIN_BOUND, NO_BOUND, EdgeType, PlanGraph, TimedLiteral, TimedValue
-from merlin_rosplan.plan_graph_builder import build_graph
-from merlin_rosplan.plan_text import PlanStep
+from merlin_rosplan.dispatch.plan_graph import (
+    MIN_BOUND,
+    NO_BOUND,
+    EdgeType,
+    PlanGraph,
+    TimedLiteral,
+    TimedValue,
+)
+from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 
 
 def at(place):

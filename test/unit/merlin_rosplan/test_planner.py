@@ -10,20 +10,20 @@ from pathlib import Path
 
 import pytest
 
-from merlin_rosplan import pddl_check
-from merlin_rosplan.plan_text import parse_plan
-from merlin_rosplan.planner import PlannerSettings
-from merlin_rosplan.planner_command import PlannerCommandError, parse_command
-from merlin_rosplan.planner_process import PlannerProcess
-from merlin_rosplan.planning import Planning
-from merlin_rosplan.planning_outcome import PlannerState
+from merlin_pddl.checks import kairos_check
+from merlin_pddl.plan_text import parse_plan
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_command
+from merlin_rosplan.planning.planner_process import PlannerProcess
+from merlin_rosplan.planning.planning_outcome import PlannerState
+from merlin_rosplan.supervision.planning import Planning
 
 DOMAIN = Path(__file__).parents[3] / "pddl" / "home" / "domain.pddl"
 PROBLEM = (DOMAIN.parent / "problem.pddl").read_text()
 PLAN = "0.000: (navigate anywhere kitchen)  [28.200]\n28.200: (ask kitchen)  [5.000]\n"
 LONG = 30.0
 
-needs_kairos = pytest.mark.skipif(not pddl_check.available(), reason="kairos needs Python 3.10")
+needs_kairos = pytest.mark.skipif(not kairos_check.available(), reason="kairos needs Python 3.10")
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def test_unsolvable_needs_a_proof(tmp_path):
     domain.write_text(WINDOW)
     problem.write_text(WINDOW_PROBLEM)
     steps = parse_plan("0.0: (fill) [3.4]\n3.45: (sample) [2.0]\n")
-    assert pddl_check.PlanValidator(WINDOW, WINDOW_PROBLEM).fault(steps) is None
+    assert kairos_check.PlanValidator(WINDOW, WINDOW_PROBLEM).fault(steps) is None
     outcome = Planning(PlannerSettings(), str(domain), str(problem)).run()
     assert outcome.state == PlannerState.NO_PLAN
     assert "no proof" in outcome.reason and "steps of time" in outcome.reason

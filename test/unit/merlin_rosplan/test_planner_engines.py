@@ -7,15 +7,16 @@ from xml.etree import ElementTree
 
 import pytest
 
-from merlin_rosplan import pddl_check, planner_presets
-from merlin_rosplan.planner import Attempt, PlannerSettings, Task
-from merlin_rosplan.planner_command import PlannerCommandError
-from merlin_rosplan.planner_engines import engines
-from merlin_rosplan.planner_race import PlannerRace
-from merlin_rosplan.planning import Planning
-from merlin_rosplan.planning_outcome import PlannerState
+from merlin_pddl.checks import kairos_check
+from merlin_rosplan.planning import planner_presets
+from merlin_rosplan.planning.planner import Attempt, PlannerSettings, Task
+from merlin_rosplan.planning.planner_command import PlannerCommandError
+from merlin_rosplan.planning.planner_engines import engines
+from merlin_rosplan.planning.planner_race import PlannerRace
+from merlin_rosplan.planning.planning_outcome import PlannerState
+from merlin_rosplan.supervision.planning import Planning
 
-needs_kairos = pytest.mark.skipif(not pddl_check.available(), reason="kairos needs Python 3.10")
+needs_kairos = pytest.mark.skipif(not kairos_check.available(), reason="kairos needs Python 3.10")
 DOMAIN = """(define (domain costs) (:requirements :typing :action-costs) (:types place)
   (:predicates (at ?p - place)) (:functions (total-cost) - number (way ?a ?b - place) - number)
   (:action go :parameters (?a ?b - place) :precondition (at ?a)

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from merlin_rosplan import planner_tree
-from merlin_rosplan.planner import PlannerSettings
-from merlin_rosplan.planner_host import PlannerHost, PlannerHosts
-from merlin_rosplan.planner_tree import descendants
-from merlin_rosplan.planning import Planning
-from merlin_rosplan.planning_outcome import PlannerState
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState
+from merlin_rosplan.supervision import planner_tree
+from merlin_rosplan.supervision.planner_host import PlannerHost, PlannerHosts
+from merlin_rosplan.supervision.planner_tree import descendants
+from merlin_rosplan.supervision.planning import Planning
 
 HOME = Path(__file__).parents[3] / "pddl" / "home"
 LONG = 30.0
@@ -106,8 +106,8 @@ def test_nothing_survives_the_death_of_the_node(planner, tmp_path):
         [
             sys.executable,
             "-c",
-            "import sys; from merlin_rosplan.planner import PlannerSettings; "
-            "from merlin_rosplan.planning import Planning; "
+            "import sys; from merlin_rosplan.planning.planner import PlannerSettings; "
+            "from merlin_rosplan.supervision.planning import Planning; "
             "Planning(PlannerSettings(command=sys.argv[1]), sys.argv[2], sys.argv[3]).run()",
             command,
             str(HOME / "domain.pddl"),
@@ -192,7 +192,7 @@ def test_a_cancel_does_not_wait_for_the_output_to_be_read(planner, tmp_path):
 
 
 def test_reading_without_end_keeps_the_time_limit(planner, monkeypatch):
-    monkeypatch.setattr("merlin_rosplan.planning.READING", 0.5)
+    monkeypatch.setattr("merlin_rosplan.supervision.planning.READING", 0.5)
     line = "0.000: (navigate anywhere kitchen)  [25.000]"
     outcome = planning(planner(f"yes '{line}' | head -c 60000000"), time_limit=2.0).run()
     assert outcome.state == PlannerState.TIMEOUT and outcome.seconds < LONG

@@ -2,9 +2,9 @@
 
 import pytest
 
-from merlin_rosplan.plan_text import NO_DURATION
-from merlin_rosplan.planner_output import candidate_plans, verdict
-from merlin_rosplan.planning_outcome import PlannerState
+from merlin_pddl.plan_text import NO_DURATION
+from merlin_rosplan.planning.planner_output import candidate_plans, verdict
+from merlin_rosplan.planning.planning_outcome import PlannerState
 
 POPF = """\
 Number of literals: 6

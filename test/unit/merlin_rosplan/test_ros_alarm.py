@@ -4,7 +4,7 @@ import queue
 
 import rospy
 
-from merlin_rosplan.ros_alarm import RosAlarm
+from merlin_rosplan.transport.ros_alarm import RosAlarm
 
 LONG = 30.0
 

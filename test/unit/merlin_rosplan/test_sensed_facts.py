@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from merlin_rosplan.sensed_facts import SensedFacts, SensingError, facts_of, parameter_choices
+from merlin_rosplan.knowledge.sensed_facts import SensedFacts, SensingError, facts_of, parameter_choices
 
 
 def test_wildcards_stand_for_all_instances():

@@ -5,11 +5,11 @@ import threading
 import pytest
 import rospy
 
-from merlin_rosplan import sensed_teller
-from merlin_rosplan.sensed_teller import SensedTeller
+from merlin_ros.service_proxy import ServiceError
+from merlin_rosplan.transport import sensed_teller
+from merlin_rosplan.transport.sensed_teller import SensedTeller
 from merlin_sm.knowledge_client import KnowledgeError
-from merlin_sm.pddl_text import to_pddl
-from merlin_sm.service_proxy import ServiceError
+from merlin_sm.knowledge_text import to_pddl
 
 LONG = 30.0
 

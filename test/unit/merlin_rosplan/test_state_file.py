@@ -8,14 +8,14 @@ import sys
 
 import pytest
 
-from merlin_rosplan.domain_reader import parse_domain
-from merlin_rosplan.executions import Executions
-from merlin_rosplan.knowledge import Fact, FunctionValue, Goal, Instance
-from merlin_rosplan.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge_store import KnowledgeStore
-from merlin_rosplan.problem_reader import parse_problem
-from merlin_rosplan.problem_writer import write_problem
-from merlin_rosplan.state_file import StateFile, StateFileError
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance
+from merlin_pddl.problem_reader import parse_problem
+from merlin_pddl.problem_writer import write_problem
+from merlin_rosplan.knowledge.executions import Executions
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
+from merlin_rosplan.storage.state_file import StateFile, StateFileError
 
 DOMAIN_TEXT = """(define (domain d) (:types place robot)
     (:predicates (at ?r - robot ?p - place) (clean ?p - place)) (:functions (battery ?r - robot))
@@ -29,10 +29,10 @@ PROBLEM = """(define (problem p) (:domain d) (:objects a b c - place r - robot)
 
 WRITER = """
 import sys
-from merlin_rosplan.domain_reader import parse_domain
-from merlin_rosplan.knowledge import Instance
-from merlin_rosplan.knowledge_store import KnowledgeStore
-from merlin_rosplan.state_file import StateFile
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.knowledge import Instance
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
+from merlin_rosplan.storage.state_file import StateFile
 store = KnowledgeStore(parse_domain(sys.argv[2]), journal=StateFile(sys.argv[1], parse_domain(sys.argv[2])))
 number = 0
 while True:

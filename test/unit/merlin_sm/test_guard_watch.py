@@ -5,9 +5,9 @@ import threading
 import pytest
 from merlin_msgs.msg import GuardStatus
 
+from merlin_ros.master.master_link import MasterSilent
 from merlin_sm import guard_watch
 from merlin_sm.guard_watch import SILENT, GuardWatch
-from merlin_sm.master_link import MasterSilent
 
 
 @pytest.fixture

@@ -21,7 +21,14 @@ from merlin_actions.execution import Execution
 from merlin_actions.execution_queue import Decision, Do, ExecutionQueue, Key
 from merlin_actions.left_executions import settle_left
 from merlin_actions.names import action_param
-from merlin_sm.deadline import Deadline, running_time
+from merlin_ros.actions.lease import LeaseChange, LeaseState
+from merlin_ros.actions.lease_watch import LeaseWatch
+from merlin_ros.actions.ownership import ownership
+from merlin_ros.deadline import Deadline, running_time
+from merlin_ros.master.master_link import MasterSilent, get_param
+from merlin_ros.node import master_is_lost
+from merlin_ros.publishing import publish
+from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeBaseMissing,
@@ -29,14 +36,7 @@ from merlin_sm.knowledge_client import (
     KnowledgeError,
     knowledge_client,
 )
-from merlin_sm.lease import LeaseChange, LeaseState
-from merlin_sm.lease_watch import LeaseWatch
-from merlin_sm.master_link import MasterSilent, get_param
-from merlin_sm.node import master_is_lost
-from merlin_sm.ownership import ownership
-from merlin_sm.pddl_text import parse_literals
-from merlin_sm.publishing import publish
-from merlin_sm.service_proxy import ServiceError
+from merlin_sm.knowledge_text import parse_literals
 
 CANCEL_ACTION = "cancel_action"
 ANNOUNCE_PERIOD = 1.0  # s of wall time between two announcements on pddl_action_parameters

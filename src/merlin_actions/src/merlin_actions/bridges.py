@@ -8,15 +8,15 @@ import rospy
 from merlin_actions.action_interface import wait_for_knowledge_base
 from merlin_actions.merlin_action import MerlinAction
 from merlin_actions.names import by_ros_name
-from merlin_sm.health import HealthReporter
+from merlin_ros.health import HealthReporter
+from merlin_ros.node import on_master_lost, run_node
+from merlin_ros.parameters import number
 from merlin_sm.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeBaseMissing,
     KnowledgeError,
     knowledge_client,
 )
-from merlin_sm.node import on_master_lost, run_node
-from merlin_sm.parameters import number
 
 
 def make_bridges(operators: List[str], knowledge_base: str) -> List[MerlinAction]:

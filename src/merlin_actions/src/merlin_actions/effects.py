@@ -8,10 +8,10 @@ from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainOperator, KnowledgeItem
 
 from merlin_actions.ending import Closing
-from merlin_sm.deadline import Deadline
+from merlin_ros.deadline import Deadline
+from merlin_ros.service_proxy import ServiceProxy, ServiceUnavailable
 from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
-from merlin_sm.pddl_text import to_pddl
-from merlin_sm.service_proxy import ServiceProxy, ServiceUnavailable
+from merlin_sm.knowledge_text import to_pddl
 
 APPLY_LIMIT = 10.0  # s of wall time for one transaction
 RETURN_LIMIT = 30.0  # s of running time for a knowledge base that died to come back
@@ -41,7 +41,7 @@ class Opening(NamedTuple):
 class Effects:
     """What an operator does to the knowledge base; one instance per operator.
 
-    Both methods raise :class:`KnowledgeError` or :class:`merlin_sm.service_proxy.ServiceError` when the
+    Both methods raise :class:`KnowledgeError` or :class:`merlin_ros.service_proxy.ServiceError` when the
     knowledge was not changed.
     """
 
@@ -186,7 +186,7 @@ def when_back(call: Callable[[], None], limit: float = RETURN_LIMIT) -> None:
     """Calls the knowledge base; one that does not answer is called again until it is back.
 
     :param limit: s of running time.
-    :raises merlin_sm.service_proxy.ServiceUnavailable: when it does not come back.
+    :raises merlin_ros.service_proxy.ServiceUnavailable: when it does not come back.
     """
     deadline = Deadline(limit)
     pause = threading.Event()

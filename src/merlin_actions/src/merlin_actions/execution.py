@@ -10,7 +10,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 from merlin_actions.ending import Ending
 from merlin_actions.execution_queue import Key
 from merlin_actions.left_executions import token_of
-from merlin_sm.pddl_text import action_text
+from merlin_sm.knowledge_text import action_text
 
 __all__ = ["Ending", "Execution"]
 _numbers = itertools.count(1)

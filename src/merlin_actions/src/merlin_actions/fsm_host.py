@@ -10,15 +10,15 @@ from merlin_actions.action_interface import wait_for_knowledge_base
 from merlin_actions.merlin_action_server import CANCEL_LIMIT, MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.names import by_ros_name
-from merlin_sm.health import HealthReporter
+from merlin_ros.health import HealthReporter
+from merlin_ros.node import keep_params, on_master_lost, run_node
+from merlin_ros.parameters import number
 from merlin_sm.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeBaseMissing,
     KnowledgeError,
     knowledge_client,
 )
-from merlin_sm.node import keep_params, on_master_lost, run_node
-from merlin_sm.parameters import number
 
 
 def make_servers(machines: List[MerlinActionSM], knowledge_base: str) -> List[MerlinActionServer]:

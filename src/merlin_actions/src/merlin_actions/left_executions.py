@@ -7,10 +7,10 @@ from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 
 from merlin_actions.effects import APPLY_LIMIT
 from merlin_actions.execution_queue import Key
+from merlin_ros.actions.lease_holder import LIFE
+from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
-from merlin_sm.lease_holder import LIFE
-from merlin_sm.pddl_text import action_text
-from merlin_sm.service_proxy import ServiceProxy
+from merlin_sm.knowledge_text import action_text
 
 
 class LeftExecution(NamedTuple):
@@ -34,7 +34,7 @@ def settle_left(knowledge: KnowledgeClient, operator: str) -> List[LeftExecution
     Nothing of them goes on: their state machines have lost their owner.
 
     :raises KnowledgeError: when the knowledge base refuses.
-    :raises merlin_sm.service_proxy.ServiceError: when it does not answer.
+    :raises merlin_ros.service_proxy.ServiceError: when it does not answer.
     """
     listed = ServiceProxy(f"{knowledge.name}/executions", ListExecutions, timeout=APPLY_LIMIT)
     if not listed.available():

@@ -12,9 +12,9 @@ from merlin_actions.action_interface import ActionInterface
 from merlin_actions.ending import Ending
 from merlin_actions.execution import Execution
 from merlin_actions.names import ros_name
-from merlin_sm.action_client import ActionClient, ClientGoal
-from merlin_sm.deadline import limit
-from merlin_sm.health import ERROR, Health
+from merlin_ros.actions.action_client import ActionClient, ClientGoal
+from merlin_ros.deadline import limit
+from merlin_ros.health import ERROR, Health
 
 
 class MerlinAction(ActionInterface):

@@ -11,9 +11,9 @@ import smach
 from merlin_actions.machine_slot import Decision, Do, MachineSlot
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.names import action_param, ros_name
-from merlin_sm.action_server import ActionServer, ServerGoal
-from merlin_sm.deadline import Deadline, limit
-from merlin_sm.health import ERROR, OK, WARN, Health
+from merlin_ros.actions.action_server import ActionServer, ServerGoal
+from merlin_ros.deadline import Deadline, limit
+from merlin_ros.health import ERROR, OK, WARN, Health
 from merlin_sm.introspection import show
 from merlin_sm.states.action_state import give_up_goals
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState

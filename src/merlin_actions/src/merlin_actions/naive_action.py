@@ -17,10 +17,10 @@ from merlin_actions.execution import Execution
 from merlin_actions.merlin_action_server import SHUTDOWN_WAIT
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.names import ros_name
+from merlin_ros.node import on_master_lost, run_node
+from merlin_ros.parameters import number
 from merlin_sm.introspection import show
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeBaseMissing, KnowledgeError
-from merlin_sm.node import on_master_lost, run_node
-from merlin_sm.parameters import number
 from merlin_sm.states.merlin_state import SUCCEEDED
 
 

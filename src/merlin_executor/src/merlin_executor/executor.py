@@ -31,18 +31,18 @@ from merlin_executor.own_goals import OwnGoals
 from merlin_executor.recovery import Recovery
 from merlin_executor.request import Request
 from merlin_executor.request_limits import RequestTooLarge
-from merlin_sm.action_server import ActionServer, ServerGoal
-from merlin_sm.call_scope import CallScope
+from merlin_ros.actions.action_server import ActionServer, ServerGoal
+from merlin_ros.actions.lease import LeaseState
+from merlin_ros.actions.lease_holder import LeaseHolder
+from merlin_ros.call_scope import CallScope
+from merlin_ros.health import OK, WARN, Health
+from merlin_ros.publishing import publish
+from merlin_ros.service_proxy import ServiceError
 from merlin_sm.dispatch_client import DispatchClient
-from merlin_sm.health import OK, WARN, Health
 from merlin_sm.introspection import show
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
-from merlin_sm.lease import LeaseState
-from merlin_sm.lease_holder import LeaseHolder
-from merlin_sm.pddl_text import PDDLSyntaxError
+from merlin_sm.knowledge_text import PDDLSyntaxError
 from merlin_sm.planning_client import PlanningClient
-from merlin_sm.publishing import publish
-from merlin_sm.service_proxy import ServiceError
 from merlin_sm.states.planning import CALL_GRACE
 
 STATUS_WAIT = 1.0  # s of running time at start for the dispatcher's status; ROSPlan's own publish none

@@ -10,9 +10,9 @@ from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.outcome import outcome_name
 from merlin_executor.request_limits import check_size
 from merlin_executor.resending import END
-from merlin_sm.action_client import ActionClient
+from merlin_ros.actions.action_client import ActionClient
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
-from merlin_sm.pddl_text import parse_goal
+from merlin_sm.knowledge_text import parse_goal
 
 __all__ = [
     "CANCEL",

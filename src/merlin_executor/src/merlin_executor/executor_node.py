@@ -7,12 +7,12 @@ import rospy
 
 from merlin_executor.executor import Executor
 from merlin_executor.rivals import must_yield, publishers_by_topic, rival_executors
-from merlin_sm.health import HealthReporter
+from merlin_ros.health import HealthReporter
+from merlin_ros.master.master_link import ERRORS, bounded_master
+from merlin_ros.master.namesake import living_namesake
+from merlin_ros.node import run_node
+from merlin_ros.parameters import ParameterError, number
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
-from merlin_sm.master_link import ERRORS, bounded_master
-from merlin_sm.namesake import living_namesake
-from merlin_sm.node import run_node
-from merlin_sm.parameters import ParameterError, number
 from merlin_sm.planning_client import PlanningClient, StageError
 
 

@@ -9,9 +9,9 @@ from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
 
 from merlin_executor.outcome import StopKind
 from merlin_executor.resending import END, RETURN_WAIT, Decision, Next, Resending
-from merlin_sm.action_client import ActionClient, ClientGoal
-from merlin_sm.deadline import Deadline
-from merlin_sm.late_topics import subscribe_by
+from merlin_ros.actions.action_client import ActionClient, ClientGoal
+from merlin_ros.deadline import Deadline
+from merlin_ros.late_topics import subscribe_by
 
 _SERVER_ENDS = "the action server shuts down"  # text of an ActionServer that ends its goals
 

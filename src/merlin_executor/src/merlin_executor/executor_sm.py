@@ -18,11 +18,11 @@ from merlin_executor.outcome import Outcome, StopKind, Verdict
 from merlin_executor.own_goals import OwnGoals
 from merlin_executor.request import Request
 from merlin_executor.standstill import STAND_WAIT, still_moving, unstopped
-from merlin_sm.call_scope import CallScope
+from merlin_ros.call_scope import CallScope
+from merlin_ros.service_proxy import ServiceError
 from merlin_sm.dispatch_progress import DispatchResult
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
-from merlin_sm.service_proxy import ServiceError
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
 from merlin_sm.states.planning import (
     FAILED,

@@ -14,15 +14,15 @@ from merlin_executor.guard_client import GuardClient
 from merlin_executor.own_goals import OwnGoals
 from merlin_executor.recovery import Recovery
 from merlin_executor.request import Request
-from merlin_sm.call_scope import CallScope
-from merlin_sm.deadline import Deadline
+from merlin_ros.call_scope import CallScope
+from merlin_ros.deadline import Deadline
+from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
 from merlin_sm.dispatch_client import PART as DISPATCHER
 from merlin_sm.dispatch_client import DispatchClient
 from merlin_sm.dispatch_progress import DispatchResult
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
-from merlin_sm.pddl_text import to_pddl
+from merlin_sm.knowledge_text import to_pddl
 from merlin_sm.planning_client import PlanningClient, StageError
-from merlin_sm.service_proxy import ServiceError, ServiceUnavailable
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.planning import FAILED, DispatchPlanState, PlanningState
 

@@ -6,7 +6,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase
 
 from merlin_executor.goal_rules import GoalError, check_atom
 from merlin_sm.knowledge_client import KnowledgeClient
-from merlin_sm.pddl_text import to_pddl
+from merlin_sm.knowledge_text import to_pddl
 
 __all__ = ["GoalError", "check_goals"]
 
@@ -16,7 +16,7 @@ def check_goals(items: Sequence[KnowledgeItem], knowledge: KnowledgeClient) -> N
 
     :raises GoalError: for no goals at all, unknown predicates, functions and objects, wrong numbers of
         arguments, and kinds of knowledge that cannot be goals.
-    :raises merlin_sm.service_proxy.ServiceError: when the knowledge base does not answer.
+    :raises merlin_ros.service_proxy.ServiceError: when the knowledge base does not answer.
     """
     if not items:
         raise GoalError("the request has no goals")

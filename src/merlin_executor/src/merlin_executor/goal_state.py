@@ -10,10 +10,10 @@ from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission_pause import MissionPause
 from merlin_executor.outcome import Outcome, outcome_name
 from merlin_executor.resending import RESEND
-from merlin_sm.deadline import Deadline
+from merlin_ros.deadline import Deadline
+from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import KnowledgeError
-from merlin_sm.pddl_text import PDDLSyntaxError
-from merlin_sm.service_proxy import ServiceError
+from merlin_sm.knowledge_text import PDDLSyntaxError
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 

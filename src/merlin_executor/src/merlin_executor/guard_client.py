@@ -8,8 +8,8 @@ from merlin_msgs.msg import GuardStatus
 from std_srvs.srv import Trigger
 
 from merlin_executor.standstill import Halt
-from merlin_sm.deadline import Deadline
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.deadline import Deadline
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 HALT_LIMIT = 1.0  # s of wall time for the guard to answer
 

@@ -7,7 +7,7 @@ import rospy
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_executor.mission_progress import PauseSwitch
-from merlin_sm.deadline import Deadline
+from merlin_ros.deadline import Deadline
 
 
 class MissionPause:

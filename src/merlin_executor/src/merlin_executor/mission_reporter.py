@@ -6,7 +6,7 @@ import rospy
 from merlin_msgs.msg import MissionStatus
 
 from merlin_executor.mission_progress import MissionProgress, MissionState
-from merlin_sm.publishing import publish
+from merlin_ros.publishing import publish
 
 
 class MissionReporter:

@@ -7,10 +7,10 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.goal_ledger import GoalLedger
 from merlin_executor.goal_notes import GoalNotes, NotesError
+from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
+from merlin_ros.master.master_link import get_param, set_param
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
-from merlin_sm.lease_holder import LIFE, LeaseHolder
-from merlin_sm.master_link import get_param, set_param
-from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal, to_pddl
+from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 
 PARAMETER = "~added_goals"
 

@@ -6,9 +6,9 @@ from typing import List, Sequence
 from actionlib_msgs.msg import GoalStatusArray
 from rosplan_knowledge_msgs.msg import DomainFormula
 
-from merlin_sm.deadline import Deadline
+from merlin_ros.deadline import Deadline
+from merlin_ros.late_topics import subscribe_by
 from merlin_sm.knowledge_client import KnowledgeClient
-from merlin_sm.late_topics import subscribe_by
 
 
 def missing_interfaces(knowledge: KnowledgeClient, timeout: float) -> List[str]:

@@ -8,14 +8,14 @@ from merlin_msgs.msg import KnowledgeChanges, OpenExecution
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 
 from merlin_executor.leftovers import Leftovers
-from merlin_sm.deadline import running_time
+from merlin_ros.deadline import running_time
+from merlin_ros.late_topics import subscribe
+from merlin_ros.master.master_link import MasterSilent
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.dispatch_client import DispatchClient
 from merlin_sm.knowledge_client import KnowledgeClient
-from merlin_sm.late_topics import subscribe
-from merlin_sm.master_link import MasterSilent
-from merlin_sm.pddl_text import action_text
+from merlin_sm.knowledge_text import action_text
 from merlin_sm.planning_client import Interruptible
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 CALL_LIMIT = 5.0  # s of wall time for one call
 LOOK = 0.5  # s between two looks for executions that were closed without a change of the knowledge

@@ -13,8 +13,8 @@ from merlin_executor.course import Course
 from merlin_executor.engine import Job
 from merlin_executor.outcome import Verdict
 from merlin_executor.request_limits import check_size
-from merlin_sm.action_server import ServerGoal
-from merlin_sm.pddl_text import parse_goal, to_pddl
+from merlin_ros.actions.action_server import ServerGoal
+from merlin_sm.knowledge_text import parse_goal, to_pddl
 
 
 class Request(Job):

@@ -315,7 +315,7 @@ def main() -> int:
         print(f"merlin_guard: a guard named {other} runs already; end it, or name this one differently")
         return CANNOT_BEGIN
     try:
-        from merlin_sm.node import run_node
+        from merlin_ros.node import run_node
     except ImportError:
         return _run_alone()
     # With MERLIN around it: a node that registers again when its master was lost.

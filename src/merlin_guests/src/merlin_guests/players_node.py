@@ -18,11 +18,11 @@ from merlin_guests.places import Places
 from merlin_guests.restaurant_world import restaurant_world
 from merlin_guests.schedule import DISTURBANCES, GuestPlan, ScheduleError, make_schedule
 from merlin_guests.stage import Closed, PlayError, Stage
+from merlin_ros.node import init_node
+from merlin_ros.parameters import ParameterError, number
+from merlin_ros.service_proxy import ServiceError
 from merlin_sim.world.world_file import WorldError
 from merlin_sim.world.world_model import World
-from merlin_sm.node import init_node
-from merlin_sm.parameters import ParameterError, number
-from merlin_sm.service_proxy import ServiceError
 
 STARTUP = 60.0  # s of wall time for the simulator and the voices
 LISTENED = 20.0  # s of running time for who keeps the books

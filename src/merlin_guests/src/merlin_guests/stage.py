@@ -19,9 +19,9 @@ from merlin_guests.quiet_room import QuietRoom
 from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.ros_messages import samples_of
 from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
-from merlin_sm.deadline import Deadline
-from merlin_sm.publishing import Subscribed
-from merlin_sm.service_proxy import ServiceProxy
+from merlin_ros.deadline import Deadline
+from merlin_ros.publishing import Subscribed
+from merlin_ros.service_proxy import ServiceProxy
 
 CHUNK = 0.2  # s of sound per message
 CALL_WAITS = 60.0  # s until a guest gives up calling, because it is never quiet

@@ -11,9 +11,9 @@ import rospy
 from merlin_executor.readiness import missing_interfaces, missing_servers
 from merlin_home.home_mission import HomeMission
 from merlin_home.mission_list import MissionListError, MissionTask, make_mission, mission_tasks
+from merlin_ros.node import init_node
+from merlin_ros.parameters import ParameterError, number
 from merlin_sm.knowledge_client import KnowledgeError
-from merlin_sm.node import init_node
-from merlin_sm.parameters import ParameterError, number
 
 EXIT_FAILED, EXIT_NOT_BEGUN = 1, 2
 #: Action servers that the actions of the home use.

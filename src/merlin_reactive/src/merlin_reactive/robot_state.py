@@ -14,7 +14,7 @@ from sensor_msgs.msg import LaserScan
 
 from merlin_reactive.pose import Pose, wrap
 from merlin_reactive.ros_messages import pose_of, pose_of_transform
-from merlin_sm.deadline import Deadline
+from merlin_ros.deadline import Deadline
 
 HISTORY = 40  # odometry messages kept, to place a scan where it was made
 

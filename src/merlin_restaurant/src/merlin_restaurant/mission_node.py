@@ -19,9 +19,9 @@ from merlin_restaurant.evening import Evening
 from merlin_restaurant.evening_record import EveningRecord
 from merlin_restaurant.robot_watch import RobotWatch
 from merlin_restaurant.table_state import STATES
-from merlin_sm.node import init_node
-from merlin_sm.parameters import ParameterError, number
-from merlin_sm.service_proxy import ServiceError
+from merlin_ros.node import init_node
+from merlin_ros.parameters import ParameterError, number
+from merlin_ros.service_proxy import ServiceError
 from merlin_sm.states.merlin_state import SUCCEEDED
 
 EXIT_UNBALANCED, EXIT_STOPPED, EXIT_INTERRUPTED = 1, 2, 130

@@ -10,7 +10,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from sound_play.msg import SoundRequestActionGoal
 
-from merlin_sm.pddl_text import action_text, to_pddl
+from merlin_sm.knowledge_text import action_text, to_pddl
 from merlin_sm.states.recognition import recognized
 
 DISPATCHER = "rosplan_plan_dispatcher"

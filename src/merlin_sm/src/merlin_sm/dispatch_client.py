@@ -11,13 +11,13 @@ from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_srvs.srv import Empty
 
-from merlin_sm.deadline import Deadline, limit, running_time
+from merlin_ros.actions.lease import LOSE_AFTER
+from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
+from merlin_ros.deadline import Deadline, limit, running_time
+from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 from merlin_sm.dispatch_progress import PART, Action, Answer, DispatchProgress, DispatchResult, Reply, ground
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
-from merlin_sm.lease import LOSE_AFTER
-from merlin_sm.lease_holder import LIFE, LeaseHolder
 from merlin_sm.planning_client import Interruptible
-from merlin_sm.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 
 CANCEL_ACTION = "cancel_action"
 INTERFACE_WAIT = 3.0  # s of running time for the action interfaces of a plan to announce themselves

@@ -7,7 +7,7 @@ from typing import Callable, Optional
 import rospy
 from merlin_msgs.msg import GuardStatus
 
-from merlin_sm.master_link import MasterSilent, get_param
+from merlin_ros.master.master_link import MasterSilent, get_param
 
 EXPECTED_PARAM = "merlin/guard_expected"
 STATUS_TOPIC = "merlin/guard"

@@ -18,8 +18,8 @@ from rosplan_knowledge_msgs.srv import (
     KnowledgeUpdateServiceArrayRequest,
 )
 
-from merlin_sm.pddl_text import to_pddl
-from merlin_sm.service_proxy import ServiceProxy
+from merlin_ros.service_proxy import ServiceProxy
+from merlin_sm.knowledge_text import to_pddl
 
 DEFAULT_KNOWLEDGE_BASE = "rosplan_knowledge_base"
 ADD = KnowledgeUpdateServiceArrayRequest.ADD_KNOWLEDGE

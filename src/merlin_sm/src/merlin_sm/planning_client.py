@@ -16,11 +16,11 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlanNode, PlanActio
 from std_msgs.msg import String
 from std_srvs.srv import Empty
 
-from merlin_sm.action_client import ActionClient
-from merlin_sm.deadline import Deadline
-from merlin_sm.late_topics import subscribe
-from merlin_sm.master_link import ERRORS, MasterSilent, bounded_master, get_param, lost
-from merlin_sm.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.deadline import Deadline
+from merlin_ros.late_topics import subscribe
+from merlin_ros.master.master_link import ERRORS, MasterSilent, bounded_master, get_param, lost
+from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 
 MASTER = "the ROS master"
 PROBLEM = "the planning system's problem interface"

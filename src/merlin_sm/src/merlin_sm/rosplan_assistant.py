@@ -16,7 +16,7 @@ from merlin_sm.knowledge_client import (
     instance,
     knowledge_client,
 )
-from merlin_sm.pddl_text import parse_goal, parse_literals, to_pddl
+from merlin_sm.knowledge_text import parse_goal, parse_literals, to_pddl
 
 Facts = Union[str, Sequence[str]]
 
@@ -27,9 +27,9 @@ class MerlinROSPlanAssistant:
     Facts are PDDL text, one or many: ``"(robot_at kitchen)"``. Every change is one transaction. Works on any
     ROSPlan knowledge base; the connection is made at the first call and shared by the whole process.
 
-    All methods raise :class:`merlin_sm.pddl_text.PDDLSyntaxError` for text that is no PDDL,
+    All methods raise :class:`merlin_sm.knowledge_text.PDDLSyntaxError` for text that is no PDDL,
     :class:`merlin_sm.knowledge_client.KnowledgeError` for what the knowledge base refuses, and
-    :class:`merlin_sm.service_proxy.ServiceError` when it does not answer.
+    :class:`merlin_ros.service_proxy.ServiceError` when it does not answer.
     """
 
     knowledge_base = DEFAULT_KNOWLEDGE_BASE

@@ -8,9 +8,9 @@ import rospy
 from roslib.message import get_message_class
 
 from merlin_actions.testing.behaviour import Act, Behaviour
-from merlin_sm.action_server import ServerGoal
-from merlin_sm.node import run_node
-from merlin_sm.serial_action_server import SerialActionServer
+from merlin_ros.actions.action_server import ServerGoal
+from merlin_ros.actions.serial_action_server import SerialActionServer
+from merlin_ros.node import run_node
 
 
 class SimulatedActionServer:

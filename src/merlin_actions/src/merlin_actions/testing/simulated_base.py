@@ -7,8 +7,8 @@ from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseAction
 
 from merlin_actions.testing.simulated_action_server import SimulatedActionServer, behaviour_from_params
-from merlin_sm.node import run_node
-from merlin_sm.publishing import publish
+from merlin_ros.node import run_node
+from merlin_ros.publishing import publish
 
 PERIOD = 0.1  # s of wall time between two commands, as a slow controller sends them
 

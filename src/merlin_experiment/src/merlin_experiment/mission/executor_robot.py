@@ -11,7 +11,7 @@ from merlin_executor.readiness import missing_interfaces
 from merlin_executor.resending import END
 from merlin_experiment.mission.measured_mission import MissionStopped
 from merlin_experiment.records.trajectory import Trajectory
-from merlin_sm.deadline import Deadline
+from merlin_ros.deadline import Deadline
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 IDLE_TIMEOUT = 30.0

@@ -11,9 +11,9 @@ import threading
 import rospy
 from merlin_msgs.msg import MissionStatus
 
-from merlin_sm.master_link import ERRORS, bounded_master, bounded_proxy
-from merlin_sm.node import run_node
-from merlin_sm.parameters import number
+from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
+from merlin_ros.node import run_node
+from merlin_ros.parameters import number
 
 
 class FaultInjector:

@@ -29,9 +29,9 @@ from merlin_experiment.records.result_files import write_run
 from merlin_experiment.records.task_record import RunRecord, TaskRecord
 from merlin_experiment.records.trajectory import Sample, Trajectory
 from merlin_experiment.records.versions import versions
+from merlin_ros.node import init_node
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import KnowledgeError
-from merlin_sm.node import init_node
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 EXIT_NOT_AS_LISTED = 1
 EXIT_STOPPED = 2

@@ -5,7 +5,7 @@ from typing import Callable, Dict, List, Optional, Set
 
 import rospy
 
-from merlin_sm.master_link import ERRORS, bounded_master
+from merlin_ros.master.master_link import ERRORS, bounded_master
 
 PERIOD = 1.0  # s of wall time
 

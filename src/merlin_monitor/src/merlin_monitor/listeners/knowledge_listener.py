@@ -16,8 +16,8 @@ from rosplan_knowledge_msgs.srv import GetDomainNameService
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.state.knowledge_section import Contents, formulas
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import KnowledgeClient
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
 
 READ_AGAIN = 2.0  # s of wall time between two readings of a knowledge base that does not tell its changes
 SOON = 0.2  # s from an update to reading, so that one reading serves several updates

@@ -19,8 +19,8 @@ from merlin_monitor.state.events import Event
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.terminal.terminal_view import lines, paint
-from merlin_sm.master_link import master_answers
-from merlin_sm.node import init_node
+from merlin_ros.master.master_link import master_answers
+from merlin_ros.node import init_node
 
 REDRAW = 0.2  # s between two pictures
 LISTEN = 4.0  # s of wall time that are listened to before the state is printed once

@@ -15,9 +15,9 @@ from merlin_monitor.web.control import Control
 from merlin_monitor.web.robot_control import RobotControl
 from merlin_monitor.web.web_access import WebAccess
 from merlin_monitor.web.web_server import ServerError, WebServer
-from merlin_sm.health import OK, Health, HealthReporter
-from merlin_sm.node import run_node
-from merlin_sm.parameters import ParameterError
+from merlin_ros.health import OK, Health, HealthReporter
+from merlin_ros.node import run_node
+from merlin_ros.parameters import ParameterError
 
 
 def main() -> int:

@@ -12,9 +12,9 @@ from merlin_executor.goal_check import GoalError, check_goals
 from merlin_monitor.state.events import Event
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.web.control import ControlError
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import knowledge_client
-from merlin_sm.pddl_text import PDDLSyntaxError, parse_goal
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal
 
 MISSION_ANSWERS = 5.0  # s of wall time
 GUARD_ANSWERS = 1.0  # s of wall time

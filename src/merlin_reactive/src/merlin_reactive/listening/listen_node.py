@@ -13,12 +13,12 @@ from merlin_reactive.listening.speech_recognizer import THRESHOLD, GrammarError,
 from merlin_reactive.listening.speech_recognizer_process import SpeechRecognizerLost, SpeechRecognizerProcess
 from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.ros_messages import samples_of
-from merlin_sm.action_server import ServerGoal
-from merlin_sm.deadline import Deadline
-from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
-from merlin_sm.node import run_node
-from merlin_sm.parameters import number
-from merlin_sm.serial_action_server import SerialActionServer
+from merlin_ros.actions.action_server import ServerGoal
+from merlin_ros.actions.serial_action_server import SerialActionServer
+from merlin_ros.deadline import Deadline
+from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
+from merlin_ros.node import run_node
+from merlin_ros.parameters import number
 
 BROKEN_OFF = 1.0  # s without sound, both of ROS time and of running time, after which who spoke has stopped
 

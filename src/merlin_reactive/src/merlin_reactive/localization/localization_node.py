@@ -26,9 +26,9 @@ from merlin_reactive.ros_messages import (
     pose_of_transform,
     transform,
 )
-from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
-from merlin_sm.node import run_node
-from merlin_sm.parameters import number
+from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
+from merlin_ros.node import run_node
+from merlin_ros.parameters import number
 
 SILENCE = 3.0  # s of ROS time without a scan after which something is wrong
 UNSURE = 0.5  # m of standard deviation of the position from which it does not know where it is

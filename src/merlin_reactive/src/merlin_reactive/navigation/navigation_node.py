@@ -26,12 +26,12 @@ from merlin_reactive.navigation.velocity_gate import VelocityGate
 from merlin_reactive.pose import Point, Pose, wrap
 from merlin_reactive.robot_state import RobotState, StateError, velocity_of
 from merlin_reactive.ros_messages import grid_of, path_message, pose_of, stamped
-from merlin_sm.action_server import ServerGoal
-from merlin_sm.deadline import Deadline
-from merlin_sm.health import ERROR, Health, HealthReporter
-from merlin_sm.node import run_node
-from merlin_sm.parameters import number
-from merlin_sm.serial_action_server import SerialActionServer
+from merlin_ros.actions.action_server import ServerGoal
+from merlin_ros.actions.serial_action_server import SerialActionServer
+from merlin_ros.deadline import Deadline
+from merlin_ros.health import ERROR, Health, HealthReporter
+from merlin_ros.node import run_node
+from merlin_ros.parameters import number
 
 START_TIMEOUT = 10.0  # s of running time for map, odometry, scan and transforms to appear
 SILENCE = 3.0  # s of running time without odometry after which driving is given up

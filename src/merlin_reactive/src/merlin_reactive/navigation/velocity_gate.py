@@ -7,8 +7,8 @@ from typing import Optional
 import rospy
 from geometry_msgs.msg import Twist
 
-from merlin_sm.action_server import ServerGoal
-from merlin_sm.publishing import publish
+from merlin_ros.actions.action_server import ServerGoal
+from merlin_ros.publishing import publish
 
 
 class VelocityGate:

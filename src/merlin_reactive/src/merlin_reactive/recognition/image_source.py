@@ -7,8 +7,8 @@ import rospy
 from merlin_msgs.srv import CaptureImage
 from sensor_msgs.msg import CameraInfo, Image
 
-from merlin_sm.deadline import Deadline
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.deadline import Deadline
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 Picture = Tuple[Image, CameraInfo]
 CAPTURE_LIMIT = 20.0  # s of wall time for the simulator's answer, which renders on a busy machine

@@ -24,11 +24,11 @@ from merlin_reactive.recognition.object_recognizer import (
 from merlin_reactive.recognition.rectification import rectified
 from merlin_reactive.recognition.sighting import Sighting
 from merlin_reactive.recognition.tags import TAG
-from merlin_sm.action_server import ServerGoal
-from merlin_sm.health import OK, WARN, Health, HealthReporter
-from merlin_sm.node import run_node
-from merlin_sm.parameters import ParameterError, number
-from merlin_sm.serial_action_server import SerialActionServer
+from merlin_ros.actions.action_server import ServerGoal
+from merlin_ros.actions.serial_action_server import SerialActionServer
+from merlin_ros.health import OK, WARN, Health, HealthReporter
+from merlin_ros.node import run_node
+from merlin_ros.parameters import ParameterError, number
 
 
 class RecognitionNode:

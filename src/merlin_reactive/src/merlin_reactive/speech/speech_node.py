@@ -28,12 +28,12 @@ from merlin_reactive.speech.speech_synthesizer import (
     beep,
     read_wave,
 )
-from merlin_sm.action_server import ServerGoal
-from merlin_sm.health import OK, WARN, Health, HealthReporter
-from merlin_sm.node import run_node
-from merlin_sm.parameters import ParameterError, number
-from merlin_sm.publishing import publish
-from merlin_sm.serial_action_server import SerialActionServer
+from merlin_ros.actions.action_server import ServerGoal
+from merlin_ros.actions.serial_action_server import SerialActionServer
+from merlin_ros.health import OK, WARN, Health, HealthReporter
+from merlin_ros.node import run_node
+from merlin_ros.parameters import ParameterError, number
+from merlin_ros.publishing import publish
 
 CHUNK = 0.2  # s of sound per message and per feedback
 

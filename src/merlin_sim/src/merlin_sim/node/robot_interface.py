@@ -11,11 +11,11 @@ from sensor_msgs.msg import CameraInfo, Image, JointState, LaserScan
 from merlin_reactive.pose import Pose
 from merlin_reactive.prompt_publisher import PromptPublisher
 from merlin_reactive.ros_messages import pose_message, transform
+from merlin_ros.publishing import publish
 from merlin_sim.engine.simulation import ODOMETRY_EVERY, PHYSICS_RATE, SimulatedRobot, Simulation
 from merlin_sim.node.sensor_messages import camera_info, image_message
 from merlin_sim.robot.camera import CameraError
 from merlin_sim.robot.truth_localization import TruthLocalization, map_to_odom
-from merlin_sm.publishing import publish
 
 SCAN_PERIOD = 10  # 10 Hz
 JOINTS_PERIOD = 20  # 5 Hz, for rviz only

@@ -8,6 +8,7 @@ from typing import Any, List
 import rospy
 
 from merlin_reactive.pose import Pose
+from merlin_ros.parameters import ParameterError, number
 from merlin_sim.engine.scene import ROBOT
 from merlin_sim.engine.simulation import RobotSpec
 from merlin_sim.robot.camera import CameraModel
@@ -16,7 +17,6 @@ from merlin_sim.robot.lidar import LidarModel
 from merlin_sim.robot.truth_localization import PoseNoise
 from merlin_sim.world.world_model import World
 from merlin_sim.world.world_places import ROBOT_RADIUS, why_no_place
-from merlin_sm.parameters import ParameterError, number
 
 
 @dataclass(frozen=True)

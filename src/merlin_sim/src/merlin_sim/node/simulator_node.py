@@ -27,6 +27,11 @@ from std_srvs.srv import Trigger, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
 from merlin_reactive.prompt_publisher import PromptPublisher
+from merlin_ros.health import OK, WARN, Health, HealthReporter
+from merlin_ros.master.master_link import bounded_master
+from merlin_ros.node import run_node
+from merlin_ros.parameters import ParameterError
+from merlin_ros.publishing import publish
 from merlin_sim.engine.physics import PhysicsError
 from merlin_sim.engine.simulation import PHYSICS_RATE, Simulation
 from merlin_sim.node.pacer import Pacer
@@ -38,11 +43,6 @@ from merlin_sim.robot.camera import CameraError
 from merlin_sim.robot.truth_localization import TruthLocalization
 from merlin_sim.world.survey import map_of
 from merlin_sim.world.world_file import WorldError, load_world
-from merlin_sm.health import OK, WARN, Health, HealthReporter
-from merlin_sm.master_link import bounded_master
-from merlin_sm.node import run_node
-from merlin_sm.parameters import ParameterError
-from merlin_sm.publishing import publish
 
 CLOCK_PERIOD = 2  # physics steps: 50 Hz
 KEPT_UP = 0.9  # share of the factor asked for that counts as reached

@@ -7,8 +7,8 @@ from typing import Any, Dict, Iterable, List, Mapping, Optional
 import rospy
 
 from merlin_reactive.pose import Point
+from merlin_ros.parameters import ParameterError, number
 from merlin_sim.people.answers import Answers
-from merlin_sm.parameters import ParameterError, number
 
 HEARING = 4.0  # m
 VOICE = "en-us"

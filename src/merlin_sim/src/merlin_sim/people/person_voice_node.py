@@ -19,11 +19,11 @@ from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.ros_messages import samples_of
 from merlin_reactive.seeded_random import draw
 from merlin_reactive.speech.speech_synthesizer import RATE, SoundError, SpeechSynthesizer
+from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
+from merlin_ros.node import run_node
+from merlin_ros.parameters import number
 from merlin_sim.people.answers import Answers
 from merlin_sim.people.listener import Listener, nearest, read_listeners
-from merlin_sm.health import ERROR, OK, WARN, Health, HealthReporter
-from merlin_sm.node import run_node
-from merlin_sm.parameters import number
 
 CHUNK = 0.2  # s of sound per message
 TRAIL = 0.8  # s of quiet after an answer

@@ -6,8 +6,8 @@ from typing import Any, Callable, Dict, Optional, Sequence
 import rospy
 from actionlib_msgs.msg import GoalStatus
 
-from merlin_sm.action_client import ActionClient, ClientGoal
-from merlin_sm.deadline import Deadline
+from merlin_ros.actions.action_client import ActionClient, ClientGoal
+from merlin_ros.deadline import Deadline
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 SERVER_WAIT = 5.0  # s of running time for a server that is not there yet

@@ -2,9 +2,9 @@
 
 from typing import Any, List, Sequence
 
+from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-from merlin_sm.service_proxy import ServiceError
 from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
 
 

@@ -7,8 +7,8 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
+from merlin_ros.master.master_link import get_param
 from merlin_sm.guard_watch import shared_guard_watch
-from merlin_sm.master_link import get_param
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.merlin_state import PREEMPTED
 

@@ -5,10 +5,10 @@ from typing import Any, Callable, List, Optional, Sequence
 
 import rospy
 
-from merlin_sm.deadline import Deadline
-from merlin_sm.late_topics import subscribe
-from merlin_sm.master_link import MasterSilent
-from merlin_sm.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.deadline import Deadline
+from merlin_ros.late_topics import subscribe
+from merlin_ros.master.master_link import MasterSilent
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 

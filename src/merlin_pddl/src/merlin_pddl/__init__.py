@@ -1,0 +1,1 @@
+"""PDDL read, evaluated and written; no ROS."""

@@ -1,0 +1,1 @@
+"""Whether PDDL and plans are right, with kairos where it is installed."""

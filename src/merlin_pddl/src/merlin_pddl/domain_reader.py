@@ -1,0 +1,321 @@
+"""Reads a PDDL domain (PDDL 2.1 to 3.1 as far as a knowledge base needs it) into a :class:`Domain`."""
+
+import hashlib
+from pathlib import Path
+from typing import Callable, Dict, List, Optional, Tuple, Union
+
+from merlin_pddl.domain import Derived, Domain, Duration, Operator, Signature, self_negating
+from merlin_pddl.formula import OVER_ALL, START, Effect, TimedCondition, Variable
+from merlin_pddl.formula_reader import FormulaReader, Scope, parameters, typed_list
+from merlin_pddl.text_reader import Expression, Node, Word, name_of, read_expression, read_file
+from merlin_pddl.type_hierarchy import TypeCycleError
+
+OBJECT_FLUENTS = (
+    "only functions of numbers are known: ROSPlan's messages carry no object as a value; "
+    "use a predicate with one more argument"
+)
+ASSIGNMENTS = ("assign", "increase", "decrease", "scale-up", "scale-down")
+
+
+def read_domain(path: Union[str, Path]) -> Domain:
+    """Reads a domain file.
+
+    Raises
+    ------
+    PddlError: with file, line and column.
+    """
+    return DomainReader(read_file(path)).read()
+
+
+def parse_domain(text: str, source: str = "domain") -> Domain:
+    """Reads a domain from text.
+
+    Raises
+    ------
+    PddlError: with `source`, line and column.
+    """
+    return DomainReader(read_expression(text, source)).read()
+
+
+def open_definition(node: Expression, kind: str) -> Tuple[Word, List[Expression]]:
+    """Name and sections of ``(define (domain x) ...)`` or ``(define (problem x) ...)``.
+
+    Raises
+    ------
+    PddlError: it is something else.
+    """
+    if node.head != "define" or len(node) < 2:
+        raise node.error(f"expected (define ({kind} <name>) ...)")
+    title = node[1]
+    if not isinstance(title, Expression) or title.head != kind or len(title) != 2:
+        raise title.error(f"expected ({kind} <name>)")
+    sections: List[Expression] = []
+    for section in node[2:]:
+        if not isinstance(section, Expression) or not section.head.startswith(":"):
+            raise section.error("expected a section such as (:types ...)")
+        sections.append(section)
+    return name_of(title[1], f"the name of the {kind}"), sections
+
+
+class DomainReader:
+    """Turns the expression of a domain into the model. Use it once."""
+
+    def __init__(self, node: Expression) -> None:
+        name, self._sections = open_definition(node, "domain")
+        self._domain = Domain(str(name))
+        self._domain.digest = hashlib.sha256(node.text().encode()).hexdigest()
+        self._formulas = FormulaReader(self._domain)
+        self._rules: List[Expression] = []
+
+    def read(self) -> Domain:
+        """The domain.
+
+        Raises
+        ------
+        PddlError: the first thing that is wrong.
+        """
+        readers: Dict[str, Callable[[Expression], None]] = {
+            ":requirements": self._requirements,
+            ":types": self._types,
+            ":constants": self._constants,
+            ":predicates": self._predicates,
+            ":functions": self._functions,
+        }
+        actions = (":action", ":durative-action")
+        passed = (
+            ":constraints",
+            ":process",
+            ":event",
+        )  # the planner's business: a robot executes none of them
+        for section in self._sections:
+            if section.head not in (*readers, *actions, *passed, ":derived"):
+                raise section.error(f"unknown section '{section.head}'")
+        for (
+            head,
+            reader,
+        ) in readers.items():  # in this order, whatever the file's: each builds on the ones before
+            for section in self._sections:
+                if section.head == head:
+                    reader(section)
+        for section in self._sections:
+            if section.head == ":derived":
+                self._derived(section)
+        confused = self_negating(self._domain.derived)
+        if confused is not None:
+            section = next(s for s in self._sections if s.head == ":derived" and s[1].head == confused)
+            raise section.error(f"the derived predicate '{confused}' depends on its own negation")
+        for section in self._sections:
+            if section.head in actions:
+                self._operator(section)
+        return self._domain
+
+    def _requirements(self, section: Expression) -> None:
+        self._domain.requirements += tuple(str(word) for word in section[1:])
+
+    def _types(self, section: Expression) -> None:
+        types = self._domain.types
+        waiting: List[Word] = []
+        rest = iter(section[1:])
+        for node in rest:
+            if isinstance(node, Word) and node == "-":
+                parent = next(rest, None)
+                if parent is None or not waiting:
+                    raise node.error("'-' needs a type before it and a type after it")
+                parents = self._parent_types(parent)
+                for word in waiting:
+                    types.declare(str(word), parents)
+                waiting = []
+            else:
+                waiting.append(name_of(node, "the name of a type"))
+        for word in waiting:
+            types.declare(str(word))
+        try:
+            types.complete()
+        except TypeCycleError as error:
+            raise section.error(str(error)) from error
+
+    @staticmethod
+    def _parent_types(node: Node) -> List[str]:
+        if isinstance(node, Expression):
+            if node.head != "either" or len(node) < 2:
+                raise node.error("expected a type or (either ...)")
+            return [str(name_of(part, "the name of a type")) for part in node[1:]]
+        return [str(name_of(node, "the name of a type"))]
+
+    def _constants(self, section: Expression) -> None:
+        constants = self._domain.constants
+        for word, types in typed_list(section[1:], self._domain, variables=False):
+            known = constants.get(str(word), ())
+            constants[str(word)] = known + tuple(name for name in types if name not in known)
+
+    def _signature(self, node: Node, what: str) -> Tuple[Word, Signature]:
+        if not isinstance(node, Expression) or not node:
+            raise node.error(f"expected a {what} in parentheses")
+        name = name_of(node[0], f"the name of a {what}")
+        inner = Expression(node.source, node.line, node.column)
+        inner.extend(node[1:])
+        return name, Signature(str(name), parameters(inner, self._domain, f"'{name}'"))
+
+    def _predicates(self, section: Expression) -> None:
+        for node in section[1:]:
+            name, signature = self._signature(node, "predicate")
+            if name in self._domain.predicates:
+                raise name.error(f"the predicate '{name}' is declared twice")
+            self._domain.predicates[str(name)] = signature
+
+    def _functions(self, section: Expression) -> None:
+        rest = iter(section[1:])
+        for node in rest:
+            if isinstance(node, Word):
+                if node != "-":
+                    raise node.error(f"expected a function in parentheses, found '{node}'")
+                kind = next(rest, None)
+                if kind != "number":
+                    raise (kind or node).error(OBJECT_FLUENTS)
+                continue
+            name, signature = self._signature(node, "function")
+            if name in self._domain.functions:
+                raise name.error(f"the function '{name}' is declared twice")
+            self._domain.functions[str(name)] = signature
+
+    def _derived(self, section: Expression) -> None:
+        if len(section) != 3:
+            raise section.error("expected (:derived (<predicate> ...) <condition>)")
+        name, signature = self._signature(section[1], "predicate")
+        declared = self._domain.predicates.get(str(name))
+        if declared is None:
+            raise name.error(f"the derived predicate '{name}' is not declared among the predicates")
+        if len(declared.parameters) != len(signature.parameters):
+            raise name.error(f"'{name}' takes {len(declared.parameters)} argument(s)")
+        scope = {variable.name: variable.types for variable in signature.parameters}
+        rule = Derived(signature, self._formulas.condition(section[2], scope))
+        self._domain.derived.setdefault(str(name), []).append(rule)
+
+    def _operator(self, section: Expression) -> None:
+        if len(section) < 2:
+            raise section.error("an action needs a name")
+        name = name_of(section[1], "the name of an action")
+        if name in self._domain.operators:
+            raise name.error(f"the action '{name}' is declared twice")
+        durative = section.head == ":durative-action"
+        parts = self._fields(section, name, durative)
+        declared = (
+            parameters(parts[":parameters"], self._domain, f"'{name}'") if ":parameters" in parts else ()
+        )
+        scope: Scope = {variable.name: variable.types for variable in declared}
+        conditions: List[TimedCondition] = []
+        durations: List[Duration] = []
+        if durative:
+            if ":duration" not in parts:
+                raise name.error(f"the durative action '{name}' has no :duration")
+            durations = self._durations(parts[":duration"], scope)
+            if ":condition" in parts:
+                conditions = self._formulas.timed_condition(parts[":condition"], scope)
+        elif ":precondition" in parts:
+            conditions = [TimedCondition(START, self._formulas.condition(parts[":precondition"], scope))]
+        effects: List[Effect] = []
+        if ":effect" in parts:
+            effects = self._effects(parts[":effect"], scope, None if durative else START, (), ())
+        self._domain.operators[str(name)] = Operator(
+            str(name), declared, durative, tuple(durations), tuple(conditions), tuple(effects)
+        )
+
+    @staticmethod
+    def _fields(section: Expression, name: Word, durative: bool) -> Dict[str, Node]:
+        allowed = (":parameters", ":effect") + (
+            (":duration", ":condition") if durative else (":precondition",)
+        )
+        found: Dict[str, Node] = {}
+        rest = iter(section[2:])
+        for key in rest:
+            if not isinstance(key, Word) or key not in allowed:
+                shown = key if isinstance(key, Word) else key.text()[:40]
+                raise key.error(f"expected one of {', '.join(allowed)} in '{name}', found '{shown}'")
+            if key in found:
+                raise key.error(f"'{key}' stands twice in '{name}'")
+            value = next(rest, None)
+            if value is None:
+                raise key.error(f"nothing follows '{key}'")
+            found[str(key)] = value
+        return found
+
+    def _durations(self, node: Node, scope: Scope) -> List[Duration]:
+        if not isinstance(node, Expression):
+            raise node.error("expected a constraint on ?duration in parentheses")
+        if not node:
+            return []
+        if node.head == "and":
+            return [found for part in node[1:] for found in self._durations(part, scope)]
+        when = self._formulas.time_of(node)
+        if when:
+            return [Duration(d.op, d.value, when) for d in self._durations(node[2], scope)]
+        if node.head not in ("=", "<=", ">=") or len(node) != 3 or node[1] != "?duration":
+            raise node.error("expected (= ?duration <number>), or <= or >=")
+        return [Duration(node.head, self._formulas.numeric(node[2], scope))]
+
+    def _effects(
+        self,
+        node: Node,
+        scope: Scope,
+        when: Optional[str],
+        variables: Tuple[Variable, ...],
+        conditions: Tuple[TimedCondition, ...],
+    ) -> List[Effect]:
+        """Primitive effects below a node; `when` is None where a durative action still owes the time."""
+        if not isinstance(node, Expression):
+            raise node.error(f"expected an effect in parentheses, found '{node}'")
+        if not node:
+            return []
+        if node.head == "and":
+            return [e for part in node[1:] for e in self._effects(part, scope, when, variables, conditions)]
+        if node.head in ("forall", "when") and len(node) != 3:
+            raise node.error(f"'{node.head}' takes 2 parts, here are {len(node) - 1}")
+        if node.head == "forall":
+            inner = parameters(node[1], self._domain, "'forall'")
+            wider = {**scope, **{variable.name: variable.types for variable in inner}}
+            return self._effects(node[2], wider, when, variables + inner, conditions)
+        if node.head == "when":
+            if when is None:
+                more = tuple(self._formulas.timed_condition(node[1], scope))
+            else:
+                more = (TimedCondition(when, self._formulas.condition(node[1], scope)),)
+            return self._effects(node[2], scope, when, variables, conditions + more)
+        time = self._formulas.time_of(node)
+        if time:
+            if when is not None or time == OVER_ALL:
+                raise node.error("a time does not belong here")
+            return self._effects(node[2], scope, time, variables, conditions)
+        return [self._primitive(node, scope, when, variables, conditions)]
+
+    def _primitive(
+        self,
+        node: Expression,
+        scope: Scope,
+        when: Optional[str],
+        variables: Tuple[Variable, ...],
+        conditions: Tuple[TimedCondition, ...],
+    ) -> Effect:
+        if node.head in ASSIGNMENTS and node.head not in self._domain.predicates:
+            if len(node) != 3:
+                raise node.error(f"'{node.head}' takes a function and a value")
+            fluent = self._formulas.fluent(node[1], scope)
+            value = self._formulas.numeric(node[2], scope)
+            if when is None and node.head not in ("increase", "decrease"):
+                raise node.error("expected (at start ...) or (at end ...)")
+            return Effect(
+                when or OVER_ALL,
+                fluent=fluent,
+                op=node.head,
+                value=value,
+                variables=variables,
+                conditions=conditions,
+            )
+        if when is None:
+            raise node.error("expected (at start ...) or (at end ...)")
+        negative = node.head == "not"
+        if negative and len(node) != 2:
+            raise node.error("'not' takes 1 part")
+        atom = self._formulas.atom(node[1] if negative else node, scope)
+        if atom.name in self._domain.derived:
+            raise node.error(f"'{atom.name}' is derived: no action can change it")
+        return Effect(when, atom=atom, negative=negative, variables=variables, conditions=conditions)

@@ -1,0 +1,216 @@
+"""Whether a condition holds, and what a numeric expression is worth, in a state of the world."""
+
+import itertools
+import math
+import operator
+from typing import Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+
+from merlin_pddl.domain import Domain
+from merlin_pddl.formula import (
+    And,
+    Arithmetic,
+    Atom,
+    Comparison,
+    Condition,
+    Equal,
+    Exists,
+    Fluent,
+    Forall,
+    Not,
+    Number,
+    Numeric,
+    Or,
+    Preference,
+    Special,
+    Variable,
+    bind,
+)
+from merlin_pddl.knowledge import Key
+
+_COMPARE: Dict[str, Callable[[float, float], bool]] = {
+    ">": operator.gt,
+    ">=": operator.ge,
+    "<": operator.lt,
+    "<=": operator.le,
+    "=": operator.eq,
+}
+Bindings = Mapping[str, str]
+
+#: Derived atoms inside each other before the search starts afresh: keeps within Python's recursion limit.
+_MAX_OPEN = 20
+
+
+class State:
+    """What an :class:`Evaluator` asks; names and objects are lower-case."""
+
+    def holds(self, key: Key) -> bool:
+        """Whether that fact is stored."""
+        raise NotImplementedError
+
+    def value(self, key: Key) -> Optional[float]:
+        """The value of that function, None when it has none."""
+        raise NotImplementedError
+
+    def objects(self, types: Tuple[str, ...]) -> List[str]:
+        """The objects of any of these types or of types below them."""
+        raise NotImplementedError
+
+
+class Evaluator:
+    """Evaluates formulas of a domain in a state.
+
+    Parameters
+    ----------
+    domain: knows which predicates are derived and how.
+    state: what holds; must not change during a call.
+    specials: values of ``?duration``, ``#t`` and so on; one that is missing has no value.
+    """
+
+    def __init__(self, domain: Domain, state: State, specials: Optional[Mapping[str, float]] = None) -> None:
+        self._domain = domain
+        self._state = state
+        self._specials: Mapping[str, float] = specials or {}
+        self._proven: Set[Key] = set()
+        self._refuted: Set[Key] = set()
+        self._open: Set[Key] = set()
+        self._failed: Set[Key] = set()
+        self._postponed: List[Key] = []
+        self._objects: Dict[Tuple[str, ...], List[str]] = {}  # asked once per type, not once per binding
+
+    def holds(self, condition: Condition, bindings: Optional[Bindings] = None) -> bool:
+        """Whether a condition holds. What was never said is false, and a comparison without a value too."""
+        bindings = bindings or {}
+        if isinstance(condition, Atom):
+            return self._atom((condition.name.lower(), *self._terms(condition.args, bindings)))
+        if isinstance(condition, Not):
+            return self._negation(condition.part, bindings)
+        if isinstance(condition, And):
+            return all(self.holds(part, bindings) for part in condition.parts)
+        if isinstance(condition, Or):
+            return any(self.holds(part, bindings) for part in condition.parts)
+        if isinstance(condition, Comparison):
+            left = self.number(condition.left, bindings)
+            right = self.number(condition.right, bindings)
+            return left is not None and right is not None and compare(condition.op, left, right)
+        if isinstance(condition, Equal):
+            return bind(condition.left, bindings).lower() == bind(condition.right, bindings).lower()
+        if isinstance(condition, Forall):
+            return all(self.holds(condition.part, b) for b in self.extend(condition.variables, bindings))
+        if isinstance(condition, Exists):
+            return any(self.holds(condition.part, b) for b in self.extend(condition.variables, bindings))
+        assert isinstance(condition, Preference)
+        return True
+
+    def number(self, value: Numeric, bindings: Optional[Bindings] = None) -> Optional[float]:
+        """The worth of an expression; None when a function in it has no value, or on division by zero."""
+        bindings = bindings or {}
+        if isinstance(value, Number):
+            return value.value
+        if isinstance(value, Fluent):
+            return self._state.value((value.name.lower(), *self._terms(value.args, bindings)))
+        if isinstance(value, Arithmetic):
+            return arithmetic(value.op, [self.number(part, bindings) for part in value.parts])
+        assert isinstance(value, Special)
+        return self._specials.get(value.name)
+
+    def extend(self, variables: Sequence[Variable], bindings: Bindings) -> Iterator[Dict[str, str]]:
+        """All bindings with every combination of objects for further variables."""
+        choices = [self._objects_of(variable.types) for variable in variables]
+        for objects in itertools.product(*choices):
+            yield {**bindings, **{v.name: obj for v, obj in zip(variables, objects)}}
+
+    def _objects_of(self, types: Tuple[str, ...]) -> List[str]:
+        found = self._objects.get(types)
+        if found is None:
+            found = self._objects[types] = self._state.objects(types)
+        return found
+
+    @staticmethod
+    def _terms(args: Tuple[str, ...], bindings: Bindings) -> List[str]:
+        return [bind(arg, bindings).lower() for arg in args]
+
+    # --- derived predicates: the least fixpoint, searched from the atom that is asked -------------
+    #
+    # One round proves what it can, assuming false what is being proven already and what failed before in
+    # the same round. Rounds repeat until one proves nothing new: then the assumptions were right.
+
+    def _atom(self, key: Key) -> bool:
+        if self._state.holds(key) or key in self._proven:
+            return True
+        if key[0] not in self._domain.derived or key in self._refuted:
+            return False
+        if not self._open:
+            return self._prove(key)
+        if key in self._open or key in self._failed:
+            return False
+        if len(self._open) >= _MAX_OPEN:
+            self._postponed.append(key)
+            return False
+        return self._attempt(key)
+
+    def _prove(self, key: Key) -> bool:
+        while True:
+            known = len(self._proven)
+            self._failed.clear()
+            self._postponed = [key]
+            while self._postponed and key not in self._proven:
+                root = self._postponed.pop()
+                if root not in self._failed and root not in self._proven:
+                    self._attempt(root)
+            if key in self._proven:
+                return True
+            if len(self._proven) == known:
+                self._refuted |= self._failed
+                return False
+
+    def _attempt(self, key: Key) -> bool:
+        self._open.add(key)
+        try:
+            for rule in self._domain.derived[key[0]]:
+                names = [parameter.name for parameter in rule.head.parameters]
+                if len(names) == len(key) - 1 and self.holds(rule.body, dict(zip(names, key[1:]))):
+                    self._proven.add(key)
+                    return True
+        finally:
+            self._open.discard(key)
+        self._failed.add(key)
+        return False
+
+    def _negation(self, part: Condition, bindings: Bindings) -> bool:
+        """What is negated belongs to a lower stratum: it is settled completely before it counts."""
+        kept = self._open, self._failed, self._postponed
+        self._open, self._failed, self._postponed = set(), set(), []
+        try:
+            return not self.holds(part, bindings)
+        finally:
+            self._open, self._failed, self._postponed = kept
+
+
+def compare(op: str, left: float, right: float) -> bool:
+    """``> >= < <= =``; numbers within 1e-9 of each other are equal, for they come from sums of decimals."""
+    if math.isclose(left, right, rel_tol=1e-9, abs_tol=1e-9):
+        return op in (">=", "<=", "=")
+    return _COMPARE[op](left, right)
+
+
+def arithmetic(op: str, values: Sequence[Optional[float]]) -> Optional[float]:
+    """The result of ``+ - * /``; None when an operand has no value, on division by zero and on overflow."""
+    known = [value for value in values if value is not None]
+    if len(known) != len(values) or not known:
+        return None
+    result = known[0]
+    if len(known) == 1:
+        return -result if op == "-" else result
+    try:
+        for value in known[1:]:
+            if op == "+":
+                result += value
+            elif op == "-":
+                result -= value
+            elif op == "*":
+                result *= value
+            else:
+                result /= value
+    except (ZeroDivisionError, OverflowError):
+        return None
+    return result if math.isfinite(result) else None

@@ -1,0 +1,328 @@
+"""Reads typed lists, conditions and numeric expressions, checking every name against the domain."""
+
+import math
+from typing import Dict, List, Sequence, Set, Tuple, Union
+
+from merlin_pddl.domain import Domain, Signature
+from merlin_pddl.formula import (
+    END,
+    OVER_ALL,
+    START,
+    And,
+    Arithmetic,
+    Atom,
+    Comparison,
+    Condition,
+    Equal,
+    Exists,
+    Fluent,
+    Forall,
+    Not,
+    Number,
+    Numeric,
+    Or,
+    Preference,
+    Special,
+    TimedCondition,
+    Variable,
+)
+from merlin_pddl.text_reader import Expression, Node, Word, is_name, is_variable, name_of, suggestion
+
+COMPARISONS = (">", ">=", "<", "<=", "=")
+ARITHMETIC = ("+", "-", "*", "/")
+TIMES = {("at", "start"): START, ("over", "all"): OVER_ALL, ("at", "end"): END}
+#: The trajectory constraints of PDDL 3 that carry a name of their own.
+TRAJECTORY = {
+    "always",
+    "sometime",
+    "at-most-once",
+    "sometime-after",
+    "sometime-before",
+    "within",
+    "hold-after",
+    "hold-during",
+    "always-within",
+}
+#: What to do with one that stands in a condition.
+IN_CONSTRAINTS = (
+    "is a trajectory constraint: a condition is about one moment; "
+    "write it into (:constraints ...) of the domain, which every plan then obeys"
+)
+SPECIALS = ("#t", "?duration", "total-time", "total-cost")
+
+Scope = Dict[str, Tuple[str, ...]]
+
+
+def typed_list(nodes: Sequence[Node], domain: Domain, variables: bool) -> List[Tuple[Word, Tuple[str, ...]]]:
+    """Reads ``a b - type c - (either d e) f``.
+
+    Raises
+    ------
+    PddlError: a word is no name (or no variable, when those are asked for), or a type is unknown.
+    """
+    found: List[Tuple[Word, Tuple[str, ...]]] = []
+    waiting: List[Word] = []
+    rest = iter(nodes)
+    for node in rest:
+        if isinstance(node, Word) and node == "-":
+            type_node = next(rest, None)
+            if type_node is None or not waiting:
+                raise node.error("'-' needs a name before it and a type after it")
+            types = _types(type_node, domain)
+            found.extend((word, types) for word in waiting)
+            waiting = []
+            continue
+        if variables:
+            if not isinstance(node, Word) or not is_variable(node):
+                shown = node.text()[:40] if isinstance(node, Expression) else node
+                raise node.error(f"expected a variable such as '?x', found '{shown}'")
+            waiting.append(node)
+        else:
+            waiting.append(name_of(node, "a name"))
+    found.extend((word, ("object",)) for word in waiting)
+    return found
+
+
+def _types(node: Node, domain: Domain) -> Tuple[str, ...]:
+    if isinstance(node, Expression):
+        if node.head != "either" or len(node) < 2:
+            raise node.error(f"expected a type or (either ...), found '{node.text()[:40]}'")
+        return tuple(dict.fromkeys(name for part in node[1:] for name in _types(part, domain)))
+    name = name_of(node, "a type")
+    if name not in domain.types:
+        raise name.error(f"unknown type '{name}'" + suggestion(name, domain.types))
+    return (str(name),)
+
+
+def parameters(node: Node, domain: Domain, what: str) -> Tuple[Variable, ...]:
+    """Reads a list of typed variables in parentheses.
+
+    Raises
+    ------
+    PddlError: it is none, or a variable stands there twice.
+    """
+    if not isinstance(node, Expression):
+        raise node.error(f"expected the parameters of {what} in parentheses, found '{node}'")
+    found: Dict[str, Variable] = {}
+    for word, types in typed_list(node, domain, variables=True):
+        if word in found:
+            raise word.error(f"'{word}' stands twice among the parameters of {what}")
+        found[str(word)] = Variable(str(word), types)
+    return tuple(found.values())
+
+
+class FormulaReader:
+    """Reads formulas over a domain.
+
+    Parameters
+    ----------
+    domain: knows the predicates, functions and constants.
+    objects: further objects that may be named (those of a problem), with their types.
+    """
+
+    def __init__(self, domain: Domain, objects: Union[Scope, None] = None) -> None:
+        self._domain = domain
+        self._objects: Scope = objects if objects is not None else {}
+
+    def condition(self, node: Node, scope: Scope) -> Condition:
+        """Reads a condition; `scope` holds the variables that may stand in it.
+
+        Raises
+        ------
+        PddlError: it is malformed or names something unknown.
+        """
+        if not isinstance(node, Expression):
+            raise node.error(f"expected a condition in parentheses, found '{node}'")
+        head = node.head
+        if not node:
+            return And()
+        if head in ("and", "or"):
+            parts = tuple(self.condition(part, scope) for part in node[1:])
+            return And(parts) if head == "and" else Or(parts)
+        if head == "not":
+            return Not(self.condition(self._rest(node, 1)[0], scope))
+        if head == "imply":
+            first, second = self._rest(node, 2)
+            return Or((Not(self.condition(first, scope)), self.condition(second, scope)))
+        if head in ("forall", "exists"):
+            declared, part = self._rest(node, 2)
+            variables = parameters(declared, self._domain, f"'{head}'")
+            inner = {**scope, **{v.name: v.types for v in variables}}
+            body = self.condition(part, inner)
+            return Forall(variables, body) if head == "forall" else Exists(variables, body)
+        if head == "preference":
+            return Preference(str(node[1]) if len(node) == 3 else "", self.condition(node[-1], scope))
+        if head in COMPARISONS:
+            return self._comparison(node, scope)
+        return self.atom(node, scope)
+
+    def timed_condition(self, node: Node, scope: Scope) -> List[TimedCondition]:
+        """Reads the condition of a durative action; a quantifier may stand outside of the time.
+
+        Raises
+        ------
+        PddlError: as `condition`, or a part has no time.
+        """
+        if not isinstance(node, Expression):
+            raise node.error(f"expected a condition in parentheses, found '{node}'")
+        if not node:
+            return []
+        if node.head == "and":
+            return [found for part in node[1:] for found in self.timed_condition(part, scope)]
+        if node.head == "forall":
+            declared, part = self._rest(node, 2)
+            variables = parameters(declared, self._domain, "'forall'")
+            inner = {**scope, **{v.name: v.types for v in variables}}
+            return [
+                TimedCondition(found.when, Forall(variables, found.condition))
+                for found in self.timed_condition(part, inner)
+            ]
+        if node.head == "preference":
+            return []
+        time = self.time_of(node)
+        if not time:
+            raise node.error("expected (at start ...), (over all ...) or (at end ...)")
+        return [TimedCondition(time, self.condition(node[2], scope))]
+
+    @staticmethod
+    def time_of(node: Expression) -> str:
+        """START, OVER_ALL or END when the expression is ``(at start x)`` and so on, else an empty text."""
+        if len(node) == 3 and isinstance(node[1], Word):
+            return TIMES.get((node.head, str(node[1])), "")
+        return ""
+
+    def _comparison(self, node: Expression, scope: Scope) -> Condition:
+        left, right = self._rest(node, 2)
+        if node.head == "=" and not self._numeric(left) and not self._numeric(right):
+            return Equal(self.term(left, scope), self.term(right, scope))
+        return Comparison(node.head, self.numeric(left, scope), self.numeric(right, scope))
+
+    @staticmethod
+    def _numeric(node: Node) -> bool:
+        return isinstance(node, Expression) or node in SPECIALS or number_of(node) is not None
+
+    def atom(self, node: Node, scope: Scope) -> Atom:
+        """Reads a predicate with its arguments.
+
+        Raises
+        ------
+        PddlError: the predicate is unknown, or its arguments do not fit.
+        """
+        if not isinstance(node, Expression) or not node:
+            raise node.error("expected a predicate in parentheses")
+        name = name_of(node[0], "a predicate")
+        known = self._domain.predicates
+        if name not in known:
+            if name in TRAJECTORY:
+                raise name.error(f"'{name}' {IN_CONSTRAINTS}")
+            hint = suggestion(name, known)
+            if name in self._domain.functions:
+                hint = " (it is a function)"
+            raise name.error(f"unknown predicate '{name}'{hint}")
+        return Atom(str(name), self._arguments(node, known[str(name)], scope))
+
+    def fluent(self, node: Node, scope: Scope) -> Fluent:
+        """Reads a numeric function with its arguments.
+
+        Raises
+        ------
+        PddlError: the function is unknown, or its arguments do not fit.
+        """
+        parts = node if isinstance(node, Expression) else [node]
+        if not parts:
+            raise node.error("expected a function")
+        name = name_of(parts[0], "a function")
+        known = self._domain.functions
+        if name not in known:
+            raise name.error(f"unknown function '{name}'" + suggestion(name, known))
+        if isinstance(node, Word):
+            if known[str(name)].parameters:
+                raise name.error(f"the function '{name}' needs parentheses and arguments")
+            return Fluent(str(name))
+        return Fluent(str(name), self._arguments(node, known[str(name)], scope))
+
+    def numeric(self, node: Node, scope: Scope) -> Numeric:
+        """Reads a numeric expression.
+
+        Raises
+        ------
+        PddlError: it is malformed or names something unknown.
+        """
+        if isinstance(node, Word):
+            value = number_of(node)
+            if value is not None:
+                return Number(value)
+            if node in SPECIALS and node not in self._domain.functions:
+                return Special(str(node))
+            return self.fluent(node, scope)
+        if node.head in ARITHMETIC:
+            parts = tuple(self.numeric(part, scope) for part in node[1:])
+            if not parts or (len(parts) == 1 and node.head != "-") or (len(parts) > 2 and node.head in "-/"):
+                raise node.error(f"'{node.head}' with {len(parts)} operand(s)")
+            return Arithmetic(node.head, parts)
+        if node.head in SPECIALS and node.head not in self._domain.functions:
+            return Special(node.head)
+        if node.head == "is-violated" and len(node) == 2:
+            return Special(node.head, (str(node[1]),))
+        return self.fluent(node, scope)
+
+    def term(self, node: Node, scope: Scope) -> str:
+        """Reads a variable or the name of an object.
+
+        Raises
+        ------
+        PddlError: it is unknown.
+        """
+        if not isinstance(node, Word):
+            raise node.error(f"expected a variable or an object, found '{node.text()[:40]}'")
+        if node.startswith("?"):
+            if node not in scope:
+                raise node.error(f"unknown variable '{node}'" + suggestion(node, scope))
+        elif node not in self._domain.constants and node not in self._objects:
+            if not is_name(node):
+                raise node.error(f"expected a variable or an object, found '{node}'")
+            known: Set[str] = set(self._domain.constants) | set(self._objects)
+            raise node.error(f"unknown object '{node}'" + suggestion(node, known))
+        return str(node)
+
+    def types_of(self, term: str, scope: Scope) -> Tuple[str, ...]:
+        """Types of a known term."""
+        if term.startswith("?"):
+            return scope[term]
+        return self._domain.constants.get(term, ()) + tuple(self._objects.get(term, ()))
+
+    def _arguments(self, node: Expression, signature: Signature, scope: Scope) -> Tuple[str, ...]:
+        wanted = signature.parameters
+        if len(node) - 1 != len(wanted):
+            raise node.error(f"'{signature.name}' takes {len(wanted)} argument(s), here are {len(node) - 1}")
+        found: List[str] = []
+        for part, parameter in zip(node[1:], wanted):
+            term = self.term(part, scope)
+            actual = self.types_of(term, scope)
+            # a variable of a wider type may still hold an object that fits
+            if not self._domain.accepts(parameter.types, actual) and not self._domain.accepts(
+                actual, parameter.types
+            ):
+                raise part.error(
+                    f"'{term}' is of type {' or '.join(actual)}, but '{signature.name}' takes "
+                    f"{' or '.join(parameter.types)} here"
+                )
+            found.append(term)
+        return tuple(found)
+
+    @staticmethod
+    def _rest(node: Expression, count: int) -> List[Node]:
+        if len(node) != count + 1:
+            raise node.error(f"'{node.head}' takes {count} part(s), here are {len(node) - 1}")
+        return node[1:]
+
+
+def number_of(node: Node) -> Union[float, None]:
+    """The value of a word that is a finite number."""
+    if isinstance(node, Word) and (node[0].isdigit() or node[0] in "+-."):
+        try:
+            value = float(node)
+        except ValueError:
+            return None
+        return value if math.isfinite(value) and "_" not in node else None
+    return None

@@ -1,0 +1,203 @@
+"""What a knowledge base holds: instances, facts, function values, timed items, goals, a metric.
+
+PDDL knows no upper case, so everything is found by a lower-case key; the spelling it came with is kept.
+Times are nanoseconds of ROS time.
+"""
+
+from dataclasses import dataclass
+from typing import Any, List, Optional, Tuple, Union
+
+from merlin_pddl.formula import And, Atom, Comparison, Condition, Equal, Not, Numeric, to_pddl
+
+#: Lower-case name and arguments of a fact or function value.
+Key = Tuple[str, ...]
+
+ASSIGN = "assign"
+INCREASE = "increase"
+DECREASE = "decrease"
+SCALE_UP = "scale-up"
+SCALE_DOWN = "scale-down"
+
+#: Arithmetic of the changes that are no assignment.
+OPERATIONS = {INCREASE: "+", DECREASE: "-", SCALE_UP: "*", SCALE_DOWN: "/"}
+
+
+class Row:
+    """Something stored. `order` tells which of two came first; `wire` is a cache of who serialises it."""
+
+    __slots__ = ("order", "wire")
+
+    def __init__(self) -> None:
+        self.order = 0
+        self.wire: Any = None
+
+    @property
+    def key(self) -> Any:
+        """What identifies it in its table."""
+        raise NotImplementedError
+
+
+class Instance(Row):
+    """An object of a type; an object of several types is several instances."""
+
+    __slots__ = ("type_name", "name")
+
+    def __init__(self, type_name: str, name: str) -> None:
+        super().__init__()
+        self.type_name = type_name
+        self.name = name
+
+    @property
+    def key(self) -> Key:
+        """What identifies it in its table."""
+        return (self.type_name.lower(), self.name.lower())
+
+    def text(self) -> str:
+        """As PDDL declares it."""
+        return f"{self.name} - {self.type_name}"
+
+
+class Fact(Row):
+    """A predicate that holds, or that is said not to hold."""
+
+    __slots__ = ("name", "args", "negative", "since", "labels")
+
+    def __init__(
+        self,
+        name: str,
+        args: Tuple[str, ...],
+        negative: bool = False,
+        since: int = 0,
+        labels: Optional[Tuple[str, ...]] = None,
+    ) -> None:
+        super().__init__()
+        self.name = name
+        self.args = args
+        self.negative = negative
+        self.since = since
+        self.labels = labels  # as sent, where the domain has no such predicate
+
+    @property
+    def key(self) -> Key:
+        """What identifies it in its table."""
+        return (self.name.lower(), *[arg.lower() for arg in self.args])
+
+    def text(self) -> str:
+        """As PDDL."""
+        atom = f"({' '.join((self.name, *self.args))})"
+        return f"(not {atom})" if self.negative else atom
+
+
+class FunctionValue(Row):
+    """The value of a numeric function. `op` is how it changes a value that is there (in updates only)."""
+
+    __slots__ = ("name", "args", "value", "since", "op", "labels")
+
+    def __init__(
+        self,
+        name: str,
+        args: Tuple[str, ...],
+        value: float,
+        since: int = 0,
+        op: str = ASSIGN,
+        labels: Optional[Tuple[str, ...]] = None,
+    ) -> None:
+        super().__init__()
+        self.name = name
+        self.args = args
+        self.value = value
+        self.since = since
+        self.op = op
+        self.labels = labels
+
+    @property
+    def key(self) -> Key:
+        """What identifies it in its table."""
+        return (self.name.lower(), *[arg.lower() for arg in self.args])
+
+    def text(self) -> str:
+        """The function with its arguments, as PDDL."""
+        return f"({' '.join((self.name, *self.args))})"
+
+
+class Timed(Row):
+    """Something that becomes true at a time."""
+
+    __slots__ = ("at", "item")
+
+    def __init__(self, at: int, item: Union[Instance, Fact, FunctionValue]) -> None:
+        super().__init__()
+        self.at = at
+        self.item = item
+
+    @property
+    def key(self) -> int:
+        """What identifies it in its table."""
+        return self.order
+
+
+class Goal(Row):
+    """What is to become true: a condition, or that an instance exists."""
+
+    __slots__ = ("condition", "instance", "since")
+
+    def __init__(
+        self,
+        condition: Optional[Condition] = None,
+        instance: Optional[Instance] = None,
+        since: int = 0,
+    ) -> None:
+        super().__init__()
+        self.condition = condition
+        self.instance = instance
+        self.since = since
+
+    @property
+    def key(self) -> str:
+        """What identifies it in its table."""
+        return self.text().lower()
+
+    def text(self) -> str:
+        """The condition as PDDL, or the declaration of the instance."""
+        if self.instance is not None:
+            return self.instance.text()
+        assert self.condition is not None
+        return to_pddl(self.condition)
+
+    @property
+    def literal(self) -> Optional[Tuple[Atom, bool]]:
+        """Atom and whether it is negated, when the goal is that simple."""
+        if isinstance(self.condition, Atom):
+            return self.condition, False
+        if isinstance(self.condition, Not) and isinstance(self.condition.part, Atom):
+            return self.condition.part, True
+        return None
+
+    @property
+    def comparison(self) -> Optional[Tuple[Comparison, bool]]:
+        """Comparison and whether it is negated, when the goal is one."""
+        if isinstance(self.condition, Comparison):
+            return self.condition, False
+        if isinstance(self.condition, Not) and isinstance(self.condition.part, Comparison):
+            return self.condition.part, True
+        return None
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What plans are judged by: `optimization` is ``minimize`` or ``maximize``."""
+
+    optimization: str
+    value: Numeric
+
+
+def conjuncts(condition: Condition) -> List[Condition]:
+    """The parts of a conjunction, however nested; anything else is its own only part."""
+    if isinstance(condition, And):
+        return [found for part in condition.parts for found in conjuncts(part)]
+    return [condition]
+
+
+def equal_terms(condition: Equal) -> bool:
+    """Whether two ground terms name the same object."""
+    return condition.left.lower() == condition.right.lower()

@@ -1,0 +1,168 @@
+"""Reads a PDDL problem against its domain."""
+
+from pathlib import Path
+from typing import Dict, Mapping, Optional, Tuple, Union
+
+from merlin_pddl.constraint_reader import ConstraintReader
+from merlin_pddl.domain import Domain
+from merlin_pddl.domain_reader import open_definition
+from merlin_pddl.evaluation import arithmetic
+from merlin_pddl.formula import Arithmetic, Condition, Fluent, Numeric
+from merlin_pddl.formula import Number as NumberValue
+from merlin_pddl.formula_reader import FormulaReader, number_of, typed_list
+from merlin_pddl.knowledge import Fact, FunctionValue, Metric, Timed, conjuncts
+from merlin_pddl.problem import Problem
+from merlin_pddl.text_reader import Expression, Node, name_of, read_expression, read_file
+
+NANOSECONDS = 1_000_000_000
+
+
+#: Why a knowledge base takes no trajectory constraints, and what to do.
+NO_TRAJECTORY = (
+    "a knowledge base keeps what holds now and no trajectory, so it cannot keep (:constraints ...) of "
+    "a problem: write them into the domain, where every plan obeys them, or plan for this file itself"
+)
+
+
+def read_problem(path: Union[str, Path], domain: Domain) -> Problem:
+    """Reads a problem file for a knowledge base.
+
+    Raises
+    ------
+    PddlError: with file, line and column; also for trajectory constraints, which it cannot keep.
+    """
+    return ProblemReader(read_file(path), domain).read()
+
+
+def parse_problem(text: str, domain: Domain, source: str = "problem", constraints: bool = False) -> Problem:
+    """Reads a problem from text; with `constraints` one that is planned for as it is.
+
+    Raises
+    ------
+    PddlError: with `source`, line and column.
+    """
+    return ProblemReader(read_expression(text, source), domain, constraints).read()
+
+
+def parse_condition(
+    text: str, domain: Domain, objects: Mapping[str, Tuple[str, ...]], source: str = "goal"
+) -> Condition:
+    """Reads a ground condition, as a goal is one.
+
+    Raises
+    ------
+    PddlError: it is malformed, or names something that neither the domain nor `objects` knows.
+    """
+    return FormulaReader(domain, dict(objects)).condition(read_expression(text, source), {})
+
+
+class ProblemReader:
+    """Turns the expression of a problem into the model. Use it once.
+
+    :param constraints: take trajectory constraints; a knowledge base cannot.
+    """
+
+    def __init__(self, node: Expression, domain: Domain, constraints: bool = False) -> None:
+        self._takes_constraints = constraints
+        name, self._sections = open_definition(node, "problem")
+        self._domain = domain
+        self._problem = Problem(str(name), domain.name)
+        self._formulas = FormulaReader(domain, self._problem.objects)
+        self._values: Dict[Tuple[str, ...], float] = {}
+
+    def read(self) -> Problem:
+        """The problem.
+
+        Raises
+        ------
+        PddlError: the first thing that is wrong.
+        """
+        readers = {
+            ":domain": self._check_domain,
+            ":objects": self._objects,
+            ":init": self._init,
+            ":goal": self._goal,
+            ":metric": self._metric,
+            ":constraints": self._constraints,
+        }
+        for section in self._sections:
+            if section.head not in (*readers, ":requirements", ":length"):
+                raise section.error(f"unknown section '{section.head}'")
+        for head, reader in readers.items():
+            for section in self._sections:
+                if section.head == head:
+                    reader(section)
+        return self._problem
+
+    def _check_domain(self, section: Expression) -> None:
+        if len(section) != 2:
+            raise section.error("expected (:domain <name>)")
+        name = name_of(section[1], "the name of the domain")
+        if name != self._domain.name:
+            raise name.error(f"the problem belongs to the domain '{name}', not to '{self._domain.name}'")
+
+    def _objects(self, section: Expression) -> None:
+        objects = self._problem.objects
+        for word, types in typed_list(section[1:], self._domain, variables=False):
+            known = objects.get(str(word), ())
+            objects[str(word)] = known + tuple(name for name in types if name not in known)
+
+    def _init(self, section: Expression) -> None:
+        for node in section[1:]:
+            if not isinstance(node, Expression):
+                raise node.error(f"expected a fact in parentheses, found '{node}'")
+            time = number_of(node[1]) if node.head == "at" and len(node) == 3 else None
+            if time is None:
+                found = self._item(node)
+                if isinstance(found, FunctionValue):
+                    self._values[found.key] = found.value
+                    self._problem.values.append(found)
+                else:
+                    self._problem.facts.append(found)
+            else:
+                if time < 0:
+                    raise node.error("a timed fact cannot lie in the past")
+                self._problem.timed.append(Timed(int(time * NANOSECONDS), self._item(node[2])))
+
+    def _item(self, node: Node) -> Union[Fact, FunctionValue]:
+        if not isinstance(node, Expression):
+            raise node.error(f"expected a fact in parentheses, found '{node}'")
+        if node.head == "=":
+            if len(node) != 3:
+                raise node.error("expected (= (<function> ...) <number>)")
+            fluent = self._formulas.fluent(node[1], {})
+            value = self._constant(self._formulas.numeric(node[2], {}))
+            if value is None:
+                raise node[2].error("the value has no number yet")
+            return FunctionValue(fluent.name, fluent.args, value)
+        negative = node.head == "not"
+        if negative and len(node) != 2:
+            raise node.error("'not' takes 1 part")
+        atom = self._formulas.atom(node[1] if negative else node, {})
+        return Fact(atom.name, atom.args, negative)
+
+    def _constant(self, value: Numeric) -> Optional[float]:
+        """A numeric expression over what the lines above said."""
+        if isinstance(value, NumberValue):
+            return value.value
+        if isinstance(value, Fluent):
+            return self._values.get((value.name, *value.args))
+        if isinstance(value, Arithmetic):
+            return arithmetic(value.op, [self._constant(part) for part in value.parts])
+        return None
+
+    def _goal(self, section: Expression) -> None:
+        if len(section) != 2:
+            raise section.error("expected (:goal <condition>)")
+        self._problem.goals.extend(conjuncts(self._formulas.condition(section[1], {})))
+
+    def _constraints(self, section: Expression) -> None:
+        if not self._takes_constraints:
+            raise section.error(NO_TRAJECTORY)
+        reader = ConstraintReader(self._domain, self._formulas)
+        self._problem.constraints.extend(map(reader.read, section[1:]))
+
+    def _metric(self, section: Expression) -> None:
+        if len(section) != 3 or section[1] not in ("minimize", "maximize"):
+            raise section.error("expected (:metric minimize <expression>) or maximize")
+        self._problem.metric = Metric(str(section[1]), self._formulas.numeric(section[2], {}))

@@ -1,0 +1,1 @@
+"""The transport that every MERLIN node uses."""

@@ -1,0 +1,1 @@
+"""Action servers and clients whose goals are leased."""

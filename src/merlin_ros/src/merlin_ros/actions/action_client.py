@@ -1,0 +1,381 @@
+"""The action client of MERLIN: actionlib's protocol, event-driven, and aware of a server that died.
+
+An action server that is killed never answers: its connections close and its status falls silent. This client
+counts the silence in running time (:mod:`merlin_ros.deadline`) and ends the goal as LOST. A server that stays
+connected may only be waiting for a processor, and gets more time. Silence is counted in the client's own
+ticks: one that was itself starved does not blame the server.
+
+The client owns its goals (:mod:`.actions.lease`): it renews their lease, cancels what it gives up, and
+cancels what an earlier life of its node has left at the server.
+"""
+
+import itertools
+import threading
+from typing import Any, Callable, Dict, List, Optional, Set
+
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+
+from merlin_ros.actions.lease import LEASED
+from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
+from merlin_ros.actions.peers import connected_peers
+from merlin_ros.deadline import Deadline, running_time
+from merlin_ros.publishing import publish
+
+SILENCE = 3.0  # s of running time without status after which a server that is not connected counts as dead
+CONNECTED_SILENCE = 7.0  # s of that after which one counts as dead that is
+GONE_SILENCE = 1.0  # s of that after which one counts as dead whose process has closed its connection
+LONGEST_TICK = 0.5  # s of silence that one look may count
+REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
+KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when the server names it again
+LATE_RESULT = 1.0  # s that a result may come behind the status that announces it
+
+TERMINAL = frozenset(
+    (
+        GoalStatus.PREEMPTED,
+        GoalStatus.SUCCEEDED,
+        GoalStatus.ABORTED,
+        GoalStatus.REJECTED,
+        GoalStatus.RECALLED,
+        GoalStatus.LOST,
+    )
+)
+_STOPPING = TERMINAL | {GoalStatus.PREEMPTING, GoalStatus.RECALLING}
+_numbers = itertools.count(1)
+
+
+class ClientGoal:
+    """A goal that was sent."""
+
+    def __init__(
+        self,
+        client: "ActionClient",
+        goal_id: GoalID,
+        on_done: Optional[Callable[["ClientGoal"], None]],
+        on_feedback: Optional[Callable[["ClientGoal", Any], None]],
+        owner: Optional[str] = None,
+    ) -> None:
+        self._client = client
+        self.goal_id = goal_id
+        self.owner = owner
+        self.status = GoalStatus.PENDING
+        self.text = ""
+        self.result: Any = None
+        self.feedback: Any = None
+        self._on_done = on_done
+        self._on_feedback = on_feedback
+        self._ended = threading.Event()
+        self.sent = running_time()
+        self.seen = False  # in a status list of the server
+        self.ended_on_server: Optional[float] = None  # running time of the terminal status
+        self.cancel_sent: Optional[float] = None  # running time of the last cancel
+
+    @property
+    def id(self) -> str:
+        """The actionlib goal id."""
+        return str(self.goal_id.id)
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended; `status`, `text` and `result` are final then."""
+        return self._ended.is_set()
+
+    def cancel(self) -> None:
+        """Asks the server to stop it; the answer comes as its end. Repeated until the server reacts."""
+        if not self.done:
+            self._client._send_cancel(self)
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        """Waits for its end.
+
+        :param timeout: s of running time; None: as long as the server lives.
+        :return: whether it has ended.
+        """
+        return Deadline(timeout).wait_event(self._ended)
+
+    def _finish(self, status: int, text: str, result: Any) -> None:
+        """Called once, without the client's lock."""
+        self.status, self.text, self.result = status, text, result
+        self._ended.set()
+        if self._on_done is not None:
+            self._on_done(self)
+
+
+class ActionClient:
+    """Sends goals to one action server.
+
+    :param name: of the action; relative names and remapping as usual.
+    :param action_spec: the generated ``...Action`` class.
+    :param silence: s of running time without status after which a server that is no longer connected counts
+        as dead, or in which one that publishes its status has to acknowledge a goal.
+    """
+
+    def __init__(self, name: str, action_spec: type, silence: float = SILENCE) -> None:
+        self.name = rospy.resolve_name(name)
+        self.silence = silence
+        action = action_spec()
+        self._goal_type = type(action.action_goal)
+        self._result_type = type(action.action_result.result)
+        self._changed = threading.Condition()  # guards the fields below
+        self._goals: Dict[str, ClientGoal] = {}
+        self._last_status: Optional[float] = None
+        self._server = ""  # name of the node that sent the last status
+        self._silence = 0.0  # s since then, as the watchdog counts them
+        self._given_up: Dict[str, float] = {}  # goal id -> running time of the last cancel
+        self._dead_owners: Set[str] = set()
+        self._stopped = False
+        self._watchdog: Optional[threading.Thread] = None
+        self._node = rospy.get_name()
+        self._lease = LeaseHolder(self.name + "/lease")
+        listener = _Connected(self._changed)
+        self._goal_publisher = rospy.Publisher(
+            self.name + "/goal", self._goal_type, subscriber_listener=listener, queue_size=10
+        )
+        self._cancel_publisher = rospy.Publisher(
+            self.name + "/cancel", GoalID, subscriber_listener=listener, queue_size=10
+        )
+        self._subscribers = [
+            rospy.Subscriber(
+                self.name + "/result", type(action.action_result), self._receive_result, tcp_nodelay=True
+            ),
+            rospy.Subscriber(
+                self.name + "/feedback",
+                type(action.action_feedback),
+                self._receive_feedback,
+                tcp_nodelay=True,
+            ),
+            rospy.Subscriber(self.name + "/status", GoalStatusArray, self._receive_status, tcp_nodelay=True),
+        ]
+
+    @property
+    def alive(self) -> bool:
+        """Whether a server is connected and not silent."""
+        last = self._last_status
+        return last is not None and self._connected() and running_time() - last < CONNECTED_SILENCE
+
+    def wait_for_server(
+        self, timeout: Optional[float] = None, unless: Callable[[], bool] = lambda: False
+    ) -> bool:
+        """Waits until a server is connected both ways.
+
+        :param timeout: s of running time; None: until ROS shuts down.
+        :param unless: ends the wait when it is true.
+        """
+        deadline = Deadline(timeout)
+        with self._changed:
+            while not self.alive:
+                left = deadline.remaining()
+                if left <= 0.0 or rospy.is_shutdown() or self._stopped or unless():
+                    return False
+                # rospy announces a connection of our publishers, but not one of our subscribers.
+                self._changed.wait(min(left, 0.01))
+        return True
+
+    def send(
+        self,
+        goal: Any,
+        on_done: Optional[Callable[[ClientGoal], None]] = None,
+        on_feedback: Optional[Callable[[ClientGoal, Any], None]] = None,
+        owner: Optional[str] = None,
+    ) -> ClientGoal:
+        """Sends a goal.
+
+        :param owner: id of the goal of this process's own server on whose behalf it is sent; None: of any.
+        :param on_done: called once with the ended goal, in a thread of this client; must not block.
+        :param on_feedback: called with the goal and each feedback, likewise.
+        """
+        now = rospy.Time.now()
+        goal_id = GoalID(
+            stamp=now, id=f"{self._node}-{LIFE}-{next(_numbers)}-{now.secs}.{now.nsecs:09d}{LEASED}"
+        )
+        sent = ClientGoal(self, goal_id, on_done, on_feedback, owner)
+        if owner is not None and owner in self._dead_owners:
+            sent._finish(GoalStatus.LOST, "the goal on whose behalf it was sent is over", self._result_type())
+            return sent
+        message = self._goal_type(goal_id=goal_id, goal=goal)
+        message.header.stamp = now
+        self._lease.hold(sent.id, owner)
+        with self._changed:
+            if not self._goals:
+                self._silence = 0.0
+            self._goals[sent.id] = sent
+            if self._watchdog is None:
+                self._watchdog = threading.Thread(
+                    target=self._watch, name=f"client of {self.name}", daemon=True
+                )
+                self._watchdog.start()
+            self._changed.notify_all()
+        self._goal_publisher.publish(message)
+        return sent
+
+    def give_up(self, goal: ClientGoal, why: str) -> None:
+        """Ends a goal as LOST here; the server is asked to stop it, and it has no owner any more."""
+        with self._changed:
+            known = self._goals.pop(goal.id, None)
+        if known is not None:
+            self._lose(known, why)
+
+    def give_up_owned(self, owner: str) -> None:
+        """Gives up all that was sent on behalf of a goal, and all that still will be."""
+        with self._changed:
+            self._dead_owners.add(owner)
+            goals = [goal for goal in self._goals.values() if goal.owner == owner]
+        for goal in goals:
+            self.give_up(goal, "the goal on whose behalf it was sent is over")
+
+    def shutdown(self) -> None:
+        """Disconnects; goals that still run end as LOST here, and the server is asked to stop them."""
+        with self._changed:
+            self._stopped = True
+            goals = list(self._goals.values())
+            self._goals.clear()
+            self._changed.notify_all()
+        for goal in goals:
+            publish(self._cancel_publisher, GoalID(id=goal.id))
+        self._lease.shutdown()
+        for topic in [*self._subscribers, self._goal_publisher, self._cancel_publisher]:
+            topic.unregister()
+        for goal in goals:
+            goal._finish(GoalStatus.LOST, "the client was shut down", self._result_type())
+
+    def _connected(self) -> bool:
+        # The server's node, not any: a guard and a recorder subscribe to goals and cancels, too.
+        return bool(
+            self._goal_publisher.impl.has_connection(self._server)
+            and self._cancel_publisher.impl.has_connection(self._server)
+            and all(subscriber.get_num_connections() for subscriber in self._subscribers)
+        )
+
+    def _send_cancel(self, goal: ClientGoal) -> None:
+        with self._changed:
+            goal.cancel_sent = running_time()
+            self._changed.notify_all()
+        self._publish_cancel(goal.id)
+
+    def _receive_result(self, message: Any) -> None:
+        status = message.status
+        with self._changed:
+            goal = self._goals.pop(status.goal_id.id, None)
+        if goal is not None:
+            self._lease.release(goal.id)
+            goal._finish(status.status, status.text, message.result)
+
+    def _receive_feedback(self, message: Any) -> None:
+        with self._changed:
+            goal = self._goals.get(message.status.goal_id.id)
+        if goal is not None:
+            goal.feedback = message.feedback
+            if goal._on_feedback is not None:
+                goal._on_feedback(goal, message.feedback)
+
+    def _receive_status(self, message: GoalStatusArray) -> None:
+        statuses = {status.goal_id.id: status for status in message.status_list}
+        lost: List[ClientGoal] = []
+        with self._changed:
+            now = running_time()
+            self._last_status = now
+            self._server = message._connection_header["callerid"]
+            self._silence = 0.0
+            left = self._left_running(statuses, now)
+            for goal in list(self._goals.values()):
+                status = statuses.get(goal.id)
+                if status is not None:
+                    goal.seen = True
+                    goal.status = status.status if status.status not in TERMINAL else goal.status
+                    if status.status in TERMINAL and goal.ended_on_server is None:
+                        goal.ended_on_server = now
+                        goal.text = status.text
+                elif goal.seen and goal.ended_on_server is None:
+                    lost.append(self._goals.pop(goal.id))
+            self._changed.notify_all()
+        for goal_id in left:
+            self._publish_cancel(goal_id)
+        for goal in lost:
+            self._lose(goal, f"the action server {self.name} forgot the goal; it restarted")
+
+    def _left_running(self, statuses: Dict[str, GoalStatus], now: float) -> List[str]:
+        """Goals that run at the server and that nothing here waits for; called with the lock held.
+
+        Those that were given up, and those of an earlier life of this node: rospy names are unique.
+        """
+        for goal_id, since in list(self._given_up.items()):
+            if goal_id not in statuses and now - since > KEEP_GIVEN_UP:
+                del self._given_up[goal_id]
+        found = []
+        for goal_id, status in statuses.items():
+            if status.status in _STOPPING or goal_id in self._goals:
+                continue
+            earlier = goal_id.startswith(f"{self._node}-") and not goal_id.startswith(f"{self._node}-{LIFE}-")
+            if earlier or goal_id in self._given_up:
+                last = self._given_up.get(goal_id)
+                if last is None or now - last > REPEAT_CANCEL:
+                    self._given_up[goal_id] = now
+                    found.append(goal_id)
+        return found
+
+    def _lose(self, goal: ClientGoal, why: str) -> None:
+        """Gives a goal up that was taken from the list; without the lock."""
+        with self._changed:
+            self._given_up[goal.id] = running_time()
+        self._publish_cancel(goal.id)
+        self._lease.release(goal.id)
+        goal._finish(GoalStatus.LOST, why, self._result_type())
+
+    def _publish_cancel(self, goal_id: str) -> None:
+        # Never with a stamp: a server would also cancel every goal sent in the same tick of the clock.
+        publish(self._cancel_publisher, GoalID(id=goal_id))
+
+    def _watch(self) -> None:
+        """Ends goals whose server is silent and repeats cancels that got lost."""
+        looked = running_time()
+        while True:
+            with self._changed:
+                while not self._goals and not self._stopped:
+                    self._changed.wait()
+                if self._stopped or rospy.is_shutdown():
+                    return
+                self._changed.wait(REPEAT_CANCEL / 2)
+                now = running_time()
+                self._silence += min(now - looked, LONGEST_TICK)
+                looked = now
+                ended = [
+                    (goal, why) for goal in self._goals.values() for why in [self._why_lost(goal, now)] if why
+                ]
+                for goal, _ in ended:
+                    del self._goals[goal.id]
+                again = [
+                    goal
+                    for goal in self._goals.values()
+                    if goal.cancel_sent is not None
+                    and now - goal.cancel_sent > REPEAT_CANCEL
+                    and goal.status not in (GoalStatus.PREEMPTING, GoalStatus.RECALLING)
+                ]
+            for goal, why in ended:
+                self._lose(goal, why)
+            for goal in again:
+                self._send_cancel(goal)
+
+    def _why_lost(self, goal: ClientGoal, now: float) -> str:
+        last = self._last_status or 0.0
+        silent = min(self._silence, now - goal.sent)
+        if silent > GONE_SILENCE and last and not connected_peers(self._subscribers[-1]):
+            return f"the process of the action server {self.name} is gone"
+        if silent > (CONNECTED_SILENCE if self._connected() else self.silence):
+            return f"the action server {self.name} has been silent for {silent:.1f} s"
+        if not goal.seen and last - goal.sent > self.silence:
+            return f"the action server {self.name} never acknowledged the goal"
+        if goal.ended_on_server is not None and now - goal.ended_on_server > LATE_RESULT:
+            return f"the action server {self.name} ended the goal without a result: {goal.text}"
+        return ""
+
+
+class _Connected(rospy.SubscribeListener):
+    """Wakes who waits for a server when one connects."""
+
+    def __init__(self, changed: threading.Condition) -> None:
+        super().__init__()
+        self._changed = changed
+
+    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
+        with self._changed:
+            self._changed.notify_all()

@@ -1,0 +1,321 @@
+"""The action server of MERLIN: actionlib's protocol, event-driven.
+
+Differences from the stock server that clients can rely on: connections without Nagle's delay; status on wall
+time, so that a stopped ``/clock`` does not look like a dead server; callbacks run without a lock held, so a
+cancel callback may wait for what an execution holds; a goal whose client leases it and dies is cancelled
+(:mod:`merlin_ros.actions.lease`).
+"""
+
+import itertools
+import threading
+import time
+import traceback
+from typing import Any, Callable, Dict, List, Optional
+
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+
+from merlin_ros.actions.lease import LeaseChange, LeaseState
+from merlin_ros.actions.lease_watch import LeaseWatch
+from merlin_ros.actions.ownership import ownership
+from merlin_ros.publishing import publish
+
+STATUS_PERIOD = 0.2  # s of wall time, actionlib's usual 5 Hz
+KEEP_ENDED = 5.0  # s for which an ended goal stays in the status list
+KEEP_EARLY_CANCEL = 60.0  # s for which a cancel waits for the goal that it overtook
+
+_PENDING = (GoalStatus.PENDING, GoalStatus.RECALLING)
+_ACTIVE = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
+_numbers = itertools.count(1)
+
+
+class ServerGoal:
+    """A goal that a server received, and what becomes of it.
+
+    The verbs that end it (:meth:`succeed`, :meth:`abort`, :meth:`cancelled`, :meth:`reject`) return False,
+    and do nothing, when it has ended already: whoever comes first decides.
+    """
+
+    def __init__(self, server: "ActionServer", goal_id: GoalID, goal: Any) -> None:
+        self._server = server
+        self._status = GoalStatus(goal_id=goal_id, status=GoalStatus.PENDING)
+        self.ended_at: Optional[float] = None  # monotonic, s
+        self.goal = goal
+        self.cancel_event = threading.Event()
+        self.cancel_reason = "cancelled"
+        """Why it shall stop, for its result."""
+
+    @property
+    def id(self) -> str:
+        """The actionlib goal id."""
+        return str(self._status.goal_id.id)
+
+    @property
+    def stamp(self) -> rospy.Time:
+        """When the client sent it."""
+        return self._status.goal_id.stamp
+
+    @property
+    def status(self) -> int:
+        """A constant of actionlib_msgs/GoalStatus."""
+        return int(self._status.status)
+
+    @property
+    def cancel_requested(self) -> bool:
+        """Whether somebody wants it to stop."""
+        return self.cancel_event.is_set()
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended."""
+        return self.ended_at is not None
+
+    def accept(self, text: str = "") -> bool:
+        """Begins it: PENDING becomes ACTIVE, RECALLING becomes PREEMPTING."""
+        with self._server.lock:
+            if self.done or self.status not in _PENDING:
+                return False
+            self._status.status = (
+                GoalStatus.ACTIVE if self.status == GoalStatus.PENDING else GoalStatus.PREEMPTING
+            )
+            self._status.text = text
+            self._server.publish_status()
+            return True
+
+    def reject(self, result: Any = None, text: str = "") -> bool:
+        """Ends it REJECTED; one that was accepted before ends ABORTED."""
+        return self._end(GoalStatus.REJECTED if self.status in _PENDING else GoalStatus.ABORTED, result, text)
+
+    def succeed(self, result: Any = None, text: str = "") -> bool:
+        """Ends it SUCCEEDED."""
+        return self._end(GoalStatus.SUCCEEDED, result, text)
+
+    def abort(self, result: Any = None, text: str = "") -> bool:
+        """Ends it ABORTED."""
+        return self._end(GoalStatus.ABORTED, result, text)
+
+    def cancelled(self, result: Any = None, text: str = "") -> bool:
+        """Ends it RECALLED, or PREEMPTED when it was accepted before."""
+        return self._end(
+            GoalStatus.RECALLED if self.status in _PENDING else GoalStatus.PREEMPTED, result, text
+        )
+
+    def feedback(self, feedback: Any) -> None:
+        """Tells the client how it goes; nothing is sent after the end."""
+        with self._server.lock:
+            if not self.done:
+                self._server.publish_feedback(self._status, feedback)
+
+    def request_cancel(self, reason: str = "cancelled") -> bool:
+        """Marks it as to be stopped; False when it was marked or ended before."""
+        with self._server.lock:
+            if self.done or self.cancel_event.is_set():
+                return False
+            self.cancel_reason = reason
+            self._status.status = GoalStatus.RECALLING if self.status in _PENDING else GoalStatus.PREEMPTING
+            self.cancel_event.set()
+            self._server.publish_status()
+            return True
+
+    def _end(self, status: int, result: Any, text: str) -> bool:
+        with self._server.lock:
+            if self.done:
+                return False
+            self._status.status = status
+            self._status.text = text
+            self.ended_at = time.monotonic()
+            self._server.publish_result(self._status, result)
+        self._server.ended(self)
+        return True
+
+
+class ActionServer:
+    """Serves an action for any number of goals at a time.
+
+    :param name: of the action; relative names and remapping as usual.
+    :param action_spec: the generated ``...Action`` class.
+    :param on_goal: called with each new :class:`ServerGoal` in the subscriber's thread; must not block, and
+        has to accept or reject it, now or later.
+    :param on_cancel: called once for each goal that shall stop, in the subscriber's thread, at once; in a
+        thread of its own when its owner was lost.
+    :param on_owner: called when the owner of a goal falls silent (SUSPENDED), is back (HELD) or is gone
+        (LOST), with the goal, the state and the reason. Unless it returns False, SUSPENDED suspends what this
+        process has sent on behalf of the goal, and LOST cancels the goal. None: always so.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        action_spec: type,
+        on_goal: Callable[[ServerGoal], None],
+        on_cancel: Callable[[ServerGoal], None],
+        on_owner: Optional[Callable[[ServerGoal, LeaseState, str], Optional[bool]]] = None,
+    ) -> None:
+        self.name = rospy.resolve_name(name)
+        action = action_spec()
+        self._goal_type = type(action.action_goal)
+        self._result_type = type(action.action_result)
+        self._feedback_type = type(action.action_feedback)
+        self._on_goal = on_goal
+        self._on_cancel = on_cancel
+        self._on_owner = on_owner
+        self._leases: Optional[LeaseWatch] = None
+        self.lock = threading.RLock()  # guards the goals and keeps results and statuses in order
+        self._goals: Dict[str, ServerGoal] = {}
+        self._early_cancels: Dict[str, float] = {}
+        self._cancel_before = rospy.Time()
+        self._stopped = threading.Event()
+        self._subscribers: List[rospy.Subscriber] = []
+        self._publishers: List[rospy.Publisher] = []
+
+    def start(self) -> None:
+        """Begins to serve."""
+        self._status_publisher = rospy.Publisher(
+            self.name + "/status", GoalStatusArray, latch=True, queue_size=50
+        )
+        self._result_publisher = rospy.Publisher(self.name + "/result", self._result_type, queue_size=50)
+        self._feedback_publisher = rospy.Publisher(
+            self.name + "/feedback", self._feedback_type, queue_size=50
+        )
+        self._publishers = [self._status_publisher, self._result_publisher, self._feedback_publisher]
+        self._leases = LeaseWatch(self.name + "/lease", self._owner_changed)
+        self._subscribers = [
+            rospy.Subscriber(self.name + "/goal", self._goal_type, self._receive_goal, tcp_nodelay=True),
+            rospy.Subscriber(self.name + "/cancel", GoalID, self._receive_cancel, tcp_nodelay=True),
+        ]
+        self._heartbeat = threading.Thread(target=self._beat, name=f"status of {self.name}", daemon=True)
+        self._heartbeat.start()
+
+    def shutdown(self) -> None:
+        """Ends every goal as ABORTED and stops serving."""
+        for subscriber in self._subscribers:
+            subscriber.unregister()
+        if self._leases is not None:
+            self._leases.shutdown()
+        for goal in self.goals():
+            goal.abort(text="the action server shuts down")
+        with self.lock:
+            self._stopped.set()
+            for publisher in self._publishers:
+                publisher.unregister()
+
+    def goals(self) -> List[ServerGoal]:
+        """The goals that have not ended, oldest first."""
+        with self.lock:
+            return [goal for goal in self._goals.values() if not goal.done]
+
+    def ended(self, goal: ServerGoal) -> None:
+        """A goal has ended; called once, without the lock unless its caller holds it."""
+        if self._leases is not None:
+            self._leases.forget(goal.id)
+        ownership.resume(goal.id)
+
+    def publish_status(self) -> None:
+        """Publishes the status list; called with the lock held."""
+        now = time.monotonic()
+        for goal in list(self._goals.values()):
+            if goal.ended_at is not None and now - goal.ended_at > KEEP_ENDED:
+                del self._goals[goal.id]
+        for goal_id, since in list(self._early_cancels.items()):
+            if now - since > KEEP_EARLY_CANCEL:
+                del self._early_cancels[goal_id]
+        message = GoalStatusArray(status_list=[goal._status for goal in self._goals.values()])
+        message.header.stamp = rospy.Time.now()
+        publish(self._status_publisher, message)
+
+    def publish_result(self, status: GoalStatus, result: Any) -> None:
+        """Publishes a result, then the status list; called with the lock held."""
+        message = self._result_type(status=status)
+        message.header.stamp = rospy.Time.now()
+        if result is not None:
+            message.result = result
+        publish(self._result_publisher, message)
+        self.publish_status()
+
+    def publish_feedback(self, status: GoalStatus, feedback: Any) -> None:
+        """Publishes feedback on a goal; called with the lock held."""
+        message = self._feedback_type(status=status, feedback=feedback)
+        message.header.stamp = rospy.Time.now()
+        publish(self._feedback_publisher, message)
+
+    def _receive_goal(self, message: Any) -> None:
+        with self.lock:
+            goal_id = message.goal_id
+            if not goal_id.id:
+                goal_id.id = f"{rospy.get_name()}-unnamed-{next(_numbers)}"
+            if goal_id.stamp.is_zero():
+                goal_id.stamp = rospy.Time.now()
+            if goal_id.id in self._goals:
+                return
+            goal = ServerGoal(self, goal_id, message.goal)
+            self._goals[goal.id] = goal
+            overtaken = self._early_cancels.pop(goal.id, None) is not None
+            # Before the first tick of a simulated clock every stamp is zero.
+            cancelled = rospy.Time() < self._cancel_before and goal_id.stamp <= self._cancel_before
+            if overtaken or cancelled:
+                goal.cancelled(text="cancelled before it arrived")
+                return
+            self.publish_status()
+        if self._leases is not None:
+            self._leases.arrive(goal.id)
+        self._call(goal, self._on_goal)
+        if self._leases is not None and self._leases.state(goal.id) not in (
+            LeaseState.FOREIGN,
+            LeaseState.HELD,
+        ):
+            self._owner_changed(
+                LeaseChange(goal.id, self._leases.state(goal.id), self._leases.reason(goal.id))
+            )
+
+    def _owner_changed(self, change: LeaseChange) -> None:
+        with self.lock:
+            goal = self._goals.get(change.goal)
+        if goal is None or goal.done:
+            return
+        if self._on_owner is not None and self._on_owner(goal, change.state, change.reason) is False:
+            return
+        if change.state is LeaseState.HELD:
+            ownership.resume(goal.id)
+            return
+        ownership.suspend(goal.id, change.reason)
+        if goal.done:  # it ended meanwhile, and nothing else would resume it
+            ownership.resume(goal.id)
+            return
+        if change.state is LeaseState.LOST and goal.request_cancel(change.reason):
+            rospy.logwarn(f"{self.name}: a goal is cancelled, {change.reason}")
+            self._call(goal, self._on_cancel)
+
+    def _call(self, goal: ServerGoal, callback: Callable[[ServerGoal], None]) -> None:
+        """Hands a goal to the server's owner; whatever that raises, the client gets an answer."""
+        try:
+            callback(goal)
+        except BaseException as error:
+            rospy.logerr(f"{self.name}: {traceback.format_exc()}")
+            goal.abort(text=f"{type(error).__name__}: {error}")
+
+    def _receive_cancel(self, cancel: GoalID) -> None:
+        with self.lock:
+            everything = not cancel.id and cancel.stamp.is_zero()
+            wanted = [
+                goal
+                for goal in self._goals.values()
+                if not goal.done
+                and (
+                    everything
+                    or goal.id == cancel.id
+                    or (not cancel.stamp.is_zero() and goal.stamp <= cancel.stamp)
+                )
+            ]
+            if cancel.id and cancel.id not in self._goals:
+                self._early_cancels[cancel.id] = time.monotonic()
+            if cancel.stamp > self._cancel_before:
+                self._cancel_before = cancel.stamp
+        for goal in wanted:
+            if goal.request_cancel():
+                self._call(goal, self._on_cancel)
+
+    def _beat(self) -> None:
+        while not self._stopped.wait(STATUS_PERIOD) and not rospy.is_shutdown():
+            with self.lock:
+                if not self._stopped.is_set():
+                    self.publish_status()

@@ -1,0 +1,147 @@
+"""The client's side of a lease: says that this process lives and which goals it still wants."""
+
+import threading
+import uuid
+from typing import ClassVar, Dict, Optional, Sequence, Set
+
+import rospy
+from merlin_msgs.msg import Lease
+
+from merlin_ros.actions.ownership import ownership
+from merlin_ros.publishing import publish
+
+PERIOD = 0.15  # s of wall time between two renewals
+LIFE = uuid.uuid4().hex[:12]  #: names this life of the process
+
+
+class _Held:
+    def __init__(self, owner: Optional[str]) -> None:
+        self.owner = owner
+        self.suspended = False
+
+
+class LeaseHolder:
+    """Holds leases of the goals that this process has sent to one server; thread-safe.
+
+    All holders of a process for one server publish one lease: a server takes what a lease does not name as
+    let go. A lease is renewed in wall time: a paused simulator must not make its owner look dead.
+
+    :param topic: ``<action>/lease``.
+    """
+
+    _shared: ClassVar[Dict[str, "_Lease"]] = {}
+    _lock: ClassVar[threading.Lock] = threading.Lock()  # guards _shared and the count of its users
+
+    def __init__(self, topic: str) -> None:
+        self.topic = rospy.resolve_name(topic)
+        self._goals: Set[str] = set()
+        with self._lock:
+            self._lease = self._shared.setdefault(self.topic, _Lease(self.topic))
+            self._lease.users += 1
+            self._lease.advertise()
+
+    def hold(self, goal: str, owner: Optional[str] = None) -> None:
+        """From now on this process wants a goal.
+
+        :param owner: the goal of this process's own server on whose behalf it was sent; None: not known.
+        """
+        self._goals.add(goal)
+        self._lease.hold(goal, owner)
+
+    def release(self, goal: str) -> None:
+        """It wants it no more: the goal has ended, or was given up."""
+        self._goals.discard(goal)
+        self._lease.release([goal])
+
+    def suspend(self, goal: str, suspended: bool) -> None:
+        """Says of one goal that its own owner is silent, or back."""
+        self._lease.suspend(goal, suspended)
+
+    def shutdown(self) -> None:
+        """Lets go of everything that it holds."""
+        self._lease.release(list(self._goals))
+        self._goals.clear()
+        with self._lock:
+            self._lease.users -= 1
+            last = self._lease.users == 0
+            if last:
+                del self._shared[self.topic]
+        if last:
+            self._lease.shutdown()
+
+
+class _Lease:
+    """The lease of this process for one server."""
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self.users = 0
+        self._publisher: Optional[rospy.Publisher] = None
+        self._changed = threading.Condition()  # guards the fields below and the order of messages
+        self._held: Dict[str, _Held] = {}
+        self._stopped = False
+        self._thread: Optional[threading.Thread] = None
+
+    def hold(self, goal: str, owner: Optional[str]) -> None:
+        with self._changed:
+            self._held[goal] = _Held(owner)
+            if self._thread is None:
+                ownership.listen(self._renew)
+                self._thread = threading.Thread(target=self._beat, name=f"lease {self.topic}", daemon=True)
+                self._thread.start()
+            self._publish()
+            self._changed.notify_all()
+
+    def release(self, goals: Sequence[str]) -> None:
+        with self._changed:
+            if [goal for goal in goals if self._held.pop(goal, None) is not None]:
+                self._publish()
+
+    def suspend(self, goal: str, suspended: bool) -> None:
+        with self._changed:
+            held = self._held.get(goal)
+            if held is not None and held.suspended != suspended:
+                held.suspended = suspended
+                self._publish()
+
+    def shutdown(self) -> None:
+        ownership.ignore(self._renew)
+        with self._changed:
+            self._stopped = True
+            self._changed.notify_all()
+        if self._publisher is not None:
+            self._publisher.unregister()
+
+    def advertise(self) -> None:
+        """Tells the master, before the first goal: servers connect meanwhile."""
+        if self._publisher is None:
+            self._publisher = rospy.Publisher(self.topic, Lease, queue_size=10)
+
+    def _renew(self) -> None:
+        with self._changed:
+            if self._held and not self._stopped:
+                self._publish()
+
+    def _publish(self) -> None:
+        """Called with the lock held."""
+        message = Lease(
+            owner=rospy.get_name(),
+            life=LIFE,
+            held=list(self._held),
+            suspended=[
+                goal for goal, held in self._held.items() if held.suspended or ownership.suspended(held.owner)
+            ],
+        )
+        message.header.stamp = rospy.Time.now()
+        if self._publisher is not None:
+            publish(self._publisher, message)
+
+    def _beat(self) -> None:
+        with self._changed:
+            while not self._stopped and not rospy.is_shutdown():
+                if not self._held:
+                    self._changed.wait()
+                    continue
+                self._changed.wait(PERIOD)
+                if self._held and not self._stopped:
+                    self._publish()

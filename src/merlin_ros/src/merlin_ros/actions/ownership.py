@@ -1,0 +1,57 @@
+"""What this process serves whose owner is silent: it passes that on to what it has itself carried out.
+
+A server suspends the goals of a silent client here; the leases that this process publishes say so at once
+(:class:`.lease_holder.LeaseHolder`). Where it is known on behalf of which goal another one was sent,
+only that one counts; else one suspended goal suspends all that the process has sent.
+"""
+
+import threading
+from typing import Callable, Dict, List, Optional
+
+
+class Ownership:
+    """The suspended goals of a process; thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()  # guards both fields below
+        self._suspended: Dict[str, str] = {}  # goal -> reason
+        self._listeners: List[Callable[[], None]] = []
+
+    def suspend(self, goal: str, reason: str = "") -> None:
+        """The owner of a goal is silent."""
+        with self._lock:
+            if goal in self._suspended:
+                return
+            self._suspended[goal] = reason
+            listeners = list(self._listeners)
+        for listener in listeners:
+            listener()
+
+    def resume(self, goal: str) -> None:
+        """The owner of a goal is back, or the goal has ended."""
+        with self._lock:
+            if self._suspended.pop(goal, None) is None:
+                return
+            listeners = list(self._listeners)
+        for listener in listeners:
+            listener()
+
+    def suspended(self, goal: Optional[str] = None) -> bool:
+        """Whether a goal is suspended; None: any of the process."""
+        with self._lock:
+            return bool(self._suspended) if goal is None else goal in self._suspended
+
+    def listen(self, callback: Callable[[], None]) -> None:
+        """Calls back after each change, in the thread that makes it; must not block."""
+        with self._lock:
+            self._listeners.append(callback)
+
+    def ignore(self, callback: Callable[[], None]) -> None:
+        """Calls back no more."""
+        with self._lock:
+            if callback in self._listeners:
+                self._listeners.remove(callback)
+
+
+#: That of this process.
+ownership = Ownership()

@@ -1,0 +1,117 @@
+"""Deadlines on software: they run on the monotonic clock and stand still while the simulator is paused.
+
+A paused simulator stops ``/clock``: servers that time themselves by ROS time fall silent and look dead. So
+whoever waits for software counts *running time*, the monotonic time less the time spent paused.
+"""
+
+import math
+import threading
+import time
+from typing import Callable, Optional
+
+import rospy
+from merlin_msgs.msg import SimStatus
+
+from merlin_ros.master.master_link import lost
+
+SIM_STATUS_TOPIC = "/merlin_sim/status"
+
+
+class _PauseWatch:
+    """Adds up how long the simulator has been paused. One per process, started by its first reader.
+
+    :func:`merlin_ros.node.init_node` is that one: later the master may be lost.
+    """
+
+    def __init__(self) -> None:
+        self._subscriber: Optional[rospy.Subscriber] = None
+        self._lock = threading.Lock()  # guards all fields below
+        self._started = False
+        self._paused_since: Optional[float] = None
+        self._paused_before = 0.0
+
+    def paused_time(self) -> float:
+        """Seconds of monotonic time spent paused so far."""
+        if not self._started:
+            self._start()
+        with self._lock:
+            now = time.monotonic()
+            return self._paused_before + (now - self._paused_since if self._paused_since is not None else 0.0)
+
+    def _start(self) -> None:
+        if not (rospy.core.is_initialized() and rospy.rostime.is_rostime_initialized()) or lost.is_set():
+            return  # the next reader tries again: without a master this would wait for its return
+        with self._lock:
+            if self._started:
+                return
+            self._started = True
+        # Not under the lock: where the topic is subscribed already, rospy calls `_update` within this.
+        # Without a simulator nobody publishes here, and the time simply runs.
+        self._subscriber = rospy.Subscriber(SIM_STATUS_TOPIC, SimStatus, self._update, queue_size=10)
+
+    def _update(self, status: SimStatus) -> None:
+        with self._lock:
+            now = time.monotonic()
+            if status.paused and self._paused_since is None:
+                self._paused_since = now
+            elif not status.paused and self._paused_since is not None:
+                self._paused_before += now - self._paused_since
+                self._paused_since = None
+
+
+_pause_watch = _PauseWatch()
+
+
+def running_time() -> float:
+    """The monotonic clock, s, which stands still while the simulator is paused."""
+    return time.monotonic() - _pause_watch.paused_time()
+
+
+def limit(seconds: float) -> Optional[float]:
+    """What a parameter of which zero or less means "no limit" is to a :class:`Deadline`."""
+    return seconds if seconds > 0 else None
+
+
+class Deadline:
+    """A point in running time.
+
+    :param seconds: from now, s; zero or less: it has passed; None: never.
+    """
+
+    def __init__(self, seconds: Optional[float]) -> None:
+        self.seconds = math.inf if seconds is None else max(0.0, seconds)
+        self._end = running_time() + self.seconds
+
+    def remaining(self) -> float:
+        """Running time that is left, s; never negative, infinite when there is no deadline."""
+        return max(0.0, self._end - running_time())
+
+    @property
+    def expired(self) -> bool:
+        """Whether it has passed."""
+        return self.remaining() <= 0.0
+
+    def wait(self, condition: threading.Condition, predicate: Callable[[], bool]) -> bool:
+        """Waits, with the condition held, until the predicate is true, the deadline passes or ROS shuts down.
+
+        :return: the last value of the predicate.
+        """
+        while not predicate():
+            left = self.remaining()
+            if left <= 0.0 or rospy.is_shutdown():
+                return False
+            # A bounded slice, because shutdown and a pause that ends notify nobody.
+            condition.wait(min(left, 1.0))
+        return True
+
+    def wait_event(self, event: threading.Event) -> bool:
+        """Waits until the event is set, the deadline passes or ROS shuts down.
+
+        :return: whether the event is set.
+        """
+        while not event.is_set():
+            left = self.remaining()
+            if left <= 0.0 or rospy.is_shutdown():
+                break
+            event.wait(min(left, 1.0))
+        return event.is_set()

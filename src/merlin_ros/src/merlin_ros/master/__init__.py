@@ -1,0 +1,1 @@
+"""A node's life with, without and after its ROS master."""

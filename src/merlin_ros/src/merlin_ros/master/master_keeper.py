@@ -1,0 +1,169 @@
+"""Keeps a node registered with its master, and tells when the master is lost and when it is back."""
+
+import queue
+import threading
+import time
+import xmlrpc.client
+from typing import Callable, List, Optional, Tuple
+from xml.parsers.expat import ExpatError
+
+import rosgraph
+import rospy
+from rospy.core import is_shutdown_requested
+
+from merlin_ros.master import master_link
+from merlin_ros.master.master_watch import Decision, MasterWatch
+from merlin_ros.master.registration import ERRORS, KeptParameters, register_again
+
+#: Between two questions to the master, s of wall time.
+PERIOD = 1.0
+#: Longest wait for an answer, s of wall time.
+PING_TIMEOUT = 1.0
+#: Questions between two looks at the node's parameters.
+LOOKS = 5
+#: Longest wait for a registration that is under way when the node ends, s of wall time.
+END_TIMEOUT = 3.0
+
+Callback = Callable[[], None]
+
+
+class MasterKeeper:
+    """Asks the master once per period whether it lives and knows this node.
+
+    :param name: of this node, global.
+    :param uri: of this node.
+    """
+
+    def __init__(self, name: str, uri: str) -> None:
+        self._parameters = KeptParameters()
+        self._parameters.keep(name)
+        self._name = name
+        self._watch = MasterWatch(uri)
+        self._master_uri = rosgraph.get_master_uri()
+        self._proxy = master_link.bounded_proxy(self._master_uri, PING_TIMEOUT)
+        self._stopped = threading.Event()
+        self._registering = threading.Lock()  # held while something is registered
+        self._told: queue.SimpleQueue[Optional[List[Callback]]] = queue.SimpleQueue()
+        self._callbacks_lock = threading.Lock()  # guards both lists
+        self._on_lost: List[Callback] = []
+        self._on_back: List[Callback] = []
+        self._threads = [
+            threading.Thread(target=self._work, name="master keeper", daemon=True),
+            threading.Thread(target=self._tell, name="master news", daemon=True),
+        ]
+
+    def on_lost(self, callback: Callback) -> None:
+        """Calls this, in a thread of its own, each time the master is lost."""
+        with self._callbacks_lock:
+            self._on_lost.append(callback)
+
+    def on_back(self, callback: Callback) -> None:
+        """Calls this, in the same thread, each time the node is registered again after that."""
+        with self._callbacks_lock:
+            self._on_back.append(callback)
+
+    def keep_params(self, name: str) -> None:
+        """Restores the parameters below a name too, at a master that has lost them.
+
+        :param name: global.
+        """
+        self._parameters.keep(name)
+        self._look()
+
+    def start(self) -> None:
+        """Begins to ask."""
+        self._look()
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """Ends. Nothing is registered any more when this returns."""
+        self._stopped.set()
+        self._told.put(None)
+        if self._registering.acquire(timeout=END_TIMEOUT):
+            self._registering.release()
+
+    def _going_on(self) -> bool:
+        return not self._stopped.is_set() and not is_shutdown_requested()
+
+    def _work(self) -> None:
+        count = 0
+        while self._going_on():
+            begun = time.monotonic()
+            decision = self._ask()
+            if decision is Decision.LOST:
+                self._lose()
+            elif decision in (Decision.BACK_SAME, Decision.BACK_NEW):
+                self._register(decision)
+            elif decision is Decision.TAKEN:
+                rospy.logerr(
+                    f"{self._name}: the master has another node of this name; "
+                    "this one cannot be reached any more and has to be ended"
+                )
+            elif count % LOOKS == 0 and not self._watch.lost:
+                self._look()
+            count += 1
+            self._stopped.wait(max(0.0, PERIOD - (time.monotonic() - begun)))
+
+    def _ask(self) -> Decision:
+        try:
+            process, address = self._ping()
+        except (OSError, xmlrpc.client.Error, ExpatError, ValueError, TypeError):
+            return self._watch.failed()
+        return self._watch.answered(process, address)
+
+    def _ping(self) -> Tuple[int, Optional[str]]:
+        calls = xmlrpc.client.MultiCall(self._proxy)
+        calls.getPid(self._name)
+        calls.lookupNode(self._name, self._name)
+        (_, _, process), (code, _, address) = calls()
+        return int(process), str(address) if code == 1 else None
+
+    def _look(self) -> None:
+        try:
+            self._parameters.look(master_link.bounded_master(PING_TIMEOUT))
+        except ERRORS:
+            return  # the next question tells whether the master is lost
+
+    def _lose(self) -> None:
+        master_link.lost.set()
+        rospy.logerr(
+            f"{self._name}: the master at {self._master_uri} does not answer; waiting for its return"
+        )
+        with self._callbacks_lock:
+            self._told.put(list(self._on_lost))
+
+    def _register(self, decision: Decision) -> None:
+        was_lost = self._watch.lost
+        master_link.lost.clear()
+        master = master_link.bounded_master(PING_TIMEOUT)
+        with self._registering:
+            if not self._going_on():
+                return  # the node has taken itself back, it was not forgotten
+            try:
+                if decision is Decision.BACK_NEW:
+                    self._parameters.restore(master)
+                register_again(master, self._going_on)
+            except ERRORS as error:
+                if self._going_on():
+                    rospy.logwarn(f"{self._name}: cannot register again, goes on trying: {error}")
+                return
+        if not self._going_on():
+            return
+        self._watch.registered()
+        what = "is back" if decision is Decision.BACK_SAME else "was started anew"
+        rospy.logwarn(f"{self._name}: the master at {self._master_uri} {what}; this node is registered again")
+        if was_lost:
+            with self._callbacks_lock:
+                self._told.put(list(self._on_back))
+
+    def _tell(self) -> None:
+        while True:
+            callbacks = self._told.get()
+            if callbacks is None:
+                return
+            for callback in callbacks:
+                try:
+                    callback()
+                except Exception as error:  # the others still have to stop what they run
+                    rospy.logerr(f"{self._name}: at the loss or return of the master: {error!r}")

@@ -1,0 +1,200 @@
+"""Calls to the master, and to other nodes' XML-RPC servers, that end: one that hangs costs seconds.
+
+rospy and rosgraph wait for the answer of a hung master for as long as it hangs, and rospy makes every other
+call of the process wait behind that one.
+"""
+
+import errno
+import http.client
+import socket
+import threading
+import xmlrpc.client
+from typing import Any, Dict, Tuple
+from xml.parsers.expat import ExpatError
+
+import rosgraph
+import rospy
+
+#: Longest wait for an answer of the master, s of wall time.
+MASTER_TIMEOUT = 2.5
+#: The same, once a call of the same connection has had to wait in vain: others have waited behind it.
+SILENT_TIMEOUT = 1.0
+
+_NO_DEFAULT = object()
+
+
+class MasterSilent(OSError):
+    """The master gave no answer; the text is a sentence that says which master and what was asked."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(errno.ETIMEDOUT, text)  # rospy wants a number and a text from each OSError
+
+    def __str__(self) -> str:
+        return str(self.strerror)
+
+
+#: What a call to the master may raise: without an answer, and when the answer is an error.
+ERRORS = (OSError, rosgraph.MasterException, xmlrpc.client.Error, ExpatError)
+
+#: Set while the master counts as lost (see `merlin_ros.master.master_keeper`): calls to it fail at once.
+lost = threading.Event()
+_never = threading.Event()
+
+
+class _BoundedTransport(xmlrpc.client.Transport):
+    """An XML-RPC transport whose calls end.
+
+    A class, not a change of an instance: an instance that refers to itself keeps its connection open until
+    the garbage collector finds it.
+
+    :param uri: of the server, for texts.
+    :param timeout: for each wait for the server, s of wall time.
+    :param lost: while set, calls fail at once.
+    """
+
+    def __init__(self, uri: str, timeout: float, lost: threading.Event) -> None:
+        super().__init__()
+        self.bound(uri, timeout, lost)
+
+    def bound(self, uri: str, timeout: float, lost: threading.Event) -> None:
+        """Sets what the constructor takes."""
+        self._uri = uri
+        self._timeout = timeout
+        self._lost = lost
+        self._silent = False  # whether the last call had no answer; calls of a transport are one at a time
+
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        """The connection of the calls before, or a new one, with the timeout."""
+        connection = super().make_connection(host)
+        connection.timeout = min(self._timeout, SILENT_TIMEOUT) if self._silent else self._timeout
+        if connection.sock is not None:  # kept from the call before
+            connection.sock.settimeout(connection.timeout)
+        return connection
+
+    def request(self, *args: Any, **options: Any) -> Any:
+        """Calls the server.
+
+        :raises MasterSilent: when there is no answer in time.
+        """
+        if self._lost.is_set():
+            raise MasterSilent(f"the master at {self._uri} does not answer")
+        try:
+            answer = super().request(*args, **options)
+        except socket.timeout as error:
+            self._silent = True
+            raise MasterSilent(f"{self._uri} did not answer within {self._timeout:g} s") from error
+        except http.client.HTTPException as error:
+            # It died in the middle of an answer. An OSError with number and text is what callers expect.
+            text = f"{self._uri} broke off its answer: {error or type(error).__name__}"
+            raise ConnectionResetError(errno.ECONNRESET, text) from error
+        self._silent = False
+        return answer
+
+
+def bounded_proxy(uri: str, timeout: float) -> xmlrpc.client.ServerProxy:
+    """A client of an XML-RPC server whose calls end. Not for several threads at a time.
+
+    :param uri: of a node or master.
+    :param timeout: for each wait for the server, s of wall time.
+    """
+    return xmlrpc.client.ServerProxy(uri, transport=_BoundedTransport(uri, timeout, _never))
+
+
+def bounded_master(timeout: float = MASTER_TIMEOUT) -> rosgraph.Master:
+    """The master's API with calls that end. Not for several threads at a time.
+
+    :param timeout: for each wait for the master, s of wall time.
+    """
+    master = rosgraph.Master(rospy.get_name())
+    transport = _BoundedTransport(master.master_uri, timeout, lost)
+    master.handle = xmlrpc.client.ServerProxy(master.master_uri, transport=transport)
+    return master
+
+
+def bound_rospy() -> None:
+    """From now on rospy's own calls to the master end too; once, before `rospy.init_node`.
+
+    rospy registers through one connection, with a lock around it, and has no option for a timeout.
+    """
+    uri = rosgraph.get_master_uri()
+    transport = rospy.core.xmlrpcapi(uri)("transport")
+    transport.__class__ = _BoundedTransport  # rospy has made it, and has no other place for it
+    transport.bound(uri, MASTER_TIMEOUT, lost)
+
+
+def master_answers() -> bool:
+    """Whether there is a master."""
+    try:
+        bounded_master().getPid()
+    except ERRORS:
+        return False
+    return True
+
+
+class _Known:
+    """Parameters that were read: their values, for when the master cannot be asked or has forgotten them."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()  # guards the values
+        self._values: Dict[str, Any] = {}
+
+    def keep(self, name: str, value: Any) -> None:
+        with self._lock:
+            self._values[name] = value
+
+    def get(self, name: str) -> Tuple[bool, Any]:
+        with self._lock:
+            return name in self._values, self._values.get(name)
+
+    def all(self) -> Dict[str, Any]:
+        with self._lock:
+            return dict(self._values)
+
+
+_known = _Known()
+
+
+def get_param(name: str, default: Any = _NO_DEFAULT) -> Any:
+    """A parameter, while the robot works: `rospy.get_param` that ends.
+
+    A master that does not answer is no reason to stop: the value that was read last is given then. A master
+    that was started anew gets it back (see `merlin_ros.master.registration`).
+
+    :param name: relative and private names allowed.
+    :param default: when it is not set.
+    :raises KeyError: it is not set and there is no default.
+    :raises MasterSilent: the master does not answer and the parameter was never read.
+    """
+    full = rospy.resolve_name(name)
+    try:
+        value = bounded_master().getParam(full)
+    except rosgraph.MasterError:  # not set; kept all the same: a new master may not have got it back yet
+        if default is _NO_DEFAULT:
+            raise KeyError(name) from None
+        return default
+    except ERRORS as error:
+        was_read, value = _known.get(full)
+        if not was_read:
+            raise MasterSilent(f"cannot read the parameter {full}: {error}") from error
+        return value
+    _known.keep(full, value)
+    return value
+
+
+def set_param(name: str, value: Any) -> None:
+    """Sets a parameter, while the robot works: `rospy.set_param` that ends.
+
+    :param name: relative and private names allowed.
+    :raises MasterSilent: the master does not answer; one that comes back gets the value then.
+    """
+    full = rospy.resolve_name(name)
+    _known.keep(full, value)
+    try:
+        bounded_master().setParam(full, value)
+    except ERRORS as error:
+        raise MasterSilent(f"cannot set the parameter {full}: {error}") from error
+
+
+def known_params() -> Dict[str, Any]:
+    """What :func:`get_param` has read and :func:`set_param` has set, by global name."""
+    return _known.all()

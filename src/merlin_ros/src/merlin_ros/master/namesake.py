@@ -1,0 +1,74 @@
+"""Whether another node of a name lives: starting a second one would make the master end the first."""
+
+import socket
+import xmlrpc.client
+from typing import NamedTuple, Optional
+from urllib.parse import urlparse
+
+import rosgraph
+
+from merlin_ros.master import master_link
+
+#: Longest wait for a node's answer, s of wall time.
+TIMEOUT = 1.0
+
+
+class Namesake(NamedTuple):
+    """A node that lives."""
+
+    name: str
+    uri: str
+    process: int
+    """Its process id; 0: it does not answer."""
+
+    def refusal(self) -> str:
+        """The sentence for the one who starts a second node of the name."""
+        if self.process:
+            which = f"process {self.process} at {self.uri}"
+            remedy = "end that one first"
+        else:
+            which = f"at {self.uri}, which takes connections and does not answer: it hangs"
+            remedy = f"kill that one first (ss -ltnp 'sport = :{urlparse(self.uri).port}' shows its process)"
+        return (
+            f"node {self.name} runs already ({which}); {remedy}, or name this one differently with __name:="
+        )
+
+
+def living_namesake(name: str, master: rosgraph.Master) -> Optional[Namesake]:
+    """The living node of a name; None: there is none, or it is dead, or its machine cannot be reached.
+
+    :param name: global.
+    :param master: with calls that end.
+    :raises OSError: when the master does not answer.
+    """
+    try:
+        uri = str(master.lookupNode(name))
+    except rosgraph.MasterException:
+        return None
+    if not _takes_connections(uri):
+        return None
+    node = master_link.bounded_proxy(uri, TIMEOUT)
+    try:
+        if _name_of(node, name) != name:
+            return None  # a dead node's port has gone to another one
+        return Namesake(name, uri, int(node.getPid(name)[2]))
+    except master_link.MasterSilent:
+        return Namesake(name, uri, 0)
+    except (*master_link.ERRORS, ValueError, TypeError, IndexError):
+        return None  # it died meanwhile, or what listens there is not a node
+
+
+def _takes_connections(uri: str) -> bool:
+    address = urlparse(uri)
+    try:
+        with socket.create_connection((address.hostname or "", address.port or 0), TIMEOUT):
+            return True
+    except (OSError, ValueError):
+        return False
+
+
+def _name_of(node: xmlrpc.client.ServerProxy, name: str) -> str:
+    try:
+        return str(node.getName(name)[2])  # type: ignore[index]
+    except xmlrpc.client.Fault:
+        return name  # only nodes in Python tell their name

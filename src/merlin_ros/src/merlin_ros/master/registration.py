@@ -1,0 +1,141 @@
+"""Registering a node once more: at a master that was started anew, or hung while something was asked."""
+
+import threading
+import xmlrpc.client
+from typing import Any, Callable, Dict, List, Set, Tuple
+
+import rosgraph
+import rospy
+from rospy.impl.registration import get_service_manager
+
+from merlin_ros.master import master_link
+
+#: Longest wait for this node's own answers, s of wall time.
+OWN_TIMEOUT = 2.0
+
+
+class RegistrationError(Exception):
+    """The master refused something; the text says what and why."""
+
+
+class KeptParameters:
+    """The parameters that this node brings back to a master that has lost them.
+
+    Those below the names given to :meth:`keep`, ``/use_sim_time``, and what was read or set by
+    :mod:`merlin_ros.master.master_link`.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()  # guards both fields
+        self._names: Set[str] = {"/use_sim_time"}
+        self._values: Dict[str, Any] = {}
+
+    def keep(self, name: str) -> None:
+        """Keeps a parameter, or all below a name.
+
+        :param name: global.
+        """
+        with self._lock:
+            self._names.add(name)
+
+    def look(self, master: rosgraph.Master) -> None:
+        """Notes the present values. What is not set any more is kept as it was.
+
+        :raises OSError: when the master does not answer.
+        """
+        with self._lock:
+            names = list(self._names)
+        for name in names:
+            try:
+                value = master.getParam(name)
+            except rosgraph.MasterException:
+                continue
+            with self._lock:
+                self._values[name] = value
+
+    def restore(self, master: rosgraph.Master) -> None:
+        """Sets each parameter that the master does not have.
+
+        :raises OSError: when the master does not answer.
+        """
+        with self._lock:
+            values = {**master_link.known_params(), **self._values}
+        for name, value in values.items():
+            for leaf, leaf_value in _leaves(name, value):
+                if not master.hasParam(leaf):
+                    master.setParam(leaf, leaf_value)
+
+
+def _leaves(name: str, value: Any) -> List[Any]:
+    """A parameter's parts that are no mappings: one of them may have been set anew, the others not."""
+    if not isinstance(value, dict) or not value:
+        return [(name, value)]
+    return [leaf for key, part in value.items() for leaf in _leaves(f"{name}/{key}", part)]
+
+
+def register_again(master: rosgraph.Master, going_on: Callable[[], bool]) -> None:
+    """Makes the master's picture of this node true again.
+
+    Registers publishers, subscribers and services, connects to the publishers that the master names, and
+    takes back what the master has of this node and is there no more. What is registered already stays so.
+
+    :param master: with calls that end.
+    :param going_on: asked before each step; registering a node that ends would harm the next of its name.
+    :raises OSError: when the master, or this node itself, does not answer.
+    :raises RegistrationError: when the master refuses.
+    """
+    uri, name = rospy.core.get_node_uri(), rospy.get_name()
+    node = master_link.bounded_proxy(uri, OWN_TIMEOUT)
+    published, subscribed, served = _own(node, name)
+    for topic, kind in published.items():
+        if not going_on():
+            return
+        _value(master.handle.registerPublisher(name, topic, kind, uri))
+    for topic, kind in subscribed.items():
+        if not going_on():
+            return
+        publishers = _value(master.handle.registerSubscriber(name, topic, kind, uri))
+        if publishers:
+            node.publisherUpdate("/master", topic, publishers)
+    for service, address in served.items():
+        if not going_on():
+            return
+        _value(master.handle.registerService(name, service, address, uri))
+    if going_on():
+        _take_back(master, node, name, uri)
+
+
+def _own(node: xmlrpc.client.ServerProxy, name: str) -> Tuple[Dict[str, str], Dict[str, str], Dict[str, str]]:
+    """What this node publishes and subscribes (with types) and serves (with addresses)."""
+    # Asked as another node would ask: rospy's own list may be locked by a call that waits for the master.
+    published = dict(_value(node.getPublications(name)))
+    subscribed = dict(_value(node.getSubscriptions(name)))
+    services = get_service_manager()
+    if not services.lock.acquire(timeout=OWN_TIMEOUT):
+        raise master_link.MasterSilent(f"{name} is busy announcing a service")
+    try:
+        return published, subscribed, dict(services.get_services())
+    finally:
+        services.lock.release()
+
+
+def _take_back(master: rosgraph.Master, node: xmlrpc.client.ServerProxy, name: str, uri: str) -> None:
+    has = [{thing for thing, nodes in part if name in nodes} for part in master.getSystemState()]
+    published, subscribed, served = _own(node, name)
+    for topic in has[0].difference(published):
+        master.handle.unregisterPublisher(name, topic, uri)
+    for topic in has[1].difference(subscribed):
+        master.handle.unregisterSubscriber(name, topic, uri)
+    for service in has[2].difference(served):
+        master.handle.unregisterService(name, service, master.lookupService(service))
+
+
+def _value(answer: Any) -> Any:
+    code, text, value = answer
+    if code != 1:
+        raise RegistrationError(text)
+    return value
+
+
+#: What a refused or unanswered registration may raise.
+ERRORS = (*master_link.ERRORS, RegistrationError)

@@ -1,0 +1,303 @@
+"""Begins a node and ends it: in order, at any moment of its life, with an exit code that says how it went."""
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+import traceback
+from typing import Any, Callable, Iterator, Optional, Tuple, Type
+
+import rosgraph
+import rospy
+from rosgraph.names import load_mappings, resolve_name
+from rosgraph.network import parse_http_host_and_port
+from rospy.client import load_command_line_node_params
+from rospy.core import is_shutdown_requested
+from rospy.impl.paramserver import get_param_server_cache
+from rospy.names import get_caller_id
+
+from merlin_ros.deadline import running_time
+from merlin_ros.master import master_link
+from merlin_ros.master.master_keeper import MasterKeeper
+from merlin_ros.master.namesake import living_namesake
+from merlin_ros.parameters import ParameterError
+
+#: Exit code of a node that could not begin: starting it again as it is will not help.
+CANNOT_BEGIN = 2
+#: Exit code of a node that may begin at another try: another node that it needs was not there in time.
+NOT_YET = 1
+#: Between two attempts to reach a master that is not there yet, s of wall time.
+MASTER_PERIOD = 0.3
+#: Longest end of a node that was told to end while rospy begins it, s of wall time.
+BEGIN_LIMIT = 1.5
+#: Longest end of a node, s of wall time; a launch would wait longer before it kills.
+END_LIMIT = 10.0
+#: Longest time in which the main thread has to return when everything is closed, s of wall time.
+RETURN_LIMIT = 3.0
+
+_ROSOUT_PARAM = "/rosout_disable_topics_generation"
+
+
+class _Ending:
+    """What SIGINT and SIGTERM do, which depends on how far the node has begun."""
+
+    def __init__(self) -> None:
+        self.told = threading.Event()
+        self.number = 0  # of the first signal
+        self._in_rospy = False
+        self._begun = False
+        self._makes = False
+
+    @property
+    def code(self) -> int:
+        """Exit code of a node that was told to end.
+
+        A launch that stops its nodes sends SIGINT: a SIGTERM meant this node alone, which is to come back.
+        """
+        return 128 + signal.SIGTERM if self.number == signal.SIGTERM else 0
+
+    def install(self) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._handle)
+
+    def enter_rospy(self) -> None:
+        """From now on rospy begins the node, and is not interrupted."""
+        self._in_rospy = True
+        if self.told.is_set():
+            raise SystemExit(self.code)
+
+    def begun(self) -> None:
+        """rospy has begun the node."""
+        self._begun = True
+        if self.told.is_set():
+            rospy.signal_shutdown("told to end while it began")
+            raise SystemExit(self.code)
+
+    @contextlib.contextmanager
+    def making(self) -> Iterator[None]:
+        """While the node's parts are made, which may take long and is not interrupted."""
+        self._makes = True
+        try:
+            yield
+        finally:
+            self._makes = False
+
+    def ended(self) -> None:
+        """rospy has closed everything; the main thread may not have noticed."""
+        if self._makes:
+            # It imports or makes what would be closed at once. What was made is closed.
+            _exit(self.code)
+        _limit(RETURN_LIMIT, 1)
+
+    def _handle(self, number: int, _: Any) -> None:
+        first = not self.told.is_set()
+        self.number = self.number or number
+        self.told.set()
+        if self._begun:
+            if first:
+                # Not daemonic: the process ends when everything is closed.
+                threading.Thread(target=_shut_down, args=(f"signal-{number}",), name="shutdown").start()
+        elif not self._in_rospy:
+            raise SystemExit(self.code)
+        elif first:
+            # rospy itself waits for a master that has gone away in this moment for ever.
+            _limit(BEGIN_LIMIT, self.code)
+
+
+_ending = _Ending()
+_keeper: Optional[MasterKeeper] = None
+
+
+def init_node(name: str, **options: Any) -> None:
+    """Makes this process a node that SIGINT and SIGTERM end in a thread of its own.
+
+    rospy ends a node inside the signal handler: on top of whatever the main thread was doing. When that was a
+    call to the master, as when a service is announced, the node waits for a lock that it holds itself, for
+    ever. As with rospy's own handler the main thread is not interrupted; it looks at `rospy.is_shutdown`.
+
+    The node notices when the master is lost (:func:`on_master_lost`) and registers again when it is back.
+
+    :param name: unless ``__name`` is given on the command line.
+    :param options: of `rospy.init_node`.
+    :raises SystemExit: with :data:`CANNOT_BEGIN`, after saying why, when the master's address is none,
+        parameters are given and no master takes them, or a node of this name lives; with the code of
+        :func:`run_node` when the node is told to end before it has begun.
+    """
+    global _keeper
+    try:
+        parse_http_host_and_port(rosgraph.get_master_uri())
+    except ValueError:
+        _refuse(
+            name, f"ROS_MASTER_URI is '{rosgraph.get_master_uri()}'; it has to be like http://localhost:11311"
+        )
+    _ending.install()
+    master_link.bound_rospy()
+    _wait_for_master(name)
+    if not options.get("anonymous"):
+        _refuse_second(name)
+    _ending.enter_rospy()
+    try:
+        rospy.init_node(name, disable_signals=True, **options)
+    except (OSError, rospy.ROSInitException) as error:
+        if _ending.told.is_set():
+            raise SystemExit(_ending.code) from None
+        _refuse(name, f"no master at {rosgraph.get_master_uri()}: {error}; is roscore running?")
+    _settle_rosout()
+    running_time()  # subscribes to the simulator's pauses, which may not be possible later
+    _keeper = MasterKeeper(rospy.get_name(), rospy.core.get_node_uri())
+    rospy.on_shutdown(_keeper.stop)  # before anything else ends: it registers nothing any more
+    _keeper.start()
+    _ending.begun()
+
+
+def run_node(
+    name: str,
+    start: Callable[[], Optional[Callable[[], None]]],
+    *errors: Type[Exception],
+    missing: Tuple[Type[Exception], ...] = (),
+) -> int:
+    """Runs a node until it is told to end.
+
+    :param name: as in :func:`init_node`.
+    :param start: makes what the node consists of. It may return what the main thread is to do, which has to
+        end when ROS shuts down.
+    :param errors: what `start` raises when the node cannot begin, with a text for its user; besides
+        ParameterError.
+    :param missing: what `start` raises when another node was not there in time; looked at before `errors`.
+
+    Returns the exit code, for the script ``respawn`` of the package merlin: 0, 143 after a SIGTERM, or
+    :data:`CANNOT_BEGIN` or :data:`NOT_YET`.
+    """
+    init_node(name)
+    try:
+        with _ending.making():
+            run = start()
+        (run or rospy.spin)()
+    except missing as error:
+        if not is_shutdown_requested():  # otherwise it is not an error that something was not found
+            return _give_up(error, NOT_YET)
+    except (ParameterError, *errors) as error:
+        if not is_shutdown_requested():
+            return _give_up(error, CANNOT_BEGIN)
+    except Exception:
+        # rospy closes topics and sockets, and interrupts who waits, before `rospy.is_shutdown` says so. What
+        # is being made or called at that moment fails in many ways.
+        if not is_shutdown_requested():
+            raise
+        rospy.logdebug(f"{rospy.get_name()}: interrupted by the end:\n{traceback.format_exc()}")
+    return _ending.code
+
+
+def _give_up(error: Exception, code: int) -> int:
+    rospy.logfatal(f"{rospy.get_name()}: {error}")
+    rospy.signal_shutdown(str(error))
+    return code
+
+
+def on_master_lost(callback: Callable[[], None]) -> None:
+    """Calls this each time the master is lost, at most 5 s after it died or hung: stop what runs.
+
+    In a thread of its own for all of them, one after the other; the node has to be begun by this module.
+
+    :param callback: must not call the master.
+    """
+    if _keeper is not None:
+        _keeper.on_lost(callback)
+
+
+def on_master_back(callback: Callable[[], None]) -> None:
+    """Calls this each time this node is registered again after the master was lost.
+
+    :param callback: called in the thread of :func:`on_master_lost`.
+    """
+    if _keeper is not None:
+        _keeper.on_back(callback)
+
+
+def master_is_lost() -> bool:
+    """Whether the master does not answer, as far as this node knows."""
+    return master_link.lost.is_set()
+
+
+def keep_params(name: str) -> None:
+    """Brings the parameters below a name back to a master that was started anew.
+
+    Those of the node itself are kept anyway. Present values are read at once, later ones every 5 s.
+
+    :param name: global.
+    """
+    if _keeper is not None:
+        _keeper.keep_params(name)
+
+
+def _refuse(name: str, text: str) -> None:
+    print(f"{name}: {text}", file=sys.stderr)
+    raise SystemExit(CANNOT_BEGIN)
+
+
+def _wait_for_master(name: str) -> None:
+    said = False
+    while True:
+        try:
+            master_link.bounded_master().getPid()
+            return
+        except master_link.ERRORS as error:
+            uri = rosgraph.get_master_uri()
+            if load_command_line_node_params(sys.argv):
+                _refuse(name, f"no master at {uri}: {error}; is roscore running?")
+            if not said:
+                print(f"{name}: no master at {uri}: {error}; waiting for it", file=sys.stderr)
+                said = True
+        _ending.told.wait(MASTER_PERIOD)
+
+
+def _refuse_second(name: str) -> None:
+    own = load_mappings(sys.argv).get("__name", name)
+    full = resolve_name(own, get_caller_id())
+    try:
+        namesake = living_namesake(full, master_link.bounded_master())
+    except master_link.ERRORS:
+        return  # gone again; rospy waits for it
+    if namesake is not None:
+        _refuse(own, namesake.refusal())
+
+
+def _settle_rosout() -> None:
+    """Reads the one parameter of the log's handler, so that a line of log never asks the master.
+
+    Where it is not set, rospy subscribes it with every line. The last line of a node that ends would register
+    it again, at an address that is about to close; the master would then end the next node of the name. And
+    a line would wait for a master that hangs.
+    """
+    try:
+        value = bool(master_link.bounded_master().getParam(_ROSOUT_PARAM))
+    except master_link.ERRORS:
+        value = False  # not set
+    get_param_server_cache().set(_ROSOUT_PARAM, value)
+
+
+def _shut_down(reason: str) -> None:
+    _limit(END_LIMIT, 1)
+    rospy.signal_shutdown(reason)
+    _ending.ended()
+
+
+def _exit(code: int) -> None:
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)
+
+
+def _limit(seconds: float, code: int) -> None:
+    """Ends the process after this time, whatever it waits for."""
+
+    def end() -> None:
+        sys.stderr.write(f"{rospy.get_name()}: did not end within {seconds:g} s and is ended by force\n")
+        _exit(code)
+
+    timer = threading.Timer(seconds, end)
+    timer.name = "end limit"
+    timer.daemon = True
+    timer.start()

@@ -1,0 +1,262 @@
+"""The service proxy of MERLIN: persistent, shared between threads, aware of a server that restarted."""
+
+import ast
+import contextlib
+import select
+import socket
+import threading
+import time
+from typing import Any, Callable, Optional
+
+import rosgraph
+import rospy
+from rosgraph.network import write_ros_handshake_header
+from rospy.exceptions import ROSException, TransportException
+from rospy.impl.tcpros_base import TCPROSTransport
+
+from merlin_ros.call_scope import CallScope, current_scope
+from merlin_ros.master.master_link import ERRORS, bounded_master, lost
+
+#: Longest wait for a server to take a connection, s of wall time: a hung one never does.
+CONNECT_LIMIT = 5.0
+
+
+class ServiceError(rospy.ServiceException):
+    """A call that gave no answer; the text is a sentence that names the service and says why."""
+
+
+class ServiceUnavailable(ServiceError):
+    """There was no answer at all: the service is not there, or its process died. It may return."""
+
+
+class _Client(rospy.ServiceProxy):
+    """rospy's proxy, with a look-up that ends when the master hangs, and connecting when the server does."""
+
+    connect_limit = CONNECT_LIMIT
+    connecting: Optional[TCPROSTransport] = None
+    scope: CallScope = current_scope()
+
+    def call(self, *args: Any, **fields: Any) -> Any:
+        """Calls the service; see rospy."""
+        if self.transport is None:
+            host, port = rospy.core.parse_rosrpc_uri(self._get_service_uri(None))
+            transport = TCPROSTransport(self.protocol, self.resolved_name)
+            transport.buff_size = self.buff_size
+            # rospy takes the socket's timeout away before it reads the server's header.
+            limit = threading.Timer(self.connect_limit, _wake, [transport])
+            limit.daemon = True
+            limit.start()
+            self.connecting = transport
+            try:
+                if self.scope.ended:  # while it was looked up
+                    raise TransportException("given up")
+                transport.connect(host, port, self.uri, timeout=self.connect_limit)
+            except TransportException:
+                transport.close()
+                raise
+            finally:
+                limit.cancel()
+            self.transport, self.connecting = transport, None
+        return super().call(*args, **fields)
+
+    def _get_service_uri(self, _: Any) -> str:
+        try:
+            self.uri = bounded_master().lookupService(self.resolved_name)
+        except rosgraph.MasterError:
+            raise rospy.ServiceException(f"nothing offers {self.resolved_name}") from None
+        except ERRORS as error:
+            raise rospy.ServiceException(f"cannot look it up: {error}") from error
+        return self.uri
+
+
+class ServiceProxy:
+    """Calls one service over a connection that is kept.
+
+    rospy's persistent proxy has no lock and keeps a connection that has died; this one has a lock, sees a
+    connection that the server closed *before* it sends a request, and connects again. A request is never sent
+    twice: a failure after sending is reported. A call ends early with the
+    :class:`~merlin_ros.call_scope.CallScope` that it is made in.
+
+    :param name: of the service, relative names allowed.
+    :param service_class: the generated service type.
+    :param timeout: longest wait for an answer, s of wall time; None: as long as it takes.
+    :param patience: longest wait of the first call for the service to be offered, s of wall time: whoever is
+        started together with the server may call at once.
+    """
+
+    def __init__(
+        self, name: str, service_class: type, timeout: Optional[float] = None, patience: float = 0.0
+    ) -> None:
+        self.name = rospy.resolve_name(name)
+        self._service_class = service_class
+        self._timeout = timeout
+        self._patience = patience
+        self._free = threading.Condition()  # guards _user: one call at a time uses the proxy
+        self._user: Optional[CallScope] = None
+        self._proxy: Optional[_Client] = None
+        self._nodelay = False
+
+    def __call__(self, *args: Any, **fields: Any) -> Any:
+        """Calls the service with a request, or with the request's fields.
+
+        :raises ServiceError: when there is no answer.
+        """
+        scope = current_scope()
+        with scope.calling(lambda: self._wake(scope)):
+            if not self._occupy(scope):
+                raise ServiceUnavailable(f"service {self.name} does not answer: others wait for it too")
+            try:
+                return self._call(scope, *args, **fields)
+            finally:
+                self._leave()
+
+    def _call(self, scope: CallScope, *args: Any, **fields: Any) -> Any:
+        patience, self._patience = self._patience, 0.0
+        if patience:
+            # Without a master nothing new is found, however long one waits.
+            self._wait(patience, lambda: scope.ended or lost.is_set())
+        limit = None
+        begin = time.monotonic()
+        try:
+            proxy = self._connection()
+            proxy.scope = scope
+            if scope.ended:
+                raise TransportException("given up")
+            if self._timeout is not None:
+                limit = threading.Timer(self._timeout, self._give_up, [proxy])
+                limit.daemon = True
+                limit.start()
+            return proxy(*args, **fields)
+        except (rospy.ServiceException, ROSException, TransportException, OSError) as error:
+            self._close()
+            if "responded with an error" in str(error):
+                raise ServiceError(f"service {self.name} failed: {_reason(str(error))}") from error
+            waited = time.monotonic() - begin
+            why = f"given up after {waited:.1f} s" if scope.ended else self._why(error, waited)
+            raise ServiceUnavailable(f"service {self.name} does not answer: {why}") from error
+        finally:
+            if limit is not None:
+                limit.cancel()
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        """Waits until the service is offered.
+
+        :param timeout: s of wall time; None: until ROS shuts down.
+        :return: whether it is offered.
+        """
+        return self._wait(timeout, lambda: False)
+
+    def _wait(self, timeout: Optional[float], given_up: Callable[[], bool]) -> bool:
+        end = None if timeout is None else time.monotonic() + timeout
+        while not rospy.is_shutdown() and not given_up():
+            if self.available():
+                return True
+            if end is not None and time.monotonic() >= end:
+                return False
+            # The master tells nobody of a new service; asking is all there is, at start-up only.
+            time.sleep(0.02)
+        return False
+
+    def available(self) -> bool:
+        """Whether the master knows the service and its server accepts connections."""
+        try:
+            uri = bounded_master().lookupService(self.name)
+            host, port = rospy.core.parse_rosrpc_uri(uri)
+            with socket.create_connection((host, port), timeout=1.0) as connection:
+                header = {"probe": "1", "md5sum": "*", "callerid": rospy.get_name(), "service": self.name}
+                write_ros_handshake_header(connection, header)
+                return True
+        except ERRORS:
+            return False
+
+    def close(self) -> None:
+        """Closes the connection; the next call opens another."""
+        self._occupy(current_scope())
+        self._close()
+        self._leave()
+
+    def _occupy(self, scope: CallScope) -> bool:
+        """Waits until the proxy is free, and takes it; False when the scope ends before."""
+        with self._free:
+            self._free.wait_for(lambda: self._user is None or scope.ended)
+            if self._user is not None:
+                return False
+            self._user = scope
+            return True
+
+    def _leave(self) -> None:
+        with self._free:
+            self._user = None
+            self._free.notify_all()
+
+    def _wake(self, scope: CallScope) -> None:
+        """Wakes the thread of a scope that has ended, wherever it waits, and no other one."""
+        with self._free:
+            self._free.notify_all()
+            if self._user is scope and self._proxy is not None:
+                self._give_up(self._proxy)
+
+    def _why(self, error: Exception, waited: float) -> str:
+        """What a failed call means, in words: `[Errno 111]` names nothing that a person can start again."""
+        if self._timeout is not None and waited >= self._timeout:
+            return f"no answer within {self._timeout:g} s"
+        text = str(error)
+        if "timed out" in text:
+            return "its node hangs: it takes no connection"
+        if isinstance(error, ConnectionRefusedError) or "refused" in text or "unavailable" in text:
+            return "its node does not run"
+        if isinstance(error, (TransportException, OSError)) or "transport error" in text:
+            return "its node has ended, or broke the connection"
+        return text
+
+    def _connection(self) -> _Client:
+        if self._proxy is not None and not self._alive(self._proxy):
+            self._close()
+        if self._proxy is None:
+            self._proxy = _Client(self.name, self._service_class, persistent=True)
+            if self._timeout is not None:
+                self._proxy.connect_limit = min(self._timeout, CONNECT_LIMIT)
+        elif not self._nodelay:
+            # A request of several segments would wait for the acknowledgement of the first.
+            self._proxy.transport.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._nodelay = True
+        return self._proxy
+
+    @staticmethod
+    def _give_up(proxy: _Client) -> None:
+        transport = proxy.transport or proxy.connecting
+        if transport is not None:
+            _wake(transport)
+
+    @staticmethod
+    def _alive(proxy: rospy.ServiceProxy) -> bool:
+        transport = proxy.transport
+        if transport is None or transport.socket is None:
+            return False
+        # Between calls nothing may be readable; readable means the peer has closed (or broken the protocol).
+        poll = select.poll()
+        poll.register(transport.socket, select.POLLIN)
+        return not poll.poll(0)
+
+    def _close(self) -> None:
+        if self._proxy is not None:
+            self._proxy.close()
+            self._proxy = None
+            self._nodelay = False
+
+
+def _wake(transport: TCPROSTransport) -> None:
+    """Ends the wait of the thread that reads from a connection; closing the socket would not."""
+    with contextlib.suppress(OSError, AttributeError):
+        transport.socket.shutdown(socket.SHUT_RDWR)
+
+
+def _reason(text: str) -> str:
+    """The server's own words in rospy's report of them, which shows them as the bytes that came."""
+    said = text.split("responded with an error:", 1)[-1].strip()
+    with contextlib.suppress(ValueError, SyntaxError):
+        value = ast.literal_eval(said)
+        said = value.decode(errors="replace") if isinstance(value, bytes) else said
+    for opening in ("service cannot process request:", "error processing request:"):
+        said = said[len(opening) :] if said.startswith(opening) else said
+    return said.strip() or "no reason given"

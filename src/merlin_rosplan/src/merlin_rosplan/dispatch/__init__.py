@@ -1,0 +1,1 @@
+"""Plan graphs and what is dispatched when; no ROS."""

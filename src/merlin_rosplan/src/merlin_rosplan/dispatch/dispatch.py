@@ -1,0 +1,447 @@
+"""Dispatching one plan: starts what the schedule allows, watches what runs, stops at the first failure.
+
+One thread runs a dispatch and decides; everybody else only puts events into its queue. So nothing polls, and
+no decision is made with a lock held. Whatever waits in the queue is taken in before anything is judged.
+"""
+
+import logging
+import math
+import queue
+import threading
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, Deque, Dict, FrozenSet, List, Optional, Set
+
+from merlin_rosplan.dispatch.dispatch_outside import (
+    Cancel,
+    DispatchError,
+    DispatchLimits,
+    DispatchReport,
+    DispatchState,
+    Event,
+    Feedback,
+    FeedbackStatus,
+    KnowledgeChanged,
+    Outside,
+    Tick,
+)
+from merlin_rosplan.dispatch.dispatch_running import Running, broken_over_all
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
+from merlin_rosplan.dispatch.operator_model import Conditions, over_all_before_start
+
+_log = logging.getLogger(__name__)
+_NOTHING: FrozenSet[str] = frozenset()
+
+
+@dataclass
+class _Failure:
+    state: DispatchState
+    reason: str
+    action: Optional[PlannedAction] = None
+
+
+class Dispatch:
+    """One run of a plan.
+
+    Parameters
+    ----------
+    schedule: the plan.
+    outside: the world.
+    limits: patience.
+    plan_id: number of this run; feedback about another run is ignored. Feedback with plan id 0 is from
+        ROSPlan's own interfaces, which do not set it: it counts once the interface has taken the action.
+    events: where events come from, for a simulation that keeps its own time; None: a queue of its own.
+    """
+
+    def __init__(
+        self,
+        schedule: Schedule,
+        outside: Outside,
+        limits: DispatchLimits,
+        plan_id: int = 0,
+        events: "Optional[queue.Queue[Event]]" = None,
+    ) -> None:
+        self.plan_id = plan_id
+        self._schedule = schedule
+        self._outside = outside
+        self._limits = limits
+        self._events: queue.Queue[Event] = queue.Queue() if events is None else events
+        self._taken_in: Deque[Event] = deque()  # taken from the queue and not handled
+        self._cancelled = threading.Event()
+        self._suspended = threading.Event()
+        self._running: Dict[int, Running] = {}
+        self._failure: Optional[_Failure] = None
+        self._began = 0.0
+        self._done = 0
+        self._untold = False  # whether the report has changed since it was told
+        self._changes: Optional[FrozenSet[str]] = _NOTHING  # names that changed since over-all was checked
+        self._last: Optional[PlannedAction] = None
+        self._unanswered: List[PlannedAction] = []
+        self._unsettled: Set[int] = set()  # actions whose conditions may be about to come true
+        self._literals: Dict[int, Any] = {}  # deadlines of their timed literals
+        self._due: Dict[int, float] = {}  # ROS time at which a timed change comes that they need
+        self._overtaken: Dict[int, Any] = {}  # deadlines of ends that came before what must come first
+        self.ended = threading.Event()
+
+    # --- from any thread --------------------------------------------------------------------------
+
+    def put(self, event: Event) -> None:
+        """Tells the dispatch that something has happened."""
+        self._events.put(event)
+
+    def cancel(self, reason: str = "cancelled") -> None:
+        """Stops the dispatch: no further action starts, running ones are told to stop."""
+        self._cancelled.set()
+        self._events.put(Cancel(reason))
+
+    def suspend(self, suspended: bool) -> None:
+        """While it is suspended no further action starts; what runs goes on."""
+        if suspended:
+            self._suspended.set()
+        else:
+            self._suspended.clear()
+            self._events.put(Tick())
+
+    # --- the dispatch's own thread ----------------------------------------------------------------
+
+    def run(self) -> DispatchReport:
+        """Runs the plan to its end, however that comes. Raises nothing of its own."""
+        try:
+            self._began = self._outside.now()
+            self._schedule.begin(self._began)
+            self._report()
+            self._loop()
+        except DispatchError as error:
+            self._fail(str(error))
+        except Exception as error:  # whatever it was, what runs is stopped and the caller gets an answer
+            _log.exception("dispatch %d", self.plan_id)
+            self._fail(f"{type(error).__name__}: {error}")
+        try:
+            if self._failure is not None:
+                self._stop_running()
+        finally:
+            self._outside.wake_at(None)
+            if self._last is not None:
+                self._outside.close(self._last)
+            self.ended.set()
+        report = self._report()
+        return report
+
+    def _loop(self) -> None:
+        while self._failure is None:
+            looked = self._start_ready()
+            if self._failure is not None or (self._schedule.finished and not self._running):
+                return
+            if self._untold:
+                self._report()
+            self._outside.wake_at(self._wake_time(looked))
+            self._take_in(self._patience())
+            self._handle_all()
+            if self._failure is None:
+                self._judge()
+
+    def _take_in(self, patience: float) -> None:
+        """Waits for an event, and takes everything that is there."""
+        try:
+            wait = None if math.isinf(patience) else max(patience, 0.001)
+            self._taken_in.append(self._events.get(timeout=wait))
+            while True:
+                self._taken_in.append(self._events.get_nowait())
+        except queue.Empty:
+            pass
+
+    def _patience(self) -> float:
+        """Seconds until one of the running actions may have to be given up."""
+        patience = math.inf
+        for record in self._running.values():
+            if not record.taken:
+                first = record.acknowledge.remaining()
+                patience = min(patience, first if first > 0 else min(record.accept.remaining(), 1.0))
+            else:
+                patience = min(patience, 1.0)  # its interface may die in silence
+            if record.grace is not None:
+                patience = min(patience, record.grace.remaining())
+        for action_id in self._unsettled:
+            patience = min([patience, *self._settling(action_id)])
+        for action_id in self._schedule.awaited():
+            record = self._running[action_id]
+            if record.applied is not None:
+                patience = min(patience, record.applied.remaining())
+        return min([patience, *(deadline.remaining() for deadline in self._overtaken.values())])
+
+    def _wake_time(self, looked: float) -> Optional[float]:
+        times = [time for time in self._due.values() if time > looked]
+        scheduled = self._schedule.wake_time(looked)
+        return min(times if scheduled is None else [scheduled, *times], default=None)
+
+    # --- starting -----------------------------------------------------------------------------------
+
+    def _start_ready(self) -> float:
+        """Starts what may start; returns the ROS time at which it looked last."""
+        tried: Set[int] = set()
+        now = self._outside.now()
+        while not self._cancelled.is_set():
+            self._see_starts(now)
+            if self._suspended.is_set():
+                return now
+            ready = [action for action in self._schedule.ready(now) if action.id not in tried]
+            if not ready:
+                break
+            tried.update(action.id for action in ready)
+            if not self._start_all(ready):
+                return now
+            now = self._outside.now()
+        idle = not self._running and not self._unsettled and not self._cancelled.is_set()
+        if idle and not self._schedule.finished and self._wake_time(now) is None and not self._overtaken:
+            waiting = self._schedule.waiting()
+            if waiting:
+                self._fail(f"the plan cannot go on: nothing runs, and {waiting[0]} waits for what never ends")
+        return now
+
+    def _see_starts(self, now: float) -> None:
+        for action_id in self._schedule.awaited():
+            if self._running[action_id].start_applied(self._outside):
+                self._schedule.seen(action_id, now)
+
+    def _start_all(self, ready: List[PlannedAction]) -> bool:
+        """Starts those whose conditions hold; whether to go on."""
+        records = [
+            Running.make(action, self._outside.operator(action), self._outside, self._limits)
+            for action in ready
+        ]
+        needed = [
+            (record.action, record.operator.at_start + over_all_before_start(record.operator))
+            for record in records
+        ]
+        together: List[Running] = []
+        for record, unmet in zip(records, self._outside.false_of_each(needed)):
+            if unmet.empty:
+                together.append(record)
+                continue
+            self._send(together)
+            together = []
+            if self._cancelled.is_set():
+                return False
+            if self._may_settle(record.action, unmet):
+                continue
+            self._outside.tell(record.action, FeedbackStatus.PRECONDITION_FALSE)
+            self._fail(f"{record.action} cannot start: {unmet.as_false()}", record.action)
+            return False
+        self._send(together)
+        return not self._cancelled.is_set()
+
+    def _send(self, records: List[Running]) -> None:
+        if not records or self._cancelled.is_set():
+            return
+        for record in records:
+            self._unsettled.discard(record.action.id)
+            self._due.pop(record.action.id, None)
+            self._running[record.action.id] = record
+        self._report()  # first: an interface that has just started asks the status whether it is meant
+        for record in records:
+            action = self._last = record.action
+            self._outside.send(action)
+            self._outside.tell(action, FeedbackStatus.ENABLED)
+            self._schedule.started(action.id, self._outside.now(), record.seen_at_once)
+
+    def _may_settle(self, action: PlannedAction, unmet: Conditions) -> bool:
+        """Whether what the action needs may be on its way: a timed change, or start effects of what runs."""
+        until = self._began + action.time + self._limits.settle
+        due = self._outside.next_change(unmet.names, until)
+        if due is not None:
+            self._due[action.id] = due
+            return True
+        timed = self._due.pop(action.id, None) is not None or self._schedule.waits_for_time(action.id)
+        if timed and action.id not in self._literals:
+            self._literals[action.id] = self._outside.deadline(self._limits.settle)
+        may = bool(self._settling(action.id))
+        if may:
+            self._unsettled.add(action.id)
+        else:
+            self._unsettled.discard(action.id)
+        return may
+
+    def _settling(self, action_id: int) -> List[float]:
+        """Seconds that are left for each thing that may make an action's conditions true."""
+        deadlines = [record.settle for record in self._running.values()]
+        if action_id in self._literals:
+            deadlines.append(self._literals[action_id])
+        return [left for left in (deadline.remaining() for deadline in deadlines) if left > 0]
+
+    # --- what happens -------------------------------------------------------------------------------
+
+    def _handle_all(self) -> None:
+        while self._taken_in and self._failure is None:
+            event = self._taken_in.popleft()
+            if isinstance(event, Cancel):
+                self._failure = _Failure(DispatchState.CANCELLED, event.reason)
+            elif isinstance(event, Feedback):
+                self._feedback(event)
+            elif isinstance(event, KnowledgeChanged):
+                self._changes = _together(self._changes, event.names)
+                for record in self._running.values():
+                    record.changed(event.names)
+
+    def _judge(self) -> None:
+        """Looks for what went wrong, with everything known that has arrived."""
+        affected = [record for record in self._running.values() if record.is_affected(self._changes)]
+        self._changes = _NOTHING
+        self._check_over_all(affected)
+        late = self._schedule.late(self._outside.now())
+        if late is not None:
+            self._fail(f"a time bound of the plan is broken: {late}")
+        self._check_order()
+        for record in list(self._running.values()):
+            if self._failure is None:
+                self._check_interface(record)
+
+    def _feedback(self, feedback: Feedback) -> None:
+        record = self._running.get(feedback.action_id)
+        if record is None or feedback.plan_id not in (0, self.plan_id):
+            return  # of an earlier run, or an answer told twice
+        status = feedback.status
+        final = status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
+        if final and not record.taken and feedback.plan_id != self.plan_id:
+            return  # latched since an earlier run: interfaces report that they have taken an action first
+        if status == FeedbackStatus.SUCCEEDED:
+            if record.is_affected(self._changes):  # while it still ran
+                self._check_over_all([record])
+            self._done += 1
+            self._untold = True
+            del self._running[feedback.action_id]
+            self._check_end(record)
+            self._schedule.ended(feedback.action_id, self._outside.now())
+        elif status == FeedbackStatus.FAILED:
+            del self._running[feedback.action_id]
+            why = f": {feedback.reason}" if feedback.reason else ""
+            self._fail(f"{record.action} failed{why}", record.action)
+        elif status in (FeedbackStatus.ENABLED, FeedbackStatus.DISPATCHED_TO_START_STATE):
+            if record.applied is None:
+                record.applied = self._outside.deadline(self._limits.settle)
+            record.taken = True
+            record.alive = self._outside.deadline(self._limits.liveness)
+
+    # --- what must not happen -----------------------------------------------------------------------
+
+    def _check_over_all(self, records: List[Running]) -> None:
+        for record, reason in broken_over_all(records, self._outside, self._limits):
+            self._fail(reason, record.action)
+
+    def _check_end(self, record: Running) -> None:
+        """Fails when an action has ended without what it needs then.
+
+        While others run, one of them may have changed that since, as planned: the order of the ends is what
+        keeps it right.
+        """
+        needed = record.needed_at_end
+        if self._running or needed.empty:
+            return
+        false = self._outside.false_of(record.action, needed)
+        if not false.empty:
+            self._fail(f"{record.action} has ended, but {false.as_false()}", record.action)
+
+    def _check_order(self) -> None:
+        """Fails when an action has ended too early for the plan; news of two ends may arrive out of order."""
+        overtaken = {found.action_id: found for found in self._schedule.overtaken()}
+        self._overtaken = {
+            action_id: self._overtaken.get(action_id) or self._outside.deadline(self._limits.over_all_grace)
+            for action_id in overtaken
+        }
+        for action_id, found in overtaken.items():
+            if found.certain or self._overtaken[action_id].remaining() <= 0:
+                self._fail(found.text, self._schedule.actions[action_id])
+
+    def _check_interface(self, record: Running) -> None:
+        fault = record.fault(self._outside, self._limits)
+        if fault is not None:
+            self._fail(fault.reason, record.action)
+            if fault.gone:
+                del self._running[record.action.id]
+        # An interface that has just started takes what is latched for an action of an earlier run.
+        elif record.asks_again() and self._outside.young(record.action.name):
+            self._outside.send(record.action)
+
+    def _fail(self, reason: str, action: Optional[PlannedAction] = None) -> None:
+        if self._failure is None:
+            self._failure = _Failure(DispatchState.FAILED, reason, action)
+
+    # --- stopping -----------------------------------------------------------------------------------
+
+    def _stop_running(self) -> None:
+        """Tells the running interfaces to stop and waits for their answers."""
+        while self._taken_in:
+            self._answer(self._taken_in.popleft())
+        if not self._running:
+            return
+        self._report(DispatchState.CANCELLING)
+        for record in self._running.values():
+            self._outside.send_cancel(record.action)
+        deadline = self._outside.deadline(self._limits.cancel)
+        while self._running:
+            left = deadline.remaining()
+            if left <= 0:
+                break
+            self._take_in(min(left, 1.0))  # who dies in silence is noticed every second
+            answered = len(self._running)
+            while self._taken_in:
+                self._answer(self._taken_in.popleft())
+            for record in list(self._running.values()):
+                if record.is_dead(self._outside.silence(record.action.name), self._limits.liveness):
+                    self._give_up(record)
+            if len(self._running) < answered:
+                self._report(DispatchState.CANCELLING)
+        for record in list(self._running.values()):
+            self._give_up(record)
+
+    def _give_up(self, record: Running) -> None:
+        self._unanswered.append(record.action)
+        del self._running[record.action.id]
+
+    def _answer(self, feedback: Event) -> None:
+        if not isinstance(feedback, Feedback):
+            return
+        record = self._running.get(feedback.action_id)
+        if record is None or feedback.plan_id not in (0, self.plan_id):
+            return
+        if feedback.status == FeedbackStatus.SUCCEEDED:
+            self._done += 1
+            self._schedule.ended(feedback.action_id, self._outside.now())
+        if feedback.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED):
+            del self._running[feedback.action_id]
+        else:
+            record.taken = True
+
+    def _report(self, state: Optional[DispatchState] = None) -> DispatchReport:
+        self._untold = False
+        failure = self._failure
+        total = len(self._schedule.actions)
+        if state is None:
+            if failure is None:
+                done = self._schedule.finished and not self._running
+                state = DispatchState.SUCCEEDED if done else DispatchState.RUNNING
+            elif failure.state == DispatchState.CANCELLED and self._schedule.finished:
+                state = DispatchState.SUCCEEDED
+            else:
+                state = failure.state
+        reason = failure.reason if failure is not None else f"{self._done} of {total} actions done"
+        if failure is not None and state == DispatchState.SUCCEEDED:
+            reason = "the last action had ended when the cancel came through"
+        if self._unanswered:
+            names = ", ".join(str(action) for action in self._unanswered)
+            reason += f"; no answer to the cancel from {names}"
+        report = DispatchReport(
+            state,
+            reason,
+            tuple(record.action for record in self._running.values()),
+            self._done,
+            total,
+            failure.action if failure is not None else None,
+            tuple(self._unanswered),
+        )
+        self._outside.changed(report)
+        return report
+
+
+def _together(names: Optional[FrozenSet[str]], more: Optional[FrozenSet[str]]) -> Optional[FrozenSet[str]]:
+    """Names that changed; None stands for all."""
+    return None if names is None or more is None else names | more

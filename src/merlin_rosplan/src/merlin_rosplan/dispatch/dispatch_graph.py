@@ -1,0 +1,259 @@
+"""What a plan graph allows to start next; actions run in parallel."""
+
+from typing import Dict, List, Optional, Set
+
+from merlin_rosplan.dispatch.dispatch_schedule import Overtaken, PlanError, PlannedAction, Schedule
+from merlin_rosplan.dispatch.plan_graph import MIN_BOUND, NO_BOUND, EdgeType, Node, NodeType, PlanGraph
+
+_PAST = 1e-6  # s after a latest time at which it has passed
+
+
+class GraphSchedule(Schedule):
+    """As the edges of a plan graph allow; actions run in parallel.
+
+    Parameters
+    ----------
+    graph: ids of nodes and edges are their indices.
+    actions: by index, as `Node.action` counts.
+    bounds: whether all time bounds of edges are kept. Without, only the earliest times of starts are: before
+        a timed literal the world is not ready, and the plan needs two starts separated.
+    fraction: by which bounds are widened.
+
+    Raises
+    ------
+    PlanError: the graph is not one that can be run.
+    """
+
+    def __init__(
+        self, graph: PlanGraph, actions: List[PlannedAction], bounds: bool = False, fraction: float = 0.0
+    ) -> None:
+        super().__init__(actions)
+        self._graph = graph
+        self._actions = actions
+        self._bounds = bounds
+        self._fraction = fraction
+        self._start_of = {
+            actions[node.action].id: node for node in graph.nodes if node.type == NodeType.ACTION_START
+        }
+        self._end_of = {
+            actions[node.action].id: node for node in graph.nodes if node.type == NodeType.ACTION_END
+        }
+        if set(self._start_of) != set(self.actions) or set(self._end_of) != set(self.actions):
+            raise PlanError("the plan graph does not have one start and one end node for each action")
+        self._missing = [len(node.edges_in) for node in graph.nodes]  # incoming edges that are not active
+        self._time: Dict[int, float] = {}  # of nodes that have happened
+        self._started: Set[int] = set()
+        self._completed: Set[int] = set()  # actions that ended; their end node may still wait for others
+        self._candidates: Set[int] = set()  # nodes with all edges active that have not happened
+        self._unseen: Set[int] = set()  # start nodes of dispatched actions whose effects were not seen
+        self._sent: Dict[int, float] = {}  # when those were dispatched
+        self._unseen_into = [0] * len(graph.nodes)  # edges from those
+        self._blocked: Set[int] = set()  # nodes that wait for nothing else
+        self._too_late: Set[int] = set()  # edges whose sink happened before their source was dispatched
+        self._overtaking: Set[int] = set()  # end nodes of actions that have ended, waiting for others
+        self._check_acyclic()
+
+    @property
+    def finished(self) -> bool:
+        """Whether every node has happened."""
+        return len(self._time) == len(self._graph.nodes)
+
+    @property
+    def active_edges(self) -> Set[int]:
+        """Edges whose source has happened and whose sink has not."""
+        return {
+            edge
+            for node in list(self._time)  # a copy: whoever draws reads while the dispatch goes on
+            for edge in self._graph.nodes[node].edges_out
+            if self._graph.edges[edge].sink not in self._time
+        }
+
+    def node_state(self, node: Node) -> str:
+        """``waiting``, ``dispatched`` or ``completed``."""
+        if node.type == NodeType.PLAN_START:
+            return "plan_start"
+        action = self._actions[node.action].id
+        if action in self._completed:
+            return "completed"
+        return "dispatched" if action in self._started else "waiting"
+
+    def begin(self, now: float) -> None:
+        """The nodes without predecessors become possible; the start of the plan happens."""
+        for node in self._graph.nodes:
+            if not self._missing[node.id]:
+                self._candidates.add(node.id)
+        for node in self._graph.nodes:
+            if node.type == NodeType.PLAN_START:
+                self._happen(node.id, now)
+
+    def ready(self, now: float) -> List[PlannedAction]:
+        """Actions whose start node has all its edges active and is not too early."""
+        return [
+            self._actions[self._graph.nodes[node].action]
+            for node in sorted(self._candidates)
+            if self._graph.nodes[node].type == NodeType.ACTION_START and self._earliest(node) <= now
+        ]
+
+    def started(self, action_id: int, now: float, seen: bool = True) -> None:
+        """The start node happens, once its effects are applied."""
+        self._started.add(action_id)
+        node = self._start_of[action_id]
+        if seen:
+            self._happen(node.id, now)
+            return
+        self._candidates.discard(node.id)
+        self._unseen.add(node.id)
+        self._sent[node.id] = now
+        for sink in self._others_after(node):
+            self._unseen_into[sink] += 1
+            self._block(sink)
+
+    def seen(self, action_id: int, now: float) -> None:
+        """The start node happens."""
+        node = self._start_of[action_id]
+        if node.id in self._unseen:
+            self._unseen.discard(node.id)
+            for sink in self._others_after(node):
+                self._unseen_into[sink] -= 1
+            self._happen(node.id, now)
+            self._time[node.id] = self._sent[node.id]  # it is looked for only when something waits for it
+
+    def awaited(self) -> List[int]:
+        """Actions whose start node is all that another start, or the end of an ended action, waits for."""
+        sources = {
+            self._graph.edges[edge].source
+            for sink in self._blocked
+            if self._graph.nodes[sink].type == NodeType.ACTION_START or sink in self._overtaking
+            for edge in self._graph.nodes[sink].edges_in
+        }
+        if self._bounds:  # the time of an end counts from its start
+            sources = self._unseen
+        return sorted(self._actions[self._graph.nodes[node].action].id for node in sources & self._unseen)
+
+    def ended(self, action_id: int, now: float) -> None:
+        """The end node happens, once its other edges allow it."""
+        self.seen(action_id, now)
+        self._completed.add(action_id)
+        node = self._end_of[action_id]
+        self._overtaking.add(node.id)
+        for edge in (self._graph.edges[edge] for edge in node.edges_in):
+            source = self._graph.nodes[edge.source]
+            if source.action >= 0 and self._actions[source.action].id not in self._started:
+                self._too_late.add(edge.id)
+        self._happen_if_due(node.id, now)
+
+    def overtaken(self) -> List[Overtaken]:
+        """Actions whose end node waits for the source of a strict edge."""
+        found: List[Overtaken] = []
+        for node_id in sorted(self._overtaking):
+            node = self._graph.nodes[node_id]
+            for edge in (self._graph.edges[edge] for edge in node.edges_in):
+                if edge.strict and edge.source not in self._time:
+                    source = self._graph.nodes[edge.source]
+                    verb = "started" if source.type == NodeType.ACTION_START else "ended"
+                    first, second = self._actions[source.action], self._actions[node.action]
+                    text = (
+                        f"{second} has ended before {first} {verb}; the plan needs them the other way round"
+                    )
+                    found.append(Overtaken(second.id, text, edge.id in self._too_late))
+                    break
+        return found
+
+    def wake_time(self, now: float) -> Optional[float]:
+        """The next bound of a node that waits for nothing else."""
+        times: List[float] = []
+        for node in self._candidates:
+            if self._graph.nodes[node].type == NodeType.ACTION_START:
+                times.append(self._earliest(node))
+            if self._bounds:
+                times.append(self._latest(node) + _PAST)
+        return min((time for time in times if now < time < NO_BOUND), default=None)
+
+    def waits_for_time(self, action_id: int) -> bool:
+        """Whether an edge bounds its start from below."""
+        return self._earliest(self._start_of[action_id].id) > 0.0
+
+    def late(self, now: float) -> Optional[str]:
+        """The first node whose latest time has passed; without bounds nothing is late."""
+        if not self._bounds:
+            return None
+        for node_id in sorted(self._candidates):
+            latest = self._latest(node_id)
+            if now > latest:
+                node = self._graph.nodes[node_id]
+                verb = "started" if node.type == NodeType.ACTION_START else "ended"
+                return f"{self._actions[node.action]} should have {verb} {now - latest:.3f} s ago"
+        return None
+
+    def waiting(self) -> List[str]:
+        """Actions that were not started."""
+        return [str(action) for action in self._actions if action.id not in self._started]
+
+    def _happen(self, node_id: int, now: float) -> None:
+        self._time[node_id] = now
+        self._candidates.discard(node_id)
+        self._overtaking.discard(node_id)
+        self._blocked.discard(node_id)
+        for edge_id in self._graph.nodes[node_id].edges_out:
+            sink = self._graph.edges[edge_id].sink
+            self._missing[sink] -= 1
+            self._block(sink)
+            if not self._missing[sink] and sink not in self._time:
+                self._candidates.add(sink)
+                self._happen_if_due(sink, now)
+
+    def _others_after(self, node: Node) -> List[int]:
+        """Nodes after a start node, except the end of the same action."""
+        sinks = [self._graph.edges[edge].sink for edge in node.edges_out]
+        return [sink for sink in sinks if self._graph.nodes[sink].action != node.action]
+
+    def _block(self, node_id: int) -> None:
+        if 0 < self._missing[node_id] == self._unseen_into[node_id]:
+            self._blocked.add(node_id)
+        else:
+            self._blocked.discard(node_id)
+
+    def _happen_if_due(self, node_id: int, now: float) -> None:
+        node = self._graph.nodes[node_id]
+        if (
+            node.type == NodeType.ACTION_END
+            and node_id in self._candidates
+            and self._actions[node.action].id in self._completed
+        ):
+            self._happen(node_id, now)
+
+    def _earliest(self, node_id: int) -> float:
+        earliest = 0.0
+        for edge_id in self._graph.nodes[node_id].edges_in:
+            edge = self._graph.edges[edge_id]
+            from_start = self._graph.nodes[edge.source].type == NodeType.PLAN_START
+            literal = from_start and edge.type == EdgeType.CONDITION and edge.lower > MIN_BOUND
+            separated = not self._bounds and edge.type != EdgeType.START_END and edge.lower > MIN_BOUND
+            if literal or separated:  # no tolerance makes the world ready before its time
+                earliest = max(earliest, self._time[edge.source] + edge.lower)
+            elif self._bounds and edge.lower > MIN_BOUND:
+                earliest = max(earliest, self._time[edge.source] + edge.lower * (1.0 - self._fraction))
+        return earliest
+
+    def _latest(self, node_id: int) -> float:
+        latest = NO_BOUND
+        for edge_id in self._graph.nodes[node_id].edges_in:
+            edge = self._graph.edges[edge_id]
+            if edge.upper < NO_BOUND:
+                latest = min(latest, self._time[edge.source] + edge.upper * (1.0 + self._fraction))
+        return latest
+
+    def _check_acyclic(self) -> None:
+        missing = list(self._missing)
+        free = [node.id for node in self._graph.nodes if not missing[node.id]]
+        seen = 0
+        while free:
+            seen += 1
+            for edge_id in self._graph.nodes[free.pop()].edges_out:
+                sink = self._graph.edges[edge_id].sink
+                missing[sink] -= 1
+                if not missing[sink]:
+                    free.append(sink)
+        if seen < len(self._graph.nodes):
+            stuck = [node.name for node in self._graph.nodes if missing[node.id] > 0]
+            raise PlanError(f"the plan graph has a cycle through {', '.join(stuck[:5])}")

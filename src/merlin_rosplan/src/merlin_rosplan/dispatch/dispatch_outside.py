@@ -1,0 +1,185 @@
+"""What a dispatch tells and needs: states, report, the events it reacts to, and the world outside it."""
+
+import abc
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple, Union
+
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
+from merlin_rosplan.dispatch.operator_model import Conditions, Operator
+
+
+class FeedbackStatus(IntEnum):
+    """Status in an ActionFeedback."""
+
+    PRECONDITION_FALSE = 0
+    ENABLED = 1
+    SUCCEEDED = 2
+    DISPATCHED_TO_START_STATE = 3
+    SUCCEEDED_TO_START_STATE = 4
+    FAILED = 10
+
+
+class DispatchState(IntEnum):
+    """State of a dispatch."""
+
+    IDLE = 0
+    RUNNING = 1
+    CANCELLING = 2
+    SUCCEEDED = 3
+    FAILED = 4
+    CANCELLED = 5
+
+
+class DispatchError(Exception):
+    """Something outside does not work (the knowledge base does not answer, …); ends the dispatch."""
+
+
+@dataclass(frozen=True)
+class DispatchLimits:
+    """Patience of a dispatcher, s, on the monotonic clock less the simulator's pauses; None: no limit.
+
+    Parameters
+    ----------
+    acknowledge: an action whose interface has never been heard of must be taken within this time.
+    accept: an action whose interface is alive must be taken within this time.
+    liveness: an interface that announced itself regularly and has been silent this long is dead.
+    cancel: how long a cancelled action's interface may take to answer.
+    over_all_grace: an action whose own end effects break its over-all condition reports its end within it.
+    settle: within it an interface has applied the start effects of an action it was given, and a knowledge
+        base a timed literal whose time has come; until then an action that needs them is not refused.
+    """
+
+    acknowledge: Optional[float] = 2.0
+    accept: Optional[float] = 10.0
+    liveness: Optional[float] = 5.0
+    cancel: Optional[float] = 5.0
+    over_all_grace: float = 1.0
+    settle: float = 2.0
+
+
+@dataclass(frozen=True)
+class DispatchReport:
+    """How a dispatch stands, or how it ended.
+
+    Parameters
+    ----------
+    goal_achieved: whether every goal held at its end.
+    unmet_goals: those that did not, as PDDL text.
+    """
+
+    state: DispatchState
+    reason: str
+    running: Tuple[PlannedAction, ...] = ()
+    steps_done: int = 0
+    steps_total: int = 0
+    failed_action: Optional[PlannedAction] = None
+    unanswered: Tuple[PlannedAction, ...] = ()
+    goal_achieved: bool = False
+    unmet_goals: Tuple[str, ...] = ()
+
+    @property
+    def success(self) -> bool:
+        """Whether every action of the plan succeeded."""
+        return self.state == DispatchState.SUCCEEDED
+
+
+class Outside(abc.ABC):
+    """What a dispatch needs from the world. Called in the thread that runs the dispatch only."""
+
+    @abc.abstractmethod
+    def now(self) -> float:
+        """ROS time, s."""
+
+    @abc.abstractmethod
+    def deadline(self, seconds: Optional[float]) -> Any:
+        """A deadline with ``remaining()``; None means never."""
+
+    @abc.abstractmethod
+    def send(self, action: PlannedAction) -> None:
+        """Dispatches an action."""
+
+    @abc.abstractmethod
+    def send_cancel(self, action: PlannedAction) -> None:
+        """Tells the action's interface to stop."""
+
+    @abc.abstractmethod
+    def close(self, action: PlannedAction) -> None:
+        """Publishes the tombstone, so that nobody who subscribes later executes the last action."""
+
+    @abc.abstractmethod
+    def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
+        """Publishes the dispatcher's own feedback, if it publishes any."""
+
+    @abc.abstractmethod
+    def operator(self, action: PlannedAction) -> Operator:
+        """The ground operator of an action; raises DispatchError when there is none."""
+
+    @abc.abstractmethod
+    def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
+        """Those of the action's conditions that do not hold now; raises DispatchError."""
+
+    def false_of_each(self, asked: Sequence[Tuple[PlannedAction, Conditions]]) -> List[Conditions]:
+        """:meth:`false_of` for several actions at one moment, in their order."""
+        return [self.false_of(action, conditions) for action, conditions in asked]
+
+    def next_change(self, names: FrozenSet[str], until: float) -> Optional[float]:
+        """The ROS time, s, of the last change of these names that the knowledge base waits for.
+
+        Only changes that come up to `until` count; None: there is none.
+        """
+        return None
+
+    def begun(self, action: PlannedAction) -> Optional[bool]:
+        """Whether the start effects of an action that was sent are applied; None when that is not known.
+
+        Asked after each change of the knowledge base while something waits for them.
+        """
+        return None
+
+    @abc.abstractmethod
+    def silence(self, operator: str) -> Optional[float]:
+        """Seconds since the operator's interface last announced itself; None when it never has."""
+
+    @abc.abstractmethod
+    def young(self, operator: str) -> bool:
+        """Whether the operator's interface announced itself for the first time only seconds ago."""
+
+    @abc.abstractmethod
+    def wake_at(self, when: Optional[float]) -> None:
+        """Asks for a :class:`Tick` at a ROS time, s; None takes the wish back."""
+
+    @abc.abstractmethod
+    def changed(self, report: DispatchReport) -> None:
+        """Something worth telling has happened."""
+
+
+class Feedback(NamedTuple):
+    """An action interface reports."""
+
+    action_id: int
+    status: int
+    plan_id: int = 0
+    reason: str = ""
+
+
+class Cancel(NamedTuple):
+    """Somebody wants the dispatch to stop."""
+
+    reason: str
+
+
+class KnowledgeChanged(NamedTuple):
+    """The knowledge base changed; `names` of predicates and functions, None when it does not say.
+
+    No names: something was applied that changed nothing.
+    """
+
+    names: Optional[FrozenSet[str]] = None
+
+
+class Tick(NamedTuple):
+    """The time asked for by ``wake_at`` has come."""
+
+
+Event = Union[Feedback, Cancel, KnowledgeChanged, Tick]

@@ -1,0 +1,191 @@
+"""An action that was dispatched and has not ended: what is known of it, and what is watched."""
+
+from dataclasses import dataclass, field
+from typing import Any, FrozenSet, Iterator, NamedTuple, Optional, Sequence, Set, Tuple
+
+from merlin_rosplan.dispatch.dispatch_outside import DispatchLimits, Outside
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
+from merlin_rosplan.dispatch.operator_model import (
+    Conditions,
+    Operator,
+    broken_by_own_end,
+    over_all_before_start,
+)
+
+
+class Fault(NamedTuple):
+    """Why a running action is given up; `gone`: there is nothing that would answer a cancel."""
+
+    reason: str
+    gone: bool = False
+
+
+@dataclass
+class Running:
+    """One running action.
+
+    Parameters
+    ----------
+    acknowledge, accept, settle: deadlines, from when it was sent.
+    watched: over-all conditions that hold and have to go on holding.
+    pending: over-all conditions that the start effects bring about; watched once seen true.
+    names: what the over-all conditions depend on.
+    """
+
+    action: PlannedAction
+    operator: Operator
+    acknowledge: Any
+    accept: Any
+    settle: Any
+    watched: Conditions
+    pending: Conditions
+    names: FrozenSet[str]
+    taken: bool = False
+    alive: Optional[Any] = None  # until then its interface is alive, having taken the action
+    applied: Optional[Any] = (
+        None  # until then its start effects have been applied, if it has taken the action
+    )
+    sent_again: bool = False
+    grace: Optional[Any] = None
+    broken: str = ""
+    unheard: Set[str] = field(
+        default_factory=set
+    )  # names its start effects change, of which no change was seen
+    look: bool = True  # whether it is worth asking again for its start effects
+
+    @staticmethod
+    def make(
+        action: PlannedAction, operator: Operator, outside: Outside, limits: DispatchLimits
+    ) -> "Running":
+        """The record of an action that is about to be sent."""
+        first = over_all_before_start(operator)
+        effects = operator.start_effects
+        return Running(
+            action,
+            operator,
+            outside.deadline(limits.acknowledge),
+            outside.deadline(limits.accept),
+            outside.deadline(limits.settle),
+            first,
+            operator.over_all - first,
+            operator.over_all.names,
+            unheard=set(effects.names) if operator.durative else set(),
+        )
+
+    @property
+    def seen_at_once(self) -> bool:
+        """Whether its start changes nothing that would have to be applied first."""
+        return not self.operator.durative or self.operator.start_effects.empty
+
+    def changed(self, names: Optional[FrozenSet[str]]) -> None:
+        """These predicates and functions have changed; None: any may have."""
+        if names is None:
+            self.unheard.clear()
+            self.look = True
+        else:
+            self.unheard -= names
+            self.look |= not names or bool(names & self.operator.start_effects.names)
+
+    def start_applied(self, outside: Outside) -> bool:
+        """Whether the start effects are there.
+
+        A knowledge base of ours lists the executions, and nothing else counts: a change may be of another
+        action. Of others a change of what they change can be seen: where none comes, because the effect
+        changes nothing, the time an interface has to apply them must do.
+        """
+        if self.applied is not None and self.applied.remaining() <= 0:
+            return True
+        if not self.look:
+            return False
+        self.look = False
+        begun = outside.begun(self.action)
+        if begun is not None:
+            return begun
+        if self.unheard:
+            return False
+        added = {atom.key for atom in self.operator.start_effects.add}
+        deleted = tuple(atom for atom in self.operator.start_effects.delete if atom.key not in added)
+        wanted = Conditions(self.operator.start_effects.add, deleted)
+        return wanted.empty or outside.false_of(self.action, wanted).empty
+
+    def is_affected(self, changes: Optional[FrozenSet[str]]) -> bool:
+        """Whether its over-all conditions depend on what has changed; None: anything may have."""
+        return bool(self.names) and (changes is None or bool(self.names & changes))
+
+    def fault(self, outside: Outside, limits: DispatchLimits) -> Optional[Fault]:
+        """Why it has to be given up, if it has to."""
+        action = self.action
+        silence = outside.silence(action.name)
+        unanswered = self._unanswered()
+        dead = self.is_dead(silence, limits.liveness)
+        if self.grace is not None and self.grace.remaining() <= 0:
+            return Fault(f"{action} cannot go on: {self.broken}")
+        if unanswered and silence is None:
+            return Fault(f"no action interface for {action.name}", gone=True)
+        if dead and (self.taken or unanswered):
+            return Fault(
+                f"the action interface of {action.name} is gone, silent for {silence:.1f} s", gone=True
+            )
+        if not self.taken and self.accept.remaining() <= 0:
+            return Fault(
+                f"the action interface of {action.name} is alive but did not take {action} "
+                f"within {limits.accept:g} s"
+            )
+        return None
+
+    def asks_again(self) -> bool:
+        """Whether it may have to be sent once more; true once."""
+        again = self._unanswered() and not self.sent_again
+        self.sent_again |= again
+        return again
+
+    def _unanswered(self) -> bool:
+        return not self.taken and self.acknowledge.remaining() <= 0
+
+    def breaks_itself(self, broken: Conditions) -> bool:
+        """Whether its own end effects explain all of these over-all conditions."""
+        own = self.operator.end_effects
+        return (
+            all(broken_by_own_end(self.operator, atom, False) for atom in broken.positive)
+            and all(broken_by_own_end(self.operator, atom, True) for atom in broken.negative)
+            and all(entry.functions & own.names for entry in broken.comparisons)
+            and all(entry.reads & own.names for entry in broken.expressions)
+        )
+
+    @property
+    def needed_at_end(self) -> Conditions:
+        """The at-end conditions that its own end effects leave alone: they can be asked for after the end."""
+        own = self.operator.end_effects.names
+        needed = self.operator.at_end
+        return Conditions(
+            tuple(atom for atom in needed.positive if atom.name.lower() not in own),
+            tuple(atom for atom in needed.negative if atom.name.lower() not in own),
+            tuple(entry for entry in needed.comparisons if not entry.functions & own),
+            tuple(entry for entry in needed.expressions if not entry.reads & own),
+        )
+
+    def is_dead(self, silence: Optional[float], liveness: Optional[float]) -> bool:
+        """Whether its interface announced itself and has stopped; taking an action is a sign of life too."""
+        if silence is None or liveness is None or silence <= liveness:
+            return False
+        return self.alive is None or self.alive.remaining() <= 0
+
+
+def broken_over_all(
+    records: Sequence[Running], outside: Outside, limits: DispatchLimits
+) -> Iterator[Tuple[Running, str]]:
+    """Asks for the over-all conditions of running actions, in one call; gives those that cannot go on."""
+    asked = [(record.action, record.pending + record.watched) for record in records]
+    for record, false in zip(records, outside.false_of_each(asked) if asked else []):
+        record.watched += record.pending - false  # what has come true has to stay so
+        record.pending -= record.watched
+        broken = false - record.pending
+        if broken.empty:
+            record.grace = None
+            continue
+        record.broken = broken.as_false()
+        if not record.breaks_itself(broken):
+            yield record, f"{record.action} cannot go on: {record.broken}"
+        elif record.grace is None:
+            # Interfaces apply the end effects before they report the end.
+            record.grace = outside.deadline(limits.over_all_grace)

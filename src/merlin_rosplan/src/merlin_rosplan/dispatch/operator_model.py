@@ -1,0 +1,319 @@
+"""Operators as the parser and the dispatcher see them: conditions and effects by time, ready to be grounded.
+
+They are read from ``rosplan_knowledge_msgs/DomainOperator`` by attribute, so nothing here needs ROS. What
+that message cannot carry (disjunctions, quantifiers, derived predicates) comes from
+:mod:`merlin_rosplan.messages.operator_expressions`.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Dict, FrozenSet, Iterable, NamedTuple, Sequence, Set, Tuple
+
+from merlin_pddl import formula
+
+
+class Atom(NamedTuple):
+    """A predicate with arguments: operator variables (or constants) before grounding, objects after it."""
+
+    name: str
+    arguments: Tuple[str, ...] = ()
+
+    def ground(self, binding: Dict[str, str]) -> "Atom":
+        """Variables replaced; what is no variable is a constant and stands for itself."""
+        return Atom(self.name, tuple([binding.get(argument, argument) for argument in self.arguments]))
+
+    @property
+    def key(self) -> "Atom":
+        """The atom for comparing: names in PDDL do not depend on case."""
+        lower = Atom(self.name.lower(), tuple([argument.lower() for argument in self.arguments]))
+        return self if lower == self else lower  # most are: one object for all who keep it
+
+    def __str__(self) -> str:
+        return "(" + " ".join((self.name,) + self.arguments) + ")"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A numeric condition.
+
+    Parameters
+    ----------
+    message: the DomainInequality it came from, not grounded.
+    reads: function terms in it.
+    """
+
+    message: Any
+    reads: Tuple[Atom, ...] = ()
+
+    @property
+    def functions(self) -> FrozenSet[str]:
+        """Names of the functions it reads."""
+        return frozenset(term.name.lower() for term in self.reads)
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A condition that is neither literal nor comparison.
+
+    Parameters
+    ----------
+    condition: it; operator variables before grounding, objects after it.
+    reads: names of the predicates and functions that it depends on.
+    """
+
+    condition: formula.Condition
+    reads: FrozenSet[str] = frozenset()
+
+    def ground(self, binding: Dict[str, str]) -> "Expression":
+        """Operator variables replaced."""
+        bindings = {f"?{name}": value for name, value in binding.items()}
+        return Expression(formula.ground(self.condition, bindings), self.reads)
+
+    def __str__(self) -> str:
+        return formula.to_pddl(self.condition)
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions of one time label."""
+
+    positive: Tuple[Atom, ...] = ()
+    negative: Tuple[Atom, ...] = ()
+    comparisons: Tuple[Comparison, ...] = ()
+    expressions: Tuple[Expression, ...] = ()
+
+    def __add__(self, other: "Conditions") -> "Conditions":
+        return Conditions(
+            self.positive + other.positive,
+            self.negative + other.negative,
+            self.comparisons + other.comparisons,
+            self.expressions + other.expressions,
+        )
+
+    def __sub__(self, other: "Conditions") -> "Conditions":
+        return Conditions(
+            tuple(atom for atom in self.positive if atom not in other.positive),
+            tuple(atom for atom in self.negative if atom not in other.negative),
+            tuple(entry for entry in self.comparisons if entry not in other.comparisons),
+            tuple(entry for entry in self.expressions if entry not in other.expressions),
+        )
+
+    @property
+    def names(self) -> FrozenSet[str]:
+        """Predicates and functions that they depend on."""
+        return frozenset(atom.name.lower() for atom in self.positive + self.negative).union(
+            *(entry.functions for entry in self.comparisons), *(entry.reads for entry in self.expressions)
+        )
+
+    def ground(self, binding: Dict[str, str]) -> "Conditions":
+        """Atoms and terms grounded; a comparison's message is grounded when it is asked."""
+        return Conditions(
+            _ground(self.positive, binding),
+            _ground(self.negative, binding),
+            tuple(Comparison(entry.message, _ground(entry.reads, binding)) for entry in self.comparisons),
+            tuple(entry.ground(binding) for entry in self.expressions),
+        )
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing to check."""
+        return not (self.positive or self.negative or self.comparisons or self.expressions)
+
+    def as_false(self) -> str:
+        """That they are false, as part of a sentence."""
+        parts = [f"{atom} does not hold" for atom in self.positive]
+        parts += [f"{atom} holds" for atom in self.negative]
+        parts += [
+            f"a comparison of {', '.join(sorted(entry.functions)) or 'numbers'} is false"
+            for entry in self.comparisons
+        ]
+        parts += [f"{entry} does not hold" for entry in self.expressions]
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Effects:
+    """Effects of one time label; of numeric ones only which function terms they change and read.
+
+    Parameters
+    ----------
+    additive: those of `writes` that are only increased or decreased; such changes commute.
+    wild, wild_reads: names that conditional, quantified and continuous effects change and read.
+    """
+
+    add: Tuple[Atom, ...] = ()
+    delete: Tuple[Atom, ...] = ()
+    writes: Tuple[Atom, ...] = ()
+    reads: Tuple[Atom, ...] = ()
+    additive: Tuple[Atom, ...] = ()
+    wild: FrozenSet[str] = frozenset()
+    wild_reads: FrozenSet[str] = frozenset()
+
+    @property
+    def functions(self) -> FrozenSet[str]:
+        """Names of the functions they change."""
+        return frozenset(term.name.lower() for term in self.writes)
+
+    @property
+    def names(self) -> FrozenSet[str]:
+        """Names of the predicates and functions they change."""
+        return self.functions.union(self.wild, (atom.name.lower() for atom in self.add + self.delete))
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing changes."""
+        return not (self.add or self.delete or self.writes or self.wild)
+
+    def ground(self, binding: Dict[str, str]) -> "Effects":
+        """Atoms and terms grounded."""
+        return Effects(
+            *(
+                _ground(atoms, binding)
+                for atoms in (self.add, self.delete, self.writes, self.reads, self.additive)
+            ),
+            self.wild,
+            self.wild_reads,
+        )
+
+
+class BindingError(ValueError):
+    """Arguments that do not fit an operator; the text says how."""
+
+
+@dataclass(frozen=True)
+class Operator:
+    """An operator, or with objects for variables one of its ground actions.
+
+    A plain one (not `durative`) has its conditions in `at_start` and its effects in `start_effects`, as the
+    messages carry them. They are applied when it ends.
+    """
+
+    name: str
+    parameters: Tuple[str, ...]
+    at_start: Conditions = field(default_factory=Conditions)
+    over_all: Conditions = field(default_factory=Conditions)
+    at_end: Conditions = field(default_factory=Conditions)
+    start_effects: Effects = field(default_factory=Effects)
+    end_effects: Effects = field(default_factory=Effects)
+    durative: bool = True
+
+    @staticmethod
+    def from_message(message: Any) -> "Operator":
+        """Reads a DomainOperator.
+
+        The message does not say whether it is durative: one with nothing over all and at its end counts as
+        plain, as it does for the action interfaces.
+        """
+        found = Operator(
+            message.formula.name,
+            tuple(parameter.key for parameter in message.formula.typed_parameters),
+            _conditions(
+                message.at_start_simple_condition, message.at_start_neg_condition, message.at_start_comparison
+            ),
+            _conditions(
+                message.over_all_simple_condition, message.over_all_neg_condition, message.over_all_comparison
+            ),
+            _conditions(
+                message.at_end_simple_condition, message.at_end_neg_condition, message.at_end_comparison
+            ),
+            _effects(
+                message.at_start_add_effects, message.at_start_del_effects, message.at_start_assign_effects
+            ),
+            _effects(message.at_end_add_effects, message.at_end_del_effects, message.at_end_assign_effects),
+        )
+        plain = found.over_all.empty and found.at_end.empty and found.end_effects.empty
+        return replace(found, durative=not plain)
+
+    def bind(self, arguments: Sequence[str]) -> Dict[str, str]:
+        """Objects by parameter, from a plan's list of arguments.
+
+        Raises
+        ------
+        BindingError: the number of arguments is not the number of parameters.
+        """
+        if len(arguments) != len(self.parameters):
+            raise BindingError(
+                f"{self.name} has {len(self.parameters)} parameters ({' '.join(self.parameters) or 'none'}), "
+                f"not {len(arguments)} ({' '.join(arguments) or 'none'})"
+            )
+        return dict(zip(self.parameters, arguments))
+
+    def ground(self, binding: Dict[str, str]) -> "Operator":
+        """The ground action; parameters without an object stay variables."""
+        return Operator(
+            self.name,
+            tuple(binding.get(parameter, parameter) for parameter in self.parameters),
+            self.at_start.ground(binding),
+            self.over_all.ground(binding),
+            self.at_end.ground(binding),
+            self.start_effects.ground(binding),
+            self.end_effects.ground(binding),
+            self.durative,
+        )
+
+
+def over_all_before_start(action: Operator) -> Conditions:
+    """The over-all conditions of a ground action that must hold already before it starts.
+
+    Those its own start effects bring about do not: they hold from the start on, not before it.
+    """
+    effects = action.start_effects
+    if effects.empty:
+        return action.over_all
+    added = {atom.key for atom in effects.add}
+    deleted = {atom.key for atom in effects.delete}
+
+    def own(atom: Atom, made: Set[Atom]) -> bool:
+        return atom.key in made or atom.name.lower() in effects.wild
+
+    return Conditions(
+        tuple(atom for atom in action.over_all.positive if not own(atom, added)),
+        tuple(atom for atom in action.over_all.negative if not own(atom, deleted)),
+        tuple(entry for entry in action.over_all.comparisons if not entry.functions & effects.names),
+        tuple(entry for entry in action.over_all.expressions if not entry.reads & effects.names),
+    )
+
+
+def broken_by_own_end(action: Operator, atom: Atom, negative: bool) -> bool:
+    """Whether the end effects of a ground action make one of its own over-all conditions false."""
+    effects = action.end_effects.add if negative else action.end_effects.delete
+    return atom.key in {effect.key for effect in effects} or atom.name.lower() in action.end_effects.wild
+
+
+def _atom(formula: Any) -> Atom:
+    return Atom(formula.name, tuple(parameter.key for parameter in formula.typed_parameters))
+
+
+def _atoms(formulas: Iterable[Any]) -> Tuple[Atom, ...]:
+    return tuple(_atom(formula) for formula in formulas)
+
+
+def _ground(atoms: Iterable[Atom], binding: Dict[str, str]) -> Tuple[Atom, ...]:
+    return tuple(atom.ground(binding) for atom in atoms)
+
+
+def _terms(*expressions: Any) -> Tuple[Atom, ...]:
+    return tuple(
+        _atom(token.function)
+        for expression in expressions
+        for token in expression.tokens
+        if token.expr_type == token.FUNCTION
+    )
+
+
+def _conditions(positive: Iterable[Any], negative: Iterable[Any], comparisons: Iterable[Any]) -> Conditions:
+    return Conditions(
+        _atoms(positive),
+        _atoms(negative),
+        tuple(Comparison(entry, _terms(entry.LHS, entry.RHS)) for entry in comparisons),
+    )
+
+
+def _effects(add: Iterable[Any], delete: Iterable[Any], assign: Iterable[Any]) -> Effects:
+    assign = list(assign)
+    return Effects(
+        _atoms(add),
+        _atoms(delete),
+        tuple(_atom(entry.LHS) for entry in assign),
+        tuple(term for entry in assign for term in _terms(entry.RHS)),
+        tuple(_atom(entry.LHS) for entry in assign if entry.assign_type in (entry.INCREASE, entry.DECREASE)),
+    )

@@ -1,0 +1,117 @@
+"""Conditions on function values that change by themselves at given times."""
+
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Union
+
+from merlin_pddl.evaluation import arithmetic, compare
+from merlin_rosplan.dispatch.operator_model import Atom, Comparison, Conditions
+from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
+
+
+class TimedNumbers:
+    """The timed values of a plan, and from when on a condition holds because of them.
+
+    Parameters
+    ----------
+    timed: literals count for expressions, of which only the names are known here.
+    values: what function terms are worth before, by `Atom.key`.
+    epsilon: s by which times may be off.
+    """
+
+    def __init__(
+        self,
+        timed: Iterable[Union[TimedLiteral, TimedValue]],
+        values: Mapping[Atom, float],
+        epsilon: float,
+    ) -> None:
+        self._entries = sorted(timed, key=lambda entry: entry.time)
+        self._values = dict(values)
+        self._epsilon = epsilon
+
+    def __bool__(self) -> bool:
+        return bool(self._entries)
+
+    def since(self, conditions: Conditions, now: float, changed: Mapping[Atom, float]) -> Optional[float]:
+        """The time, s, that the conditions of a node have to wait for; None when there is none.
+
+        Parameters
+        ----------
+        now: planned time of the node, s.
+        changed: when actions of the plan changed a term last; what it is worth then is not known.
+        """
+        found: List[float] = []
+        for entry in conditions.comparisons:
+            time = self._since(entry, now, changed)
+            if time is not None:
+                found.append(time)
+        for expression in conditions.expressions:
+            times = [e.time for e in self._past(now) if _name(e) in expression.reads]
+            found.extend(times[-1:])
+        return max(found, default=None)
+
+    def _past(self, now: float) -> List[Union[TimedLiteral, TimedValue]]:
+        return [entry for entry in self._entries if entry.time <= now + self._epsilon]
+
+    def _since(self, entry: Comparison, now: float, changed: Mapping[Atom, float]) -> Optional[float]:
+        terms = {term.key for term in entry.reads}
+        last_change = max((changed[term] for term in terms if term in changed), default=None)
+        past = [
+            timed for timed in self._past(now) if isinstance(timed, TimedValue) and timed.term.key in terms
+        ]
+        if not past:
+            return None
+        if last_change is not None:  # the values before it are not known
+            return past[-1].time if past[-1].time > last_change else None
+        values = {term: self._values[term] for term in terms if term in self._values}
+        held = [comparison_holds(entry, values)]
+        for timed in past:
+            values[timed.term.key] = timed.value
+            held.append(comparison_holds(entry, values))
+        first = len(held) - 1
+        while first > 0 and held[first - 1]:
+            first -= 1
+        return past[first - 1].time if first > 0 else None
+
+
+def _name(entry: Union[TimedLiteral, TimedValue]) -> str:
+    return (entry.atom if isinstance(entry, TimedLiteral) else entry.term).name.lower()
+
+
+def comparison_holds(entry: Comparison, values: Mapping[Atom, float]) -> bool:
+    """Whether a ground comparison holds with these values of its terms; without one of them it does not."""
+    message = entry.message
+    terms = iter(entry.reads)
+    left = _worth(list(message.LHS.tokens), terms, values)
+    right = _worth(list(message.RHS.tokens), terms, values)
+    if left is None or right is None:
+        return False
+    names: Dict[int, str] = {
+        message.GREATER: ">",
+        message.GREATEREQ: ">=",
+        message.LESS: "<",
+        message.LESSEQ: "<=",
+        message.EQUALS: "=",
+    }
+    return compare(names[message.comparison_type], left, right)
+
+
+def _worth(tokens: List[Any], terms: Iterator[Atom], values: Mapping[Atom, float]) -> Optional[float]:
+    """The worth of an expression in prefix notation; takes its function terms from `terms`."""
+    stack: List[Optional[float]] = []
+    given: List[Optional[float]] = []
+    for token in tokens:
+        if token.expr_type == token.FUNCTION:
+            term = next(terms, None)
+            given.append(values.get(term.key) if term is not None else None)
+        else:
+            given.append(token.constant if token.expr_type == token.CONSTANT else None)
+    for token, value in zip(reversed(tokens), reversed(given)):
+        if token.expr_type != token.OPERATOR:
+            stack.append(value)
+            continue
+        wanted = 1 if token.op == token.UMINUS else 2
+        if len(stack) < wanted:
+            return None
+        operands = [stack.pop() for _ in range(wanted)]
+        names = {token.ADD: "+", token.SUB: "-", token.MUL: "*", token.DIV: "/", token.UMINUS: "-"}
+        stack.append(arithmetic(names[token.op], operands))
+    return stack[0] if len(stack) == 1 else None

@@ -1,0 +1,1 @@
+"""The plan dispatchers as components, and simulated actions."""

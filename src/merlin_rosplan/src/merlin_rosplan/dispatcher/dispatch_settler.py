@@ -1,0 +1,92 @@
+"""Settles what actions have left open in the knowledge base whose interfaces have died without an answer."""
+
+import threading
+from typing import Callable, Optional, Sequence
+
+import rospy
+from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
+
+from merlin_ros.deadline import Deadline
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
+
+CALL_LIMIT = 10.0  # s of wall time for one call of the knowledge base
+#: s of running time after which an interface that lives is left to settle its execution itself
+PATIENCE = 60.0
+RETRY = 1.0  # s of wall time until a knowledge base that does not answer is asked again
+
+
+class DispatchSettler:
+    """Closes executions of unanswered actions (INTERRUPT), once their interfaces are silent.
+
+    An interface that lives, or comes back, settles its executions itself: a second INTERRUPT changes nothing.
+
+    :param knowledge_base: its global name.
+    :param silence: s since the interface of an operator was heard of; None: never.
+    :param liveness: s of silence after which it is dead; None: never.
+    """
+
+    def __init__(
+        self,
+        knowledge_base: str,
+        silence: Callable[[str], Optional[float]],
+        liveness: Optional[float],
+    ) -> None:
+        self._silence = silence
+        self._liveness = liveness
+        self._closed = threading.Event()
+        self._list = ServiceProxy(f"{knowledge_base}/executions", ListExecutions, timeout=CALL_LIMIT)
+        self._apply = ServiceProxy(f"{knowledge_base}/apply_effects", ApplyEffects, timeout=CALL_LIMIT)
+
+    def settle(self, plan_id: int, actions: Sequence[PlannedAction]) -> None:
+        """Settles each of the actions, in a thread of its own that ends after PATIENCE."""
+        for action in actions:
+            threading.Thread(
+                target=self._follow, args=(plan_id, action), name=f"settle {action}", daemon=True
+            ).start()
+
+    def shutdown(self) -> None:
+        """Ends the threads."""
+        self._closed.set()
+
+    def _follow(self, plan_id: int, action: PlannedAction) -> None:
+        patience = Deadline(PATIENCE)
+        while not patience.expired:
+            wait = self._until_dead(action.name)
+            if wait <= 0:
+                try:
+                    self._interrupt(f"{plan_id}/{action.id}/", str(action))
+                    return
+                except ServiceError as error:
+                    rospy.logwarn("the execution of %s is still open: %s", action, error)
+                    wait = RETRY
+            if self._closed.wait(min(wait, patience.remaining() + 0.01)):
+                return
+
+    def _until_dead(self, operator: str) -> float:
+        """s after which the interface is dead if it stays silent; zero or less: it is."""
+        silence = self._silence(operator)
+        if silence is None:
+            return 0.0
+        return PATIENCE if self._liveness is None else self._liveness - silence
+
+    def _interrupt(self, prefix: str, text: str) -> None:
+        """Closes what is open of an action.
+
+        :raises ServiceError: when the knowledge base does not answer.
+        """
+        if not self._list.available():
+            return  # the original ROSPlan: its interfaces apply effects by themselves
+        for execution in self._list(owner="").executions:
+            if not execution.token.startswith(prefix):
+                continue
+            answer = self._apply(
+                operator_name=execution.operator_name,
+                parameters=execution.parameters,
+                phase=ApplyEffectsRequest.INTERRUPT,
+                token=execution.token,
+            )
+            if answer.success:
+                rospy.logwarn("%s is interrupted in the knowledge base: its interface is gone", text)
+            else:
+                rospy.logerr("the execution of %s cannot be closed: %s", text, answer.message)

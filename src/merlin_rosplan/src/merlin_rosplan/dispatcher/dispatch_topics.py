@@ -1,0 +1,260 @@
+"""The world as a dispatch sees it: topics to publish on, a knowledge base, interfaces to listen for."""
+
+import threading
+import time
+from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
+
+import rospy
+from diagnostic_msgs.msg import KeyValue
+from merlin_msgs.msg import DispatchStatus, RunningAction
+from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
+from rosplan_knowledge_msgs.msg import DomainFormula
+
+from merlin_ros.actions.lease_holder import LeaseHolder
+from merlin_ros.deadline import Deadline, running_time
+from merlin_ros.publishing import publish
+from merlin_rosplan.dispatch.dispatch_outside import (
+    DispatchError,
+    DispatchReport,
+    DispatchState,
+    FeedbackStatus,
+    Outside,
+)
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
+from merlin_rosplan.dispatch.interface_watch import InterfaceWatch
+from merlin_rosplan.dispatch.operator_model import BindingError, Conditions, Operator
+from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
+from merlin_rosplan.transport.component import Component
+from merlin_rosplan.transport.ros_alarm import RosAlarm
+
+CANCEL_ACTION = "cancel_action"
+OWN_MARK = "dispatcher"  # key in `information` of feedback that a dispatcher published itself
+SHUTDOWN_DEADLINE = 1.0  # s that running interfaces get to answer when the node ends
+_WIRE_STATES = {
+    DispatchState.RUNNING: DispatchStatus.RUNNING,
+    DispatchState.CANCELLING: DispatchStatus.CANCELLING,
+}
+
+
+class DispatchTopics(Outside):
+    """Publishes for one dispatcher and answers its dispatches.
+
+    Parameters
+    ----------
+    component: whose names and parameters these are.
+    knowledge: to ask.
+    publishes_feedback: whether the dispatcher publishes feedback of its own (the simple one does).
+    on_tick: called when a time asked for has come.
+    on_feedback: called with each feedback the dispatcher publishes.
+    on_change: called at each change of a dispatch.
+    """
+
+    def __init__(
+        self,
+        component: Component,
+        knowledge: PlanKnowledge,
+        publishes_feedback: bool,
+        on_tick: Callable[[], None],
+        on_feedback: Callable[[ActionFeedback], None],
+        on_change: Callable[[], None],
+    ) -> None:
+        self._component = component
+        self._knowledge = knowledge
+        self._on_feedback = on_feedback
+        self._on_change = on_change
+        # Interfaces latch their last feedback: an id from an earlier life of this node must not fit again.
+        self.plan_id = int(time.time()) % 1_000_000 * 1000
+        self._operators: Dict[str, Operator] = {}
+        self._bindings: Dict[int, Dict[str, str]] = {}
+        self._dispatched: Dict[int, rospy.Time] = {}
+        self._interfaces = InterfaceWatch(running_time)
+        self._lease = component.own(LeaseHolder(component.resolve("lease")))
+        self._leased: Dict[int, PlannedAction] = {}
+        self._open_lock = threading.Lock()  # guards _open
+        self._open: Dict[int, PlannedAction] = {}
+        self._alarm = component.own(RosAlarm(on_tick, f"alarm of {component.scope}"))
+        topic = str(component.param("action_dispatch_topic", "action_dispatch"))
+        # Latched as in ROSPlan; its queue of one would lose actions and cancels sent back to back.
+        self._actions = component.publisher(topic, ActionDispatch, queue_size=1000, latch=True)
+        # What an earlier life of this node has dispatched is not latched any more; this says so.
+        publish(self._actions, ActionDispatch(name=CANCEL_ACTION, action_id=-1, plan_id=self.plan_id))
+        self._feedback: Optional[rospy.Publisher] = None
+        if publishes_feedback:
+            topic = str(component.param("action_feedback_topic", "action_feedback"))
+            self._feedback = component.publisher(topic, ActionFeedback, queue_size=1000, latch=True)
+        self._status = component.publisher("dispatch_status", DispatchStatus, queue_size=100, latch=True)
+        self.tell_status(DispatchReport(DispatchState.IDLE, "nothing dispatched yet"))
+        component.subscriber(
+            f"{component.knowledge_base}/pddl_action_parameters",
+            DomainFormula,
+            lambda message: self._interfaces.announce(message.name),
+        )
+
+    def begin(self) -> int:
+        """Another dispatch begins; returns its plan id."""
+        self._operators.clear()
+        self._bindings.clear()
+        self._dispatched.clear()
+        with self._open_lock:
+            self._open.clear()
+        self.plan_id += 1
+        return self.plan_id
+
+    @property
+    def owner_key(self) -> str:
+        """Names this dispatch in :mod:`merlin_ros.actions.ownership`, which suspends its actions."""
+        return f"{self._component.scope} {self.plan_id}"
+
+    def answered(self, action_id: int) -> None:
+        """An interface has given its final answer; from any thread."""
+        with self._open_lock:
+            self._open.pop(action_id, None)
+
+    def unanswered(self) -> List[PlannedAction]:
+        """The actions of this dispatch whose interfaces have not given a final answer."""
+        with self._open_lock:
+            return list(self._open.values())
+
+    def now(self) -> float:
+        """ROS time, s."""
+        return float(rospy.get_time())
+
+    def deadline(self, seconds: Optional[float]) -> Deadline:
+        """A deadline that stands still while the simulator is paused."""
+        return Deadline(SHUTDOWN_DEADLINE if self._component.closed and seconds is None else seconds)
+
+    def send(self, action: PlannedAction) -> None:
+        """Publishes the action."""
+        self._dispatched[action.id] = rospy.Time.now()
+        with self._open_lock:
+            self._open[action.id] = action
+        self._leased[action.id] = action
+        self._lease.hold(self._goal(action), self.owner_key)
+        publish(self._actions, self._message(action, action.name))
+
+    def send_cancel(self, action: PlannedAction) -> None:
+        """Publishes ``cancel_action`` for the action."""
+        publish(self._actions, self._message(action, CANCEL_ACTION))
+
+    def close(self, action: PlannedAction) -> None:
+        """Publishes the tombstone: latched in place of the last action."""
+        publish(self._actions, self._message(action, CANCEL_ACTION))
+
+    def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
+        """Publishes feedback of our own, marked as such."""
+        if self._feedback is None:
+            return
+        message = ActionFeedback(
+            action_id=action.id,
+            plan_id=self.plan_id,
+            status=int(status),
+            information=[KeyValue(key=OWN_MARK, value=self._component.scope)],
+        )
+        publish(self._feedback, message)
+        self._on_feedback(message)
+
+    def operator(self, action: PlannedAction) -> Operator:
+        """The ground operator; asks the knowledge base once per operator and plan."""
+        try:
+            operator = self._operators.get(action.name)
+            if operator is None:
+                operator = self._operators[action.name] = self._knowledge.operator(action.name)
+            binding = operator.bind([value for _, value in action.parameters])
+        except (PlanKnowledgeError, BindingError) as error:
+            raise DispatchError(f"{action} cannot be dispatched: {error}") from error
+        self._bindings[action.id] = binding
+        return operator.ground(binding)
+
+    def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
+        """Asks the knowledge base."""
+        try:
+            return self._knowledge.false_of(conditions, self._bindings[action.id])
+        except PlanKnowledgeError as error:
+            raise DispatchError(f"the conditions of {action} cannot be checked: {error}") from error
+
+    def false_of_each(self, asked: Sequence[Tuple[PlannedAction, Conditions]]) -> List[Conditions]:
+        """Asks the knowledge base, in one call."""
+        try:
+            return self._knowledge.false_of_each(
+                [(conditions, self._bindings[action.id]) for action, conditions in asked]
+            )
+        except PlanKnowledgeError as error:
+            actions = ", ".join(str(action) for action, _ in asked[:5])
+            raise DispatchError(f"the conditions of {actions} cannot be checked: {error}") from error
+
+    def next_change(self, names: FrozenSet[str], until: float) -> Optional[float]:
+        """Asks the knowledge base for what it waits for."""
+        try:
+            changes = self._knowledge.timed_changes()
+        except PlanKnowledgeError as error:
+            raise DispatchError(f"timed knowledge cannot be asked for: {error}") from error
+        now = self.now()
+        return max((time for time, name in changes if name in names and now < time <= until), default=None)
+
+    def begun(self, action: PlannedAction) -> Optional[bool]:
+        """Asks a knowledge base of ours for its open executions."""
+        return self._knowledge.begun(self.plan_id, action.id)
+
+    def silence(self, operator: str) -> Optional[float]:
+        """Seconds since the operator's interface announced itself."""
+        return self._interfaces.silence(operator)
+
+    def young(self, operator: str) -> bool:
+        """Whether the operator's interface has just started."""
+        return self._interfaces.young(operator)
+
+    def wake_at(self, when: Optional[float]) -> None:
+        """Sets the alarm."""
+        self._alarm.set(when)
+
+    def changed(self, report: DispatchReport) -> None:
+        """Publishes the status while a dispatch runs; the end is told when the goals have been checked.
+
+        Lets go of what runs no more: an interface that did not answer stops by itself.
+        """
+        running = {action.id for action in report.running}
+        for action_id in [found for found in self._leased if found not in running]:
+            self._lease.release(self._goal(self._leased.pop(action_id)))
+        if report.state in (DispatchState.RUNNING, DispatchState.CANCELLING):
+            self.tell_status(report)
+        self._on_change()
+
+    def _goal(self, action: PlannedAction) -> str:
+        """What names an action in leases."""
+        return f"{self.plan_id}/{action.id}"
+
+    def _message(self, action: PlannedAction, name: str) -> ActionDispatch:
+        return ActionDispatch(
+            action_id=action.id,
+            plan_id=self.plan_id,
+            name=name,
+            parameters=[KeyValue(key=label, value=value) for label, value in action.parameters],
+            duration=action.duration,
+            dispatch_time=action.time,
+        )
+
+    def tell_status(self, report: DispatchReport) -> None:
+        """Publishes how a dispatch stands; one that has ended is idle."""
+        status = DispatchStatus(
+            state=_WIRE_STATES.get(report.state, DispatchStatus.IDLE),
+            plan_id=self.plan_id,
+            running=[
+                RunningAction(
+                    action_id=action.id,
+                    plan_id=self.plan_id,
+                    name=action.name,
+                    parameters=[KeyValue(key=label, value=value) for label, value in action.parameters],
+                    dispatched=self._dispatched.get(action.id, rospy.Time()),
+                )
+                for action in report.running
+            ],
+            steps_done=report.steps_done,
+            steps_total=report.steps_total,
+            failed_action=str(report.failed_action) if report.failed_action is not None else "",
+            reason=report.reason,
+            unanswered=[str(action) for action in report.unanswered],
+            goal_achieved=report.goal_achieved,
+            unmet_goals=list(report.unmet_goals),
+        )
+        status.header.stamp = rospy.Time.now()
+        publish(self._status, status)

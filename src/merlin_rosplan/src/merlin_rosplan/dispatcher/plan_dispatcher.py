@@ -1,0 +1,444 @@
+"""ROSPlan's plan dispatchers, simple and Esterel, over the core in :mod:`.dispatch.dispatch`."""
+
+import dataclasses
+import threading
+import traceback
+from typing import Any, Dict, Optional, Type
+
+import rospy
+from merlin_msgs.msg import KnowledgeChanges
+from rosplan_dispatch_msgs.msg import (
+    ActionDispatch,
+    ActionFeedback,
+    CompletePlan,
+    EsterelPlan,
+    NonBlockingDispatchAction,
+    NonBlockingDispatchFeedback,
+    NonBlockingDispatchResult,
+)
+from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceRequest, DispatchServiceResponse
+from rosplan_knowledge_msgs.msg import StatusUpdate
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
+
+from merlin_ros.actions.action_server import ActionServer, ServerGoal
+from merlin_ros.actions.lease import LeaseState
+from merlin_ros.deadline import Deadline, limit
+from merlin_ros.health import OK, WARN, Health
+from merlin_rosplan.dispatch.dispatch import Dispatch
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
+from merlin_rosplan.dispatch.dispatch_outside import (
+    DispatchLimits,
+    DispatchReport,
+    DispatchState,
+    Feedback,
+    FeedbackStatus,
+    KnowledgeChanged,
+    Tick,
+)
+from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction, Schedule, SequentialSchedule
+from merlin_rosplan.dispatcher.dispatch_owner import DispatchOwner
+from merlin_rosplan.dispatcher.dispatch_settler import DispatchSettler
+from merlin_rosplan.dispatcher.dispatch_topics import OWN_MARK, SHUTDOWN_DEADLINE, DispatchTopics
+from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
+from merlin_rosplan.messages.plan_graph_drawer import PlanGraphDrawer
+from merlin_rosplan.messages.plan_graph_messages import graph_from_message
+from merlin_rosplan.transport.component import Component, ComponentError, caller, run_component
+from merlin_rosplan.transport.handover import Handover
+
+SCOPE = "rosplan_plan_dispatcher"
+IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
+SLACK = 1.0  # s beyond the cancel deadline that the dispatch of an owner who is gone gets to end
+
+
+class PlanDispatcher(Component):
+    """Base of both dispatchers.
+
+    Services ``dispatch_plan``, ``cancel_dispatch``; action server ``dispatch_plan_action``; topics
+    ``action_dispatch``, ``dispatch_status`` and what the subclass adds.
+    """
+
+    plan_class: Type[Any] = CompletePlan
+    publishes_feedback = True
+
+    def __init__(self, scope: str = SCOPE) -> None:
+        super().__init__(scope)
+        self._state = threading.Condition()  # guards the fields down to _goal
+        self._plan: Optional[Any] = None
+        self._fresh = False
+        self._failure = ""  # of the last dispatch
+        self._dispatch: Optional[Dispatch] = None
+        self._busy = False
+        self._goal: Optional[ServerGoal] = None
+        self._limits = DispatchLimits(
+            acknowledge=limit(self.number("ack_timeout", 2.0, 0.0)),
+            accept=limit(self.number("accept_timeout", 10.0, 0.0)),
+            liveness=limit(self.number("liveness_timeout", 5.0, 0.0)),
+            cancel=limit(self.number("cancel_deadline", 5.0)),
+            over_all_grace=self.number("over_all_grace", 1.0, 0.0),
+            settle=self.number("settle_time", 2.0, 0.0),
+        )
+        self._allow_redispatch = bool(self.param("allow_redispatch", False))
+        self._knowledge = PlanKnowledge(self.knowledge_base)
+        self._topics = DispatchTopics(
+            self, self._knowledge, self.publishes_feedback, self._tick, self._forward, self.progressed
+        )
+        self._settler = self.own(
+            DispatchSettler(self.knowledge_base, self._topics.silence, self._limits.liveness)
+        )
+        self._owner = self.own(DispatchOwner(self.scope))
+        feedback_topic = str(self.param("action_feedback_topic", "action_feedback"))
+        self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback)  # no answer may be dropped
+        self._changes = self.subscriber(
+            f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes
+        )
+        self.subscriber(f"{self.knowledge_base}/status/update", StatusUpdate, self._receive_update)
+        self._plan_topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
+        self._plans = self.own(Handover.receiver(self._plan_topic, self._receive_plan))
+        self.subscriber(self._plan_topic, self.plan_class, self._plans.from_topic, queue_size=1)
+
+        self._server = self.own(
+            ActionServer(
+                self.resolve("dispatch_plan_action"),
+                NonBlockingDispatchAction,
+                self._accept,
+                self._cancel_goal,
+                self._goal_owner_changed,
+            )
+        )
+        self._server.start()
+        self.service("dispatch_plan", DispatchService, self._serve)
+        self.service("cancel_dispatch", Empty, self._serve_cancel)
+
+    def on_shutdown(self) -> None:
+        """Tells running interfaces to stop and gives them a moment to answer."""
+        with self._state:
+            dispatch = self._dispatch
+            self._state.notify_all()
+        if dispatch is not None:
+            dispatch.cancel("the dispatcher ends")
+            dispatch.ended.wait(SHUTDOWN_DEADLINE)
+
+    def health(self) -> Health:
+        """Whether a plan is dispatched; a warning with the reason when the last one failed."""
+        with self._state:
+            busy, failure = self._busy, self._failure
+        if failure and not busy:
+            return Health(WARN, f"the last dispatch failed: {failure}")
+        return Health(OK, "dispatching" if busy else "idle")
+
+    # --- for subclasses ---------------------------------------------------------------------------
+
+    def make_schedule(self, plan: Any) -> Schedule:
+        """The schedule of a plan message.
+
+        Raises
+        ------
+        PlanError: the plan cannot be dispatched.
+        """
+        raise NotImplementedError
+
+    def received(self, plan: Any) -> None:
+        """A plan has come; for subclasses that show it."""
+
+    def progressed(self) -> None:
+        """A dispatch has made a step; for subclasses that show it."""
+
+    # --- services and action ------------------------------------------------------------------------
+
+    def _serve(self, request: DispatchServiceRequest) -> DispatchServiceResponse:
+        refusal = "" if self._occupy(None) else self._take_over(None)
+        if refusal:
+            raise rospy.ServiceException(refusal)
+        self._owner.begin(caller(request))
+        report = self._run()
+        return DispatchServiceResponse(success=report.success, goal_achieved=report.goal_achieved)
+
+    def _serve_cancel(self, _: EmptyRequest) -> EmptyResponse:
+        with self._state:
+            dispatch = self._dispatch
+        if dispatch is None:
+            rospy.loginfo("%s: cancel_dispatch: nothing is dispatched", self.scope)
+        else:
+            # As in ROSPlan the answer is no news of the end: that comes from dispatch_plan.
+            dispatch.cancel("cancelled by cancel_dispatch")
+        return EmptyResponse()
+
+    def _accept(self, goal: ServerGoal) -> None:
+        is_free = self._occupy(goal)
+        threading.Thread(
+            target=self._run_goal, args=(goal, is_free), name=f"dispatch {self.scope}", daemon=True
+        ).start()
+
+    def _run_goal(self, goal: ServerGoal, is_free: bool) -> None:
+        refusal = "" if is_free else self._take_over(goal)
+        if refusal:
+            goal.reject(NonBlockingDispatchResult(), refusal)
+            return
+        self._owner.begin("")
+        goal.accept()
+        report = self._run()
+        text = report.reason or "every action succeeded"
+        result = NonBlockingDispatchResult(success=report.success, goal_achieved=report.goal_achieved)
+        if report.success:
+            goal.succeed(result, text)
+        elif report.state == DispatchState.CANCELLED:
+            goal.cancelled(result, text)
+        else:
+            goal.abort(result, text)
+
+    def _cancel_goal(self, goal: ServerGoal) -> None:
+        with self._state:
+            dispatch = self._dispatch if self._goal is goal else None
+        if dispatch is not None:
+            lost = goal.cancel_reason != "cancelled"
+            dispatch.cancel(
+                f"its owner is gone: {goal.cancel_reason}"
+                if lost
+                else "cancelled through dispatch_plan_action"
+            )
+
+    def _goal_owner_changed(self, goal: ServerGoal, state: LeaseState, reason: str) -> None:
+        with self._state:
+            mine = self._goal is goal
+        if mine and state is not LeaseState.LOST:  # the server cancels the goal of an owner who is gone
+            self._owner.changed(state, reason)
+
+    # --- one dispatch -------------------------------------------------------------------------------
+
+    def _take_over(self, goal: Optional[ServerGoal]) -> str:
+        """Makes a busy dispatcher the caller's when the owner of its dispatch is gone.
+
+        Returns why not, as a sentence; empty when it is.
+        """
+        stays = self._owner.abandoned()
+        if not stays and self._occupy(goal, wait=True):
+            return ""
+        return f"a plan is being dispatched already, {stays or 'and does not end'}"
+
+    def _occupy(self, goal: Optional[ServerGoal], wait: bool = False) -> bool:
+        """Makes the dispatcher busy; False when it is.
+
+        :param wait: for the end of a dispatch that is being cancelled.
+        """
+        patience = self._limits.cancel
+        deadline = Deadline((None if patience is None else patience + SLACK) if wait else 0.0)
+        with self._state:
+            deadline.wait(self._state, lambda: not self._busy or self.closed)
+            if self._busy:
+                return False
+            self._busy = True
+            self._goal = goal
+            return True
+
+    def _run(self) -> DispatchReport:
+        """Dispatches the plan received last; the caller has occupied the dispatcher."""
+        try:
+            try:
+                report = self._run_plan()
+            except PlanError as error:
+                report = DispatchReport(DispatchState.FAILED, str(error))
+            except Exception as error:  # the caller gets its answer, and the dispatcher goes on
+                rospy.logerr("%s: %s", self.scope, traceback.format_exc())
+                report = DispatchReport(DispatchState.FAILED, f"{type(error).__name__}: {error}")
+            told = self._judged(report)
+            self._topics.tell_status(told)
+            log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
+            log("%s: %s: %s", self.scope, report.state.name, report.reason)
+            if report.success and told.reason:
+                rospy.logwarn("%s: every action succeeded, but %s", self.scope, told.reason)
+        finally:
+            self._owner.end()
+            with self._state:
+                self._dispatch = self._goal = None
+                self._busy = False
+                self._state.notify_all()
+                self._failure = report.reason if report.state == DispatchState.FAILED else ""
+        return told
+
+    def _run_plan(self) -> DispatchReport:
+        plan = self._take_plan()
+        schedule = self.make_schedule(plan)
+        dispatch = Dispatch(schedule, self._topics, self._limits, self._topics.begin())
+        with self._state:
+            self._dispatch = dispatch
+            goal = self._goal
+        # A cancel before this point found no dispatch to stop.
+        if self.closed or (goal is not None and goal.cancel_requested):
+            dispatch.cancel("cancelled before it began")
+        self._owner.attach(dispatch, self._topics.owner_key)
+        try:
+            return dispatch.run()
+        finally:
+            self._settler.settle(dispatch.plan_id, self._topics.unanswered())
+
+    def _take_plan(self) -> Any:
+        self._plans.catch_up()
+        with self._state:
+            self._state.wait_for(lambda: self._fresh or self.closed, timeout=IN_FLIGHT)
+            if self._plan is None:
+                raise PlanError(f"there is no plan: nothing was received on {self._plan_topic}")
+            if not self._fresh and not self._allow_redispatch:
+                raise PlanError("there is no new plan: the last one was dispatched already")
+            self._fresh = False
+            return self._plan
+
+    def _judged(self, report: DispatchReport) -> DispatchReport:
+        """A report with the truth about the goals; why a success is none becomes its reason."""
+        try:
+            unmet = tuple(self._knowledge.unmet_goals())
+            reason = f"these goals do not hold: {', '.join(unmet)}" if unmet else ""
+        except PlanKnowledgeError as error:
+            unmet, reason = (), f"whether the goals hold is not known: {error}"
+        return dataclasses.replace(
+            report,
+            reason=reason if report.success else report.reason,
+            goal_achieved=not reason,
+            unmet_goals=unmet,
+        )
+
+    # --- what arrives -------------------------------------------------------------------------------
+
+    def _receive_plan(self, plan: Any) -> None:
+        with self._state:
+            self._plan, self._fresh = plan, True
+            self._state.notify_all()
+        self.received(plan)
+
+    def _receive_feedback(self, message: ActionFeedback) -> None:
+        if any(entry.key == OWN_MARK for entry in message.information):
+            return
+        with self._state:
+            dispatch, goal = self._dispatch, self._goal
+        if dispatch is None:
+            return
+        final = message.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
+        if final and message.plan_id in (0, dispatch.plan_id):
+            self._topics.answered(message.action_id)
+        reason = next((entry.value for entry in message.information if entry.key == "reason"), "")
+        if goal is not None:  # first: the event may end the goal
+            goal.feedback(NonBlockingDispatchFeedback(feedback=message))
+        dispatch.put(Feedback(message.action_id, message.status, message.plan_id, reason))
+
+    def _forward(self, message: ActionFeedback) -> None:
+        with self._state:
+            goal = self._goal
+        if goal is not None:
+            goal.feedback(NonBlockingDispatchFeedback(feedback=message))
+
+    def _receive_changes(self, message: KnowledgeChanges) -> None:
+        with self._state:
+            dispatch = self._dispatch
+        if dispatch is None:
+            return
+        if message.cleared:
+            dispatch.put(KnowledgeChanged())
+            return
+        names = {
+            item.attribute_name.lower()
+            for items in (message.added, message.removed, message.changed)
+            for item in items
+        }
+        dispatch.put(KnowledgeChanged(frozenset(names)))
+
+    def _receive_update(self, _: StatusUpdate) -> None:
+        with self._state:
+            dispatch = self._dispatch
+        if dispatch is not None:
+            # A knowledge base that publishes the changes themselves says there what they were.
+            told = self._changes.get_num_connections() > 0
+            dispatch.put(KnowledgeChanged(frozenset() if told else None))
+
+    def _tick(self) -> None:
+        with self._state:
+            dispatch = self._dispatch
+        if dispatch is not None:
+            dispatch.put(Tick())
+
+
+class SimplePlanDispatcher(PlanDispatcher):
+    """Runs a CompletePlan, one action after the other."""
+
+    def make_schedule(self, plan: CompletePlan) -> Schedule:
+        """The list, in its order."""
+        return SequentialSchedule(planned_action(message) for message in plan.plan)
+
+
+class EsterelPlanDispatcher(PlanDispatcher):
+    """Runs an EsterelPlan, in parallel where its graph allows; draws the graph on ``plan_graph``."""
+
+    plan_class = EsterelPlan
+    publishes_feedback = False
+
+    def __init__(self, scope: str = SCOPE) -> None:
+        self._drawer: Optional[PlanGraphDrawer] = None  # plans may arrive before the rest is there
+        self._bounds, self._fraction = False, 0.0
+        super().__init__(scope)
+        self._bounds = bool(self.param("timeout_actions", False))
+        self._fraction = self.number("action_timeout_fraction", 0.0, 0.0)
+        self._drawer = self.own(
+            PlanGraphDrawer(
+                self.resolve(str(self.param("plan_graph_topic", "plan_graph"))),
+                bool(self.param("display_edge_type", False)),
+            )
+        )
+        with self._state:
+            plan = self._plan
+        if plan is not None:
+            self.received(plan)
+
+    def make_schedule(self, plan: EsterelPlan) -> Schedule:
+        """The graph; with `~timeout_actions` its time bounds are kept."""
+        graph, messages = graph_from_message(plan)
+        schedule = GraphSchedule(
+            graph,
+            [planned_action(message) for message in messages],
+            self._bounds,
+            self._fraction,
+        )
+        if self._drawer is not None:
+            self._drawer.show(graph, messages, schedule)
+        return schedule
+
+    def received(self, plan: EsterelPlan) -> None:
+        """Has a plan drawn that has just come, unless one runs."""
+        with self._state:
+            idle = self._dispatch is None
+        if idle and self._drawer is not None:
+            self._drawer.show_plan(plan)
+
+    def progressed(self) -> None:
+        """Draws the graph again."""
+        if self._drawer is not None:
+            self._drawer.refresh()
+
+
+def planned_action(message: ActionDispatch) -> PlannedAction:
+    """An action of a plan message."""
+    return PlannedAction(
+        message.action_id,
+        message.name,
+        tuple((entry.key, entry.value) for entry in message.parameters),
+        message.duration,
+        message.dispatch_time,
+    )
+
+
+def dispatcher_class(kind: str) -> Type[PlanDispatcher]:
+    """The dispatcher of a kind, ``simple`` or ``esterel``.
+
+    Raises
+    ------
+    ComponentError: it is neither.
+    """
+    classes: Dict[str, Type[PlanDispatcher]] = {
+        "simple": SimplePlanDispatcher,
+        "esterel": EsterelPlanDispatcher,
+    }
+    if kind not in classes:
+        raise ComponentError(f"~kind is '{kind}', expected 'simple' or 'esterel'")
+    return classes[kind]
+
+
+def main() -> None:
+    """Entry point of the executable ``plan_dispatcher``; `~kind` is ``simple`` or ``esterel`` (default)."""
+    run_component(lambda scope: dispatcher_class(str(rospy.get_param("~kind", "esterel")))(scope), SCOPE)

@@ -1,0 +1,198 @@
+"""What parser and dispatcher ask the knowledge base, over ROS: any ROSPlan knowledge base will do."""
+
+import copy
+import threading
+from typing import Callable, Dict, FrozenSet, Iterable, List, Optional, Sequence, Tuple, TypeVar, Union
+
+import rospy
+from merlin_msgs.srv import ListExecutions
+from rosplan_knowledge_msgs.msg import DomainInequality, KnowledgeItem
+from rosplan_knowledge_msgs.srv import GetAttributeService
+
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_rosplan.dispatch.operator_model import Atom, Conditions, Operator
+from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
+from merlin_rosplan.messages.domain_file import DomainFile
+from merlin_rosplan.messages.operator_expressions import with_expressions
+from merlin_rosplan.transport.component import Component
+from merlin_sm.knowledge_client import CALL_LIMIT, fact, knowledge_client
+from merlin_sm.knowledge_text import to_pddl
+
+_Answer = TypeVar("_Answer")
+
+
+class PlanKnowledgeError(Exception):
+    """The knowledge base does not answer, or does not know; the text says what."""
+
+
+class PlanKnowledge:
+    """Asks one knowledge base about operators, conditions and goals; safe to share between threads.
+
+    Every method raises :class:`PlanKnowledgeError` when there is no answer.
+
+    Parameters
+    ----------
+    knowledge_base: its global name.
+    """
+
+    def __init__(self, knowledge_base: str) -> None:
+        self._client = knowledge_client(knowledge_base)
+        self._lock = threading.Lock()  # guards the two fields below
+        self._operators_of: Optional[Component] = None
+        self._operators: Dict[str, Operator] = {}
+        self._domain_file = DomainFile(knowledge_base)
+        self._timed = ServiceProxy(f"{knowledge_base}/state/timed_knowledge", GetAttributeService, CALL_LIMIT)
+        self._executions = ServiceProxy(f"{knowledge_base}/executions", ListExecutions, CALL_LIMIT)
+        self._lists: Optional[bool] = None  # whether there is such a service
+
+    def operator(self, name: str) -> Operator:
+        """One operator of the domain; one that it does not have is an error too."""
+        local = Component.in_process(self._client.name)
+        if local is None:
+            return self._ask_operator(name)
+        # A knowledge base keeps its domain as long as it lives; how long another process lives nobody knows.
+        with self._lock:
+            if self._operators_of is not local:
+                self._operators_of = local
+                self._operators.clear()
+            known = self._operators.get(name)
+        if known is None:
+            known = self._ask_operator(name, local)
+            with self._lock:
+                if self._operators_of is local:
+                    self._operators[name] = known
+        return known
+
+    def _ask_operator(self, name: str, local: Optional[Component] = None) -> Operator:
+        try:
+            operator = Operator.from_message(self._client.operator(name))
+        except ServiceError as error:
+            if "does not answer" in str(error):
+                raise PlanKnowledgeError(str(error)) from error
+            raise PlanKnowledgeError(f"the domain has no operator '{name}' ({error})") from error
+        domain = getattr(local, "domain", None) or self._domain_file.domain()
+        if domain is None or operator.name.lower() not in domain.operators:
+            return operator
+        return with_expressions(operator, domain)
+
+    def false_of(self, conditions: Conditions, binding: Dict[str, str]) -> Conditions:
+        """Those conditions that do not hold now, asked in one call.
+
+        A negative one holds when the positive fact is absent: ROSPlan's own knowledge base answers true for
+        a negative query only when an explicit negative fact is stored.
+
+        Parameters
+        ----------
+        conditions: ground atoms; comparisons are grounded here.
+        binding: objects by operator variable.
+        """
+        return self.false_of_each([(conditions, binding)])[0]
+
+    def false_of_each(self, asked: Sequence[Tuple[Conditions, Dict[str, str]]]) -> List[Conditions]:
+        """:meth:`false_of` for several conditions, each with its binding, all in one call."""
+        items: List[KnowledgeItem] = []
+        for conditions, binding in asked:
+            atoms = [atom for atom in conditions.positive + conditions.negative if atom.name != "="]
+            items += [fact(atom.name, *atom.arguments) for atom in atoms]
+            items += [comparison_item(entry.message, binding) for entry in conditions.comparisons]
+            items += [expression_item(str(entry)) for entry in conditions.expressions]
+        results = iter(self.query(items) if items else [])
+
+        def holds(atom: Atom) -> bool:
+            return _equal(atom) if atom.name == "=" else next(results)
+
+        return [
+            Conditions(
+                tuple([atom for atom in conditions.positive if not holds(atom)]),
+                tuple([atom for atom in conditions.negative if holds(atom)]),
+                tuple([entry for entry in conditions.comparisons if not next(results)]),
+                tuple([entry for entry in conditions.expressions if not next(results)]),
+            )
+            for conditions, _ in asked
+        ]
+
+    def query(self, items: Sequence[KnowledgeItem]) -> List[bool]:
+        """Whether each item is true now; negative facts are asked as positive ones and turned round."""
+        results = _answer(lambda: self._client.query(items))
+        if len(results) != len(items):
+            raise PlanKnowledgeError(
+                f"{self._client.name}/query_state gave {len(results)} answers to {len(items)} items"
+            )
+        return results
+
+    def unmet_goals(self) -> List[str]:
+        """The goals that do not hold now, as PDDL text."""
+        goals = _answer(self._client.goals)
+        return [to_pddl(goal) for goal, true in zip(goals, self.query(goals) if goals else []) if not true]
+
+    def timed(self) -> List[Union[TimedLiteral, TimedValue]]:
+        """Facts and function values that wait for their time; times in s from now."""
+        items = _answer(lambda: self._timed(predicate_name="")).attributes
+        now = rospy.Time.now()
+        found: List[Union[TimedLiteral, TimedValue]] = []
+        for item in items:
+            atom = Atom(item.attribute_name, tuple(value.value for value in item.values))
+            time = (item.initial_time - now).to_sec()
+            if item.knowledge_type == KnowledgeItem.FACT:
+                found.append(TimedLiteral(time, atom, bool(item.is_negative)))
+            elif item.knowledge_type == KnowledgeItem.FUNCTION:
+                found.append(TimedValue(time, atom, item.function_value))
+        return found
+
+    def timed_changes(self) -> List[Tuple[float, str]]:
+        """ROS time, s, and name of everything that waits for its time."""
+        items = _answer(lambda: self._timed(predicate_name="")).attributes
+        return [(item.initial_time.to_sec(), item.attribute_name.lower()) for item in items]
+
+    def values(self, names: Iterable[str]) -> Dict[Atom, float]:
+        """What the terms of some functions are worth now."""
+        return {
+            Atom(item.attribute_name, tuple(value.value for value in item.values)).key: item.function_value
+            for name in sorted(names)
+            for item in _answer(lambda name=name: self._client.functions(name))
+        }
+
+    def objects(self) -> FrozenSet[str]:
+        """All objects and constants, lower-case."""
+        return frozenset(name.lower() for name in _answer(self._client.instances))
+
+    def begun(self, plan_id: int, action_id: int) -> Optional[bool]:
+        """Whether an action's execution is open; None when the knowledge base does not list executions."""
+        if self._lists is None:
+            self._lists = self._executions.available()
+        if not self._lists:
+            return None
+        try:
+            executions = self._executions("").executions
+        except ServiceError:
+            return None
+        token = f"{plan_id}/{action_id}/"
+        return any(execution.token.startswith(token) for execution in executions)
+
+
+def _answer(call: Callable[[], _Answer]) -> _Answer:
+    try:
+        return call()
+    except ServiceError as error:
+        raise PlanKnowledgeError(str(error)) from error
+
+
+def comparison_item(inequality: DomainInequality, binding: Dict[str, str]) -> KnowledgeItem:
+    """A numeric condition with objects for the operator's variables."""
+    ground = copy.deepcopy(inequality)
+    ground.grounded = True
+    for side in (ground.LHS, ground.RHS):
+        for token in side.tokens:
+            if token.expr_type == token.FUNCTION:
+                for parameter in token.function.typed_parameters:
+                    parameter.value = binding.get(parameter.key, parameter.key)
+    return KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=ground)
+
+
+def expression_item(text: str) -> KnowledgeItem:
+    """A condition as PDDL text; only our knowledge base understands it."""
+    return KnowledgeItem(knowledge_type=KnowledgeItem.EXPRESSION, attribute_name=text)
+
+
+def _equal(atom: Atom) -> bool:
+    return len({argument.lower() for argument in atom.arguments}) <= 1

@@ -1,0 +1,1 @@
+"""The knowledge base's state and its changes; no ROS."""

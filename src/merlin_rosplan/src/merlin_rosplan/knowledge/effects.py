@@ -1,0 +1,224 @@
+"""What an operator does to the knowledge: numeric, conditional, quantified, continuous effects.
+
+Also what it needs at its end, which is asked in the transaction that applies the end effects.
+"""
+
+from typing import Dict, List, Mapping, Optional, Tuple
+
+from merlin_pddl.domain import Operator
+from merlin_pddl.evaluation import Evaluator, arithmetic
+from merlin_pddl.formula import (
+    END,
+    START,
+    And,
+    Atom,
+    Condition,
+    Effect,
+    Fluent,
+    Preference,
+    TimedCondition,
+    ground,
+    to_pddl,
+)
+from merlin_pddl.knowledge import ASSIGN, OPERATIONS, Fact, FunctionValue
+from merlin_pddl.text_reader import suggestion
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_state import KnowledgeState
+from merlin_rosplan.knowledge.recorded_changes import Note, RecordedChanges
+from merlin_rosplan.knowledge.transaction import Transaction
+
+TOTAL_COST = Fluent("total-cost")
+
+Bindings = Dict[str, str]
+
+#: For each effect at the end that depends on the start (by its number): the quantified objects it allows.
+Allowed = Dict[str, List[List[str]]]
+
+
+def find_operator(state: KnowledgeState, name: str) -> Operator:
+    """The operator of a name.
+
+    :raises KnowledgeError: when the domain has no such operator.
+    """
+    operators = state.domain.operators
+    found = operators.get(name.lower())
+    if found is None:
+        raise KnowledgeError(f"unknown operator '{name}'{suggestion(name.lower(), operators)}")
+    return found
+
+
+class EffectApplier:
+    """Applies the effects of one ground operator inside a transaction.
+
+    :param transaction: takes the changes.
+    :param operator: of the domain.
+    :param parameters: objects by label of the operator's parameters.
+    :raises KnowledgeError: when an object is unknown or a parameter is missing.
+    """
+
+    def __init__(self, transaction: Transaction, operator: Operator, parameters: Mapping[str, str]) -> None:
+        self._transaction = transaction
+        self._state: KnowledgeState = transaction.state
+        self._operator = operator
+        self._bindings = self._bind({key.lower(): value for key, value in parameters.items()})
+
+    def _bind(self, parameters: Mapping[str, str]) -> Bindings:
+        bindings: Bindings = {}
+        for parameter in self._operator.parameters:
+            value = parameters.get(parameter.label, "")
+            if not value:
+                raise KnowledgeError(
+                    f"the parameter '{parameter.label}' of '{self._operator.name}' is missing"
+                )
+            if self._state.spelling(value) is None:
+                raise KnowledgeError(
+                    f"unknown object '{value}' for '{parameter.label}' of '{self._operator.name}'"
+                )
+            bindings[parameter.name] = value.lower()
+        return bindings
+
+    @property
+    def parameters(self) -> List[List[str]]:
+        """Label and object of every parameter, in the operator's order."""
+        return [
+            [parameter.label, self._spelled(self._bindings[parameter.name])]
+            for parameter in self._operator.parameters
+        ]
+
+    def duration(self) -> Optional[float]:
+        """The planned duration, s, when the operator fixes it."""
+        evaluator = self._evaluator({})
+        for duration in self._operator.durations:
+            if duration.op == "=":
+                return evaluator.number(duration.value, self._bindings)
+        return None
+
+    def allowed_at_start(self, specials: Mapping[str, float]) -> Allowed:
+        """What effects at the end that depend on the start allow now."""
+        evaluator = self._evaluator(specials)
+        found: Allowed = {}
+        for number, effect in enumerate(self._operator.effects):
+            begin = [timed for timed in effect.conditions if timed.when == START]
+            if effect.when != START and begin:
+                found[str(number)] = [
+                    _objects(effect, bindings)
+                    for bindings in evaluator.extend(effect.variables, self._bindings)
+                    if self._hold(evaluator, begin, bindings)
+                ]
+        return found
+
+    def apply(self, when: str, specials: Mapping[str, float], allowed: Allowed) -> List[Note]:
+        """Applies the effects of a time; all of them see the state before.
+
+        :param when: START; OVER_ALL for the continuous effects, with all the time that has passed; END.
+        :param specials: values of ``?duration`` and ``#t``, s.
+        :param allowed: what :meth:`allowed_at_start` said when the execution began.
+
+        Returns how to take them back.
+
+        :raises KnowledgeError: when an effect has no number.
+        """
+        evaluator = self._evaluator(specials)
+        deletes: List[Fact] = []
+        adds: List[Fact] = []
+        values: List[Tuple[FunctionValue, str]] = []
+        for number, effect in enumerate(self._operator.effects):
+            if effect.when != when:
+                continue
+            started = allowed.get(str(number))
+            for bindings in evaluator.extend(effect.variables, self._bindings):
+                if started is None:
+                    applies = self._hold(evaluator, list(effect.conditions), bindings)
+                else:
+                    rest = [timed for timed in effect.conditions if timed.when != START]
+                    applies = _objects(effect, bindings) in started and self._hold(evaluator, rest, bindings)
+                if applies:
+                    self._collect(effect, evaluator, bindings, deletes, adds, values)
+        changes = RecordedChanges(self._transaction)
+        for fact in deletes:
+            changes.delete(fact)
+        for fact in adds:
+            changes.add(fact)
+        for value, op in values:
+            self._set(changes, value, op)
+        return changes.notes
+
+    def check_end(self, specials: Mapping[str, float]) -> None:
+        """Checks the at-end conditions of a durative operator.
+
+        :param specials: values of ``?duration`` and ``#t``, s.
+        :raises KnowledgeError: when some do not hold; names them.
+        """
+        evaluator = self._evaluator(specials)
+        false = [
+            part
+            for timed in self._operator.conditions
+            if timed.when == END
+            for part in _conjuncts(timed.condition)
+            if not evaluator.holds(part, self._bindings)
+        ]
+        if false:
+            objects = {name: self._spelled(value) for name, value in self._bindings.items()}
+            texts = [to_pddl(ground(part, objects)) for part in false]
+            raise KnowledgeError(f"at its end {', '.join(f'{text} does not hold' for text in texts)}")
+
+    @staticmethod
+    def _hold(evaluator: Evaluator, conditions: List[TimedCondition], bindings: Bindings) -> bool:
+        return all(evaluator.holds(timed.condition, bindings) for timed in conditions)
+
+    def _evaluator(self, specials: Mapping[str, float]) -> Evaluator:
+        return Evaluator(self._state.domain, self._state, specials)
+
+    def _collect(
+        self,
+        effect: Effect,
+        evaluator: Evaluator,
+        bindings: Bindings,
+        deletes: List[Fact],
+        adds: List[Fact],
+        values: List[Tuple[FunctionValue, str]],
+    ) -> None:
+        target = effect.atom or effect.fluent
+        assert target is not None
+        if self._state.sensed.get(target.name) is not None:
+            return  # the sensing interface keeps it
+        args = tuple(self._spelled(bindings.get(arg, arg)) for arg in target.args)
+        if isinstance(target, Atom):
+            (deletes if effect.negative else adds).append(Fact(target.name, args))
+            return
+        assert isinstance(target, Fluent) and effect.value is not None
+        operand = evaluator.number(effect.value, bindings)
+        if operand is None:
+            raise KnowledgeError(
+                f"the effect of '{self._operator.name}' on ({' '.join((target.name, *args))}) has no number: "
+                "a function it uses has no value, or it divides by zero"
+            )
+        current = self._state.value((target.name, *[arg.lower() for arg in args]))
+        if effect.op != ASSIGN and current is None:
+            if target == TOTAL_COST:
+                return  # it only judges plans; nobody gave it a value, so nobody asks for it
+            raise KnowledgeError(f"({' '.join((target.name, *args))}) has no value that could {effect.op}")
+        values.append((FunctionValue(target.name, args, operand), effect.op))
+
+    def _spelled(self, name: str) -> str:
+        return self._state.spelling(name) or name
+
+    def _set(self, changes: RecordedChanges, value: FunctionValue, op: str) -> None:
+        before = self._state.value(value.key)
+        result: Optional[float] = value.value
+        if op != ASSIGN:
+            result = arithmetic(OPERATIONS[op], (before, value.value))
+        if result is None:
+            raise KnowledgeError(f"{value.text()}: {before} {op} {value.value} is no number")
+        changes.set(FunctionValue(value.name, value.args, result), op)
+
+
+def _objects(effect: Effect, bindings: Mapping[str, str]) -> List[str]:
+    """What the quantified variables of an effect stand for."""
+    return [bindings[variable.name] for variable in effect.variables]
+
+
+def _conjuncts(condition: Condition) -> List[Condition]:
+    if isinstance(condition, And):
+        return [found for part in condition.parts for found in _conjuncts(part)]
+    return [] if isinstance(condition, Preference) else [condition]

@@ -1,0 +1,283 @@
+"""The journal of executions: what began, what it changed, and how it is closed, each in one transaction.
+
+An execution of an operator is named by its token. START opens it and notes with the knowledge what is needed
+to close it without its owner: the changes it made, the facts that hold while it runs, the facts that hold
+once it was interrupted. END, ROLLBACK and INTERRUPT close it; so an execution that outlives the knowledge
+base, or whose owner died, is closed as if nothing had happened in between.
+"""
+
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from merlin_pddl.formula import END, OVER_ALL, START
+from merlin_pddl.knowledge import Fact
+from merlin_pddl.text_reader import Expression, Node, PddlError, name_of, read_expression
+from merlin_rosplan.knowledge.effects import Allowed, EffectApplier, find_operator
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_state import KnowledgeState
+from merlin_rosplan.knowledge.knowledge_state import Note as StoredNote
+from merlin_rosplan.knowledge.recorded_changes import Note, RecordedChanges, fact_of, take_back
+from merlin_rosplan.knowledge.transaction import Transaction
+
+#: Tokens of closed executions that are remembered, so that a repeated END changes nothing.
+REMEMBERED = 256
+
+#: A literal as it stands in the journal: predicate, arguments, whether it is negated.
+Literal = List[Any]
+
+_Row = Dict[str, Any]
+
+
+class OpenExecution(NamedTuple):
+    """An execution that has begun and is not closed."""
+
+    token: str
+    operator: str
+    #: label and object, in the operator's order
+    parameters: Tuple[Tuple[str, str], ...]
+    owner: str
+    #: ns of ROS time
+    began: int
+
+
+def open_executions(state: KnowledgeState, owner: str = "") -> List[OpenExecution]:
+    """The executions that are open, oldest first.
+
+    :param owner: only of this node, with or without its leading slash; empty: of every node.
+    """
+    return [
+        OpenExecution(
+            row.name,
+            row.data["operator"],
+            tuple((label, value) for label, value in row.data.get("parameters", ())),
+            row.data.get("owner", ""),
+            row.data["since"],
+        )
+        for row in state.executions.all()
+        if not row.data.get("ended")
+        and (not owner or row.data.get("owner", "").lstrip("/") == owner.lstrip("/"))
+    ]
+
+
+class Executions:
+    """Opens and closes executions inside a transaction.
+
+    Every method returns what is worth telling the caller, and raises :class:`KnowledgeError` when the request
+    is refused as a whole.
+
+    :param transaction: takes the changes.
+    """
+
+    def __init__(self, transaction: Transaction) -> None:
+        self._transaction = transaction
+        self._state: KnowledgeState = transaction.state
+
+    def start(
+        self,
+        token: str,
+        operator_name: str,
+        parameters: Mapping[str, str],
+        owner: str = "",
+        while_running: Sequence[str] = (),
+        if_interrupted: Sequence[str] = (),
+    ) -> str:
+        """At-start effects of a durative operator, none of a plain one; then what holds while it runs.
+
+        :param token: names the execution; empty: it is not journalled.
+        :param parameters: objects by label of the operator's parameters.
+        :param owner: the node that carries it out.
+        :param while_running: ground PDDL literals that hold until it is closed.
+        :param if_interrupted: ground PDDL literals that hold after it was interrupted.
+        """
+        operator = find_operator(self._state, operator_name)
+        applier = EffectApplier(self._transaction, operator, parameters)
+        if not token and (while_running or if_interrupted):
+            raise KnowledgeError("an execution with while_running or if_interrupted needs a token")
+        known = self._row(token, operator.name)
+        if known is not None:
+            if known.get("ended"):
+                raise KnowledgeError(f"the execution '{token}' has ended")
+            return "started already"
+        holds, interrupted = self._literals(while_running), self._literals(if_interrupted)
+        duration = applier.duration() if operator.durative else None
+        allowed: Allowed = {}
+        undo: List[Note] = []
+        if operator.durative:
+            specials = {} if duration is None else {"?duration": duration}
+            allowed = applier.allowed_at_start(specials)
+            undo = applier.apply(START, specials, allowed)
+        running = RecordedChanges(self._transaction)
+        _bring_about(running, holds)
+        if token:
+            row: Dict[str, object] = {
+                "operator": operator.name,
+                "parameters": applier.parameters,
+                "owner": owner,
+                "since": self._transaction.now,
+                "duration": duration,
+                "later": allowed,
+                "undo": undo,
+                "holds": holds,
+                "running": running.notes,
+                "interrupted": interrupted,
+            }
+            self._transaction.note(self._state.executions, token, row)
+        return ""
+
+    def end(self, token: str, operator_name: str, parameters: Mapping[str, str]) -> str:
+        """At-end effects of a durative operator, all effects of a plain one.
+
+        A durative one whose at-end conditions do not hold is refused: it stays open. They see what its
+        continuous effects have changed. A token that is not known counts as begun now: the knowledge base may
+        have lost its journal.
+        """
+        operator = find_operator(self._state, operator_name)
+        row = self._row(token, operator.name)
+        if row is not None and row.get("ended"):
+            return "ended already"
+        applier = EffectApplier(self._transaction, operator, parameters)
+        if row is not None:
+            self._no_longer_running(token, row)
+        if operator.durative:
+            specials, allowed = self._specials(row, applier), (row or {}).get("later", {})
+            applier.apply(OVER_ALL, specials, allowed)
+            applier.check_end(specials)
+            applier.apply(END, specials, allowed)
+        else:
+            applier.apply(START, {}, {})
+        if token:
+            self._close(token, operator.name)
+        return ""
+
+    def rollback(self, token: str, operator_name: str = "") -> str:
+        """Restores what START changed, where others have not assigned it since."""
+        row = self._open_row(token, operator_name)
+        if row is None:
+            return "nothing to restore"
+        self._no_longer_running(token, row)
+        return self._restore(token, row)
+
+    def interrupt(self, token: str, operator_name: str = "") -> str:
+        """What `if_interrupted` of START says holds from now on; without that, as :meth:`rollback`."""
+        row = self._open_row(token, operator_name)
+        if row is None:
+            return "nothing to interrupt"
+        self._no_longer_running(token, row)
+        declared: List[Literal] = row.get("interrupted", [])
+        if not declared:
+            return self._restore(token, row)
+        # An execution has to come to its end whatever happened to the objects it was about.
+        possible = [literal for literal in declared if self._objects_exist(literal[1])]
+        _bring_about(RecordedChanges(self._transaction), possible)
+        self._close(token, row["operator"])
+        gone = [_text(literal) for literal in declared if literal not in possible]
+        return f"not applied, because an object is gone: {', '.join(gone)}" if gone else ""
+
+    # --- rows -----------------------------------------------------------------------------------
+
+    def _row(self, token: str, operator_name: str) -> Optional[_Row]:
+        row = self._state.executions.get(token) if token else None
+        if row is None:
+            return None
+        if row.data.get("operator") != operator_name:
+            raise KnowledgeError(f"the token '{token}' belongs to the operator '{row.data.get('operator')}'")
+        return row.data
+
+    def _open_row(self, token: str, operator_name: str) -> Optional[_Row]:
+        row = self._state.executions.get(token) if token else None
+        if row is None or row.data.get("ended"):
+            return None
+        return self._row(token, operator_name.lower() or str(row.data["operator"]))
+
+    def _restore(self, token: str, row: _Row) -> str:
+        kept = take_back(self._transaction, row["undo"])
+        self._close(token, row["operator"])
+        return f"changed by others since, not restored: {', '.join(kept)}" if kept else ""
+
+    def _close(self, token: str, operator_name: str) -> None:
+        executions = self._state.executions
+        self._transaction.note(executions, token, None)
+        self._transaction.note(executions, token, {"operator": operator_name, "ended": True})
+        ended = [row for row in executions.all() if row.data.get("ended")]
+        for row in ended[: max(0, len(ended) - REMEMBERED)]:
+            self._transaction.note(executions, row.name, None)
+
+    def _specials(self, row: Optional[_Row], applier: EffectApplier) -> Dict[str, float]:
+        if row is None:
+            duration = applier.duration()
+            return {} if duration is None else {"?duration": duration, "#t": duration}
+        elapsed = max(0.0, (self._transaction.now - row["since"]) / 1e9)
+        duration = row["duration"]
+        return {"?duration": elapsed if duration is None else duration, "#t": elapsed}
+
+    # --- literals -------------------------------------------------------------------------------
+
+    def _no_longer_running(self, token: str, row: _Row) -> None:
+        """Takes `while_running` back, except what another open execution needs: that one inherits it."""
+        mine: List[Note] = []
+        for note in row.get("running", []):
+            heir = self._heir(token, note)
+            if heir is None:
+                mine.append(note)
+            else:
+                self._bequeath(note, self._state.executions.rows[token], self._state.executions.rows[heir])
+        take_back(self._transaction, mine)
+
+    def _bequeath(self, note: Note, mine: StoredNote, heir: StoredNote) -> None:
+        running: List[Note] = heir.data["running"]  # type: ignore[assignment]
+        both = [note, *running] if mine.order < heir.order else [*running, note]
+        self._transaction.note(self._state.executions, heir.name, {**heir.data, "running": both})
+
+    def _heir(self, token: str, note: Note) -> Optional[str]:
+        wanted = (fact_of(note).key, note["was"] == "true")
+        for row in self._state.executions.all():
+            if row.name != token and not row.data.get("ended"):
+                for name, args, negative in row.data.get("holds", ()):
+                    if (Fact(name, tuple(args)).key, negative) == wanted:
+                        return row.name
+        return None
+
+    def _literals(self, texts: Sequence[str]) -> List[Literal]:
+        found: List[Literal] = []
+        for text in texts:
+            try:
+                for fact in _read_literals(read_expression(text)):
+                    checked = self._transaction.checked(fact)
+                    assert isinstance(checked, Fact)
+                    if self._state.sensed.get(checked.name.lower()) is None:
+                        found.append([checked.name, list(checked.args), checked.negative])
+            except PddlError as error:
+                raise KnowledgeError(f"'{text}': {error}") from error
+            except KnowledgeError as error:
+                raise KnowledgeError(f"'{text}': {error}") from error
+        return found
+
+    def _objects_exist(self, args: Sequence[str]) -> bool:
+        return all(self._state.spelling(arg) is not None for arg in args)
+
+
+def _bring_about(changes: RecordedChanges, literals: Sequence[Literal]) -> None:
+    """Deletes first, so that an added fact stays when it is named both ways."""
+    for name, args, negative in literals:
+        if negative:
+            changes.delete(Fact(name, tuple(args)))
+    for name, args, negative in literals:
+        if not negative:
+            changes.add(Fact(name, tuple(args)))
+
+
+def _read_literals(node: Node) -> List[Fact]:
+    if not isinstance(node, Expression):
+        raise node.error(f"expected a literal in parentheses, found '{node}'")
+    if node.head == "and":
+        return [fact for part in node[1:] for fact in _read_literals(part)]
+    negative = node.head == "not"
+    atom = node[1] if negative and len(node) == 2 else node
+    if not isinstance(atom, Expression) or not atom or atom.head in ("not", "="):
+        raise node.error("expected a literal such as (checked kitchen) or (not (checked kitchen))")
+    names = [str(name_of(part, "a name")) for part in atom]
+    return [Fact(names[0], tuple(names[1:]), negative)]
+
+
+def _text(literal: Literal) -> str:
+    name, args, negative = literal
+    return Fact(name, tuple(args), negative).text()

@@ -1,0 +1,172 @@
+"""What a strict knowledge base refuses, with the reason; what it accepts gets the domain's spelling."""
+
+import math
+from typing import Callable, Dict, Optional, Tuple
+
+from merlin_pddl.domain import Signature
+from merlin_pddl.formula import (
+    And,
+    Arithmetic,
+    Atom,
+    Comparison,
+    Condition,
+    Equal,
+    Exists,
+    Fluent,
+    Forall,
+    Not,
+    Number,
+    Numeric,
+    Or,
+    Preference,
+    to_pddl,
+)
+from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance, Metric
+from merlin_pddl.text_reader import is_name, shortened, suggestion
+from merlin_pddl.type_hierarchy import OBJECT
+from merlin_rosplan.knowledge.knowledge_state import KnowledgeState
+
+
+class KnowledgeError(Exception):
+    """An update is refused; the text says why, shortened when a client sent names without end."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(shortened(reason))
+
+
+class KnowledgeChecks:
+    """Checks updates against a domain and the objects that exist.
+
+    Parameters
+    ----------
+    state: knows the domain and the objects.
+    warn: is told what is accepted and looks wrong: an object of another type than the domain declares.
+    """
+
+    def __init__(self, state: KnowledgeState, warn: Callable[[str], None] = lambda text: None) -> None:
+        self._state = state
+        self._domain = state.domain
+        self._warn = warn
+
+    def instance(self, item: Instance) -> Instance:
+        """An instance that may be added.
+
+        Raises
+        ------
+        KnowledgeError: its type is unknown, or its name empty or no name in PDDL.
+        """
+        kind = item.type_name.lower()
+        if kind not in self._domain.types:
+            hint = suggestion(kind, self._domain.types)
+            raise KnowledgeError(f"unknown type '{item.type_name}' of the instance '{item.name}'{hint}")
+        if not item.name:
+            raise KnowledgeError(f"the name of the new {kind} is empty")
+        if not is_name(item.name):
+            raise KnowledgeError(
+                f"'{item.name}' is no name in PDDL: a letter first, then letters, digits, '-' and '_'"
+            )
+        return Instance(kind, self._state.spelling(item.name) or item.name)
+
+    def fact(self, item: Fact) -> Fact:
+        """A fact that may be added, or be a goal.
+
+        Raises
+        ------
+        KnowledgeError: predicate or object is unknown, or the arguments are too many, too few or empty.
+        """
+        signature = self._signature(item.name, self._domain.predicates, "predicate")
+        return Fact(signature.name, self._arguments(signature, item.args), item.negative, item.since)
+
+    def value(self, item: FunctionValue) -> FunctionValue:
+        """A function value that may be added.
+
+        Raises
+        ------
+        KnowledgeError: as for a fact, or the value is no finite number.
+        """
+        signature = self._signature(item.name, self._domain.functions, "function")
+        args = self._arguments(signature, item.args)
+        if not math.isfinite(item.value):
+            raise KnowledgeError(f"the value of {item.text()} is {item.value}, no finite number")
+        return FunctionValue(signature.name, args, item.value, item.since, item.op)
+
+    def goal(self, item: Goal) -> Goal:
+        """A goal that may be added.
+
+        Raises
+        ------
+        KnowledgeError: it names something unknown.
+        """
+        if item.instance is not None:
+            return Goal(None, self.instance(item.instance), item.since)
+        assert item.condition is not None
+        return Goal(self._condition(item.condition), None, item.since)
+
+    def metric(self, item: Metric) -> Metric:
+        """A metric that may be set.
+
+        Raises
+        ------
+        KnowledgeError: it names something unknown.
+        """
+        if item.optimization.lower() not in ("minimize", "maximize"):
+            raise KnowledgeError(f"a metric is to 'minimize' or 'maximize', not to '{item.optimization}'")
+        return Metric(item.optimization.lower(), self._numeric(item.value))
+
+    def _signature(self, name: str, known: Dict[str, Signature], what: str) -> Signature:
+        if not name:
+            raise KnowledgeError(f"the name of the {what} is empty")
+        found = known.get(name.lower())
+        if found is None:
+            raise KnowledgeError(f"unknown {what} '{name}'{suggestion(name.lower(), known)}")
+        return found
+
+    def _arguments(self, signature: Signature, args: Tuple[str, ...]) -> Tuple[str, ...]:
+        wanted = signature.parameters
+        if len(args) != len(wanted):
+            raise KnowledgeError(f"'{signature.name}' takes {len(wanted)} argument(s), here are {len(args)}")
+        found = []
+        for arg, parameter in zip(args, wanted):
+            if not arg:
+                constant: Optional[str] = self._domain.only_constant(parameter.types)
+                if constant is None:
+                    raise KnowledgeError(f"the argument '{parameter.label}' of '{signature.name}' is empty")
+                arg = constant
+            spelled = self._state.spelling(arg)
+            if spelled is None:
+                hint = suggestion(arg.lower(), self._state.objects(parameter.types)[:1000])
+                raise KnowledgeError(f"unknown object '{arg}' in '{signature.name}'{hint}")
+            if not self._fits(spelled.lower(), parameter.types):
+                self._warn(
+                    f"'{spelled}' is of type {' and '.join(self._state.object_types(spelled))}, but "
+                    f"'{signature.name}' takes {' or '.join(parameter.types)} for '{parameter.label}'"
+                )
+            found.append(spelled)
+        return tuple(found)
+
+    def _fits(self, name: str, types: Tuple[str, ...]) -> bool:
+        if any(kind == OBJECT or (kind, name) in self._state.instances.rows for kind in types):
+            return True
+        return self._domain.accepts(types, tuple(kind.lower() for kind in self._state.object_types(name)))
+
+    def _condition(self, condition: Condition) -> Condition:
+        if isinstance(condition, Atom):
+            fact = self.fact(Fact(condition.name, condition.args))
+            return Atom(fact.name, fact.args)
+        if isinstance(condition, Comparison):
+            return Comparison(condition.op, self._numeric(condition.left), self._numeric(condition.right))
+        if isinstance(condition, Not):
+            return Not(self._condition(condition.part))
+        # the others come from text, which was read against the domain already
+        assert isinstance(condition, (And, Or, Equal, Forall, Exists, Preference)), to_pddl(condition)
+        return condition
+
+    def _numeric(self, value: Numeric) -> Numeric:
+        if isinstance(value, Fluent):
+            signature = self._signature(value.name, self._domain.functions, "function")
+            return Fluent(signature.name, self._arguments(signature, value.args))
+        if isinstance(value, Arithmetic):
+            return Arithmetic(value.op, tuple(self._numeric(part) for part in value.parts))
+        if isinstance(value, Number) and not math.isfinite(value.value):
+            raise KnowledgeError(f"{value.value} is no finite number")
+        return value

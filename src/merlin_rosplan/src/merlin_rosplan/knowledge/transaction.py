@@ -1,0 +1,362 @@
+"""Changes to a knowledge state that happen together or not at all."""
+
+from dataclasses import dataclass, field
+from typing import Any, Dict, List, Optional, Tuple, Union
+
+from merlin_pddl.evaluation import arithmetic
+from merlin_pddl.formula import Atom
+from merlin_pddl.knowledge import (
+    ASSIGN,
+    OPERATIONS,
+    Fact,
+    FunctionValue,
+    Goal,
+    Instance,
+    Metric,
+    Row,
+    Timed,
+)
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, KnowledgeError
+from merlin_rosplan.knowledge.knowledge_state import KnowledgeState, MetricRow, Note
+from merlin_rosplan.knowledge.knowledge_table import Table
+
+Item = Union[Instance, Fact, FunctionValue]
+
+
+@dataclass
+class Change:
+    """What one transaction changed, for those who watch. Facts that turned round are removed and added."""
+
+    version: int
+    client: str
+    added: List[Item] = field(default_factory=list)
+    removed: List[Item] = field(default_factory=list)
+    changed: List[FunctionValue] = field(default_factory=list)
+    goals_added: List[Goal] = field(default_factory=list)
+    goals_removed: List[Goal] = field(default_factory=list)
+    cleared: bool = False
+
+
+#: One step: table, key, row before, row after. A swap of the whole table has the key None and dictionaries.
+Step = Tuple[Table, Any, Any, Any]
+
+
+class Transaction:
+    """Changes a state step by step and can take all of it back. Who makes one holds the store's lock.
+
+    Parameters
+    ----------
+    state: is changed at once, so that later steps see the earlier ones.
+    checks: refuses what does not fit the domain; None accepts everything, as ROSPlan does.
+    now: time of the changes, ns.
+    next_order: the order of the next row; rows added later have higher ones.
+    """
+
+    def __init__(
+        self, state: KnowledgeState, checks: Optional[KnowledgeChecks], now: int, next_order: int
+    ) -> None:
+        self.state = state
+        self.now = now
+        self.next_order = next_order
+        self.steps: List[Step] = []
+        self.cleared = False
+        self._checks = checks
+
+    # --- steps ----------------------------------------------------------------------------------
+
+    def put(self, table: Table, row: Row, replacing: Optional[Row] = None) -> None:
+        """Stores a row, in the place of another one if there is one."""
+        if replacing is not None:
+            row.order = replacing.order
+        else:
+            row.order = self.next_order
+            self.next_order += 1
+        table.put(row.key, row)
+        self.steps.append((table, row.key, replacing, row))
+
+    def drop(self, table: Table, key: Any) -> None:
+        """Drops a row if it is there."""
+        row = table.get(key)
+        if row is not None:
+            table.remove(key)
+            self.steps.append((table, key, row, None))
+
+    def undo(self) -> None:
+        """Takes everything back."""
+        came_back = set()
+        for table, key, before, after in reversed(self.steps):
+            if key is None:
+                table.swap(before)
+            elif before is None:
+                table.remove(key)
+            else:
+                table.put(key, before)
+                if after is None:
+                    came_back.add(table.kind)
+        for kind in came_back:
+            self.state.tables[kind].sort()
+        self.steps.clear()
+
+    # --- updates --------------------------------------------------------------------------------
+
+    def add(self, item: Item, at: int = 0) -> None:
+        """Adds knowledge; with a time that is still to come, when that time comes.
+
+        Raises
+        ------
+        KnowledgeError: it is refused.
+        """
+        checked = self.checked(item)
+        if at > self.now:
+            self.put(self.state.timed, self._in_order(Timed(at, checked)))
+        elif isinstance(checked, Instance):
+            self._add_instance(checked)
+        elif isinstance(checked, Fact):
+            self.add_fact(checked)
+        else:
+            self.add_value(checked)
+
+    def checked(self, item: Item) -> Item:
+        """The item with the domain's spelling, if it may be added.
+
+        Raises
+        ------
+        KnowledgeError: it may not.
+        """
+        if self._checks is None:
+            return item
+        if isinstance(item, Instance):
+            return self._checks.instance(item)
+        return self._checks.fact(item) if isinstance(item, Fact) else self._checks.value(item)
+
+    def _in_order(self, row: Timed) -> Timed:
+        row.order = self.next_order  # it is the row's key
+        return row
+
+    def _add_instance(self, item: Instance) -> None:
+        declared = self.state.domain.constants.get(item.name.lower(), ())
+        if item.type_name.lower() not in declared and self.state.instances.get(item.key) is None:
+            self.put(self.state.instances, item)
+
+    def add_fact(self, item: Fact) -> None:
+        """Adds a checked fact: one that is there stays, one of the opposite sign turns round."""
+        key = item.key
+        known_key = key if "" not in key else next(self.state.facts.match(key[0], key[1:]), None)
+        known = self.state.facts.get(known_key) if known_key is not None else None
+        item.since = item.since or self.now
+        if known is None:
+            self.put(self.state.facts, item)
+        elif known.negative != item.negative:
+            turned = Fact(known.name, known.args, item.negative, item.since, known.labels)
+            self.put(self.state.facts, turned, replacing=known)
+
+    def add_value(self, item: FunctionValue) -> None:
+        """Sets or changes a checked function value.
+
+        Raises
+        ------
+        KnowledgeError: there is no value to change, or the result is no number.
+        """
+        key = item.key
+        known_key = key if "" not in key else next(self.state.values.match(key[0], key[1:]), None)
+        known = self.state.values.get(known_key) if known_key is not None else None
+        value: Optional[float] = item.value
+        if item.op != ASSIGN:
+            if known is None:
+                if self._checks is None:
+                    return  # as ROSPlan: nothing to change, nothing happens
+                raise KnowledgeError(f"{item.text()} has no value yet that could {item.op}")
+            value = arithmetic(OPERATIONS[item.op], (known.value, item.value))
+            if value is None:
+                raise KnowledgeError(f"{item.text()}: {known.value} {item.op} {item.value} is no number")
+        assert value is not None
+        if known is None:
+            self.put(
+                self.state.values,
+                FunctionValue(item.name, item.args, value, item.since or self.now, labels=item.labels),
+            )
+        elif known.value != value:
+            changed = FunctionValue(
+                known.name, known.args, value, item.since or self.now, labels=known.labels
+            )
+            self.put(self.state.values, changed, replacing=known)
+
+    def remove(self, item: Item, at: int = 0) -> None:
+        """Removes knowledge; an empty name or argument fits anything. What is not there is no error.
+
+        With a time that is still to come, the first timed item of exactly that time that fits; if there is
+        none, what holds now.
+        """
+        if at > self.now:
+            for row in self.state.timed.all():
+                if row.at == at and fits(item, row.item):
+                    self.drop(self.state.timed, row.key)
+                    return
+        if isinstance(item, Instance):
+            self._remove_instances(item)
+        elif isinstance(item, Fact):
+            name, *args = item.key
+            for key in list(self.state.facts.match(name, args)):
+                if not name or self.state.facts.rows[key].negative == item.negative:
+                    self.drop(self.state.facts, key)
+        else:
+            name, *args = item.key
+            for key in list(self.state.values.match(name, args)):
+                self.drop(self.state.values, key)
+
+    def _remove_instances(self, item: Instance) -> None:
+        type_name = item.type_name.lower()
+        if item.name:
+            names = [item.name.lower()]
+        else:
+            names = [instance.name.lower() for instance in self.state.instances.of_type(type_name)]
+        for name in names:
+            self.drop(self.state.instances, (type_name, name))
+            for table in (self.state.facts, self.state.values):
+                for key in table.mentioning(name):
+                    self.drop(table, key)
+
+    def add_goal(self, goal: Goal) -> None:
+        """Adds a goal unless it is there.
+
+        Raises
+        ------
+        KnowledgeError: it names something unknown.
+        """
+        checked = self._checks.goal(goal) if self._checks is not None else goal
+        checked.since = goal.since or self.now
+        if self.state.goals.get(checked.key) is None:
+            self.put(self.state.goals, checked)
+
+    def remove_goal(self, goal: Goal) -> None:
+        """Removes every goal that fits; an empty name or argument fits anything."""
+        if not _has_wildcard(goal):
+            self.drop(self.state.goals, goal.key)
+            return
+        for row in self.state.goals.all():
+            if goal_fits(goal, row):
+                self.drop(self.state.goals, row.key)
+
+    def set_metric(self, metric: Optional[Metric]) -> None:
+        """Replaces the metric; None drops it.
+
+        Raises
+        ------
+        KnowledgeError: it names something unknown.
+        """
+        known = self.state.metric.get("metric")
+        if metric is None:
+            self.drop(self.state.metric, "metric")
+            return
+        checked = self._checks.metric(metric) if self._checks is not None else metric
+        if known is None or known.metric != checked:
+            self.put(self.state.metric, MetricRow(checked), replacing=known)
+
+    def clear(self) -> None:
+        """Drops all knowledge, goals and the metric. The domain and the sensed flags stay."""
+        for table in self.state.knowledge:
+            if table.rows:
+                self.steps.append((table, None, table.swap({}), {}))
+        self.cleared = True
+
+    def note(self, table: "Table[Note]", name: str, data: Optional[Dict[str, object]]) -> None:
+        """Keeps a note, or drops it."""
+        if data is None:
+            self.drop(table, name)
+        else:
+            self.put(table, Note(name, data), replacing=table.get(name))
+
+    def fire(self, row: Timed) -> None:
+        """Lets a timed item become true now. A negative fact takes the positive one away, as in ROSPlan.
+
+        Raises
+        ------
+        KnowledgeError: it no longer fits: its objects are gone.
+        """
+        self.drop(self.state.timed, row.key)
+        if isinstance(row.item, Fact) and row.item.negative:
+            self.remove(Fact(row.item.name, row.item.args))
+        else:
+            self.add(row.item)
+
+    def change(self, version: int, client: str) -> Change:
+        """The net effect so far."""
+        found = Change(version, client, cleared=self.cleared)
+        first: Dict[Tuple[str, Any], Any] = {}
+        last: Dict[Tuple[str, Any], Any] = {}
+        for table, key, before, after in self.steps:
+            if key is None:
+                # watchers are told by `cleared`; what the transaction did before is gone with the rest
+                for kind, known in list(first):
+                    if kind == table.kind:
+                        first.pop((kind, known))
+                        last.pop((kind, known))
+                continue
+            first.setdefault((table.kind, key), before)
+            last[table.kind, key] = after
+        for (kind, key), before in first.items():
+            after = last[kind, key]
+            if before is after:
+                continue
+            if kind == "goal":
+                found.goals_removed.extend([before] if before is not None else [])
+                found.goals_added.extend([after] if after is not None else [])
+            elif kind == "value" and before is not None and after is not None:
+                found.changed.append(after)
+            elif kind in ("instance", "fact", "value"):
+                found.removed.extend([before] if before is not None else [])
+                found.added.extend([after] if after is not None else [])
+        return found
+
+
+def fits(pattern: Item, item: Item) -> bool:
+    """Whether an item is what a pattern describes; an empty name or argument of the pattern fits anything."""
+    if isinstance(pattern, Instance):
+        return (
+            isinstance(item, Instance)
+            and pattern.type_name.lower() == item.type_name.lower()
+            and pattern.name.lower() in ("", item.name.lower())
+        )
+    if isinstance(item, Instance) or isinstance(pattern, Fact) != isinstance(item, Fact):
+        return False
+    if not pattern.name:
+        return True
+    if isinstance(pattern, Fact) and isinstance(item, Fact) and pattern.negative != item.negative:
+        return False
+    return key_fits(pattern.key, item.key)
+
+
+def key_fits(pattern: Tuple[str, ...], key: Tuple[str, ...]) -> bool:
+    """Whether a key has the pattern's name and its arguments where those are not empty."""
+    return (
+        len(pattern) == len(key)
+        and pattern[0] == key[0]
+        and all(wanted in ("", actual) for wanted, actual in zip(pattern[1:], key[1:]))
+    )
+
+
+def goal_fits(pattern: Goal, goal: Goal) -> bool:
+    """Whether a goal is what a pattern describes."""
+    if pattern.instance is not None or goal.instance is not None:
+        return (
+            pattern.instance is not None
+            and goal.instance is not None
+            and fits(pattern.instance, goal.instance)
+        )
+    wanted, actual = pattern.literal, goal.literal
+    if wanted is None or actual is None:
+        return pattern.key == goal.key
+    if not wanted[0].name:
+        return True
+    return wanted[1] == actual[1] and key_fits(_atom_key(wanted[0]), _atom_key(actual[0]))
+
+
+def _has_wildcard(goal: Goal) -> bool:
+    if goal.instance is not None:
+        return not goal.instance.name
+    literal = goal.literal
+    return literal is not None and "" in (literal[0].name, *literal[0].args)
+
+
+def _atom_key(atom: Atom) -> Tuple[str, ...]:
+    return (atom.name.lower(), *[arg.lower() for arg in atom.args])

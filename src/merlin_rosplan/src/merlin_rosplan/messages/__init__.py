@@ -1,0 +1,1 @@
+"""ROSPlan's messages to and from the pure classes."""

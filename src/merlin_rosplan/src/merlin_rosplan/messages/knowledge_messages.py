@@ -1,0 +1,205 @@
+"""Knowledge items between ROSPlan's messages and the store."""
+
+from typing import Callable, List, Mapping, Tuple, Union
+
+import genpy
+from diagnostic_msgs.msg import KeyValue
+from rosplan_knowledge_msgs.msg import KnowledgeItem
+
+from merlin_pddl.domain import Domain, Signature
+from merlin_pddl.formula import Atom, Condition, Not
+from merlin_pddl.knowledge import (
+    ASSIGN,
+    DECREASE,
+    INCREASE,
+    SCALE_DOWN,
+    SCALE_UP,
+    Fact,
+    FunctionValue,
+    Goal,
+    Instance,
+    Metric,
+    Timed,
+)
+from merlin_pddl.problem_reader import parse_condition
+from merlin_pddl.text_reader import PddlError
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.transaction import Item
+from merlin_rosplan.messages.expression_messages import FormulaWriter, read_comparison, read_expression
+
+_ASSIGNMENTS = {
+    KnowledgeItem.AP_ASSIGN: ASSIGN,
+    KnowledgeItem.AP_INCREASE: INCREASE,
+    KnowledgeItem.AP_DECREASE: DECREASE,
+    KnowledgeItem.AP_SCALE_UP: SCALE_UP,
+    KnowledgeItem.AP_SCALE_DOWN: SCALE_DOWN,
+}
+_ASSIGNMENT_NUMBERS = {name: number for number, name in _ASSIGNMENTS.items()}
+
+#: Gives all objects with their types; asked only when an item comes as text.
+Objects = Callable[[], Mapping[str, Tuple[str, ...]]]
+
+
+class KnowledgeReader:
+    """Reads the knowledge items of requests.
+
+    Parameters
+    ----------
+    domain: for goals and queries that come as PDDL text.
+    """
+
+    def __init__(self, domain: Domain) -> None:
+        self._domain = domain
+
+    def item(self, message: KnowledgeItem) -> Item:
+        """An instance, fact or function value.
+
+        Raises
+        ------
+        KnowledgeError: it is something else.
+        """
+        kind = message.knowledge_type
+        if kind == KnowledgeItem.INSTANCE:
+            return Instance(message.instance_type, message.instance_name)
+        args = tuple(pair.value for pair in message.values)
+        labels = tuple(pair.key for pair in message.values)
+        since = message.initial_time.to_nsec()
+        if kind == KnowledgeItem.FACT:
+            return Fact(message.attribute_name, args, message.is_negative, since, labels)
+        if kind == KnowledgeItem.FUNCTION:
+            if message.assign_op not in _ASSIGNMENTS:
+                raise KnowledgeError(
+                    f"assign_op {message.assign_op} of '{message.attribute_name}' cannot be applied at once"
+                )
+            op = _ASSIGNMENTS[message.assign_op]
+            return FunctionValue(message.attribute_name, args, message.function_value, since, op, labels)
+        raise KnowledgeError(f"knowledge_type {kind} is no instance, fact or function value")
+
+    def goal(self, message: KnowledgeItem, objects: Objects) -> Goal:
+        """A goal: instance, fact, inequality, or an expression with PDDL text in `attribute_name`.
+
+        Raises
+        ------
+        KnowledgeError: it is none of them, or malformed.
+        """
+        since = message.initial_time.to_nsec()
+        if message.knowledge_type == KnowledgeItem.INSTANCE:
+            return Goal(None, Instance(message.instance_type, message.instance_name), since)
+        return Goal(self.condition(message, objects), None, since)
+
+    def condition(self, message: KnowledgeItem, objects: Objects) -> Condition:
+        """The condition that a fact, inequality or expression item states.
+
+        Raises
+        ------
+        KnowledgeError: the item states none, or is malformed.
+        """
+        kind = message.knowledge_type
+        if kind == KnowledgeItem.FACT:
+            atom = Atom(message.attribute_name, tuple(pair.value for pair in message.values))
+            return Not(atom) if message.is_negative else atom
+        if kind == KnowledgeItem.INEQUALITY:
+            comparison = read_comparison(message.ineq)
+            return Not(comparison) if message.is_negative else comparison
+        if kind == KnowledgeItem.EXPRESSION and message.attribute_name:
+            try:
+                condition = parse_condition(message.attribute_name, self._domain, objects())
+            except PddlError as error:
+                raise KnowledgeError(f"'{message.attribute_name}': {error}") from error
+            return Not(condition) if message.is_negative else condition
+        raise KnowledgeError(f"an item with knowledge_type {kind} states no condition")
+
+    def query(self, message: KnowledgeItem, objects: Objects) -> Union[Item, Condition]:
+        """What `query_state` is asked by an item.
+
+        Raises
+        ------
+        KnowledgeError: it is malformed.
+        """
+        if message.knowledge_type in (KnowledgeItem.INEQUALITY, KnowledgeItem.EXPRESSION):
+            return self.condition(message, objects)
+        if message.knowledge_type == KnowledgeItem.FUNCTION:
+            return FunctionValue(message.attribute_name, tuple(pair.value for pair in message.values), 0.0)
+        return self.item(message)
+
+    @staticmethod
+    def metric(message: KnowledgeItem) -> Metric:
+        """A metric.
+
+        Raises
+        ------
+        KnowledgeError: it is malformed.
+        """
+        return Metric(message.optimization, read_expression(message.expr))
+
+
+class KnowledgeWriter:
+    """Writes what the store holds as knowledge items."""
+
+    def __init__(self, domain: Domain) -> None:
+        self._domain = domain
+        self._formulas = FormulaWriter(domain)
+
+    def item(self, row: Item) -> KnowledgeItem:
+        """An instance, fact or function value."""
+        if isinstance(row, Instance):
+            return KnowledgeItem(
+                knowledge_type=KnowledgeItem.INSTANCE, instance_type=row.type_name, instance_name=row.name
+            )
+        message = KnowledgeItem(attribute_name=row.name, initial_time=_time(row.since))
+        if isinstance(row, Fact):
+            message.knowledge_type = KnowledgeItem.FACT
+            message.is_negative = row.negative
+            message.values = self._values(self._domain.predicates.get(row.name.lower()), row)
+        else:
+            message.knowledge_type = KnowledgeItem.FUNCTION
+            message.function_value = row.value
+            message.assign_op = _ASSIGNMENT_NUMBERS[row.op]
+            message.values = self._values(self._domain.functions.get(row.name.lower()), row)
+        return message
+
+    @staticmethod
+    def _values(signature: Union[Signature, None], row: Union[Fact, FunctionValue]) -> List[KeyValue]:
+        if signature is not None and len(signature.parameters) == len(row.args):
+            return [KeyValue(p.label, arg) for p, arg in zip(signature.parameters, row.args)]
+        labels = row.labels or tuple("" for _ in row.args)
+        return [KeyValue(label, arg) for label, arg in zip(labels, row.args)]
+
+    def timed(self, row: Timed) -> KnowledgeItem:
+        """An item that waits for its time."""
+        message = self.item(row.item)
+        message.initial_time = _time(row.at)
+        return message
+
+    def goal(self, goal: Goal) -> KnowledgeItem:
+        """A goal. One that is neither literal nor comparison is an EXPRESSION with its text."""
+        literal, comparison = goal.literal, goal.comparison
+        if goal.instance is not None:
+            message = self.item(goal.instance)
+        elif literal is not None:
+            message = self.item(Fact(literal[0].name, literal[0].args, literal[1]))
+        elif comparison is not None:
+            message = KnowledgeItem(
+                knowledge_type=KnowledgeItem.INEQUALITY,
+                is_negative=comparison[1],
+                ineq=self._formulas.comparison(comparison[0]),
+            )
+        else:
+            message = KnowledgeItem(knowledge_type=KnowledgeItem.EXPRESSION, attribute_name=goal.text())
+        message.initial_time = _time(goal.since)
+        return message
+
+    def metric(self, metric: Union[Metric, None]) -> KnowledgeItem:
+        """The metric; a default item when there is none, as in ROSPlan."""
+        if metric is None:
+            return KnowledgeItem()
+        return KnowledgeItem(
+            knowledge_type=KnowledgeItem.EXPRESSION,
+            optimization=metric.optimization,
+            expr=self._formulas.expression(metric.value),
+        )
+
+
+def _time(nanoseconds: int) -> genpy.Time:
+    seconds, rest = divmod(max(0, nanoseconds), 1_000_000_000)
+    return genpy.Time(min(seconds, 0xFFFFFFFF), rest)

@@ -1,0 +1,74 @@
+"""Goals that belong to a living client: the knowledge base removes them when that dies or hangs.
+
+The client holds a lease on ``<kb>/goals/lease`` while its goals are there. The id of the lease is a unique
+word, a blank, and the goals as PDDL text; so a lease says by itself what it is about, whatever comes first,
+the goals or their lease. Goals that no lease names stay until they are removed.
+"""
+
+from typing import List
+
+import rospy
+from rosplan_knowledge_msgs.msg import KnowledgeItem
+from rosplan_knowledge_msgs.srv import KnowledgeUpdateServiceRequest
+
+from merlin_ros.actions.lease import LeaseChange, LeaseState
+from merlin_ros.actions.lease_watch import LeaseWatch
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
+from merlin_rosplan.messages.update_messages import UpdateReader
+from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
+
+
+class GoalLeases:
+    """Removes the goals of a lease that is lost.
+
+    A client that lets go of a lease has removed its goals, or leaves them on purpose.
+
+    :param scope: global name of the knowledge base.
+    :param store: of the goals.
+    :param updates: removes them.
+    """
+
+    def __init__(self, scope: str, store: KnowledgeStore, updates: UpdateReader) -> None:
+        self._scope = scope
+        self._store = store
+        self._updates = updates
+        self._watch = LeaseWatch(f"{scope}/goals/lease", self._changed)
+
+    def shutdown(self) -> None:
+        """Watches no more."""
+        self._watch.shutdown()
+
+    def _changed(self, change: LeaseChange) -> None:
+        if change.state is not LeaseState.LOST or change.let_go:
+            return
+        # A client that was restarted may want the same goal again.
+        wanted = {
+            to_pddl(item)
+            for lease in self._watch.goals_of(self._watch.owner(change.goal))
+            for item in self._goals(lease)
+        }
+        lost = [item for item in self._goals(change.goal) if to_pddl(item) not in wanted]
+        try:
+            with self._store.transaction(self._scope) as transaction:
+                for item in lost:
+                    self._updates.apply(transaction, KnowledgeUpdateServiceRequest.REMOVE_GOAL, item)
+                removed = len(transaction.steps)
+        except (KnowledgeError, OSError) as error:
+            rospy.logerr("%s: the goals of a client that is lost stay: %s", self._scope, error)
+            return
+        if removed:
+            rospy.logwarn(
+                "%s: %d goals are removed (%s): %s",
+                self._scope,
+                removed,
+                ", ".join(map(to_pddl, lost[:5])),
+                change.reason,
+            )
+
+    def _goals(self, lease: str) -> List[KnowledgeItem]:
+        try:
+            return parse_goal(lease.partition(" ")[2])
+        except PDDLSyntaxError as error:
+            rospy.logwarn("%s: a lease of goals cannot be read: %s", self._scope, error)
+            return []

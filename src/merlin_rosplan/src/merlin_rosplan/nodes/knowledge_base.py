@@ -1,0 +1,270 @@
+"""The knowledge base: ROSPlan's services and topics over the store."""
+
+import os
+from typing import List, Optional, Sequence, Tuple
+
+import rospkg
+import rospy
+from merlin_msgs.msg import KnowledgeChanges
+from rosplan_knowledge_msgs.msg import StatusUpdate
+from rosplan_knowledge_msgs.srv import (
+    KnowledgeUpdateService,
+    KnowledgeUpdateServiceArray,
+    KnowledgeUpdateServiceArrayRequest,
+    KnowledgeUpdateServiceArrayResponse,
+    KnowledgeUpdateServiceRequest,
+    KnowledgeUpdateServiceResponse,
+    SetNamedBool,
+    SetNamedBoolRequest,
+    SetNamedBoolResponse,
+)
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
+
+from merlin_pddl.domain import Domain
+from merlin_pddl.domain_reader import read_domain
+from merlin_pddl.problem import Problem
+from merlin_pddl.problem_reader import read_problem
+from merlin_pddl.text_reader import PddlError, shortened
+from merlin_ros.health import OK, Health
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
+from merlin_rosplan.knowledge.transaction import Change
+from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
+from merlin_rosplan.messages.update_messages import UpdateReader
+from merlin_rosplan.messages.wire_items import AnyItem, UpdateArray, bounded, refuse_too_many
+from merlin_rosplan.nodes.domain_services import DomainServices
+from merlin_rosplan.nodes.execution_services import ExecutionServices
+from merlin_rosplan.nodes.goal_leases import GoalLeases
+from merlin_rosplan.nodes.state_services import StateServices
+from merlin_rosplan.nodes.timed_knowledge import TimedKnowledge
+from merlin_rosplan.storage.state_file import StateFile, StateFileError
+from merlin_rosplan.transport.component import (
+    KNOWLEDGE_BASE,
+    Component,
+    ComponentError,
+    caller,
+    run_component,
+)
+
+#: Items that one request may have: others wait for an array while it is stored.
+MAX_ITEMS = 20_000
+#: value of ``~state_file`` that stands for a file in the log folder of this run of ROS
+RUN = "run"
+
+_ONLY_PDDL = "only PDDL domains (.pddl) are known, no PPDDL, RDDL or HDDL"
+
+
+def ros_nanoseconds() -> int:
+    """Now in ROS time, ns."""
+    return int(rospy.get_rostime().to_nsec())
+
+
+class KnowledgeBase(Component):
+    """The knowledge base as a component. See the README for its names and parameters.
+
+    Raises
+    ------
+    ComponentError: no domain, or the state file cannot be used.
+    """
+
+    def __init__(self, scope: str = KNOWLEDGE_BASE) -> None:
+        super().__init__(scope)
+        self.domain = self._read_domain()
+        self.strict = bool(self.param("strict", True))
+        self.param("use_unknowns", False)  # ROSPlan reads it and never uses it
+        max_items = int(self.number("max_items", MAX_ITEMS, 0))
+        self.store = self._make_store()
+        self._reader = KnowledgeReader(self.domain)
+        self._updates = UpdateReader(self.domain, self.store.objects, self.strict)
+        self._writer = KnowledgeWriter(self.domain)
+        self._status = self.publisher("status/update", StatusUpdate)
+        self._changes = self.publisher("changes", KnowledgeChanges, queue_size=1000)
+        self._load_problem()
+        self.store.listen(self._publish_change)
+        self.own(TimedKnowledge(self.store, self.scope))
+        DomainServices(self, self.domain, self.store.sensed)
+        StateServices(self, self.store, max_items)
+        self.service("update", KnowledgeUpdateService, self._update)
+        self.service("update_array", bounded(UpdateArray, max_items), self._update_array)
+        self.service("clear", Empty, self._clear)
+        self.service("update_constraints_oneof", KnowledgeUpdateServiceArray, self._oneof)
+        self.service("update_sensed_predicates", SetNamedBool, self._sensed)
+        ExecutionServices(self, self.store, self._status)
+        self._goal_leases = GoalLeases(self.scope, self.store, self._updates)
+
+    def on_shutdown(self) -> None:
+        """Watches no owner any more, and closes the store."""
+        self._goal_leases.shutdown()
+        self.store.close()
+
+    def health(self) -> Health:
+        """The version of the knowledge and the number of goals."""
+        values = {"version": self.store.version, "goals": len(self.store.goals())}
+        return Health(OK, f"version {self.store.version}", values)
+
+    # --- start ----------------------------------------------------------------------------------
+
+    def _read_domain(self) -> Domain:
+        path = self.param("domain_path", None) or rospy.get_param(
+            "/rosplan/domain_path", "common/domain.pddl"
+        )
+        self.domain_path = os.path.abspath(str(path))
+        extension = os.path.splitext(self.domain_path)[1]
+        if extension != ".pddl":
+            raise ComponentError(f"{self.resolve('domain_path')} is '{path}': {_ONLY_PDDL}")
+        try:
+            return read_domain(self.domain_path)
+        except PddlError as error:
+            raise ComponentError(f"the domain cannot be used: {error}") from error
+
+    def _make_store(self) -> KnowledgeStore:
+        path = self._state_path(str(self.param("state_file", "")))
+        reset = bool(self.param("reset_state", False))
+        try:
+            journal = StateFile(path, self.domain, reset) if path else None
+            store = KnowledgeStore(self.domain, self.strict, ros_nanoseconds, journal, self._warn)
+        except StateFileError as error:
+            raise ComponentError(str(error)) from error
+        if path and reset:
+            # Once per launch: a respawned process goes on with what it knows.
+            rospy.set_param(self.resolve("reset_state"), False)
+        return store
+
+    def _state_path(self, value: str) -> str:
+        if value != RUN:
+            return value
+        run = rospy.get_param("/run_id", None)
+        if run is None:
+            raise ComponentError(
+                f"{self.resolve('state_file')} is '{RUN}', but this master has no /run_id; "
+                "start it with roscore or roslaunch, or name a file"
+            )
+        name = self.scope.strip("/").replace("/", "-")
+        return os.path.join(rospkg.get_log_dir(), str(run), f"{name}.sqlite")
+
+    def _warn(self, text: str) -> None:
+        rospy.logwarn_throttle_identical(60.0, f"{self.scope}: {shortened(text)}")
+
+    def _load_problem(self) -> None:
+        path = self.param("problem_path", "")
+        if not path:
+            return
+        if self.store.version:
+            rospy.loginfo("%s goes on with what its state file holds; %s is not read", self.scope, path)
+            return
+        try:
+            problem = read_problem(str(path), self.domain)
+            if not bool(self.param("problem_goals", True)):
+                problem.goals.clear()  # a file must state one; a mission brings its own
+            self.store.load_problem(problem, rospy.get_name())
+        except (PddlError, KnowledgeError) as error:
+            if self.strict:
+                raise ComponentError(f"the problem cannot be used: {error}") from error
+            rospy.logerr("%s starts with nothing: the problem cannot be used: %s", self.scope, error)
+
+    # --- changes --------------------------------------------------------------------------------
+
+    def _publish_change(self, change: Change) -> None:
+        if not self._changes.get_num_connections():
+            return
+        write = self._writer
+        message = KnowledgeChanges(
+            version=change.version,
+            client=change.client,
+            added=[write.item(row) for row in change.added],
+            removed=[write.item(row) for row in change.removed],
+            changed=[write.item(row) for row in change.changed],
+            goals_added=[write.goal(goal) for goal in change.goals_added],
+            goals_removed=[write.goal(goal) for goal in change.goals_removed],
+            cleared=change.cleared,
+        )
+        message.header.stamp = rospy.get_rostime()
+        self._changes.publish(message)
+
+    def _update(self, request: KnowledgeUpdateServiceRequest) -> KnowledgeUpdateServiceResponse:
+        return KnowledgeUpdateServiceResponse(
+            self._apply("update", [request.update_type], [request.knowledge], caller(request))
+        )
+
+    def _update_array(
+        self, request: KnowledgeUpdateServiceArrayRequest
+    ) -> KnowledgeUpdateServiceArrayResponse:
+        refuse_too_many(request)
+        client = caller(request)
+        success = self._apply("update_array", list(request.update_type), request.knowledge, client)
+        if success:
+            self._status.publish(StatusUpdate(client, rospy.get_rostime()))
+        return KnowledgeUpdateServiceArrayResponse(success)
+
+    def _apply(self, service: str, kinds: List[int], items: Sequence[AnyItem], client: str) -> bool:
+        """All of the updates, or none of them."""
+        if len(kinds) != len(items) and self.strict:
+            self._refused(service, client, f"{len(kinds)} update types for {len(items)} items")
+            return False
+        number = 0
+        try:
+            with self.store.transaction(client) as transaction:
+                for kind, item in zip(kinds, items):
+                    self._updates.apply(transaction, kind, item)
+                    number += 1
+        except KnowledgeError as error:
+            place = f"item {number}: " if len(items) > 1 else ""
+            self._refused(service, client, f"{place}{error}")
+            return False
+        return True
+
+    def _refused(self, service: str, client: str, reason: str) -> None:
+        sender = shortened(client, 200)
+        rospy.logwarn("%s/%s refused what %s sent: %s", self.scope, service, sender, reason)
+
+    def _clear(self, request: EmptyRequest) -> EmptyResponse:
+        try:
+            with self.store.transaction(caller(request)) as transaction:
+                transaction.clear()
+        except KnowledgeError as error:
+            raise rospy.ServiceException(str(error)) from error
+        return EmptyResponse()
+
+    def _oneof(self, request: KnowledgeUpdateServiceArrayRequest) -> KnowledgeUpdateServiceArrayResponse:
+        """Keeps a group of which one is true; nothing reads it, in ROSPlan neither."""
+        client = caller(request)
+        try:
+            with self.store.transaction(client) as transaction:
+                items = [self._reader.item(message).text() for message in request.knowledge]
+                state = transaction.state
+                transaction.note(state.oneof, " ".join(items), {"items": items})
+        except KnowledgeError as error:
+            self._refused("update_constraints_oneof", client, str(error))
+            return KnowledgeUpdateServiceArrayResponse(False)
+        return KnowledgeUpdateServiceArrayResponse(True)
+
+    def _sensed(self, request: SetNamedBoolRequest) -> SetNamedBoolResponse:
+        client = caller(request)
+        name = request.name.lower()
+        if self.strict and name not in self.domain.predicates and name not in self.domain.functions:
+            self._refused("update_sensed_predicates", client, f"unknown predicate '{request.name}'")
+            return SetNamedBoolResponse(False)
+        try:
+            with self.store.transaction(client) as transaction:
+                transaction.note(transaction.state.sensed, name, {} if request.value else None)
+        except KnowledgeError as error:
+            self._refused("update_sensed_predicates", client, str(error))
+            return SetNamedBoolResponse(False)
+        return SetNamedBoolResponse(True)
+
+    # --- for components of the same process ------------------------------------------------------
+
+    def snapshot(self) -> Tuple[Domain, Problem]:
+        """The domain and everything that is stored, at one moment."""
+        return self.domain, self.store.snapshot()[1]
+
+
+def knowledge_base_in_process(name: str) -> Optional[KnowledgeBase]:
+    """The knowledge base of that global name, if it lives in this process."""
+    found = Component.in_process(name)
+    return found if isinstance(found, KnowledgeBase) else None
+
+
+def main() -> None:
+    """Entry point of ``rosrun merlin_rosplan knowledge_base``."""
+    run_component(KnowledgeBase, KNOWLEDGE_BASE)

@@ -1,0 +1,218 @@
+"""ROSPlan's parsing interface: plan text in, a list of actions or a plan graph out."""
+
+import threading
+import time
+from typing import Any, Dict, List, Set, Tuple, Type
+
+import rospy
+from diagnostic_msgs.msg import KeyValue
+from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan, EsterelPlan
+from rosplan_dispatch_msgs.srv import ParsingService, ParsingServiceRequest, ParsingServiceResponse
+from std_msgs.msg import String
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
+
+from merlin_pddl.plan_text import PlanStep, PlanTextError, parse_plan
+from merlin_pddl.text_reader import suggestion
+from merlin_rosplan.dispatch.operator_model import Atom, BindingError, Operator
+from merlin_rosplan.dispatch.plan_graph import TimedValue
+from merlin_rosplan.dispatch.plan_graph_builder import build_graph
+from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
+from merlin_rosplan.messages.plan_graph_messages import graph_to_message
+from merlin_rosplan.transport.component import Component, ComponentError, run_component
+from merlin_rosplan.transport.handover import Handover, digest_service
+
+SCOPE = "rosplan_parsing_interface"
+IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
+
+
+class PlanParser(Component):
+    """Base of both parsers: services ``parse_plan`` and ``parse_plan_from_file``, topic ``complete_plan``."""
+
+    plan_class: Type[Any] = CompletePlan
+
+    def __init__(self, scope: str = SCOPE) -> None:
+        super().__init__(scope)
+        self._state = threading.Condition()  # guards the two fields below
+        self._text = ""
+        self._new = False
+        self._parsing = threading.Lock()  # one plan at a time, published in the order of the calls
+        self._strict = bool(self.param("strict", True))
+        self._knowledge = PlanKnowledge(self.knowledge_base)
+        topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
+        self._plan = self.publisher(topic, self.plan_class, queue_size=1, latch=True)
+        self._hand_over = self.own(Handover.sender(topic))
+        self.service(digest_service(topic), Trigger, self._hand_over.tell_digest)
+        self._planner_topic = self.resolve(str(self.param("planner_topic", "planner_output")))
+        self._outputs = self.own(Handover.receiver(self._planner_topic, self._receive))
+        self.subscriber(self._planner_topic, String, self._outputs.from_topic, queue_size=1)
+        self.service("parse_plan", Empty, self._serve)
+        self.service("parse_plan_from_file", ParsingService, self._serve_file)
+
+    def on_shutdown(self) -> None:
+        """Lets a waiting call go."""
+        with self._state:
+            self._state.notify_all()
+
+    def message(self, steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> Any:
+        """The message for a plan; each action as (operator, ground operator).
+
+        Raises
+        ------
+        PlanKnowledgeError: the knowledge base does not answer.
+        """
+        raise NotImplementedError
+
+    def _receive(self, message: String) -> None:
+        with self._state:
+            self._text, self._new = message.data, True
+            self._state.notify_all()
+
+    def _serve(self, _: EmptyRequest) -> EmptyResponse:
+        self._outputs.catch_up()
+        with self._state:
+            self._state.wait_for(lambda: self._new or self.closed, timeout=IN_FLIGHT)
+            text, new, self._new = self._text, self._new, False
+        if new:
+            self._parse(text, "the planner's output")
+        elif text:
+            rospy.logwarn("%s: parse_plan: nothing new since the last plan; nothing is published", self.scope)
+        elif self._strict:
+            raise rospy.ServiceException(f"no plan was received on {self._planner_topic}")
+        else:
+            rospy.logwarn("%s: parse_plan: no plan was received on %s", self.scope, self._planner_topic)
+        return EmptyResponse()
+
+    def _serve_file(self, request: ParsingServiceRequest) -> ParsingServiceResponse:
+        try:
+            with open(request.plan_path, errors="replace") as file:
+                text = file.read()
+            self._parse(text, request.plan_path)
+        except (OSError, ValueError) as error:  # ValueError: a path with a null byte
+            reason = getattr(error, "strerror", None) or error
+            rospy.logerr("%s: cannot read %r: %s", self.scope, request.plan_path[:200], reason)
+            if self._strict:
+                return ParsingServiceResponse(plan_parsed=False)
+            self._parse("", "nothing")  # as ROSPlan: what cannot be read is an empty plan
+        except rospy.ServiceException:  # it is in the log
+            return ParsingServiceResponse(plan_parsed=False)
+        return ParsingServiceResponse(plan_parsed=True)
+
+    def _parse(self, text: str, source: str) -> None:
+        """Reads a plan and publishes it.
+
+        Raises
+        ------
+        rospy.ServiceException: it cannot be read or does not fit the domain.
+        """
+        with self._parsing:
+            started = time.monotonic()
+            try:
+                steps = parse_plan(text)
+                plan = self.message(steps, self._ground(steps))
+            except (PlanTextError, PlanKnowledgeError, BindingError) as error:
+                reason = f"cannot parse {source}: {error}"
+                rospy.logerr("%s: %s", self.scope, reason)
+                raise rospy.ServiceException(reason) from error
+            self._hand_over.hand_over(plan)
+            self._plan.publish(plan)
+        rospy.logdebug(  # a line at INFO costs as much as the parsing
+            "%s: %d actions parsed in %.1f ms", self.scope, len(steps), 1e3 * (time.monotonic() - started)
+        )
+
+    def _ground(self, steps: List[PlanStep]) -> List[Tuple[Operator, Operator]]:
+        operators: Dict[str, Operator] = {}
+        actions: List[Tuple[Operator, Operator]] = []
+        objects = self._knowledge.objects() if any(step.arguments for step in steps) else frozenset()
+        for step in steps:
+            unknown = next((each for each in step.arguments if each.lower() not in objects), None)
+            if unknown is not None:
+                raise PlanTextError(
+                    f"line {step.line}: {step} names '{unknown}', an object that the knowledge base does not "
+                    f"know{suggestion(unknown, objects)}"
+                )
+            try:
+                if step.name not in operators:
+                    operators[step.name] = self._knowledge.operator(step.name)
+                operator = operators[step.name]
+                actions.append((operator, operator.ground(operator.bind(step.arguments))))
+            except BindingError as error:
+                raise BindingError(f"line {step.line}: {error}") from None
+            except PlanKnowledgeError as error:
+                raise PlanKnowledgeError(f"line {step.line}: {error}") from None
+        return actions
+
+
+class SimplePlanParser(PlanParser):
+    """Publishes a CompletePlan: a list of actions."""
+
+    def message(self, steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> CompletePlan:
+        """The list, in the order of time."""
+        return CompletePlan(plan=action_messages(steps, actions))
+
+
+class EsterelPlanParser(PlanParser):
+    """Publishes an EsterelPlan: a graph of starts and ends with time bounds."""
+
+    plan_class = EsterelPlan
+
+    def __init__(self, scope: str = SCOPE) -> None:
+        self._epsilon = self._full_graph_limit = 0.0  # a call may come before the rest is there
+        super().__init__(scope)
+        self._epsilon = self.number("epsilon_time", 0.01, 0.0)
+        self._full_graph_limit = self.number("full_graph_limit", 50, 0)
+
+    def message(self, steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> EsterelPlan:
+        """The plan graph, with the timed literals that the knowledge base waits for."""
+        timed = self._knowledge.timed() if steps else []
+        reduce = len(steps) > self._full_graph_limit
+        ground = [action for _, action in actions]
+        values: Dict[Atom, float] = {}
+        if any(isinstance(entry, TimedValue) for entry in timed):
+            values = self._knowledge.values(_compared(ground))
+        graph = build_graph(steps, ground, timed, self._epsilon, reduce, values)
+        return graph_to_message(graph, action_messages(steps, actions))
+
+
+def _compared(actions: List[Operator]) -> Set[str]:
+    """Names of the functions in the actions' comparisons."""
+    return {
+        name
+        for action in actions
+        for conditions in (action.at_start, action.over_all, action.at_end)
+        for entry in conditions.comparisons
+        for name in entry.functions
+    }
+
+
+def action_messages(steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> List[ActionDispatch]:
+    """The actions of a plan; ids count from 0, parameters carry the operator's labels."""
+    return [
+        ActionDispatch(
+            action_id=index,
+            name=step.name,
+            parameters=[
+                KeyValue(key=label, value=value) for label, value in zip(operator.parameters, step.arguments)
+            ],
+            duration=step.duration,
+            dispatch_time=step.time,
+        )
+        for index, (step, (operator, _)) in enumerate(zip(steps, actions))
+    ]
+
+
+def parser_class(kind: str) -> Type[PlanParser]:
+    """The parser of a kind, ``simple`` or ``esterel``.
+
+    Raises
+    ------
+    ComponentError: it is neither.
+    """
+    classes = {"simple": SimplePlanParser, "esterel": EsterelPlanParser}
+    if kind not in classes:
+        raise ComponentError(f"~kind is '{kind}', expected 'simple' or 'esterel'")
+    return classes[kind]
+
+
+def main() -> None:
+    """Entry point of the executable ``parsing_interface``; `~kind` is ``simple`` or ``esterel`` (default)."""
+    run_component(lambda scope: parser_class(str(rospy.get_param("~kind", "esterel")))(scope), SCOPE)

@@ -1,0 +1,266 @@
+"""ROSPlan's planner interface: PDDL problem in, plan out."""
+
+import contextlib
+import dataclasses
+import itertools
+import os
+import tempfile
+import threading
+from pathlib import Path
+from typing import Optional, Set
+
+import rospy
+from merlin_msgs.msg import PlannerStatus
+from rosplan_dispatch_msgs.msg import PlanAction, PlanFeedback, PlanResult
+from rosplan_dispatch_msgs.srv import PlanningService, PlanningServiceRequest, PlanningServiceResponse
+from std_msgs.msg import String
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
+
+from merlin_pddl.checks import kairos_check
+from merlin_ros.actions.action_server import ServerGoal
+from merlin_ros.actions.serial_action_server import SerialActionServer
+from merlin_ros.health import OK, WARN, Health
+from merlin_ros.master.master_link import get_param
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
+from merlin_rosplan.supervision.planner_host import HostError, PlannerHosts
+from merlin_rosplan.supervision.planning import Planning
+from merlin_rosplan.transport.component import Component, run_component
+from merlin_rosplan.transport.handover import Handover, digest_service
+
+SCOPE = "rosplan_planner_interface"
+
+
+class PlannerInterface(Component):
+    """Plans on request, one problem at a time.
+
+    Services ``planning_server``, ``planning_server_params``; action server ``start_planning``, whose cancel
+    kills the planner; topics ``planner_output`` and ``planner_status``, both latched.
+    """
+
+    def __init__(self, scope: str = SCOPE) -> None:
+        super().__init__(scope)
+        self._planning_lock = threading.Lock()  # held while a planning runs: there is one at a time
+        self._state = threading.Condition()  # guards the fields below
+        self._problem: Optional[str] = None
+        self._current: Optional[Planning] = None
+        self._current_goal: Optional[str] = None
+        self._last: Optional[PlanningOutcome] = None
+        self._warned: Set[str] = set()
+        self._numbers = itertools.count(1)
+        self._folder = tempfile.TemporaryDirectory(prefix="planner_interface-")
+        self._settings = self._read_settings()
+        self._strict = bool(self.param("strict", True))
+        if not kairos_check.available():
+            rospy.logwarn("%s: kairos is not installed: PDDL and plans are not checked", self.scope)
+        topic = self.resolve(str(self.param("planner_topic", "planner_output")))
+        self._output = self.publisher(topic, String, queue_size=1, latch=True)
+        self._hand_over = self.own(Handover.sender(topic))
+        self.service(digest_service(topic), Trigger, self._hand_over.tell_digest)
+        self._status = self.publisher("planner_status", PlannerStatus, queue_size=10, latch=True)
+        self._tell(PlannerStatus(state=PlannerStatus.IDLE, reason="nothing planned yet"))
+        self._problem_topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
+        self._problems = self.own(Handover.receiver(self._problem_topic, self._receive_problem))
+        self.subscriber(self._problem_topic, String, self._problems.from_topic, queue_size=1)
+        self._action = self.own(
+            SerialActionServer(self.resolve("start_planning"), PlanAction, self._execute, self._cancel)
+        )
+        self._action.start()
+        self.service("planning_server", Empty, self._serve)
+        self.service("planning_server_params", PlanningService, self._serve_params)
+        try:
+            PlannerHosts.of_process().warm_up()
+        except HostError as error:  # tried again at each planning, which then says why
+            rospy.logerr("%s: %s", self.scope, error)
+
+    def on_shutdown(self) -> None:
+        """Kills the planner that runs."""
+        with self._state:
+            current = self._current
+            self._state.notify_all()
+        if current is not None:
+            current.cancel()
+        with contextlib.suppress(OSError):
+            self._folder.cleanup()
+
+    def health(self) -> Health:
+        """What the planner does; a warning when planner or input made the last planning fail."""
+        with self._state:
+            busy, last = self._current is not None, self._last
+        if last is None:
+            return Health(OK, "planning" if busy else "nothing planned yet")
+        fault = last.state in (PlannerState.CRASHED, PlannerState.INVALID, PlannerState.TIMEOUT)
+        values = {"last": last.state.name, "planner": last.planner, "seconds": f"{last.seconds:.3f}"}
+        return Health(WARN if fault else OK, last.reason if fault else "planning" if busy else "idle", values)
+
+    # --- requests ---------------------------------------------------------------------------------
+
+    def _read_settings(self) -> PlannerSettings:
+        return PlannerSettings(
+            fallback=bool(self.param("planner_fallback", True)),
+            time_limit=self.number("time_limit", 60.0, 0.0),
+            anytime=self.number("anytime", 0.2, 0.0),
+            check_input=bool(self.param("check_input", True)),
+            memory_limit=self.number("memory_limit", 4096.0, 0.0),
+            output_limit=self.number("output_limit", 64.0, 0.0),
+        )
+
+    def _request_of_params(self) -> PlanningServiceRequest:
+        # All in one look-up: each costs a call to the master.
+        values = get_param(self.scope, {})
+        return PlanningServiceRequest(
+            use_problem_topic=bool(values.get("use_problem_topic", False)),
+            domain_path=str(values.get("domain_path", "")),
+            problem_path=str(values.get("problem_path", "")),
+            data_path=str(values.get("data_path", "")),
+            planner_command=str(values.get("planner_command", "")),
+        )
+
+    def _serve(self, _: EmptyRequest) -> EmptyResponse:
+        outcome = self._plan(self._request_of_params())
+        if not outcome.solved:
+            raise rospy.ServiceException(f"{outcome.state.name}: {outcome.reason}")
+        return EmptyResponse()
+
+    def _serve_params(self, request: PlanningServiceRequest) -> PlanningServiceResponse:
+        return PlanningServiceResponse(plan_found=self._plan(request).solved)
+
+    def _execute(self, goal: ServerGoal) -> None:
+        wanted = goal.goal
+        request = PlanningServiceRequest(
+            wanted.domain_path,
+            wanted.problem_path,
+            wanted.data_path,
+            wanted.planner_command,
+            wanted.use_problem_topic,
+        )
+        if not (wanted.domain_path or wanted.problem_path or wanted.use_problem_topic):
+            request = self._request_of_params()
+        goal.feedback(PlanFeedback(current_phase="planning", current_status="RUNNING"))
+        outcome = self._plan(request, goal)
+        result = PlanResult(result_status=outcome.state.name)
+        text = outcome.reason
+        if outcome.solved:
+            goal.succeed(result, text)
+        elif outcome.state == PlannerState.CANCELLED:
+            goal.cancelled(result, text)
+        else:
+            goal.abort(result, f"{outcome.state.name}: {text}")
+
+    def _cancel(self, goal: ServerGoal) -> None:
+        with self._state:
+            # Only a planning that this action's goal started: the services' callers did not ask for a cancel.
+            current = self._current if self._current_goal == goal.id else None
+        if current is not None:
+            current.cancel()
+
+    # --- planning ---------------------------------------------------------------------------------
+
+    def _receive_problem(self, message: String) -> None:
+        with self._state:
+            self._problem = message.data
+            self._state.notify_all()
+
+    def _plan(self, request: PlanningServiceRequest, goal: Optional[ServerGoal] = None) -> PlanningOutcome:
+        with self._planning_lock:
+            outcome = self._plan_one(request, goal)
+        with self._state:
+            self._last = outcome
+        self._tell(
+            PlannerStatus(
+                state=int(outcome.state),
+                reason=outcome.reason,
+                planner=outcome.planner,
+                seconds=outcome.seconds,
+            )
+        )
+        log = (
+            rospy.loginfo if outcome.state in (PlannerState.SOLVED, PlannerState.CANCELLED) else rospy.logerr
+        )
+        log(
+            "%s: %s by %s in %.3f s: %s",
+            self.scope,
+            outcome.state.name,
+            outcome.planner or "no planner",
+            outcome.seconds,
+            outcome.reason,
+        )
+        return outcome
+
+    def _plan_one(self, request: PlanningServiceRequest, goal: Optional[ServerGoal]) -> PlanningOutcome:
+        problem_path = request.problem_path
+        if request.use_problem_topic:
+            try:
+                problem_path = self._write_problem(problem_path)
+            except (OSError, ValueError) as error:
+                return PlanningOutcome(PlannerState.INVALID, str(error))
+        domain_path = request.domain_path or self._domain_of_knowledge_base()
+        for name, path in (("domain", domain_path), ("problem", problem_path)):
+            if not path:
+                return PlanningOutcome(PlannerState.INVALID, f"no {name}: {name}_path is empty")
+            if not self._strict and not os.path.exists(path):
+                # As ROSPlan: the call succeeds and nothing is published.
+                return PlanningOutcome(
+                    PlannerState.SOLVED, f"there is no file {path[:200]} (~strict is false)"
+                )
+        settings = dataclasses.replace(self._settings, command=request.planner_command)
+        planning = Planning(settings, domain_path, problem_path, self._data_folder(request.data_path))
+        with self._state:
+            self._current = planning
+            self._current_goal = goal.id if goal is not None else None
+        # A cancel before this point found no planning to kill.
+        if self.closed or (goal is not None and goal.cancel_requested):
+            planning.cancel()
+        self._tell(PlannerStatus(state=PlannerStatus.RUNNING, reason=f"planning {problem_path}"))
+        try:
+            outcome = planning.run()
+        finally:
+            with self._state:
+                self._current = self._current_goal = None
+        if planning.warning is not None and planning.warning not in self._warned:
+            self._warned.add(planning.warning)
+            rospy.logwarn("%s: %s", self.scope, planning.warning)
+        if outcome.solved:
+            message = String(outcome.plan)
+            self._hand_over.hand_over(message)
+            self._output.publish(message)
+        return outcome
+
+    def _write_problem(self, problem_path: str) -> str:
+        """Writes the problem received on the topic to a file, as ROSPlan does; returns its path."""
+        self._problems.catch_up()
+        with self._state:
+            if self._problem is None:
+                # A caller that asks right after the problem was published must not lose the race.
+                self._state.wait_for(lambda: self._problem is not None or self.closed, timeout=0.5)
+            problem = self._problem
+        if problem is None:
+            raise ValueError(f"no problem was received on {self._problem_topic}")
+        path = Path(problem_path) if problem_path else Path(self._folder.name) / "problem.pddl"
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.{next(self._numbers)}")
+        temporary.write_text(problem)
+        temporary.replace(path)
+        return str(path)
+
+    def _data_folder(self, data_path: str) -> Optional[str]:
+        if not data_path:
+            return None
+        if not os.path.isdir(data_path):
+            rospy.logwarn(
+                "%s: data_path %s is no folder: the planner's output is not kept", self.scope, data_path
+            )
+            return None
+        return data_path
+
+    def _domain_of_knowledge_base(self) -> str:
+        path = get_param(f"{self.knowledge_base}/domain_path", "")
+        return str(path or get_param("/rosplan/domain_path", ""))
+
+    def _tell(self, status: PlannerStatus) -> None:
+        status.header.stamp = rospy.Time.now()
+        self._status.publish(status)
+
+
+def main() -> None:
+    """Entry point of ``rosrun merlin_rosplan planner_interface``."""
+    run_component(PlannerInterface, SCOPE)

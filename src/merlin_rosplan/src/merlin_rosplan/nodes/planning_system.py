@@ -1,0 +1,74 @@
+"""All components of the planning system in one process, each with the names it has as a node of its own."""
+
+import importlib
+import sys
+from typing import Any, Dict, Tuple
+
+import rospy
+
+from merlin_rosplan.transport.component import Component, ComponentError, run_component, run_components
+
+#: kind -> (module, class)
+KINDS: Dict[str, Tuple[str, str]] = {
+    "knowledge_base": ("merlin_rosplan.nodes.knowledge_base", "KnowledgeBase"),
+    "problem_interface": ("merlin_rosplan.nodes.problem_interface", "ProblemInterface"),
+    "planner_interface": ("merlin_rosplan.nodes.planner_interface", "PlannerInterface"),
+    "simple_plan_parser": ("merlin_rosplan.nodes.plan_parser_node", "SimplePlanParser"),
+    "esterel_plan_parser": ("merlin_rosplan.nodes.plan_parser_node", "EsterelPlanParser"),
+    "simple_plan_dispatcher": ("merlin_rosplan.dispatcher.plan_dispatcher", "SimplePlanDispatcher"),
+    "esterel_plan_dispatcher": ("merlin_rosplan.dispatcher.plan_dispatcher", "EsterelPlanDispatcher"),
+    "simulated_action": ("merlin_rosplan.dispatcher.simulated_action", "SimulatedAction"),
+    "sensing_interface": ("merlin_rosplan.nodes.sensing_interface", "SensingInterface"),
+}
+
+#: scope -> kind, when `~components` does not say otherwise
+DEFAULT_COMPONENTS: Dict[str, str] = {
+    "rosplan_knowledge_base": "knowledge_base",
+    "rosplan_problem_interface": "problem_interface",
+    "rosplan_planner_interface": "planner_interface",
+    "rosplan_parsing_interface": "esterel_plan_parser",
+    "rosplan_plan_dispatcher": "esterel_plan_dispatcher",
+}
+
+DEFAULT_SCOPES: Dict[str, str] = {
+    **{kind: scope for scope, kind in DEFAULT_COMPONENTS.items()},
+    "simple_plan_parser": "rosplan_parsing_interface",
+    "simple_plan_dispatcher": "rosplan_plan_dispatcher",
+    "sensing_interface": "rosplan_sensing_interface",
+}
+
+
+def component_class(kind: str) -> Any:
+    """The class of a kind of component.
+
+    Raises
+    ------
+    ComponentError: there is no such kind.
+    """
+    if kind not in KINDS:
+        raise ComponentError(f"'{kind}' is no kind of component; there are {', '.join(sorted(KINDS))}")
+    module, name = KINDS[kind]
+    return getattr(importlib.import_module(module), name)
+
+
+def make_components(_scope: str) -> None:
+    """Makes the components that `~components` (scope: kind) names, in that order."""
+    components = rospy.get_param("~components", DEFAULT_COMPONENTS)
+    if not isinstance(components, dict) or not all(isinstance(kind, str) for kind in components.values()):
+        raise ComponentError("~components must map scopes to kinds of component")
+    order = list(KINDS)
+    classes = [(scope, kind, component_class(kind)) for scope, kind in components.items()]
+    # the parameter server does not keep the order of a mapping: who is asked starts before who asks
+    for scope, _, make in sorted(classes, key=lambda entry: (order.index(entry[1]), entry[0])):
+        component: Component = make(scope)
+        rospy.logdebug("%s started", component.scope)
+
+
+def run_kind(kind: str) -> None:
+    """``main()`` of an executable with one component of a kind; the node's name is its scope."""
+    run_component(component_class(kind), DEFAULT_SCOPES.get(kind, kind))
+
+
+def main() -> None:
+    """Entry point of ``rosrun merlin_rosplan planning_system``."""
+    sys.exit(run_components("planning_system", make_components))

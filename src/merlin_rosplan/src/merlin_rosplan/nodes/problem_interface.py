@@ -1,0 +1,123 @@
+"""The problem interface: asks the knowledge base for everything and publishes it as a PDDL problem."""
+
+import os
+import tempfile
+import threading
+from typing import Optional, Tuple
+
+import rospy
+from rosplan_dispatch_msgs.srv import ProblemService, ProblemServiceRequest, ProblemServiceResponse
+from std_msgs.msg import String
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
+
+from merlin_pddl.domain import Domain
+from merlin_pddl.problem import Problem
+from merlin_pddl.problem_writer import ProblemWriteError, write_problem
+from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError, KnowledgeSnapshots
+from merlin_rosplan.nodes.knowledge_base import knowledge_base_in_process
+from merlin_rosplan.transport.component import Component, ComponentError, run_component
+from merlin_rosplan.transport.handover import Handover, digest_service
+
+PROBLEM_INTERFACE = "rosplan_problem_interface"
+
+
+class ProblemInterface(Component):
+    """The problem interface as a component. See the README for its names and parameters.
+
+    Raises
+    ------
+    ComponentError: another planning language than PDDL is asked for.
+    """
+
+    def __init__(self, scope: str = PROBLEM_INTERFACE) -> None:
+        super().__init__(scope)
+        language = str(self.param("planning_language", "")).lower()
+        extension = os.path.splitext(self._path(""))[1].lower()
+        if extension in (".rddl", ".hddl") or (not extension and language not in ("", "pddl")):
+            raise ComponentError(f"only PDDL problems can be written, not {language or extension}")
+        self._generating = threading.Lock()  # owned by who generates: file and topic tell the same problem
+        self._knowledge_base = self.knowledge_base  # asking the master each time costs as much as the problem
+        self._client: Optional[KnowledgeSnapshots] = None
+        topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
+        self._hand_over = self.own(Handover.sender(topic))
+        self._publisher = self.publisher(topic, String, queue_size=1, latch=True)
+        self.service(digest_service(topic), Trigger, self._hand_over.tell_digest)
+        self.service("problem_generation_server", Empty, self._generate)
+        self.service("problem_generation_server_params", ProblemService, self._generate_with)
+
+    def on_shutdown(self) -> None:
+        """Closes the connections to the knowledge base."""
+        if self._client is not None:
+            self._client.close()
+
+    def _path(self, wanted: str) -> str:
+        return wanted or str(self.param("problem_path", ""))
+
+    def _generate(self, _request: EmptyRequest) -> EmptyResponse:
+        try:
+            self.generate(self._path(""))
+        except ProblemWriteError as error:
+            rospy.logerr("%s: %s", self.scope, error)
+            raise rospy.ServiceException(str(error)) from error
+        return EmptyResponse()
+
+    def _generate_with(self, request: ProblemServiceRequest) -> ProblemServiceResponse:
+        try:
+            text = self.generate(self._path(request.problem_path))
+        except ProblemWriteError as error:
+            rospy.logerr("%s: %s", self.scope, error)
+            return ProblemServiceResponse(False, str(error) if request.problem_string_response else "")
+        return ProblemServiceResponse(True, text if request.problem_string_response else "")
+
+    def generate(self, path: str = "") -> str:
+        """Writes the problem to a file (none when the path is empty), publishes it and returns it.
+
+        Raises
+        ------
+        ProblemWriteError: the knowledge base does not answer, or the file cannot be written.
+        """
+        with self._generating:
+            domain, problem = self._snapshot()
+            for instance in problem.instance_goals:
+                rospy.logwarn("%s: PDDL has no goal that %s exists; left out", self.scope, instance.text())
+            text = write_problem(problem, domain)
+            if path:
+                _write(path, text)
+            self._hand_over.hand_over(String(text))
+            self._publisher.publish(String(text))
+            return text
+
+    def _snapshot(self) -> Tuple[Domain, Problem]:
+        local = knowledge_base_in_process(self._knowledge_base)
+        if local is not None:
+            return local.snapshot()
+        if self._client is None:
+            self._client = KnowledgeSnapshots(self._knowledge_base)
+        try:
+            return self._client.snapshot()
+        except KnowledgeBaseError as error:
+            raise ProblemWriteError(str(error)) from error
+
+
+def _write(path: str, text: str) -> None:
+    """Writes a file in one step: a planner that is reading the old one goes on reading it."""
+    folder = os.path.dirname(os.path.abspath(path))
+    try:
+        os.makedirs(folder, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=folder, prefix=".problem", suffix=".pddl")
+        try:
+            with os.fdopen(handle, "w") as file:
+                file.write(text)
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+    except (OSError, ValueError) as error:  # ValueError: a path with a null byte
+        reason = getattr(error, "strerror", None) or error
+        raise ProblemWriteError(f"the problem file {path[:200]} cannot be written: {reason}") from error
+
+
+def main() -> None:
+    """Entry point of ``rosrun merlin_rosplan problem_interface``."""
+    run_component(ProblemInterface, PROBLEM_INTERFACE)

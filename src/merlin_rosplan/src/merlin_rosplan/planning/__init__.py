@@ -1,0 +1,1 @@
+"""Planners: engines, commands, their output; no ROS."""

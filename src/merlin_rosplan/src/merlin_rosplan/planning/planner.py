@@ -1,0 +1,86 @@
+"""What all engines have in common: a task in, an attempt out, and a stop that any thread may call."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import List, Protocol
+
+from merlin_pddl.plan_text import PlanStep
+from merlin_rosplan.planning.planning_outcome import PlannerState
+
+
+@dataclass(frozen=True)
+class PlannerSettings:
+    """How to plan.
+
+    Parameters
+    ----------
+    command: external planner with DOMAIN and PROBLEM, the name of an engine, two of them joined by ``+``;
+        empty: kairos.
+    fallback: use kairos when the command's program is missing.
+    time_limit: running time for one planning, s; 0 means none. A ``timeout N`` in the command wins.
+    anytime: s that an engine may go on looking for a better plan after the last one; 0 takes the first.
+    check_input: check domain and problem before planning.
+    memory_limit: MB for the planner and everything it starts, and of addresses for each; 0 means none.
+    output_limit: MB that a planner may write into one file; 0 means none.
+    """
+
+    command: str = ""
+    fallback: bool = True
+    time_limit: float = 60.0
+    anytime: float = 0.2
+    check_input: bool = True
+    memory_limit: float = 4096.0
+    output_limit: float = 64.0
+
+
+@dataclass(frozen=True)
+class Task:
+    """What an engine is to solve.
+
+    Parameters
+    ----------
+    domain_path, problem_path: absolute paths of the PDDL files.
+    domain, problem: their text.
+    folder: where it may write; other engines have other ones.
+    settings: limits; the command is already the engine's own.
+    """
+
+    domain_path: Path
+    problem_path: Path
+    domain: str
+    problem: str
+    folder: Path
+    settings: PlannerSettings
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """How an engine ended.
+
+    Parameters
+    ----------
+    planner: name of the engine.
+    state: SOLVED with candidate plans, else why there are none.
+    reason: one sentence; empty when SOLVED.
+    plans: the one to prefer first. They may be cut off or wrong: the first that validates counts.
+    """
+
+    planner: str
+    state: PlannerState
+    reason: str
+    plans: List[List[PlanStep]] = field(default_factory=list)
+
+
+class Planner(Protocol):
+    """An engine."""
+
+    name: str
+
+    def plan(self, task: Task) -> Attempt:
+        """Plans to the end or to the limit of the task; used once.
+
+        :raises OSError: the engine cannot be started.
+        """
+
+    def stop(self) -> None:
+        """Makes :meth:`plan` return soon, with the plans found so far; from any thread, at any moment."""

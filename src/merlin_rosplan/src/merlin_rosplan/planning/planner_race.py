@@ -1,0 +1,139 @@
+"""One or two engines on one task at a time; the best plan that validates wins."""
+
+import dataclasses
+import threading
+import time
+from dataclasses import dataclass
+from typing import Callable, List, Optional, Sequence
+
+from merlin_pddl.checks.kairos_check import PlanQuality, PlanValidator
+from merlin_pddl.plan_text import PlanStep
+from merlin_rosplan.planning.planner import Attempt, Planner, Task
+from merlin_rosplan.planning.planning_outcome import PlannerState
+
+# Of engines that found no plan the first of these is told: what is certain before what is not.
+_TOLD_FIRST = (
+    PlannerState.UNSOLVABLE,
+    PlannerState.NO_PLAN,
+    PlannerState.TIMEOUT,
+    PlannerState.INVALID,
+    PlannerState.CRASHED,
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An engine's attempt, judged.
+
+    Parameters
+    ----------
+    attempt: how it ended; SOLVED only with a plan that validated.
+    plan: that plan.
+    quality: of the plan.
+    """
+
+    attempt: Attempt
+    plan: List[PlanStep] = dataclasses.field(default_factory=list)
+    quality: Optional[PlanQuality] = None
+
+
+class PlannerRace:
+    """Runs engines, each in a thread and a folder of its own.
+
+    When one has a plan that validates, the others may go on for ``anytime`` s; when one has proved that
+    there is no plan, they are stopped at once.
+
+    :param planners: the engines.
+    :param task: for all of them.
+    """
+
+    def __init__(self, planners: Sequence[Planner], task: Task) -> None:
+        self._planners = list(planners)
+        self._task = task
+        self._changed = threading.Condition()  # guards the field below
+        self._entries: List[Entry] = []
+        self._judging = threading.Lock()  # held while a plan is validated, and guards the field below
+        self._validator: Optional[PlanValidator] = None
+
+    def run(self, check: Callable[[], Optional[str]] = lambda: None) -> Entry:
+        """Runs them to the end; `check` looks at the input meanwhile and says what is wrong with it."""
+        threads = [
+            threading.Thread(target=self._run_one, args=(planner, index), name=f"engine {planner.name}")
+            for index, planner in enumerate(self._planners)
+        ]
+        for thread in threads:
+            thread.start()
+        fault = check()
+        if fault is not None:
+            self._stop_others(None)
+        else:
+            self._wait()
+        for thread in threads:
+            thread.join()
+        if fault is not None:
+            return Entry(Attempt(self._planners[0].name, PlannerState.INVALID, fault))
+        return self._best()
+
+    def _run_one(self, planner: Planner, index: int) -> None:
+        folder = self._task.folder / f"engine{index}"
+        try:
+            folder.mkdir()
+            attempt = planner.plan(dataclasses.replace(self._task, folder=folder))
+            entry = self._judge(attempt) if attempt.state == PlannerState.SOLVED else Entry(attempt)
+        except MemoryError:
+            reason = f"{planner.name} needs more than {self._task.settings.memory_limit:g} MB (~memory_limit)"
+            entry = Entry(Attempt(planner.name, PlannerState.CRASHED, reason))
+        except OSError as error:
+            reason = f"{planner.name} cannot be started: {error}"
+            entry = Entry(Attempt(planner.name, PlannerState.CRASHED, reason))
+        with self._changed:
+            self._entries.append(entry)
+            self._changed.notify_all()
+
+    def _judge(self, attempt: Attempt) -> Entry:
+        faults: List[str] = []
+        with self._judging:
+            try:
+                if self._validator is None:
+                    self._validator = PlanValidator(self._task.domain, self._task.problem)
+                for plan in attempt.plans:
+                    fault = self._validator.fault(plan)
+                    if fault is None:
+                        return Entry(attempt, plan, self._validator.quality(plan))
+                    faults.append(fault)
+            except ValueError as error:
+                return Entry(Attempt(attempt.planner, PlannerState.INVALID, str(error)))
+        reason = f"{attempt.planner} returned a plan that is not valid: {faults[0]}"
+        return Entry(Attempt(attempt.planner, PlannerState.INVALID, reason))
+
+    def _wait(self) -> None:
+        anytime = self._task.settings.anytime
+        deadline: Optional[float] = None
+        with self._changed:
+            while len(self._entries) < len(self._planners):
+                states = {entry.attempt.state for entry in self._entries}
+                if PlannerState.UNSOLVABLE in states:
+                    break
+                if PlannerState.SOLVED in states and deadline is None:
+                    deadline = time.monotonic() + anytime
+                if deadline is not None and time.monotonic() >= deadline:
+                    break
+                self._changed.wait(None if deadline is None else max(0.0, deadline - time.monotonic()))
+            ended = {entry.attempt.planner for entry in self._entries}
+        self._stop_others(ended)
+
+    def _stop_others(self, ended: Optional[set]) -> None:
+        for planner in self._planners:
+            if ended is None or planner.name not in ended:
+                planner.stop()
+
+    def _best(self) -> Entry:
+        solved = [entry for entry in self._entries if entry.attempt.state == PlannerState.SOLVED]
+        if solved:
+            return min(solved, key=lambda entry: entry.quality.order() if entry.quality else ())
+        if len(self._entries) == 1:
+            return self._entries[0]
+        first = min(self._entries, key=lambda entry: _TOLD_FIRST.index(entry.attempt.state)).attempt
+        if first.state == PlannerState.UNSOLVABLE:
+            return Entry(first)
+        return Entry(dataclasses.replace(first, reason="; ".join(e.attempt.reason for e in self._entries)))

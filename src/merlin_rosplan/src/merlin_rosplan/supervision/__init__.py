@@ -1,0 +1,1 @@
+"""The process in which a planning runs, and its end; no ROS."""

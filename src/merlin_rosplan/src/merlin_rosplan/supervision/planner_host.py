@@ -1,0 +1,175 @@
+"""The node's end of a supervising process (:mod:`merlin_rosplan.supervision.planner_supervisor`)."""
+
+import contextlib
+import json
+import socket
+import subprocess
+import sys
+import threading
+from typing import Any, Dict, List, Optional
+
+#: s within which a cancel is answered even when the supervising process does not answer
+CANCEL_LIMIT = 1.0
+_MODULE = "merlin_rosplan.supervision.planner_supervisor"
+
+
+class HostError(RuntimeError):
+    """The supervising process cannot be started, or has ended; the text says what to do."""
+
+
+class PlannerHost:
+    """A supervising process that does one planning at a time. It ends with this process, however that ends.
+
+    :raises HostError: it cannot be started.
+    """
+
+    def __init__(self) -> None:
+        self._channel, theirs = socket.socketpair()
+        # The modules of this process, without a PYTHONPATH that planners written in Python would inherit.
+        program = f"import sys; sys.path[:] = {sys.path!r}; from {_MODULE} import main; main()"
+        command = [sys.executable, "-c", program, str(theirs.fileno())]
+        try:
+            with theirs:
+                self._process = subprocess.Popen(
+                    command,
+                    pass_fds=[theirs.fileno()],
+                    stdin=subprocess.DEVNULL,
+                    start_new_session=True,
+                )
+        except OSError as error:
+            self._channel.close()
+            raise HostError(f"the planner's supervising process cannot be started: {error}") from error
+        self._lock = threading.Lock()  # guards the two fields below
+        self._number = 0
+        self._running = False
+        self._received = b""
+        self._lost = threading.Event()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    @property
+    def alive(self) -> bool:
+        """Whether it answers; its socket closes before its end can be seen."""
+        return not self._lost.is_set() and self._process.poll() is None
+
+    def begin(self, job: Dict[str, Any]) -> None:
+        """Begins a planning; :meth:`wait` follows.
+
+        :raises HostError: the process has ended.
+        """
+        with self._lock:
+            self._number += 1
+            self._running = True
+            self._send({**job, "job": self._number})
+
+    def cancel(self) -> None:
+        """Ends the planning that runs; without effect when none does."""
+        with self._lock:
+            if not self._running:
+                return
+            number = self._number
+            with contextlib.suppress(HostError):
+                self._send({"cancel": number})
+        timer = threading.Timer(CANCEL_LIMIT, self._give_up, (number,))
+        timer.name = "planner cancel"
+        timer.daemon = True
+        timer.start()
+
+    def wait(self) -> Dict[str, Any]:
+        """How the planning ended.
+
+        :raises HostError: the process ended instead.
+        """
+        try:
+            while True:
+                *lines, self._received = (self._received + self._receive()).split(b"\n")
+                for line in lines:
+                    answer: Dict[str, Any] = json.loads(line)
+                    if answer["job"] == self._number:
+                        return answer
+        finally:
+            with self._lock:
+                self._running = False
+
+    def close(self) -> None:
+        """Ends the process and everything below it."""
+        self._channel.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(CANCEL_LIMIT)
+
+    def _receive(self) -> bytes:
+        try:
+            received = self._channel.recv(65536)
+        except OSError:
+            received = b""
+        if not received:
+            self._lost.set()
+            raise HostError(
+                "the planner's supervising process has ended; it is started again for the next planning "
+                "(was it killed, or is the memory full?)"
+            )
+        return received
+
+    def _send(self, message: Dict[str, Any]) -> None:
+        try:
+            self._channel.sendall(json.dumps(message).encode() + b"\n")
+        except OSError as error:
+            self._lost.set()
+            raise HostError(f"the planner's supervising process does not listen: {error}") from error
+
+    def _give_up(self, number: int) -> None:
+        with self._lock:
+            if self._running and self._number == number:
+                # Its end of the socket closes too: should it come to itself, it ends what it has started.
+                with contextlib.suppress(OSError):
+                    self._channel.shutdown(socket.SHUT_RDWR)
+
+
+class PlannerHosts:
+    """Supervising processes that are kept between plannings: as many as plan at a time, usually one."""
+
+    _of_process: Optional["PlannerHosts"] = None
+    _making = threading.Lock()  # guards _of_process
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()  # guards the field below
+        self._idle: List[PlannerHost] = []
+
+    @classmethod
+    def of_process(cls) -> "PlannerHosts":
+        """Those of this process."""
+        with cls._making:
+            if cls._of_process is None:
+                cls._of_process = cls()
+            return cls._of_process
+
+    def warm_up(self) -> None:
+        """Starts one in advance; returns before it is ready.
+
+        :raises HostError: it cannot be started.
+        """
+        self.give_back(self.take())
+
+    def take(self) -> PlannerHost:
+        """One that is idle.
+
+        :raises HostError: none can be started.
+        """
+        with self._lock:
+            while self._idle:
+                host = self._idle.pop()
+                if host.alive:
+                    return host
+                host.close()
+        return PlannerHost()
+
+    def give_back(self, host: PlannerHost) -> None:
+        """Keeps one for the next planning, if it still answers."""
+        if not host.alive:
+            host.close()
+            return
+        with self._lock:
+            self._idle.append(host)

@@ -1,0 +1,136 @@
+"""One planning from files to an outcome, as the supervising process has it done in a child.
+
+Reading, checking, planning and validating all happen here, so that none of it keeps a node busy.
+"""
+
+import time
+from pathlib import Path
+from typing import Any, Dict, List, NamedTuple, Optional
+
+from merlin_pddl.checks import kairos_check
+from merlin_pddl.plan_text import format_plan
+from merlin_rosplan.planning.planner import Planner, PlannerSettings, Task
+from merlin_rosplan.planning.planner_command import parse_command
+from merlin_rosplan.planning.planner_external import CommandPlanner
+from merlin_rosplan.planning.planner_files import keep
+from merlin_rosplan.planning.planner_kairos import KAIROS, KairosPlanner
+from merlin_rosplan.planning.planner_output import candidate_plans
+from merlin_rosplan.planning.planner_race import Entry, PlannerRace
+from merlin_rosplan.planning.planning_outcome import PlannerState
+
+
+class PlannerJob(NamedTuple):
+    """What a planning needs to know; travels as JSON.
+
+    Parameters
+    ----------
+    domain_path, problem_path: absolute paths of the PDDL files.
+    engines: ``kairos`` or whole command lines.
+    name: of the engines, for messages.
+    data_path: folder for the planner's output and the plan (``plan.pddl``); empty keeps nothing.
+    planning_limit: running time for the engines, s; 0 means none.
+    time_limit: running time for everything, reading and validating included, s; 0 means none.
+    anytime, check_input, memory_limit, output_limit: see :class:`.planner.PlannerSettings`.
+    """
+
+    domain_path: str
+    problem_path: str
+    engines: List[str]
+    name: str
+    data_path: str
+    planning_limit: float
+    time_limit: float
+    anytime: float
+    check_input: bool
+    memory_limit: float
+    output_limit: float
+
+
+_DOMAIN = """(define (domain warm) (:requirements :typing :durative-actions) (:types t)
+  (:predicates (p ?x - t))
+  (:durative-action a :parameters (?x - t) :duration (= ?duration 1) :condition ()
+    :effect (at end (p ?x))))"""
+_PROBLEM = "(define (problem warm) (:domain warm) (:objects o - t) (:init) (:goal (p o)))"
+
+
+def warm_up() -> None:
+    """Does once what every planning does: a forked process pays for each page that it touches first."""
+    kairos_check.check_input(_DOMAIN, _PROBLEM, "", "")
+    validator = kairos_check.PlanValidator(_DOMAIN, _PROBLEM)
+    for plan in candidate_plans("0.000: (a o) [1.000]\n"):
+        if validator.fault(plan) is None:
+            validator.quality(plan)
+    task = Task(Path("domain"), Path("problem"), _DOMAIN, _PROBLEM, Path(), PlannerSettings())
+    KairosPlanner().plan(task)
+    parse_command("true DOMAIN PROBLEM")
+
+
+def work(message: Dict[str, Any], folder: Path) -> Dict[str, Any]:
+    """Does a planning.
+
+    :param message: a :class:`PlannerJob` as a mapping; further keys are left alone.
+    :param folder: of this planning.
+    :return: a mapping with state, reason, plan, planner, seconds, warning.
+    """
+    job = PlannerJob(**{key: message[key] for key in PlannerJob._fields})
+    began = time.monotonic()
+    outcome = _plan(job, folder)
+    return {**outcome, "seconds": time.monotonic() - began}
+
+
+def _plan(job: PlannerJob, folder: Path) -> Dict[str, Any]:
+    try:
+        domain = _read(job.domain_path)
+        problem = _read(job.problem_path)
+    except OSError as error:
+        reason = f"cannot read {error.filename}: {error.strerror}"
+        return _outcome(PlannerState.INVALID, reason, job.name)
+    keep_in = Path(job.data_path) if job.data_path else None
+    planners: List[Planner] = [
+        KairosPlanner() if engine == KAIROS else CommandPlanner(parse_command(engine), keep_in)
+        for engine in job.engines
+    ]
+    settings = PlannerSettings(
+        time_limit=job.planning_limit,
+        anytime=job.anytime,
+        memory_limit=job.memory_limit,
+        output_limit=job.output_limit,
+    )
+    task = Task(Path(job.domain_path), Path(job.problem_path), domain, problem, folder, settings)
+
+    def check() -> Optional[str]:
+        if not job.check_input:
+            return None
+        return kairos_check.check_input(domain, problem, job.domain_path, job.problem_path)
+
+    if job.engines == [KAIROS]:  # the check costs less than it would to begin at the same time
+        fault = check()
+        if fault is not None:
+            return _outcome(PlannerState.INVALID, fault, KAIROS)
+        return _told(PlannerRace(planners, task).run(), keep_in)
+    return _told(PlannerRace(planners, task).run(check), keep_in)
+
+
+def _read(path: str) -> str:
+    return Path(path).read_text(errors="replace")
+
+
+def _told(entry: Entry, keep_in: Optional[Path]) -> Dict[str, Any]:
+    attempt = entry.attempt
+    if attempt.state != PlannerState.SOLVED:
+        return _outcome(attempt.state, attempt.reason, attempt.planner)
+    text = format_plan(entry.plan)
+    warning = keep(keep_in / "plan.pddl", text) if keep_in is not None else None
+    length = max((step.time + step.duration for step in entry.plan), default=0.0)
+    reason = (
+        f"{len(entry.plan)} actions, {length:.1f} s"
+        if entry.plan
+        else "the goals hold already: the plan is empty"
+    )
+    return _outcome(PlannerState.SOLVED, reason, attempt.planner, text, warning)
+
+
+def _outcome(
+    state: PlannerState, reason: str, planner: str, plan: str = "", warning: Optional[str] = None
+) -> Dict[str, Any]:
+    return {"state": int(state), "reason": reason, "planner": planner, "plan": plan, "warning": warning}

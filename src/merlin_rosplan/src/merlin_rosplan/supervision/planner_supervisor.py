@@ -1,0 +1,256 @@
+"""The supervising process: runs one planning at a time and ends whatever a planning has started.
+
+``python -m merlin_rosplan.supervision.planner_supervisor FD`` serves the socket FD until its other end
+closes, which it does also when the node there is killed. Lines of JSON come and go:
+
+==============================  ==========================================================================
+``{"job": 3, ...}``             plan; the keys are those of :class:`.planner_job.PlannerJob`
+``{"cancel": 3}``               end it
+``{"job": 3, "state": ...}``    how it ended, sent when all its processes have ended
+==============================  ==========================================================================
+
+A planning runs in a forked child: reading, checking and validating never keep this process from a cancel. The
+child of the next planning waits in advance, so that no request pays for the fork.
+"""
+
+import contextlib
+import gc
+import json
+import os
+import resource
+import select
+import shutil
+import signal
+import socket
+import sys
+import tempfile
+import time
+import traceback
+from pathlib import Path
+from typing import Any, Callable, Dict, List, NamedTuple, Optional
+
+from merlin_rosplan.planning.planner_files import MEGABYTE, too_much
+from merlin_rosplan.planning.planning_outcome import PlannerState
+from merlin_rosplan.supervision.planner_tree import adopt_orphans, end_descendants, tree_size
+
+#: s between two looks at memory and files of a planning; cancel and end are events and do not wait for it
+WATCH = 0.25
+#: s within which everything has ended after SIGKILL
+ENDING = 5.0
+#: s without a request after which the next child is made: not while the plan is being parsed and dispatched
+IDLE = 0.1
+OUTCOME = "outcome.json"
+
+# The socket alone says when to end: a signal to the whole group of the node must not leave a planner behind.
+_IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+Answer = Dict[str, Any]
+Work = Callable[[Answer, Path], Answer]
+
+
+class _Child(NamedTuple):
+    """A child that waits for its job, its folder, and the pipe that takes the job."""
+
+    pid: int
+    folder: str
+    pipe: int
+
+
+class Supervisor:
+    """Serves plannings on a socket.
+
+    :param channel: to the node.
+    :param work: does one planning in the forked child: the job and its folder → the outcome.
+    :param warm_up: called in a child that waits for its job.
+    """
+
+    def __init__(
+        self, channel: socket.socket, work: Work, warm_up: Callable[[], None] = lambda: None
+    ) -> None:
+        self._channel = channel
+        self._work = work
+        self._warm_up = warm_up
+        self._next: Optional[_Child] = None
+        self._received = b""
+        self._lines: List[Answer] = []
+        self._wake, wakes = os.pipe()
+        os.set_blocking(wakes, False)
+        os.set_blocking(self._wake, False)
+        signal.set_wakeup_fd(wakes, warn_on_full_buffer=False)
+        signal.signal(signal.SIGCHLD, lambda *_: None)  # only to be woken
+        self._poll = select.poll()
+        self._poll.register(channel, select.POLLIN)
+        self._poll.register(self._wake, select.POLLIN)
+
+    def serve(self) -> None:
+        """Runs jobs until the other end of the socket closes."""
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                while not self._lines:
+                    self._receive(IDLE if self._next is None else None)
+                    if self._next is None and not self._lines:
+                        self._next = self._fork(warm_up=True)
+                line = self._lines.pop(0)
+                if "job" in line:  # a cancel of what has just ended is left alone
+                    # A job that is there already warms itself up.
+                    child = self._next or self._fork(warm_up=False)
+                    self._next = None
+                    try:
+                        answer = self._run(line, child)
+                        self._channel.sendall(json.dumps({**answer, "job": line["job"]}).encode() + b"\n")
+                    finally:  # behind the answer: large files take their time
+                        shutil.rmtree(child.folder, ignore_errors=True)
+
+    def _receive(self, seconds: Optional[float]) -> None:
+        """Waits for a line, the end of a child, or the time.
+
+        :raises EOFError: the node has gone.
+        """
+        for descriptor, _ in self._poll.poll(None if seconds is None else seconds * 1000.0):
+            if descriptor == self._wake:
+                with contextlib.suppress(BlockingIOError):
+                    os.read(self._wake, 4096)
+                continue
+            received = self._channel.recv(65536)
+            if not received:
+                raise EOFError
+            *lines, self._received = (self._received + received).split(b"\n")
+            self._lines.extend(json.loads(line) for line in lines)
+
+    def close(self) -> None:
+        """Ends the child that waits."""
+        end_descendants(ENDING)
+        if self._next is not None:
+            shutil.rmtree(self._next.folder, ignore_errors=True)
+
+    def _fork(self, warm_up: bool) -> _Child:
+        folder = tempfile.mkdtemp(prefix="planner-")
+        reads, writes = os.pipe()
+        pid = os.fork()
+        if pid == 0:
+            os.close(writes)
+            self._plan(reads, Path(folder), warm_up)  # does not return
+        os.close(reads)
+        return _Child(pid, folder, writes)
+
+    def _run(self, job: Answer, child: _Child) -> Answer:
+        folder = Path(child.folder)
+        try:
+            with contextlib.suppress(BrokenPipeError):  # it has died; its status says how
+                os.write(child.pipe, json.dumps(job).encode() + b"\n")
+            os.close(child.pipe)
+            fault, status = self._watch(job, child.pid, folder)
+            ended = end_descendants(ENDING)
+            if not ended and fault is not None:
+                fault["reason"] += f"; {tree_size(os.getpid()).processes} of its processes do not end"
+            if fault is not None:
+                return fault
+            try:
+                return dict(json.loads((folder / OUTCOME).read_text()))
+            except (OSError, ValueError):
+                return _answer(PlannerState.CRASHED, f"the planning ended without an outcome: {_end(status)}")
+        finally:
+            end_descendants(ENDING)
+
+    def _watch(self, job: Answer, pid: int, folder: Path) -> Any:
+        """Waits for the end of a planning; returns what forced its end, if anything did, and its status."""
+        began = time.monotonic()
+        limit = float(job["time_limit"])
+        look = began + WATCH
+        while True:
+            ended, status = os.waitpid(pid, os.WNOHANG)
+            if ended:
+                return None, status
+            for line in self._lines:
+                if line.get("cancel") == job["job"]:
+                    seconds = time.monotonic() - began
+                    return _answer(PlannerState.CANCELLED, f"cancelled after {seconds:.2f} s"), 0
+            if time.monotonic() >= look:
+                fault = _too_much(job, folder)
+                if fault is not None:
+                    return _answer(PlannerState.CRASHED, fault), 0
+                if limit and time.monotonic() - began > limit:
+                    reason = f"the planning did not end by itself within {limit:g} s"
+                    return _answer(PlannerState.TIMEOUT, reason), 0
+                look = time.monotonic() + WATCH
+            self._receive(max(0.0, look - time.monotonic()))
+
+    def _plan(self, pipe: int, folder: Path, warm_up: bool) -> None:
+        """In the child: waits for the job, plans within the limits, writes the outcome, ends."""
+        try:
+            signal.set_wakeup_fd(-1)
+            for number in (signal.SIGCHLD, *_IGNORED):  # or every planner would ignore them too
+                signal.signal(number, signal.SIG_DFL)
+            self._channel.close()
+            os.close(self._wake)
+            gc.disable()  # it ends before anything could pile up
+            if warm_up:
+                self._warm_up()
+            with os.fdopen(pipe) as file:
+                line = file.readline()
+            if not line:  # the supervising process was killed
+                shutil.rmtree(str(folder), ignore_errors=True)
+                os._exit(0)
+            job = json.loads(line)
+            _limit(resource.RLIMIT_AS, job["memory_limit"])
+            _limit(resource.RLIMIT_FSIZE, job["output_limit"])
+            try:
+                answer = self._work(job, folder)
+            except MemoryError:
+                reason = f"the planning needs more than {job['memory_limit']:g} MB of memory (~memory_limit)"
+                answer = _answer(PlannerState.CRASHED, reason)
+            (folder / OUTCOME).write_text(json.dumps(answer))
+        except BaseException:
+            traceback.print_exc()
+            sys.stderr.flush()
+            os._exit(1)
+        os._exit(0)
+
+
+def _answer(state: PlannerState, reason: str) -> Answer:
+    return {"state": int(state), "reason": reason}
+
+
+def _too_much(job: Answer, folder: Path) -> Optional[str]:
+    memory = job["memory_limit"]
+    if memory and tree_size(os.getpid()).memory > memory * MEGABYTE:
+        return f"{job['name']} and its processes use more than {memory:g} MB of memory (~memory_limit)"
+    excess = too_much(folder, job["output_limit"])
+    return f"{job['name']} was ended: {excess}" if excess is not None else None
+
+
+def _limit(kind: int, megabytes: float) -> None:
+    if megabytes:
+        size = int(megabytes * MEGABYTE)
+        hard = resource.getrlimit(kind)[1]
+        if hard == resource.RLIM_INFINITY or size < hard:
+            resource.setrlimit(kind, (size, size))
+
+
+def _end(status: int) -> str:
+    if os.WIFSIGNALED(status):
+        return f"killed by signal {os.WTERMSIG(status)}"
+    return f"code {os.WEXITSTATUS(status)}"
+
+
+def main() -> None:
+    """Entry point of the process."""
+    adopt_orphans()
+    for number in _IGNORED:
+        signal.signal(number, signal.SIG_IGN)
+    from merlin_pddl.checks import kairos_check
+    from merlin_rosplan.supervision.planner_job import warm_up, work
+
+    kairos_check.load()  # once for all plannings: they are forked from here
+    gc.freeze()
+    with socket.socket(fileno=int(sys.argv[1])) as channel:
+        supervisor = Supervisor(channel, work, warm_up)
+        try:
+            supervisor.serve()
+        finally:
+            supervisor.close()
+            os._exit(0)  # kairos' bindings have much to tell at the end of an interpreter
+
+
+if __name__ == "__main__":
+    main()

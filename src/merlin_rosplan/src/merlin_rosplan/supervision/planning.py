@@ -1,0 +1,115 @@
+"""A planning as a node sees it: asked for, cancelled from any thread, and told how it ended."""
+
+import threading
+import time
+from pathlib import Path
+from typing import Optional
+
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planner_command import PlannerCommandError
+from merlin_rosplan.planning.planner_engines import engines
+from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
+from merlin_rosplan.supervision.planner_host import HostError, PlannerHost, PlannerHosts
+from merlin_rosplan.supervision.planner_job import PlannerJob
+
+#: s of running time, beyond the planner's, for reading and validating what it left
+READING = 5.0
+
+
+class Planning:
+    """One planning of one problem. :meth:`cancel` ends it from any thread.
+
+    Parameters
+    ----------
+    settings: how.
+    domain_path, problem_path: PDDL files.
+    data_path: folder for the planner's output and the plan (``plan.pddl``); None keeps nothing.
+    hosts: the supervising processes that may be used.
+    """
+
+    def __init__(
+        self,
+        settings: PlannerSettings,
+        domain_path: str,
+        problem_path: str,
+        data_path: Optional[str] = None,
+        hosts: Optional[PlannerHosts] = None,
+    ) -> None:
+        self._settings = settings
+        self._domain = Path(domain_path).absolute()
+        self._problem = Path(problem_path).absolute()
+        self._data = Path(data_path).absolute() if data_path else None
+        self._hosts = hosts or PlannerHosts.of_process()
+        self._lock = threading.Lock()  # guards the two fields below
+        self._cancelled = False
+        self._host: Optional[PlannerHost] = None
+        self.warning: Optional[str] = None
+
+    def cancel(self) -> None:
+        """Ends the planner and everything it has started; :meth:`run` then returns CANCELLED."""
+        with self._lock:
+            self._cancelled = True
+            if self._host is not None:
+                self._host.cancel()
+
+    def run(self) -> PlanningOutcome:
+        """Plans and says how it ended; raises nothing."""
+        began = time.monotonic()
+        try:
+            outcome = self._run()
+        except PlannerCommandError as error:
+            outcome = PlanningOutcome(PlannerState.CRASHED, str(error))
+        except HostError as error:
+            state = PlannerState.CANCELLED if self._cancelled else PlannerState.CRASHED
+            outcome = PlanningOutcome(state, str(error))
+        return PlanningOutcome(
+            outcome.state, outcome.reason, outcome.plan, outcome.planner, time.monotonic() - began
+        )
+
+    def _run(self) -> PlanningOutcome:
+        for path in (self._domain, self._problem):
+            if "\0" in str(path):
+                return PlanningOutcome(
+                    PlannerState.INVALID, f"cannot read {str(path)!r}: the path has a null byte"
+                )
+        settings = self._settings
+        chosen = engines(settings.command, settings.fallback)
+        self.warning = chosen.warning
+        limit = settings.time_limit
+        if chosen.limit is not None:
+            limit = chosen.limit if len(chosen.commands) == 1 else max(limit, chosen.limit)
+        job = PlannerJob(
+            str(self._domain),
+            str(self._problem),
+            chosen.commands,
+            chosen.name,
+            str(self._data or ""),
+            limit,
+            limit + READING if limit else 0.0,
+            settings.anytime,
+            settings.check_input,
+            settings.memory_limit,
+            settings.output_limit,
+        )
+        host = self._hosts.take()
+        try:
+            with self._lock:
+                if self._cancelled:
+                    return PlanningOutcome(PlannerState.CANCELLED, "cancelled before it began")
+                host.begin(job._asdict())
+                self._host = host
+            answer = host.wait()
+        finally:
+            with self._lock:
+                self._host = None
+            self._hosts.give_back(host)
+        if self._cancelled:
+            reason = answer["reason"] if answer["state"] == PlannerState.CANCELLED else "cancelled at the end"
+            return PlanningOutcome(PlannerState.CANCELLED, reason, "", chosen.name)
+        self.warning = answer.get("warning") or self.warning
+        return PlanningOutcome(
+            PlannerState(answer["state"]),
+            answer["reason"],
+            answer.get("plan", ""),
+            answer.get("planner") or chosen.name,
+        )

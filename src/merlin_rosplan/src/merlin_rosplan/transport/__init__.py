@@ -1,0 +1,1 @@
+"""How components serve, hand over, wait and tell."""

@@ -1,0 +1,111 @@
+import time
+from pathlib import Path
+
+import pytest
+
+from merlin_pddl.checks.validate import validate
+
+HOME = Path(__file__).resolve().parents[3] / "pddl" / "home"
+DOMAIN, PROBLEM = str(HOME / "domain.pddl"), str(HOME / "problem.pddl")
+
+
+def run(capsys, *arguments):
+    code = validate([str(argument) for argument in arguments])
+    return code, capsys.readouterr().out
+
+
+def test_home_domain_is_valid(capsys):
+    code, output = run(capsys, DOMAIN, PROBLEM)
+    assert code == 0 and "domain 'home': 2 types, 3 predicates" in output and "warning" not in output
+
+
+def test_goal_with_a_plan(capsys):
+    code, output = run(capsys, DOMAIN, PROBLEM, "(checked kitchen)")
+    assert code == 0 and "(navigate anywhere kitchen)" in output and "(ask kitchen)" in output
+
+
+@pytest.mark.parametrize(
+    "goal, reason",
+    [
+        ("(checked kitchn)", "goal:1:10: unknown object 'kitchn' (did you mean 'kitchen'?)"),
+        ("(checked kitchen", "goal:1:1: the '(' of '(checked' is never closed"),
+        (
+            "(and (robot_at kitchen) (robot_at bathroom))",
+            "no plan for (robot_at kitchen) (robot_at bathroom)",
+        ),
+    ],
+)
+def test_goal_that_cannot_be(capsys, goal, reason):
+    code, output = run(capsys, DOMAIN, PROBLEM, goal)
+    assert code == 1 and reason in output and "NOT valid" in output
+
+
+def test_errors_name_file_line_and_column(capsys, tmp_path):
+    broken = tmp_path / "broken.pddl"
+    broken.write_text(Path(DOMAIN).read_text().replace("(at end (robot_at ?to))", "(at end (robot_t ?to))"))
+    code, output = run(capsys, broken)
+    assert code == 1 and f"{broken}:26:" in output and output.count("did you mean 'robot_at'") == 1
+    code, output = run(capsys, DOMAIN, tmp_path / "missing.pddl")
+    assert code == 1 and "missing.pddl: cannot be read: No such file" in output
+
+
+def test_wrong_usage(capsys):
+    with pytest.raises(SystemExit) as caught:
+        validate([])
+    assert caught.value.code == 2
+
+
+QUANTIFIED = """(define (domain web) (:requirements :adl) (:predicates (next ?a ?b) (never))
+  (:action link :parameters (?a ?b) :effect (next ?a ?b))
+  (:action unlink :parameters (?a ?b) :precondition (next ?a ?b) :effect (not (next ?a ?b))))"""
+
+
+def test_the_time_limit_holds_for_a_goal_that_quantifies_over_much(capsys, tmp_path):
+    domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
+    names = [f"?v{number}" for number in range(12)]
+    parts = " ".join(f"(or (next {a} {b}) (next {b} {a}))" for a, b in zip(names, names[1:]))
+    objects = " ".join(f"o{number}" for number in range(12))
+    domain.write_text(QUANTIFIED)
+    problem.write_text(
+        f"(define (problem p) (:domain web) (:objects {objects}) (:init)"
+        f" (:goal (forall ({' '.join(names)}) (and {parts}))))"
+    )
+    began = time.monotonic()
+    code, output = run(capsys, domain, problem, "--time-limit", "1")
+    assert code == 1 and ("1 s (--time-limit)" in output or "no plan for" in output)
+    assert time.monotonic() - began < 5.0
+
+
+def test_a_file_that_is_too_large_is_refused_at_once(capsys, tmp_path):
+    problem = tmp_path / "problem.pddl"
+    problem.write_text("(define (problem p) (:domain home) (:init " + "(robot_at anywhere)\n" * 2_600_000)
+    began = time.monotonic()
+    code, output = run(capsys, DOMAIN, problem)
+    assert code == 1 and "problem.pddl: has 52.0 MB, and at most 8 are read (--max-size" in output
+    assert time.monotonic() - began < 10.0
+
+
+def test_reading_keeps_the_time_limit_too(capsys, tmp_path):
+    problem = tmp_path / "problem.pddl"
+    problem.write_text("(define (problem p) (:domain home) (:init " + "(robot_at anywhere)\n" * 350_000)
+    code, output = run(capsys, DOMAIN, problem, "--time-limit", "0.5")
+    assert code == 1 and f"reading {problem} takes more than 0.5 s" in output
+
+
+def test_names_that_other_parsers_do_not_read_are_warned_of(capsys, tmp_path):
+    domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
+    lines = (
+        "(define (domain d) (:requirements :typing :numeric-fluents) (:types when)",
+        "(:predicates (at ?x) (sometime)) (:functions (duration))",
+        "(:action go :parameters (?duration) :effect (at ?duration)))",
+    )
+    domain.write_text("\n".join(lines))
+    problem.write_text("(define (problem p) (:domain d)\n(:objects end) (:init) (:goal (and)))")
+    code, output = run(capsys, domain, problem)
+    assert code == 0
+    for number, name in (1, "when"), (2, "sometime"), (2, "duration"), (3, "?duration"):
+        column = lines[number - 1].index(name) + 1
+        assert f"{domain}:{number}:{column}: warning: '{name}' is a keyword" in output
+    assert f"{problem}:2:11: warning: 'end' is a keyword" in output
+    assert f"{problem}:2:24: warning: the goal is empty" in output
+    assert "'at'" not in output

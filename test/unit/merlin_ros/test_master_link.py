@@ -1,0 +1,63 @@
+"""Connections to a master end with the clients that made them."""
+
+import gc
+import socketserver
+import threading
+from typing import Any, Iterator
+from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
+
+import pytest
+
+from merlin_ros.master.master_link import bounded_master, bounded_proxy
+
+closed = threading.Event()
+
+
+class Handler(SimpleXMLRPCRequestHandler):
+    """Keeps its connection until the client closes it, as a master does."""
+
+    protocol_version = "HTTP/1.1"
+
+    def finish(self) -> None:
+        super().finish()
+        closed.set()
+
+
+class Server(socketserver.ThreadingMixIn, SimpleXMLRPCServer):
+    daemon_threads = True
+
+
+@pytest.fixture
+def uri(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    closed.clear()
+    with Server(("127.0.0.1", 0), Handler, logRequests=False) as server:
+        server.register_function(lambda caller: [1, "", 42], "getPid")
+        threading.Thread(target=server.serve_forever, name="master", daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_address[1]}"
+        monkeypatch.setenv("ROS_MASTER_URI", address)
+        yield address
+        server.shutdown()
+
+
+def ask_a_node(uri: str) -> Any:
+    client = bounded_proxy(uri, 5.0)
+    client.getPid("/test")
+    return client
+
+
+def ask_the_master(uri: str) -> Any:
+    client = bounded_master(5.0)
+    client.getPid()
+    return client
+
+
+@pytest.mark.parametrize("ask", [ask_a_node, ask_the_master])
+def test_a_dropped_client_closes_its_connection_at_once(uri: str, ask: Any) -> None:
+    gc.disable()  # a quiet node's collector comes after minutes
+    try:
+        client = ask(uri)
+        assert not closed.is_set()
+        del client
+        assert closed.wait(20.0)
+    finally:
+        gc.enable()

@@ -1,0 +1,170 @@
+"""A node that cannot begin says why, harms none of its name, and ends when told to."""
+
+import os
+import signal
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+NO_MASTER = "http://localhost:1"
+CANNOT_BEGIN = 2
+
+NODE = """
+import sys, rospy
+from merlin_ros.node import run_node
+def start():
+    print("started", flush=True)
+    def run():
+        rospy.spin()
+        rospy.loginfo("last line")
+        print("over", flush=True)
+    return run
+sys.exit(run_node("somebody", start))
+"""
+
+REFUSED = """
+import sys
+from merlin_ros.node import run_node
+from merlin_ros.parameters import ParameterError
+def start():
+    raise ParameterError("parameter ~x is missing")
+sys.exit(run_node("somebody", start))
+"""
+
+
+def begin(master: str, *args: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-c", "from merlin_ros.node import init_node; init_node('asker')", *args],
+        env={**os.environ, "ROS_MASTER_URI": master},
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=60,
+    )
+
+
+@pytest.mark.parametrize("master", ["nonsense", "http://", "http://localhost:nowhere", ""])
+def test_an_address_that_is_none_is_named(master: str) -> None:
+    run = begin(master)
+    assert run.returncode == CANNOT_BEGIN
+    assert run.stderr.startswith(f"asker: ROS_MASTER_URI is '{master}'; it has to be like http://")
+    assert "Traceback" not in run.stderr
+
+
+def test_a_node_with_parameters_and_no_master_says_so() -> None:
+    run = begin(NO_MASTER, "_rate:=1")
+    assert run.returncode == CANNOT_BEGIN
+    assert run.stderr.startswith(f"asker: no master at {NO_MASTER}: ")
+    assert "is roscore running?" in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+def test_a_node_that_cannot_begin_says_so_with_its_exit_code(master: Any) -> None:
+    node = master.node(REFUSED)
+    assert node.ended() == CANNOT_BEGIN
+    assert "/somebody: parameter ~x is missing" in node.output
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
+def test_a_node_that_waits_for_its_master_ends_when_told_to(master: Any, number: int, code: int) -> None:
+    master.kill()
+    node = master.node(NODE)
+    node.expect("waiting for it")
+    assert node.end(number) == code
+    assert "Traceback" not in node.output
+    assert "started" not in node.output
+
+
+def test_a_node_waits_for_its_master(master: Any) -> None:
+    master.kill()
+    node = master.node(NODE)
+    node.expect("waiting for it")
+    master.start()
+    node.expect("started")
+
+
+@pytest.mark.parametrize(
+    ("args", "name"),
+    [
+        ((), "/somebody"),
+        (("__name:=else",), "/else"),
+        (("__ns:=/robot",), "/robot/somebody"),
+        (("__ns:=robot", "__name:=else"), "/robot/else"),
+    ],
+)
+def test_a_second_node_of_a_name_is_refused_and_the_first_goes_on(master: Any, args: Any, name: str) -> None:
+    first = master.node(NODE, *args)
+    first.expect("started")
+    address = master.address_of(name)
+    second = master.node(NODE, *args)
+    assert second.ended() == CANNOT_BEGIN
+    assert f"node {name} runs already (process {first.process.pid} at {address})" in second.output
+    assert "__name:=" in second.output
+    assert "started" not in second.output
+    assert master.address_of(name) == address
+    assert first.end() == 0
+    assert "shutdown request" not in first.output
+
+
+def test_the_same_name_in_another_namespace_is_another_name(master: Any) -> None:
+    for namespace in ("/one", "/two"):
+        master.node(NODE, f"__ns:={namespace}").expect("started")
+
+
+def test_a_node_that_hangs_keeps_its_name(master: Any) -> None:
+    first = master.node(NODE)
+    first.expect("started")
+    first.send(signal.SIGSTOP)
+    second = master.node(NODE)
+    assert second.ended() == CANNOT_BEGIN
+    assert "node /somebody runs already" in second.output
+    assert "it hangs" in second.output
+    assert "kill that one" in second.output
+    first.send(signal.SIGCONT)
+    assert first.end() == 0
+    assert "shutdown request" not in first.output
+
+
+def test_a_killed_node_is_started_again_each_time(master: Any) -> None:
+    node = master.node(NODE)
+    node.expect("started")
+    for _ in range(5):
+        node.end(signal.SIGKILL)
+        node = master.node(NODE)
+        node.expect("started")
+    assert node.end() == 0
+    assert "shutdown request" not in node.output
+
+
+def test_the_port_of_a_dead_node_that_another_node_has_is_no_obstacle(master: Any) -> None:
+    other = master.node(NODE, "__name:=else")
+    other.expect("started")
+    master.api.registerPublisher("/somebody", "/old", "std_msgs/Empty", master.address_of("/else"))
+    node = master.node(NODE)
+    node.expect("started")
+
+
+def test_a_node_that_has_ended_is_not_registered_by_its_last_line(master: Any) -> None:
+    node = master.node(NODE)
+    node.expect("started")
+    assert node.end() == 0
+    assert "last line" in node.output
+    assert master.address_of("/somebody") == ""
+
+
+def test_the_last_line_of_a_node_does_not_end_the_next_of_its_name(master: Any) -> None:
+    first = master.node(NODE)
+    first.expect("started")
+    # As a node of rospy's own does that starts beside it: the master ends the first one.
+    next_one = master.node(
+        NODE.replace("from merlin_ros.node import run_node", "").replace(
+            'sys.exit(run_node("somebody", start))', 'rospy.init_node("somebody"); start()()'
+        )
+    )
+    next_one.expect("started")
+    assert first.ended() == 0
+    assert "last line" in first.output
+    assert next_one.process.poll() is None
+    assert next_one.end() == 0
+    assert "shutdown request" not in next_one.output
