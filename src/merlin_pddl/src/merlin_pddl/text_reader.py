@@ -30,8 +30,9 @@ class PddlError(Exception):
 
 
 class Word(str):
-    """One word of PDDL, lower-cased, with its place (line and column count from 1)."""
+    """One word of PDDL, lower-cased, with its place (line and column count from 1) and as it was written."""
 
+    written: str
     source: str
     line: int
     column: int
@@ -39,7 +40,8 @@ class Word(str):
     @classmethod
     def at(cls, text: str, source: str, line: int, column: int) -> "Word":
         """Makes a word that stands at a place."""
-        word = cls(text)
+        word = cls(text.lower())
+        word.written = text
         word.source, word.line, word.column = source, line, column
         return word
 
@@ -97,7 +99,7 @@ def read_text(text: str, source: str = "") -> List[Node]:
         column = match.start() - lines[row - 1] + 1
         if parenthesis == "(":
             if len(open_) == MAX_DEPTH:
-                raise PddlError(f"more than {MAX_DEPTH} parentheses inside each other", source, row, column)
+                raise PddlError(f"nested deeper than {MAX_DEPTH} parentheses", source, row, column)
             open_.append(Expression(source, row, column))
             continue
         if parenthesis == ")":
@@ -105,7 +107,7 @@ def read_text(text: str, source: str = "") -> List[Node]:
                 raise PddlError("this ')' closes nothing", source, row, column)
             node: Node = open_.pop()
         else:
-            node = Word.at(word.lower(), source, row, column)
+            node = Word.at(word, source, row, column)
         (open_[-1] if open_ else found).append(node)
     if open_:
         raise open_[-1].error(f"the '(' of '({open_[-1].head}' is never closed")

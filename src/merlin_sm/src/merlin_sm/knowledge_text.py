@@ -5,7 +5,7 @@ problems are the planning system's business.
 """
 
 import re
-from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Union
+from typing import Dict, Iterator, List, Optional, Sequence
 
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import (
@@ -16,8 +16,8 @@ from rosplan_knowledge_msgs.msg import (
     KnowledgeItem,
 )
 
-_TOKEN = re.compile(r"\s*(?:;[^\n]*\n\s*)*([()]|[^\s();]+)")
-_NAME = re.compile(r"[a-zA-Z][\w-]*\Z")
+from merlin_pddl.text_reader import Node, PddlError, Word, is_name, read_expression
+
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\Z")
 _COMPARISONS = {
     ">": DomainInequality.GREATER,
@@ -31,30 +31,23 @@ _COMPARISON_TEXT = {value: text for text, value in _COMPARISONS.items()}
 _OPERATOR_TEXT = {value: text for text, value in _OPERATORS.items()}
 _SPECIAL_TEXT = {ExprBase.HASHT: "#t", ExprBase.TOTAL_TIME: "total-time", ExprBase.DURATION: "?duration"}
 
-MAX_DEPTH = 100  #: Deepest nesting of parentheses that is read.
 _SHOWN = 80  # characters of a text that a message repeats
-
-Expression = Union["Symbol", List["Expression"]]
 
 
 class PDDLSyntaxError(ValueError):
-    """Text that is no PDDL; the message says what is wrong and at which column."""
-
-
-class Symbol(NamedTuple):
-    """A word of PDDL text and the column where it begins, counted from 1."""
-
-    text: str
-    column: int
+    """Text that is no PDDL of facts and goals; the message says what is wrong and where."""
 
 
 def parse_goal(text: str) -> List[KnowledgeItem]:
     """The goals of a PDDL goal text.
 
     :param text: a literal, a comparison, or an ``and``: ``(and (checked kitchen) (>= (battery) 20))``.
-    :raises PDDLSyntaxError: when it is something else, or nested deeper than :data:`MAX_DEPTH`.
+    :raises PDDLSyntaxError: when it is something else, or nested too deeply.
     """
-    return list(_goals(_read(text)))
+    try:
+        return list(_goals(read_expression(text)))
+    except PddlError as error:
+        raise PDDLSyntaxError(f"{_shown(text)}, {_place(error)}{error.message}") from error
 
 
 def parse_literals(texts: Sequence[str], binding: Optional[Dict[str, str]] = None) -> List[KnowledgeItem]:
@@ -106,63 +99,37 @@ def _shown(text: str) -> str:
     return repr(text) if len(text) <= _SHOWN else f"{text[:_SHOWN]!r}…"
 
 
-def _read(text: str) -> Expression:
-    stack: List[List[Expression]] = [[]]
-    opened: List[int] = []
-    position, end = 0, len(text.rstrip())
-    while position < end:
-        match = _TOKEN.match(text, position)
-        if match is None:
-            break
-        word, column, position = match.group(1), match.start(1) + 1, match.end()
-        if word == "(":
-            stack.append([])
-            opened.append(column)
-            if len(opened) > MAX_DEPTH:
-                raise PDDLSyntaxError(
-                    f"{_shown(text)}, column {column}: nested deeper than {MAX_DEPTH} parentheses"
-                )
-        elif word == ")":
-            if not opened:
-                raise PDDLSyntaxError(f"{_shown(text)}, column {column}: ')' without '('")
-            opened.pop()
-            closed = stack.pop()
-            stack[-1].append(closed)
-        else:
-            stack[-1].append(Symbol(word, column))
-    if opened:
-        raise PDDLSyntaxError(f"{_shown(text)}, column {opened[-1]}: '(' is never closed")
-    if len(stack[0]) != 1 or isinstance(stack[0][0], Symbol):
-        raise PDDLSyntaxError(f"{_shown(text)}: expected one goal in parentheses, like (checked kitchen)")
-    return stack[0][0]
+def _place(error: PddlError) -> str:
+    if error.line > 1:
+        return f"line {error.line}, column {error.column}: "
+    return f"column {error.column}: "
 
 
-def _head(expression: Expression) -> Symbol:
-    if isinstance(expression, Symbol):
-        raise PDDLSyntaxError(f"column {expression.column}: expected '(' before {expression.text!r}")
-    if not expression or not isinstance(expression[0], Symbol):
-        raise PDDLSyntaxError("an empty or nested pair of parentheses where a name is expected")
+def _head(expression: Node) -> Word:
+    if isinstance(expression, Word):
+        raise expression.error(f"expected '(' before {expression.written!r}")
+    if not expression or not isinstance(expression[0], Word):
+        raise expression.error("an empty or nested pair of parentheses where a name is expected")
     return expression[0]
 
 
-def _goals(expression: Expression) -> Iterator[KnowledgeItem]:
-    head = _head(expression)
+def _goals(expression: Node) -> Iterator[KnowledgeItem]:
+    word = head = _head(expression)
     rest = expression[1:]
-    word = head.text.lower()
     if word == "and":
         for part in rest:
             yield from _goals(part)
     elif word == "not":
         if len(rest) != 1:
-            raise PDDLSyntaxError(f"column {head.column}: 'not' takes one fact")
+            raise head.error(f"'not' takes one fact")
         for item in _goals(rest[0]):
             if item.knowledge_type != KnowledgeItem.FACT or item.is_negative:
-                raise PDDLSyntaxError(f"column {head.column}: only a plain fact can be negated")
+                raise head.error(f"only a plain fact can be negated")
             item.is_negative = True
             yield item
     elif word in _COMPARISONS:
         if len(rest) != 2:
-            raise PDDLSyntaxError(f"column {head.column}: {word!r} compares two expressions")
+            raise head.error(f"{word!r} compares two expressions")
         ineq = DomainInequality(
             comparison_type=_COMPARISONS[word],
             LHS=ExprComposite(tokens=list(_tokens(rest[0]))),
@@ -170,40 +137,38 @@ def _goals(expression: Expression) -> Iterator[KnowledgeItem]:
         )
         yield KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=ineq)
     elif word in ("or", "imply", "forall", "exists", "when"):
-        raise PDDLSyntaxError(f"column {head.column}: {word!r} cannot stand in such a goal")
+        raise head.error(f"{word!r} cannot stand in such a goal")
     else:
         yield KnowledgeItem(
             knowledge_type=KnowledgeItem.FACT, attribute_name=_name(head), values=list(_arguments(rest))
         )
 
 
-def _arguments(symbols: Sequence[Expression]) -> Iterator[KeyValue]:
-    for symbol in symbols:
-        if not isinstance(symbol, Symbol):
-            raise PDDLSyntaxError("an argument has to be a name, not an expression")
-        yield KeyValue(key="", value=symbol.text)
+def _arguments(nodes: Sequence[Node]) -> Iterator[KeyValue]:
+    for node in nodes:
+        if not isinstance(node, Word):
+            raise node.error("an argument has to be a name, not an expression")
+        yield KeyValue(key="", value=node.written)
 
 
-def _name(symbol: Symbol) -> str:
-    if not _NAME.match(symbol.text):
-        raise PDDLSyntaxError(f"column {symbol.column}: {symbol.text!r} is no name")
-    return symbol.text
+def _name(word: Word) -> str:
+    if not is_name(word):
+        raise word.error(f"{word.written!r} is no name")
+    return word.written
 
 
-def _tokens(expression: Expression) -> Iterator[ExprBase]:
-    if isinstance(expression, Symbol):
-        if not _NUMBER.match(expression.text):
-            raise PDDLSyntaxError(
-                f"column {expression.column}: {expression.text!r} is neither a number nor a function"
-            )
-        yield ExprBase(expr_type=ExprBase.CONSTANT, constant=float(expression.text))
+def _tokens(expression: Node) -> Iterator[ExprBase]:
+    if isinstance(expression, Word):
+        if not _NUMBER.match(expression):
+            raise expression.error(f"{expression.written!r} is neither a number nor a function")
+        yield ExprBase(expr_type=ExprBase.CONSTANT, constant=float(expression))
         return
     head = _head(expression)
-    if head.text in _OPERATORS and len(expression) == 3:
-        yield ExprBase(expr_type=ExprBase.OPERATOR, op=_OPERATORS[head.text])
+    if head in _OPERATORS and len(expression) == 3:
+        yield ExprBase(expr_type=ExprBase.OPERATOR, op=_OPERATORS[head])
         for part in expression[1:]:
             yield from _tokens(part)
-    elif head.text == "-" and len(expression) == 2:
+    elif head == "-" and len(expression) == 2:
         yield ExprBase(expr_type=ExprBase.OPERATOR, op=ExprBase.UMINUS)
         yield from _tokens(expression[1])
     else:

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosplan_knowledge_msgs.msg import ExprBase, ExprComposite, KnowledgeItem
 
-from merlin_sm.knowledge_text import MAX_DEPTH, PDDLSyntaxError, parse_goal, parse_literals, to_pddl
+from merlin_pddl.text_reader import MAX_DEPTH
+from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, parse_literals, to_pddl
 
 NAMES = st.from_regex(r"[a-z][a-z0-9_-]{0,8}", fullmatch=True).filter(
     lambda name: name not in ("and", "not", "or", "imply", "forall", "exists", "when")
@@ -50,10 +51,10 @@ def test_comparisons_survive(text: str) -> None:
     "text, part",
     [
         ("(checked kitchen", "never closed"),
-        ("checked kitchen)", "without '('"),
-        ("", "expected one goal"),
-        ("checked", "expected one goal"),
-        ("(a) (b)", "expected one goal"),
+        ("checked kitchen)", "closes nothing"),
+        ("", "no PDDL here"),
+        ("checked", "expected '('"),
+        ("(a) (b)", "nothing may follow"),
         ("()", "empty"),
         ("(checked (kitchen))", "argument"),
         ("(or (a) (b))", "'or'"),
@@ -67,6 +68,10 @@ def test_comparisons_survive(text: str) -> None:
 def test_what_is_no_goal_is_refused_with_the_reason(text: str, part: str) -> None:
     with pytest.raises(PDDLSyntaxError, match="(?i)" + part.replace("(", r"\(").replace(")", r"\)")):
         parse_goal(text)
+
+
+def test_names_keep_their_letters() -> None:
+    assert to_pddl(parse_goal("(AND (Checked Kitchen))")[0]) == "(Checked Kitchen)"
 
 
 @given(st.text(max_size=40))
