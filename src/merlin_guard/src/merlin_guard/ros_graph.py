@@ -39,7 +39,8 @@ def publications(node_uri: str) -> Dict[str, str]:
     """
     try:
         with xmlrpc.client.ServerProxy(node_uri, transport=_Transport()) as node:
-            _, _, topics = node.getPublications("/merlin_guard")
+            answer: Any = node.getPublications("/merlin_guard")
+            _, _, topics = answer
     except ConnectionError as error:
         raise NodeGone(node_uri) from error
     except (xmlrpc.client.Error, http.client.HTTPException, ValueError) as error:

@@ -102,7 +102,13 @@ class DomainReader:
                 self._derived(section)
         confused = self_negating(self._domain.derived)
         if confused is not None:
-            section = next(s for s in self._sections if s.head == ":derived" and s[1].head == confused)
+            section = next(
+                section
+                for section in self._sections
+                if section.head == ":derived"
+                and isinstance(section[1], Expression)
+                and section[1].head == confused
+            )
             raise section.error(f"the derived predicate '{confused}' depends on its own negation")
         for section in self._sections:
             if section.head in actions:

@@ -169,6 +169,7 @@ def run_node(
     Returns the exit code, for the script ``respawn`` of the package merlin: 0, 143 after a SIGTERM, or
     :data:`CANNOT_BEGIN` or :data:`NOT_YET`.
     """
+    wrong: Tuple[Type[Exception], ...] = (ParameterError, *errors)
     init_node(name)
     try:
         with _ending.making():
@@ -177,7 +178,7 @@ def run_node(
     except missing as error:
         if not is_shutdown_requested():  # otherwise it is not an error that something was not found
             return _give_up(error, NOT_YET)
-    except (ParameterError, *errors) as error:
+    except wrong as error:
         if not is_shutdown_requested():
             return _give_up(error, CANNOT_BEGIN)
     except Exception:

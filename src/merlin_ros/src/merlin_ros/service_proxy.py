@@ -35,6 +35,7 @@ class _Client(rospy.ServiceProxy):
     connect_limit = CONNECT_LIMIT
     connecting: Optional[TCPROSTransport] = None
     scope: CallScope = current_scope()
+    transport: Any
 
     def call(self, *args: Any, **fields: Any) -> Any:
         """Calls the service; see rospy."""

@@ -302,14 +302,16 @@ class DispatchClient:
         except ServiceError as error:
             rospy.logwarn(f"cancel of {self.name}: {error}")
 
+    def _idle_again(self) -> bool:
+        """Whether the dispatcher said so since the dispatch began; the lock is held."""
+        return self._statuses > 0 and self._status is not None and self._status.state == DispatchStatus.IDLE
+
     def _result(self, answer: object) -> DispatchResult:
         reply = self._reply(answer)
         with self._changed:
             if not reply.achieved and not reply.gone and self._status is not None:
                 # The last word of our dispatcher may come a moment behind the answer of its service.
-                Deadline(STATUS_GRACE).wait(
-                    self._changed, lambda: self._statuses > 0 and self._status.state == DispatchStatus.IDLE
-                )
+                Deadline(STATUS_GRACE).wait(self._changed, self._idle_again)
             if not reply.achieved:
                 Deadline(ANSWER_GRACE).wait(self._changed, lambda: not self._progress.unanswered)
             if self._statuses == 0 or self._status is None:

@@ -52,7 +52,7 @@ class GuardWatch:
                 if left <= 0.0:
                     break
                 self._changed.wait(left)
-            if not self._fresh():
+            if self._status is None or not self._fresh():
                 return SILENT
             if self._status.state == GuardStatus.STOPPED:
                 return f"the velocity guard has stopped the base: {self._status.reason}"

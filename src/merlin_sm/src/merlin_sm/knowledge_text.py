@@ -113,18 +113,22 @@ def _head(expression: Node) -> Word:
     return expression[0]
 
 
+def _rest(expression: Node) -> List[Node]:
+    return [] if isinstance(expression, Word) else expression[1:]
+
+
 def _goals(expression: Node) -> Iterator[KnowledgeItem]:
     word = head = _head(expression)
-    rest = expression[1:]
+    rest = _rest(expression)
     if word == "and":
         for part in rest:
             yield from _goals(part)
     elif word == "not":
         if len(rest) != 1:
-            raise head.error(f"'not' takes one fact")
+            raise head.error("'not' takes one fact")
         for item in _goals(rest[0]):
             if item.knowledge_type != KnowledgeItem.FACT or item.is_negative:
-                raise head.error(f"only a plain fact can be negated")
+                raise head.error("only a plain fact can be negated")
             item.is_negative = True
             yield item
     elif word in _COMPARISONS:
@@ -166,13 +170,13 @@ def _tokens(expression: Node) -> Iterator[ExprBase]:
     head = _head(expression)
     if head in _OPERATORS and len(expression) == 3:
         yield ExprBase(expr_type=ExprBase.OPERATOR, op=_OPERATORS[head])
-        for part in expression[1:]:
+        for part in _rest(expression):
             yield from _tokens(part)
     elif head == "-" and len(expression) == 2:
         yield ExprBase(expr_type=ExprBase.OPERATOR, op=ExprBase.UMINUS)
-        yield from _tokens(expression[1])
+        yield from _tokens(_rest(expression)[0])
     else:
-        formula = DomainFormula(name=_name(head), typed_parameters=list(_arguments(expression[1:])))
+        formula = DomainFormula(name=_name(head), typed_parameters=list(_arguments(_rest(expression))))
         yield ExprBase(expr_type=ExprBase.FUNCTION, function=formula)
 
 

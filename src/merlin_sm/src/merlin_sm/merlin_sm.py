@@ -50,7 +50,7 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         for label in self._at:
             state = self.get_children().get(label)
             if getattr(state, "outcome", "") == "aborted":
-                rospy.loginfo(f"{label} was aborted: {state.reason or 'no reason is known'}")
+                rospy.loginfo(f"{label} was aborted: {getattr(state, 'reason', '') or 'no reason is known'}")
         self._at = list(active_states)
 
     def _take_reason(self, userdata: Any, terminal_states: List[str], outcome: str) -> None:

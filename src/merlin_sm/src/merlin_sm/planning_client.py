@@ -6,7 +6,7 @@ seen on that topic; services that answer earlier do not mislead (design rules fo
 
 import threading
 from enum import Enum
-from typing import Any, Callable, List, NamedTuple, Optional, Sequence
+from typing import Any, Callable, List, NamedTuple, Optional
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -272,7 +272,7 @@ class PlanningClient:
             raise StageError(f"{part} {said}: {error}", gone=gone) from error
 
 
-def plan_actions(plan: Any) -> Sequence[ActionDispatch]:
+def plan_actions(plan: Any) -> List[ActionDispatch]:
     """The actions of a CompletePlan or an EsterelPlan, in order."""
     if hasattr(plan, "plan"):
         return list(plan.plan)

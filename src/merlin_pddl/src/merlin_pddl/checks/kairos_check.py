@@ -140,8 +140,8 @@ class PlanValidator:
         status = self._kairos.ValidationStatus
         if report.status in (status.VALID, status.UNSUPPORTED):
             return None
-        error = self._kairos.Severity.ERROR
-        messages = [entry.message for entry in report.diagnostics if entry.severity == error]
+        fatal = self._kairos.Severity.ERROR
+        messages = [entry.message for entry in report.diagnostics if entry.severity == fatal]
         return "; ".join(messages) or "kairos' validator does not accept it and does not say why"
 
     def quality(self, steps: Iterable[PlanStep]) -> PlanQuality:

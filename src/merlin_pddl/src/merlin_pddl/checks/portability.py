@@ -25,7 +25,7 @@ def warnings(text: str, source: str) -> List[str]:
     root = read_expression(text, source)
     kind = root[1].head if len(root) > 1 and isinstance(root[1], Expression) else "domain"
     _, sections = open_definition(root, kind)
-    found = []
+    found: List[str] = []
     for section in sections:
         found.extend(
             f"{_place(name)}: warning: '{name}' is a keyword of PDDL: parsers such as VAL's, POPF's and "

@@ -79,10 +79,8 @@ class Validation:
             self.messages.extend(portability.warnings(problem_text, problem_path))
             if self._kairos is not None:
                 self._stage(f"checking {problem_path}")
-                self._report(
-                    self._kairos.check_problem(problem_text, domain_text, problem_path, domain_path),
-                    problem_path,
-                )
+                report = self._kairos.check_problem(problem_text, domain_text, problem_path, domain_path)
+                self._report(report, problem_path, self._kairos.Severity.ERROR)
             if goal is not None:
                 known = {**domain.constants, **problem.objects}
                 problem.goals = conjuncts(parse_condition(goal, domain, known, "goal"))
@@ -94,7 +92,7 @@ class Validation:
 
     def _check_domain(self, text: str, path: str) -> Domain:
         if self._kairos is not None:
-            self._report(self._kairos.check_domain(text, path), path)
+            self._report(self._kairos.check_domain(text, path), path, self._kairos.Severity.ERROR)
         domain = parse_domain(text, path)
         self.messages.extend(portability.warnings(text, path))
         if self.valid:
@@ -105,11 +103,11 @@ class Validation:
             )
         return domain
 
-    def _report(self, report: Any, path: str) -> None:
+    def _report(self, report: Any, path: str, error: Any) -> None:
         for diagnostic in report.diagnostics:
             # of other files only what is an error: their warnings were told when they were checked
             place = diagnostic.location
-            if place is None or place.file == path or diagnostic.severity == self._kairos.Severity.ERROR:
+            if place is None or place.file == path or diagnostic.severity == error:
                 message = str(diagnostic)
                 if message not in self.messages:
                     self.messages.append(message)

@@ -78,7 +78,9 @@ class SerialActionServer:
         while True:
             with self._changed:
                 self._running = None
-                while self._next is None and not self._stopping:
+                while self._next is None:
+                    if self._stopping:
+                        return
                     self._changed.wait()
                 if self._stopping:
                     return

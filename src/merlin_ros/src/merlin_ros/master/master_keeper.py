@@ -4,7 +4,7 @@ import queue
 import threading
 import time
 import xmlrpc.client
-from typing import Callable, List, Optional, Tuple
+from typing import Any, Callable, List, Optional, Tuple
 from xml.parsers.expat import ExpatError
 
 import rosgraph
@@ -116,7 +116,8 @@ class MasterKeeper:
         calls = xmlrpc.client.MultiCall(self._proxy)
         calls.getPid(self._name)
         calls.lookupNode(self._name, self._name)
-        (_, _, process), (code, _, address) = calls()
+        answers: Any = calls()
+        (_, _, process), (code, _, address) = answers
         return int(process), str(address) if code == 1 else None
 
     def _look(self) -> None:

@@ -2,7 +2,7 @@
 
 import socket
 import xmlrpc.client
-from typing import NamedTuple, Optional
+from typing import Any, NamedTuple, Optional
 from urllib.parse import urlparse
 
 import rosgraph
@@ -51,7 +51,8 @@ def living_namesake(name: str, master: rosgraph.Master) -> Optional[Namesake]:
     try:
         if _name_of(node, name) != name:
             return None  # a dead node's port has gone to another one
-        return Namesake(name, uri, int(node.getPid(name)[2]))
+        answer: Any = node.getPid(name)
+        return Namesake(name, uri, int(answer[2]))
     except master_link.MasterSilent:
         return Namesake(name, uri, 0)
     except (*master_link.ERRORS, ValueError, TypeError, IndexError):

@@ -1,10 +1,10 @@
 """A question and its answer, asked again when the answer was not understood."""
 
-from typing import Any, Optional, Sequence
+from typing import Any, Optional, Sequence, cast
 
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.function_state import FunctionState
-from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
 from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
 
 SORRY = "Sorry, I did not understand."
@@ -49,7 +49,8 @@ class AskSM(MerlinSM):
 
     def _again(self, userdata: Any) -> Optional[str]:
         if self._asked >= self._attempts:
-            self["AGAIN"].reason = f"no answer was understood in {self._attempts} attempts"
+            again = cast(MerlinState, self["AGAIN"])
+            again.reason = f"no answer was understood in {self._attempts} attempts"
             return MISUNDERSTOOD
         self._asked += 1
         return None
