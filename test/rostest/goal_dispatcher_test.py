@@ -36,13 +36,13 @@ class Broken(GoalDispatcher):
 
 class BrokenMachine(MissionSM):
     def build(self):
-        self.goals("KITCHEN", lambda userdata: {}["hallway"], {"nothing": "succeeded"})
+        self.add_goal_state("KITCHEN", lambda userdata: {}["hallway"], {"nothing": "succeeded"})
 
 
 class Evening(MissionSM):
     def build(self):
-        self.goals("KITCHEN", "(checked kitchen)", {"succeeded": "DOOR"})
-        self.goals("DOOR", ["(checked main_door)", "(checked bathroom)"])
+        self.add_goal_state("KITCHEN", "(checked kitchen)", {"succeeded": "DOOR"})
+        self.add_goal_state("DOOR", ["(checked main_door)", "(checked bathroom)"])
 
 
 class GoalDispatchers(unittest.TestCase):

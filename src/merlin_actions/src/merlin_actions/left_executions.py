@@ -42,7 +42,8 @@ def settle_left(knowledge: KnowledgeClient, operator: str) -> List[LeftExecution
     apply = ServiceProxy(f"{knowledge.name}/apply_effects", ApplyEffects, timeout=APPLY_LIMIT)
     settled = []
     for execution in listed(owner=rospy.get_name()).executions:
-        plan, action, life, *_ = [*execution.token.split("/"), "", "", ""]
+        parts: List[str] = execution.token.split("/")
+        plan, action, life = [*parts, "", "", ""][:3]
         if execution.operator_name.lower() != operator.lower() or life == LIFE:
             continue
         answer = apply(

@@ -5,7 +5,7 @@ What nothing foresaw, in a run or an answer, ends that request with the reason; 
 
 import logging
 import threading
-from typing import Callable, Generic, List, Optional, Tuple, TypeVar
+from typing import Callable, Generic, List, Optional, Tuple, TypeVar, cast
 
 from merlin_executor.agenda import Agenda, Answer, Decision, StopRun, Ticket
 from merlin_executor.outcome import Outcome, StopKind, Verdict, crashed
@@ -114,7 +114,7 @@ class Engine(Generic[J]):
         self._on_queue()
         for decision in decisions:
             if isinstance(decision, Answer):
-                decision.ticket.end(decision.verdict)
+                cast(J, decision.ticket).end(decision.verdict)
 
     def decide_on(self, wanted: Callable[[J], bool], event: Callable[[Agenda[J], J], List[Decision]]) -> None:
         """Likewise, for an event on one request that waits or runs; nothing when there is none such."""

@@ -5,7 +5,7 @@ Its states carry out; what a failure or a stop means is decided in :mod:`merlin_
 """
 
 import time
-from typing import Any, Callable, List, Optional, Sequence
+from typing import Any, Callable, List, Optional, Sequence, cast
 
 import rospy
 from rosplan_dispatch_msgs.msg import ActionDispatch
@@ -28,6 +28,7 @@ from merlin_sm.states.planning import (
     FAILED,
     GenerateProblemState,
     ParsePlanState,
+    PlanningState,
     PlanState,
 )
 
@@ -107,7 +108,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
     def _enter(self, userdata: Any, states: List[str], *outcome: str) -> None:
         course = self.course
         if course.stage and course.stage != REMOVE_GOALS:
-            left = self[course.stage]
+            left = cast(PlanningState, self[course.stage])
             if course.stage != REPLAN or left.outcome in (PREEMPTED, ABORTED):
                 course.ended(StageEnd(course.stage, left.outcome, left.reason, left.gone))
         course.enter("" if outcome else states[0], time.monotonic())

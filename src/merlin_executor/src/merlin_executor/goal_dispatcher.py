@@ -9,8 +9,8 @@
 
     class Evening(MissionSM):                          # a state machine: each state sends its goals
         def build(self):
-            self.goals("KITCHEN", "(checked kitchen)", {"succeeded": "DOOR"})
-            self.goals("DOOR", ["(checked main_door)"])
+            self.add_goal_state("KITCHEN", "(checked kitchen)", {"succeeded": "DOOR"})
+            self.add_goal_state("DOOR", ["(checked main_door)"])
 """
 
 from typing import Any, Callable, Dict, List, Optional, Union
@@ -139,7 +139,7 @@ class MissionSM(MerlinSM):
         """Adds the states; the machine is open for construction."""
         raise NotImplementedError(f"{type(self).__name__} has to implement build()")
 
-    def goals(
+    def add_goal_state(
         self,
         label: str,
         goals: Union[Goals, Callable[[Any], Goals]],

@@ -48,11 +48,11 @@ class Evening(MissionSM):
         rounds = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
         with rounds:
             rounds.add("BEGIN", FunctionState(self._begin_round), {SUCCEEDED: "CHECK_TABLES"})
-            self.goals("CHECK_TABLES", self._tables, then("SERVE"))
-            self.goals("SERVE", self._to_serve, {**then("SERVE"), NOTHING: "TIDY"}, priority=URGENT)
-            self.goals("TIDY", self._to_bring_back, then("LOOK"), priority=URGENT)
-            self.goals("LOOK", "(entrance_checked)", {SUCCEEDED: "GUIDE", ABORTED: "GUIDE"})
-            self.goals("GUIDE", self._to_guide, then("END"), priority=URGENT)
+            self.add_goal_state("CHECK_TABLES", self._tables, then("SERVE"))
+            self.add_goal_state("SERVE", self._to_serve, {**then("SERVE"), NOTHING: "TIDY"}, priority=URGENT)
+            self.add_goal_state("TIDY", self._to_bring_back, then("LOOK"), priority=URGENT)
+            self.add_goal_state("LOOK", "(entrance_checked)", {SUCCEEDED: "GUIDE", ABORTED: "GUIDE"})
+            self.add_goal_state("GUIDE", self._to_guide, then("END"), priority=URGENT)
             rounds.add("END", FunctionState(self._end_round, outcomes=["open"]), {"open": "BEGIN"})
         return rounds
 
@@ -65,11 +65,11 @@ class Evening(MissionSM):
             note = FunctionState(self._note_call, ["heard"], outcomes=["entrance", "no_call"])
             meant = {SUCCEEDED: "SERVE", "entrance": "LOOK", "no_call": "LISTEN", ABORTED: "LISTEN"}
             calls.add("NOTE", note, meant)
-            self.goals("SERVE", self._called, then("TIDY"), priority=URGENT)
-            self.goals("TIDY", self._to_bring_back, then("LISTEN"), priority=URGENT)
+            self.add_goal_state("SERVE", self._called, then("TIDY"), priority=URGENT)
+            self.add_goal_state("TIDY", self._to_bring_back, then("LISTEN"), priority=URGENT)
             look = {SUCCEEDED: "GUIDE", ABORTED: "LISTEN"}
-            self.goals("LOOK", "(entrance_checked)", look, priority=URGENT)
-            self.goals("GUIDE", self._to_guide, then("LISTEN"), priority=URGENT)
+            self.add_goal_state("LOOK", "(entrance_checked)", look, priority=URGENT)
+            self.add_goal_state("GUIDE", self._to_guide, then("LISTEN"), priority=URGENT)
         return calls
 
     def _begin_round(self, userdata: Any) -> None:

@@ -4,7 +4,7 @@ Wall time, so that a paused simulator does not look like a dead node.
 """
 
 import threading
-from typing import Callable, Dict, NamedTuple
+from typing import Callable, Dict, Mapping, NamedTuple
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -23,7 +23,7 @@ class Health(NamedTuple):
 
     level: int = OK
     message: str = "ready"
-    values: Dict[str, object] = {}
+    values: Mapping[str, object] = {}
 
 
 class HealthReporter:

@@ -2,7 +2,7 @@
 
 import xmlrpc.client
 from pathlib import Path
-from typing import Dict, NamedTuple
+from typing import Any, Dict, NamedTuple
 
 import rosgraph
 import rosnode
@@ -22,8 +22,8 @@ def usage_of_nodes() -> Dict[str, Usage]:
     for name in rosnode.get_node_names():
         try:
             uri = master.lookupNode(name)
-            pid = xmlrpc.client.ServerProxy(uri).getPid("/process_usage")[2]
-            lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+            answer: Any = xmlrpc.client.ServerProxy(uri).getPid("/process_usage")
+            lines = Path(f"/proc/{answer[2]}/status").read_text().splitlines()
         except (OSError, rosgraph.MasterException, xmlrpc.client.Error):
             continue
         fields = dict(line.split(":", 1) for line in lines if ":" in line)

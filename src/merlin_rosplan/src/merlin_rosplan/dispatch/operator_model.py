@@ -165,13 +165,13 @@ class Effects:
 
     def ground(self, binding: Dict[str, str]) -> "Effects":
         """Atoms and terms grounded."""
-        return Effects(
-            *(
-                _ground(atoms, binding)
-                for atoms in (self.add, self.delete, self.writes, self.reads, self.additive)
-            ),
-            self.wild,
-            self.wild_reads,
+        return replace(
+            self,
+            add=_ground(self.add, binding),
+            delete=_ground(self.delete, binding),
+            writes=_ground(self.writes, binding),
+            reads=_ground(self.reads, binding),
+            additive=_ground(self.additive, binding),
         )
 
 

@@ -1,6 +1,7 @@
 """What parser and dispatcher ask the knowledge base, over ROS: any ROSPlan knowledge base will do."""
 
 import copy
+import functools
 import threading
 from typing import Callable, Dict, FrozenSet, Iterable, List, Optional, Sequence, Tuple, TypeVar, Union
 
@@ -149,7 +150,7 @@ class PlanKnowledge:
         return {
             Atom(item.attribute_name, tuple(value.value for value in item.values)).key: item.function_value
             for name in sorted(names)
-            for item in _answer(lambda name=name: self._client.functions(name))
+            for item in _answer(functools.partial(self._client.functions, name))
         }
 
     def objects(self) -> FrozenSet[str]:

@@ -22,7 +22,7 @@ class _SimulatedExecution(ActionInterface):
 
     concurrent = True
 
-    def behave(self, duration: float, deviation: float, probability: float, seed: object) -> None:
+    def behave(self, duration: float, deviation: float, probability: float, seed: Optional[int]) -> None:
         """Sets what :meth:`run` does."""
         self._duration, self._deviation, self._probability = duration, deviation, probability
         self._random = random.Random(seed)

@@ -1,6 +1,6 @@
 """The content of a knowledge base, without locks: tables, and the questions asked of them."""
 
-from typing import Dict, List, Optional, Tuple, Union
+from typing import Any, Dict, List, Optional, Tuple, Union
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.evaluation import Evaluator, State
@@ -29,7 +29,7 @@ class Note(Row):
 
     __slots__ = ("name", "data")
 
-    def __init__(self, name: str, data: Dict[str, object]) -> None:
+    def __init__(self, name: str, data: Dict[str, Any]) -> None:
         super().__init__()
         self.name = name
         self.data = data

@@ -166,8 +166,10 @@ class KnowledgeStore:
             for name, types in problem.objects.items():
                 for type_name in types:
                     transaction.add(Instance(type_name, name))
-            for item in (*problem.facts, *problem.values):
-                transaction.add(item)
+            for fact in problem.facts:
+                transaction.add(fact)
+            for value in problem.values:
+                transaction.add(value)
             for row in problem.timed:
                 transaction.add(row.item, transaction.now + row.at)
             for condition in problem.goals:

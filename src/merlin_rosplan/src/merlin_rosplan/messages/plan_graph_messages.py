@@ -74,7 +74,7 @@ def graph_from_message(plan: EsterelPlan) -> Tuple[PlanGraph, List[ActionDispatc
             ) from None
         graph.nodes.append(Node(index, kind, node.name, action))
     for edge in plan.edges:
-        kind = _EDGE_TYPES.get(edge.edge_type, EdgeType.CONDITION)
+        edge_type = _EDGE_TYPES.get(edge.edge_type, EdgeType.CONDITION)
         for source in edge.source_ids:
             for sink in edge.sink_ids:
                 if source not in position or sink not in position:
@@ -82,7 +82,7 @@ def graph_from_message(plan: EsterelPlan) -> Tuple[PlanGraph, List[ActionDispatc
                         f"edge {edge.edge_id} of the plan graph joins nodes that it does not have"
                     )
                 graph.connect(
-                    kind,
+                    edge_type,
                     position[source],
                     position[sink],
                     edge.duration_lower_bound,

@@ -78,6 +78,17 @@ class WireItem:
         "optimization",
         "wire",
     )
+    knowledge_type: int
+    initial_time: genpy.Time
+    is_negative: bool
+    instance_type: str
+    instance_name: str
+    attribute_name: str
+    values: List["WireValue"]
+    function_value: float
+    assign_op: int
+    optimization: str
+    wire: bytes
     expr = ExprComposite()
     ineq = DomainInequality()
 
