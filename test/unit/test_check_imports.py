@@ -35,7 +35,7 @@ def test_allowed_imports_pass(tool: ModuleType, tmp_path: Path) -> None:
         "import math\nfrom merlin_sim.world import survey\n",
         "merlin_sm",
     )
-    write(tmp_path, "merlin_sim", "world/survey", "import merlin_ros.node\nimport pybullet\n", "merlin_sm")
+    write(tmp_path, "merlin_sim", "world/survey", "import merlin_ros.node\nimport pybullet\n", "merlin_ros")
     assert tool.main() == 0
 
 

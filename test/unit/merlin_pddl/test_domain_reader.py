@@ -123,7 +123,7 @@ BROKEN = [
         "is of type b",
     ),
     ("(define (domain d) (:predicates (p)) (:derived (p) (not (p))))", "1:38", "depends on its own negation"),
-    ("(" * 200 + ")" * 200, "1:101", "inside each other"),
+    ("(" * 200 + ")" * 200, "1:101", "nested deeper than"),
 ]
 
 
