@@ -24,6 +24,7 @@ class Shutdown(unittest.TestCase):
         self.addCleanup(interfaces.close)
         interfaces.answers.update({"paint": [(1,)], "on_cancel": (10, "cancelled")})
         parse = ServiceProxy("/simple_parser/parse_plan_from_file", ParsingService)
+        self.assertTrue(parse.wait(LONG))
         with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
             file.write("0.0: (paint ann leg) [5.0]\n")
             file.flush()
