@@ -25,7 +25,7 @@ help:
 	@echo "make chaos  the fault campaign (TRIALS= MINUTES= SEED= FAULT= MOMENT= RESPAWN=yes|no)"
 	@echo "make chaos-table   its table into docs/reliability.md (RESULTS='folder folder …')"
 	@echo "make soak   10 000 cancels and interruptions, the long tests, an hour of faults, 3 000 goals (CYCLES= MINUTES=)"
-	@echo "make lint   ruff, catkin_lint, roslaunch-check"
+	@echo "make lint   ruff, mypy, the map of imports, catkin_lint, roslaunch-check"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
 	@echo "make build  only what the others need"
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# ruff on all Python, the map of imports, catkin_lint on all packages, roslaunch-check on all launch files. Ends non-zero at any finding.
+# ruff, mypy, the map of imports, catkin_lint on all packages, roslaunch-check on all launch files. Ends non-zero at any finding.
 set -u
 cd "$(dirname "$0")/.."
 status=0
