@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Runs all benchmarks, each in its own process, writes results/bench.json and prints a table.
 
-Usage: bench/run.py [topic ...]     for example: bench/run.py knowledge planning
+Usage: bench/run.py [--docs] [topic ...]     for example: bench/run.py knowledge dispatch
+--docs puts the table into docs/benchmarks.md.
 """
 
 import json
@@ -14,8 +15,12 @@ import time
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Tuple
 
+from budgets import budget
+
 BENCH = Path(__file__).resolve().parent
 RESULTS = BENCH.parent / "results" / "bench.json"
+PAGE = BENCH.parent / "docs" / "benchmarks.md"
+BEGIN, END = "<!-- table of make bench: begin -->", "<!-- table of make bench: end -->"
 LIMIT = float(os.environ.get("LIMIT", 600.0))  # s for one benchmark
 
 # What a benchmark's process does: measure, and write what it measured where it is told.
@@ -70,27 +75,33 @@ def table(results: Dict[str, Any]) -> str:
 
 
 def markdown(results: Dict[str, Any]) -> str:
-    """All figures as a page, for docs/benchmarks.md."""
+    """All figures as the table of docs/benchmarks.md."""
     lines = [
-        "# Benchmarks",
-        "",
+        BEGIN,
         f"`make bench` on {results['machine']}, load average {results['load_average']} at the start.",
-        "Times in ms where the name ends so. The machine is shared: medians are worth more than tails.",
         "",
-        "| figure | median | p95 | p99 | n |",
-        "|---|---|---|---|---|",
+        "| figure | budget | median | p95 | p99 | n |",
+        "|---|---|---|---|---|---|",
     ]
     for name, value in rows(results):
         if isinstance(value, dict):
             cells = " | ".join(str(value.get(key, "")) for key in ("median", "p95", "p99", "n"))
-            lines.append(f"| {name} | {cells} |")
+            lines.append(f"| {name} | {budget(name)} | {cells} |")
         elif name not in ("machine", "load_average"):
-            lines.append(f"| {name} | {value} | | | |")
-    return "\n".join(lines) + "\n"
+            lines.append(f"| {name} | {budget(name)} | {value} | | | |")
+    return "\n".join([*lines, END]) + "\n"
+
+
+def put_into(page: Path, text: str) -> None:
+    """Replaces the table of a page."""
+    before, rest = page.read_text().split(BEGIN, 1)
+    page.write_text(before + text.rstrip("\n") + rest.split(END, 1)[1])
 
 
 def main(topics: List[str]) -> int:
     """Runs the benchmarks of these topics, or all; returns the exit code."""
+    into_page = "--docs" in topics
+    topics = [topic for topic in topics if topic != "--docs"]
     modules = sorted(path.stem for path in BENCH.glob("bench_*.py"))
     if topics:
         unknown = sorted(set(topics) - {module[len("bench_") :] for module in modules})
@@ -117,6 +128,8 @@ def main(topics: List[str]) -> int:
     collected["machine"] = f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
     RESULTS.write_text(json.dumps(collected, indent=2, sort_keys=True) + "\n")
     RESULTS.with_suffix(".md").write_text(markdown(collected))
+    if into_page:
+        put_into(PAGE, markdown(collected))
     print(table(collected))
     print(f"\nwritten to {RESULTS} and {RESULTS.with_suffix('.md').name}")
     return 1 if failed else 0
