@@ -1,6 +1,6 @@
 """What each figure may be at the most: a part of its name, and median and p99 (or one number)."""
 
-from typing import Dict, Tuple
+from typing import Dict
 
 #: Beginning of a figure's name → budget; the longest beginning counts.
 BUDGETS: Dict[str, str] = {
@@ -40,7 +40,5 @@ def budget(name: str) -> str:
 
     :param name: with the names of what it is nested in, joined by blanks.
     """
-    fitting: Tuple[str, ...] = tuple(
-        key for key in BUDGETS if name == key or name.startswith((f"{key} ", f"{key},"))
-    )
+    fitting = [key for key in BUDGETS if name == key or name.startswith((f"{key} ", f"{key},"))]
     return BUDGETS[max(fitting, key=len)] if fitting else ""
