@@ -1,7 +1,8 @@
 """Checks the map of docs/architecture.md: which package and which sub-package may import which.
 
 Checked are all packages below src: imports between packages and between the sub-packages of one, that
-each manifest names every imported package, and how many modules a folder holds. Ends non-zero at any finding.
+each manifest names every imported package, and how many modules a folder holds; and that what bench, test and
+tools import is there. Ends non-zero at any finding.
 """
 
 import ast
@@ -189,9 +190,23 @@ def full_folders(root: Path) -> Iterator[str]:
             yield f"{folder.relative_to(SRC.parent)}: {count} modules; {MOST_MODULES} is the most"
 
 
+def gone_modules() -> Iterator[str]:
+    """Modules of MERLIN that tools, benchmarks and tests import and that are not there."""
+    for folder in ("bench", "test", "tools"):
+        for path in sorted((SRC.parent / folder).glob("**/*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                if isinstance(node, ast.ImportFrom) and not node.level:
+                    names = [node.module or ""]
+                for name in names:
+                    top = SRC / name.split(".")[0]
+                    if (top / "setup.py").is_file() and not _exists(top, name):
+                        yield f"{path.relative_to(SRC.parent)}:{node.lineno}: imports {name}, which is not there"
+
+
 def main() -> int:
     """Prints what is wrong; returns the exit code."""
-    findings: List[str] = []
+    findings: List[str] = list(gone_modules())
     for root in packages():
         imports = list(imports_of(root))
         for found in imports:

@@ -79,6 +79,19 @@ def test_what_is_forbidden_is_named(
     assert finding in line
 
 
+def test_a_tool_that_imports_what_has_moved_is_named(
+    tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    write(tmp_path, "merlin_sim", "world/survey", "")
+    (tmp_path / "src" / "merlin_sim" / "setup.py").touch()
+    (tmp_path / "bench").mkdir()
+    (tmp_path / "bench" / "measure.py").write_text("import os\nfrom merlin_sim.survey import x\n")
+    (tmp_path / "bench" / "good.py").write_text("from merlin_sim.world.survey import x\n")
+    assert tool.main() == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "bench/measure.py:2: imports merlin_sim.survey, which is not there"
+
+
 def test_a_full_folder_is_named(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     for number in range(tool.MOST_MODULES + 1):
         write(tmp_path, "merlin_guests", f"module_{number}", "")

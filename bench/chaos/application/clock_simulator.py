@@ -7,13 +7,13 @@ import sys
 from typing import Callable
 
 import rospy
-from merlin_sim.simulation import PHYSICS_RATE
-from merlin_sim.simulator_node import SimulatorNode
-from merlin_sim.world_file import WorldError
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_ros.node import run_node
-from merlin_sim import simulator_node
+from merlin_sim.engine.simulation import PHYSICS_RATE
+from merlin_sim.node import simulator_node
+from merlin_sim.node.simulator_node import SimulatorNode
+from merlin_sim.world.world_file import WorldError
 
 FIRST = 1000
 """s on the clock when the world begins, so that there is time to go back to."""
