@@ -201,7 +201,8 @@ def gone_modules() -> Iterator[str]:
                 for name in names:
                     top = SRC / name.split(".")[0]
                     if (top / "setup.py").is_file() and not _exists(top, name):
-                        yield f"{path.relative_to(SRC.parent)}:{node.lineno}: imports {name}, which is not there"
+                        place = f"{path.relative_to(SRC.parent)}:{node.lineno}"
+                        yield f"{place}: imports {name}, which is not there"
 
 
 def main() -> int:
