@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional
 
 START_LIMIT = 90.0  # s of wall time for a process to be up; a busy machine is slow, not wrong
-STOP_LIMIT = 5.0  # s of wall time between SIGINT and SIGKILL
+STOP_LIMIT = 25.0  # s of wall time between SIGINT and SIGKILL; roslaunch gives a node 15 s, then 2
 
 
 def free_port() -> int:
