@@ -168,3 +168,30 @@ def test_the_last_line_of_a_node_does_not_end_the_next_of_its_name(master: Any) 
     assert next_one.process.poll() is None
     assert next_one.end() == 0
     assert "shutdown request" not in next_one.output
+
+
+STORM = """
+import os, signal, sys, threading
+import rospy
+from merlin_ros.node import run_node
+def start():
+    def storm():
+        # Each of them interrupts the handlers of those before it.
+        for _ in range(300):
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGTERM)
+    threading.Thread(target=storm, daemon=True).start()
+sys.exit(run_node("somebody", start))
+"""
+
+
+def test_signals_that_interrupt_each_other_end_a_node(master: Any) -> None:
+    for _ in range(3):
+        ended = subprocess.run(
+            [sys.executable, "-c", STORM],
+            env=dict(os.environ, ROS_MASTER_URI=master.uri),
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        assert ended.returncode in (0, 128 + signal.SIGTERM), ended.stdout + ended.stderr

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 from typing import Any, Callable, Iterator, Optional, Tuple, Type
 
@@ -43,7 +44,8 @@ class _Ending:
     """What SIGINT and SIGTERM do, which depends on how far the node has begun."""
 
     def __init__(self) -> None:
-        self.told = threading.Event()
+        # Not an Event: a second signal within the handler of the first would take its lock twice.
+        self.told = False
         self.number = 0  # of the first signal
         self._in_rospy = False
         self._begun = False
@@ -64,13 +66,13 @@ class _Ending:
     def enter_rospy(self) -> None:
         """From now on rospy begins the node, and is not interrupted."""
         self._in_rospy = True
-        if self.told.is_set():
+        if self.told:
             raise SystemExit(self.code)
 
     def begun(self) -> None:
         """rospy has begun the node."""
         self._begun = True
-        if self.told.is_set():
+        if self.told:
             rospy.signal_shutdown("told to end while it began")
             raise SystemExit(self.code)
 
@@ -91,9 +93,8 @@ class _Ending:
         _limit(RETURN_LIMIT, 1)
 
     def _handle(self, number: int, _: Any) -> None:
-        first = not self.told.is_set()
+        first, self.told = not self.told, True
         self.number = self.number or number
-        self.told.set()
         if self._begun:
             if first:
                 # Not daemonic: the process ends when everything is closed.
@@ -140,7 +141,7 @@ def init_node(name: str, **options: Any) -> None:
     try:
         rospy.init_node(name, disable_signals=True, **options)
     except (OSError, rospy.ROSInitException) as error:
-        if _ending.told.is_set():
+        if _ending.told:
             raise SystemExit(_ending.code) from None
         _refuse(name, f"no master at {rosgraph.get_master_uri()}: {error}; is roscore running?")
     _settle_rosout()
@@ -250,7 +251,7 @@ def _wait_for_master(name: str) -> None:
             if not said:
                 print(f"{name}: no master at {uri}: {error}; waiting for it", file=sys.stderr)
                 said = True
-        _ending.told.wait(MASTER_PERIOD)
+        time.sleep(MASTER_PERIOD)  # a signal ends it: its handler raises SystemExit
 
 
 def _refuse_second(name: str) -> None:
