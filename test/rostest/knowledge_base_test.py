@@ -256,7 +256,7 @@ class KnowledgeBaseTest(unittest.TestCase):
 
         kinds, goals = [Update.ADD_GOAL] * 3, ["kitchen", "bathroom", "main_door"]
         self.assertTrue(self.update(kinds, [fact("checked", place) for place in goals]))
-        begin_life("first", "1 (and (checked kitchen) (checked bathroom))", "2 no PDDL")
+        begin_life("first", "1 (and (checked kitchen) (checked bathroom))", "2 no PDDL", "3 (checked)")
         holder = LeaseHolder(topic)
         holder.hold("1 (and (checked kitchen))")  # its process was restarted, and wants one of them again
         self.assertEqual(removed("bathroom"), ["bathroom"])
