@@ -74,8 +74,9 @@ class Fault:
 
     @property
     def takes_owner(self) -> bool:
-        """Whether a drive loses its owner or its server."""
-        return bool(CHAIN & set(self.targets)) or (self.kind == LINK and self.loss >= 1.0)
+        """Whether a drive loses its owner or its server; a second node of a name is refused, the first goes on."""
+        struck = self.kind == SIGNAL and bool(CHAIN & set(self.targets))
+        return struck or (self.kind == LINK and self.loss >= 1.0)
 
 
 def signals() -> List[Fault]:

@@ -6,7 +6,7 @@ import pytest
 from chaos import events
 from chaos.events import Event
 from chaos.evidence import NEXT, REQUEST, Evidence
-from chaos.faults import NONE, SIGNAL, Fault
+from chaos.faults import NONE, SECOND_NODE, SIGNAL, Fault
 from chaos.moments import Moment
 from chaos.rules import Judgement, judge
 from chaos.trials import Trial, Variant
@@ -111,8 +111,15 @@ def test_a_base_that_a_wall_has_stopped_does_not_stand() -> None:
     assert story.judge(Trial("t", KILL, Moment.DRIVING)).violations == ()
 
 
-def test_a_fault_that_takes_no_owner_lets_the_base_drive() -> None:
-    fault = Fault("x", SIGNAL, ("soundplay_node",), "KILL")
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Fault("x", SIGNAL, ("soundplay_node",), "KILL"),
+        # It is refused, and the first one goes on.
+        Fault("second:merlin_bridges", SECOND_NODE, ("merlin_bridges",)),
+    ],
+)
+def test_a_fault_that_takes_no_owner_lets_the_base_drive(fault: Fault) -> None:
     story = Story().drive(6.0, 15.0, 20.0).add(15.0, events.GOALS, server="move_base", active=[], ended={})
     judgement = story.told(15.1, "SUCCEEDED", "").judge(Trial("t", fault, Moment.DRIVING))
     assert judgement.violations == ()
