@@ -30,7 +30,7 @@ class MerlinAction(ActionInterface):
     def __init__(
         self,
         operator: str,
-        server_wait: float = 2.0,
+        server_wait: float = 4.0,
         cancel_limit: float = 3.5,
         run_limit: float = 1800.0,
         **options: Any,

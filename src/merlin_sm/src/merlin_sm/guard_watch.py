@@ -12,7 +12,7 @@ from merlin_ros.master.master_link import MasterSilent, get_param
 EXPECTED_PARAM = "merlin/guard_expected"
 STATUS_TOPIC = "merlin/guard"
 FRESH = 1.5  # s of wall time for which a status counts; the guard sends one every 0.5 s, paused or not
-WAIT = 2.0  # s of wall time to wait for one
+WAIT = 4.0  # s of wall time to wait for one: what a guard takes to come back on a busy machine
 
 OFF = "the velocity guard is switched off (guard:=false): nothing stops the base when MERLIN fails"
 SILENT = "the velocity guard is silent; nothing drives without it"
@@ -33,7 +33,7 @@ class GuardWatch:
             self._changed.notify_all()
 
     def why_not(self, interrupted: Callable[[], bool] = lambda: False) -> str:
-        """Why nothing may begin to drive now; empty when it may. Waits up to 2 s for a guard that is silent.
+        """Why nothing may begin to drive now; empty when it may. Waits up to 4 s for a guard that is silent.
 
         :param interrupted: ends the wait when it is true; call :meth:`wake` when that changes.
         """
