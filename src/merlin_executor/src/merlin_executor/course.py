@@ -69,6 +69,12 @@ class Course:
         return self._earlier_replans + self._replanning.count
 
     @property
+    def replan_reason(self) -> str:
+        """Why the last plan of this run was replaced, one sentence; empty when none was."""
+        last = self._replanning.last
+        return last.reason if last is not None and self.is_replan else ""
+
+    @property
     def is_replan(self) -> bool:
         """Whether a plan of this run has failed before."""
         return self._replanning.count > 0

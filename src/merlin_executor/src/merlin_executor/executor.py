@@ -201,6 +201,7 @@ class Executor:
                 status.steps_done = self._dispatcher.steps_done if request.plan else 0
                 status.steps_total = len(request.plan)
                 status.replans = request.course.replans
+                status.reason = request.course.replan_reason
                 request.goal.feedback(
                     ExecuteFeedback(
                         stage=status.stage,
