@@ -217,6 +217,17 @@ def on_master_back(callback: Callable[[], None]) -> None:
         _keeper.on_back(callback)
 
 
+def on_master_replaced(callback: Callable[[], None]) -> None:
+    """Calls this each time this node is registered with a master that was started anew.
+
+    The parameters that the node keeps are set there before.
+
+    :param callback: called in the thread of :func:`on_master_lost`.
+    """
+    if _keeper is not None:
+        _keeper.on_replaced(callback)
+
+
 def master_is_lost() -> bool:
     """Whether the master does not answer, as far as this node knows."""
     return master_link.lost.is_set()

@@ -44,9 +44,10 @@ class MasterKeeper:
         self._stopped = threading.Event()
         self._registering = threading.Lock()  # held while something is registered
         self._told: queue.SimpleQueue[Optional[List[Callback]]] = queue.SimpleQueue()
-        self._callbacks_lock = threading.Lock()  # guards both lists
+        self._callbacks_lock = threading.Lock()  # guards the lists
         self._on_lost: List[Callback] = []
         self._on_back: List[Callback] = []
+        self._on_replaced: List[Callback] = []
         self._threads = [
             threading.Thread(target=self._work, name="master keeper", daemon=True),
             threading.Thread(target=self._tell, name="master news", daemon=True),
@@ -61,6 +62,11 @@ class MasterKeeper:
         """Calls this, in the same thread, each time the node is registered again after that."""
         with self._callbacks_lock:
             self._on_back.append(callback)
+
+    def on_replaced(self, callback: Callback) -> None:
+        """Calls this, in the same thread, each time the node is registered with another master process."""
+        with self._callbacks_lock:
+            self._on_replaced.append(callback)
 
     def keep_params(self, name: str) -> None:
         """Restores the parameters below a name too, at a master that has lost them.
@@ -154,9 +160,11 @@ class MasterKeeper:
         self._watch.registered()
         what = "is back" if decision is Decision.BACK_SAME else "was started anew"
         rospy.logwarn(f"{self._name}: the master at {self._master_uri} {what}; this node is registered again")
-        if was_lost:
-            with self._callbacks_lock:
+        with self._callbacks_lock:
+            if was_lost:
                 self._told.put(list(self._on_back))
+            if decision is Decision.BACK_NEW:
+                self._told.put(list(self._on_replaced))
 
     def _tell(self) -> None:
         while True:
