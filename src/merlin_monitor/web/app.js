@@ -1,6 +1,7 @@
 // Puts the sections together and lets the keyboard reach them.
 import { byId } from "./dom.js";
 import { Control } from "./control.js";
+import { showFreshness } from "./freshness.js";
 import { showGuard } from "./guard.js";
 import { showHealth } from "./health.js";
 import { showHistory } from "./history.js";
@@ -24,6 +25,7 @@ showMap(store);
 showKnowledge(store);
 showHistory(store);
 showHealth(store);
+showFreshness(store);
 store.connect();
 
 function go(id) {

@@ -68,5 +68,5 @@ export function secondsText(seconds) {
 }
 
 export const GLYPHS = {
-  waiting: "○", dispatched: "◔", running: "▶", succeeded: "✓", failed: "✕", cancelled: "⊘",
+  waiting: "○", dropped: "·", dispatched: "◔", running: "▶", succeeded: "✓", failed: "✕", cancelled: "⊘",
 };

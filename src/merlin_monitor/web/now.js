@@ -14,6 +14,9 @@ export function showNow(store, control) {
     const last = now.last;
     const reason = last && last.reason && !["succeeded", "already true"].includes(last.outcome) ? `: ${last.reason}` : "";
     setText(byId("now-last"), last ? `Before: ${last.goals.join(" ") || "a request"} ${last.outcome} after ${secondsText(last.seconds)}${reason}` : "");
+    const trouble = now.trouble || [];
+    setHidden(byId("now-trouble"), trouble.length === 0);
+    setText(byId("now-trouble"), trouble.join(" · "));
     document.title = now.doing ? `${now.doing} – MERLIN` : "MERLIN";
     control.showMission(now.mission);
   });
@@ -31,6 +34,8 @@ export function showConnection(store) {
   const shown = byId("connection");
   store.onConnection((connected) => {
     shown.dataset.state = connected ? "live" : "lost";
-    setText(shown, connected ? "live" : "no connection");
+    const since = store.heardAt ? `no news since ${store.heardAt.toLocaleTimeString()}` : "no connection";
+    setText(shown, connected ? "live" : since);
+    document.body.dataset.news = connected ? "live" : "none";
   });
 }

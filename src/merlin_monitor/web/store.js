@@ -2,6 +2,9 @@
 
 const FIRST_RETRY = 250; // ms
 const LAST_RETRY = 3000;
+const STALLED = 2000; // ms without a message, after which nothing that is shown counts as true
+const ABANDONED = 6000; // ms without a message, after which a connection is given up
+const LOOK = 250; // ms between two looks at the last message
 
 const own = (object, key) => Object.prototype.hasOwnProperty.call(object, key);
 
@@ -34,6 +37,9 @@ export class Store {
     this.state = {};
     this.version = 0;
     this.connected = false;
+    this.socket = null;
+    this.heard = performance.now(); // when the last message came, or the connection was begun
+    this.heardAt = null; // the same as a date, of the last message
     this.views = new Map(); // section → functions
     this.watchers = [];
     this.dirty = new Set();
@@ -59,18 +65,37 @@ export class Store {
   connect() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
+    this.socket = socket;
+    this.heard = performance.now();
     socket.onmessage = (event) => this.receive(JSON.parse(event.data));
-    socket.onclose = () => {
-      this.told(false);
-      setTimeout(() => this.connect(), this.retry);
-      this.retry = Math.min(LAST_RETRY, this.retry * 1.7);
-    };
+    socket.onclose = () => this.lost();
+    if (!this.watchdog) this.watchdog = setInterval(() => this.look(), LOOK);
+  }
+
+  // A connection that is closed says so; one that stalls, or a monitor that hangs, does not.
+  look() {
+    const silence = performance.now() - this.heard;
+    if (this.connected && silence > STALLED) this.told(false);
+    if (this.socket && silence > ABANDONED) {
+      this.socket.onmessage = this.socket.onclose = null; // its closing handshake would be waited for
+      this.socket.close();
+      this.lost();
+    }
+  }
+
+  lost() {
+    this.socket = null;
+    this.told(false);
+    setTimeout(() => this.connect(), this.retry);
+    this.retry = Math.min(LAST_RETRY, this.retry * 1.7);
   }
 
   receive(message) {
+    this.heard = performance.now();
+    this.heardAt = new Date();
     if (!this.connected) this.told(true);
     this.retry = FIRST_RETRY;
-    this.version = message.version;
+    if (message.version !== undefined) this.version = message.version;
     if (message.state) {
       this.state = message.state;
       for (const section of this.views.keys()) this.dirty.add(section);

@@ -15,6 +15,8 @@ from merlin_msgs.msg import (
 from messages import Told, dispatch, executor, feedback, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
+from merlin_monitor.state.freshness import Freshness, Source
+from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.machine_section import MachineSection
 from merlin_monitor.state.now_section import NowSection
 from merlin_monitor.state.plan_order import sequential_steps
@@ -28,7 +30,8 @@ REQUEST = "/mission-1-12.5"
 def section() -> Tuple[StateTree, NowSection, PlanSection, Told]:
     tree, told = StateTree(), Told()
     plan = PlanSection(tree, told)
-    now = NowSection(tree, told, plan, MachineSection(tree, told, lambda key: None))
+    freshness = Freshness(tree, told, HealthSection(tree, told))
+    now = NowSection(tree, told, plan, MachineSection(tree, told, lambda key: None), freshness)
     now.places = {"kitchen", "dorm_room"}
     return tree, now, plan, told
 

@@ -1,7 +1,7 @@
 """Notices topics and services that appear and vanish. The master tells nobody, so it is asked."""
 
 import threading
-from typing import Callable, Dict, List, Optional, Set
+from typing import Callable, Dict, List, Optional
 
 import rospy
 
@@ -18,6 +18,7 @@ class GraphWatch:
 
     def __init__(self, look: Callable[[Dict[str, str]], None]) -> None:
         self._look = look
+        self._publishers: Dict[str, List[str]] = {}  # replaced as a whole, never changed
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._work, name="topic watch", daemon=True)
 
@@ -29,6 +30,11 @@ class GraphWatch:
     def stop(self) -> None:
         """Ends."""
         self._stopped.set()
+
+    def publisher_of(self, topic: str) -> str:
+        """The first node that publishes a topic, as the master knew it at the last look; empty when none."""
+        nodes = self._publishers.get(topic, [])
+        return nodes[0] if nodes else ""
 
     def address_of(self, service: str) -> str:
         """Where a service is served, empty when nowhere; a new address means a new process."""
@@ -51,8 +57,8 @@ class GraphWatch:
     def _published(self) -> Optional[Dict[str, str]]:
         try:
             master = bounded_master()
-            published: Set[str] = {topic for topic, nodes in master.getSystemState()[0] if nodes}
+            self._publishers = {topic: nodes for topic, nodes in master.getSystemState()[0] if nodes}
             types: List[List[str]] = master.getTopicTypes()
         except ERRORS:
             return None  # no master for a moment; what is known stays
-        return {topic: kind for topic, kind in types if topic in published}
+        return {topic: kind for topic, kind in types if topic in self._publishers}

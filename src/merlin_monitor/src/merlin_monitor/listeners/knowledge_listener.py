@@ -48,7 +48,7 @@ class KnowledgeListener:
         self._by = ""
         self._first = True
         self._stopping = False
-        self._subscribers = [
+        self.subscribers = [
             rospy.Subscriber(
                 f"{self._client.name}/changes",
                 KnowledgeChanges,
@@ -60,6 +60,7 @@ class KnowledgeListener:
                 f"{self._client.name}/status/update", StatusUpdate, self._updated, queue_size=100
             ),
         ]
+        """Of the topics of a knowledge base; a connection of one of them shows that it lives."""
         self._thread = threading.Thread(target=self._work, name="knowledge reader", daemon=True)
 
     def start(self) -> None:

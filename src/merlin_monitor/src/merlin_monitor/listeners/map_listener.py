@@ -22,6 +22,7 @@ PATHS = ("plan", "NavfnROS/plan", "GlobalPlanner/plan")  # of move_base and its 
 SIMULATED_PEOPLE = "/merlin_sim/people"
 POINTS = "world/points_of_interest"
 MOVED = 0.02  # m or rad that the robot must move to be drawn anew
+OLD_POSITION = 2.0  # s of ROS time after which a position counts as old
 
 
 class MapListener:
@@ -31,8 +32,8 @@ class MapListener:
     :param map_topic: of the map.
     :param global_frame: the map's frame.
     :param base_frame: the robot's frame.
-    :param people_topic: where somebody tells where people are, of one of the types in `PEOPLE`; if nobody
-        does, the simulator's is taken.
+    :param people_topic: of people's positions, of one of the types in `PEOPLE`; without a publisher, the
+        simulator's topic is taken.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class MapListener:
         self._people: Optional[rospy.Subscriber] = None
         self._points: Any = None
         self._shown: Optional[Tuple[float, float, float]] = None
+        self._located_at: Optional[float] = None
         self._buffer = tf2_ros.Buffer(rospy.Duration(5.0))
         self._transforms = tf2_ros.TransformListener(self._buffer)
         self._subscribers = [
@@ -65,6 +67,12 @@ class MapListener:
             self._points = points
             self._state.inbox.put(self._take_points, points)
 
+    @property
+    def located(self) -> bool:
+        """Whether the robot's position is known and not old."""
+        at = self._located_at
+        return at is not None and (at == 0.0 or rospy.get_time() - at < OLD_POSITION)
+
     def sample(self) -> None:
         """Looks where the robot is now."""
         pose = self._pose()
@@ -78,9 +86,12 @@ class MapListener:
 
     def _pose(self) -> Optional[Tuple[float, float, float]]:
         try:
-            found = self._buffer.lookup_transform(*self._frames, rospy.Time(0)).transform
+            stamped = self._buffer.lookup_transform(*self._frames, rospy.Time(0))
         except tf2_ros.TransformException:
             return None
+        # Zero when all transforms on the way are static.
+        self._located_at = stamped.header.stamp.to_sec()
+        found = stamped.transform
         return found.translation.x, found.translation.y, _yaw(found.rotation)
 
     def _take_points(self, points: Any) -> None:

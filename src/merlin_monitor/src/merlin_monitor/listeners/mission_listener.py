@@ -18,9 +18,10 @@ class MissionListener:
 
     def __init__(self, state: MonitorModel, executor: str) -> None:
         now, put = state.now, state.inbox.put
+        self.status = _subscribe("merlin/status", ExecutorStatus, lambda m: put(now.executor, m, _time(m)))
+        """The subscriber of the Executor's status; its connection shows whether the Executor lives."""
         self._subscribers = [
             _subscribe("merlin/mission", MissionStatus, lambda m: put(now.mission, m, _time(m), _sent_by(m))),
-            _subscribe("merlin/status", ExecutorStatus, lambda m: put(now.executor, m, _time(m))),
             _subscribe("merlin/queue", GoalQueue, lambda m: put(now.queue, m)),
             _subscribe(f"{executor}/result", ExecuteActionResult, lambda m: put(now.result, m, _time(m))),
             _subscribe(

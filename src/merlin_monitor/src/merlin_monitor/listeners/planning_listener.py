@@ -29,8 +29,9 @@ class PlanningListener:
         self._plan_type = ""
         self._plan_subscriber: Optional[rospy.Subscriber] = None
         plan = state.plan
+        self.dispatched = self._subscribe(f"{dispatcher}/action_dispatch", ActionDispatch, plan.dispatched)
+        """The subscriber of dispatched actions; its connection shows whether the dispatcher lives."""
         self._subscribers = [
-            self._subscribe(f"{dispatcher}/action_dispatch", ActionDispatch, plan.dispatched),
             self._subscribe(f"{dispatcher}/action_feedback", ActionFeedback, plan.feedback),
             self._subscribe(f"{dispatcher}/dispatch_status", DispatchStatus, plan.dispatcher),
             self._subscribe(f"{planner}/planner_status", PlannerStatus, plan.planner),

@@ -12,6 +12,7 @@ from merlin_monitor.listeners.map_listener import MapListener
 from merlin_monitor.listeners.mission_listener import MissionListener
 from merlin_monitor.listeners.planning_listener import PlanningListener
 from merlin_monitor.listeners.pulse import Pulse
+from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 
 
@@ -44,7 +45,7 @@ class RosListeners:
             base_frame=str(name("~base_frame", f"{prefix}base_footprint")),
             people_topic=str(name("~people_topic", "people")),
         )
-        self._pulse = Pulse(state, self._map.sample)
+        self._pulse = Pulse(state, self._map.sample, self._sources)
         self._watch = GraphWatch(self._look)
         for field, value in (
             ("robot", robot),
@@ -58,6 +59,21 @@ class RosListeners:
         self._knowledge.start()
         self._watch.start()
         self._pulse.start()
+
+    def _sources(self) -> Dict[str, Source]:
+        """Where the sections have their news from, and whether that is connected."""
+        executor = self._source(self._mission.status)
+        return {
+            "now": executor,
+            "queue": executor,
+            "plan": self._source(self._planning.dispatched),
+            "knowledge": self._source(*self._knowledge.subscribers),
+            "map": Source(self._map.located, "the robot's position"),
+        }
+
+    def _source(self, *subscribers: rospy.Subscriber) -> Source:
+        connected = [each for each in subscribers if each.get_num_connections()]
+        return Source(bool(connected), self._watch.publisher_of((connected or subscribers)[0].resolved_name))
 
     def _look(self, topics: Dict[str, str]) -> None:
         self._machines.look(topics)

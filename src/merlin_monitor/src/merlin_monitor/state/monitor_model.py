@@ -7,6 +7,7 @@ from typing import Any, Dict, List, Optional
 from merlin_monitor.drawing.layout_thread import LayoutThread
 from merlin_monitor.drawing.machine_graph import Graph, machine_graph, plan_graph
 from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.freshness import Freshness
 from merlin_monitor.state.guard_section import GUARD, GuardSection
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.history_section import NEWEST, HistorySection
@@ -52,10 +53,13 @@ class MonitorModel:
         self.knowledge = KnowledgeSection(self.tree, self.tell)
         self.plan = PlanSection(self.tree, self.tell)
         self.machines = MachineSection(self.tree, self.tell, self._machine_changed)
-        self.now = NowSection(self.tree, self.tell, self.plan, self.machines)
         self.map = MapSection(self.tree)
         self.health = HealthSection(self.tree, self.tell)
+        self.freshness = Freshness(self.tree, self.tell, self.health)
+        self.now = NowSection(self.tree, self.tell, self.plan, self.machines, self.freshness)
         self.guard = GuardSection(self.tree, self.tell)
+        self.checked_at = float("-inf")
+        """When all sections were checked last, s of ``time.monotonic``; old when the model hangs."""
         if history is not None:
             self.history = HistoryStore(history, history_limit, self._history.add, make_folder)
 
@@ -85,6 +89,13 @@ class MonitorModel:
         self.on_event(event)
         if self.history is not None:
             self.history.add(event)
+
+    def checked(self, wall: float) -> None:
+        """All sections were checked.
+
+        :param wall: s of ``time.monotonic``.
+        """
+        self.checked_at = wall
 
     def planned(self, steps: List[ShownStep], edges: Edges, at: float) -> None:
         """Takes a new plan and has it drawn."""

@@ -4,6 +4,7 @@ import re
 from typing import Any, Dict, List, Optional, Set, Tuple
 
 from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.freshness import SILENT, Freshness
 from merlin_monitor.state.machine_section import MachineSection
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
@@ -35,8 +36,10 @@ _STAGES = {
     "REPLAN": "preparing a new plan",
     "REMOVE_GOALS": "clearing up",
 }
+_ENDS = {"succeeded": "ended", "failed": "failed", "cancelled": "been cancelled"}
 _REQUEST = re.compile(r"(?P<node>[^-]+)(?:-[0-9a-f]{12})?-\d+-\d+\.\d+(?:-leased)?\Z")
 LIVE = ("starting", "running", "paused")
+ENDED = ("succeeded", "failed", "cancelled")
 
 
 class NowSection:
@@ -44,13 +47,23 @@ class NowSection:
 
     :param plan: that is being carried out.
     :param machines: that carry it out.
+    :param freshness: knows whether the Executor is there.
     """
 
-    def __init__(self, tree: StateTree, tell: Tell, plan: PlanSection, machines: MachineSection) -> None:
+    def __init__(
+        self,
+        tree: StateTree,
+        tell: Tell,
+        plan: PlanSection,
+        machines: MachineSection,
+        freshness: Freshness,
+    ) -> None:
         self._tree = tree
         self._tell = tell
         self._plan = plan
         self._machines = machines
+        self._freshness = freshness
+        self._plan_request = ""  # that the shown plan belongs to
         self._mission: Dict[str, Any] = {}
         self._mission_node = ""
         self._executor: Dict[str, Any] = {}
@@ -80,6 +93,9 @@ class NowSection:
             task = f", task {message.task}{of}" if message.task and state == "running" else ""
             said = f": {message.description}" if message.description else ""
             self._tell(Event("mission", f"{message.mission} {state}{task}{said}", at))
+            if state in ENDED:
+                # The end of the mission says more than that of its last request.
+                self._tree.set(NOW, "last", None)
         self._tree.set(NOW, "mission", self._mission)
         self.refresh()
 
@@ -108,6 +124,7 @@ class NowSection:
         if message.request != before.get("request"):
             self._plan.request_changed()
             if message.request:
+                self._plan_request = message.request
                 resumed = message.request in self._request_began
                 self._request_began.setdefault(message.request, (at, list(message.goals)))
                 what = "gone on with" if resumed else f"asked for by {self._who()}"
@@ -127,6 +144,8 @@ class NowSection:
         reason = message.result.reason or message.status.text
         said = f": {reason}" if reason and outcome not in ("succeeded", "already true") else ""
         label = listed(goals) or "a request"
+        if identity == self._plan_request:
+            self._plan.request_ended()
         detail = {"began": began, "ended": at, "outcome": outcome, "lane": "goal", "label": label}
         self._tell(Event("goal", f"{label}: {outcome} after {at - began:.1f} s{said}", at, detail))
         self._tree.set(
@@ -154,7 +173,12 @@ class NowSection:
     def refresh(self) -> None:
         """Says anew what the robot does, and why."""
         doing, because, step = self._sentence()
+        silent = self._tree.get(NOW, SILENT)
+        if silent is not None:
+            # What was known of it may not be true any more.
+            doing, because, step = f"not known: the Executor {silent['what']}", f"before: {doing}", ""
         for name, value in (
+            ("trouble", [f"{node} does not answer" for node in self._freshness.others_silent()]),
             ("doing", doing),
             ("because", because),
             ("step", step),
@@ -197,6 +221,9 @@ class NowSection:
             return "paused"
         if self._mission.get("state") == "starting":
             return "starting"
+        if self._mission.get("state") in ENDED:
+            mission = self._mission
+            return f"{mission['name']} has {_ENDS[mission['state']]}: {mission['description'] or 'no more'}"
         return "idle"
 
     def _in_words(self, action: Dict[str, Any]) -> str:

@@ -10,8 +10,8 @@ from merlin_monitor.text.plain_value import plain_text
 
 SECTION = "plan"
 WAITING, DISPATCHED, RUNNING = "waiting", "dispatched", "running"
-SUCCEEDED, FAILED, CANCELLED = "succeeded", "failed", "cancelled"
-ENDED = (SUCCEEDED, FAILED, CANCELLED)
+SUCCEEDED, FAILED, CANCELLED, DROPPED = "succeeded", "failed", "cancelled", "dropped"
+ENDED = (SUCCEEDED, FAILED, CANCELLED, DROPPED)
 CANCEL_ACTION = "cancel_action"
 MOST_REPLANS = 20  # that are shown
 LONGEST_WORDS = 4000  # characters of what a planner printed
@@ -173,9 +173,15 @@ class PlanSection:
         self._tell(Event("plan", f"planning again: {reason or 'the plan failed'}", at))
 
     def request_changed(self) -> None:
-        """Another request is served: replans count anew."""
+        """Another request is served: replans count anew, and the plan of the last one is over."""
         self._replans = []
         self._tree.set(SECTION, "replans", [])
+
+    def request_ended(self) -> None:
+        """The request of the plan has ended: what was not dispatched never will be."""
+        for step in self._steps.values():
+            if step["state"] == WAITING:
+                self._put(step, state=DROPPED)
 
     def _catch_up(self, at: float) -> None:
         """Whoever comes in the middle of a dispatch gets the latched messages before or after the plan."""

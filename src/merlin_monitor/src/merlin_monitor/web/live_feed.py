@@ -6,13 +6,15 @@ of changes behind it, which grows into the whole state and no further.
 
 import asyncio
 import json
-from typing import Any, List, Optional, Set, Tuple
+from typing import Any, Callable, List, Optional, Set, Tuple
 
 from aiohttp import web
 
 from merlin_monitor.state.state_tree import ChangeSet, Feed, StateTree
 
 FRAME = 0.04  # s between two frames
+BEAT = 0.5  # s without a frame after which an empty one is sent: a page greys without news for 2 s
+NOTHING_NEW = '{"changes":[]}'
 GATHER = 0.004  # s that a first change waits for those that belong to it
 SEND_LIMIT = 30.0  # s for one text, after which a page counts as gone
 
@@ -21,10 +23,12 @@ class LiveFeed:
     """Serves the state to pages. Everything but the constructor runs in the server's loop.
 
     :param tree: the state.
+    :param alive: whether the state is kept; when it is not, nothing shows the pages that it is.
     """
 
-    def __init__(self, tree: StateTree) -> None:
+    def __init__(self, tree: StateTree, alive: Callable[[], bool]) -> None:
         self._tree = tree
+        self._alive = alive
         self._pages: Set[_Page] = set()
         self._feed: Optional[Feed] = None
         self._task: Optional[asyncio.Task] = None
@@ -44,7 +48,7 @@ class LiveFeed:
         self._pages.add(page)
         sender = asyncio.ensure_future(page.send())
         try:
-            # Nothing a page says is listened to; reading notices its end.
+            # What a page sends is ignored; reading notices its end.
             async for _ in socket:
                 pass
         finally:
@@ -78,7 +82,13 @@ class LiveFeed:
         loop = asyncio.get_event_loop()
         last = 0.0
         while True:
-            await changed.wait()
+            try:
+                await asyncio.wait_for(changed.wait(), BEAT)
+            except asyncio.TimeoutError:
+                if self._alive():
+                    for page in self._pages:
+                        page.beat()
+                continue
             await asyncio.sleep(max(GATHER, last + FRAME - loop.time()))
             changed.clear()
             last = loop.time()
@@ -101,6 +111,7 @@ class _Page:
         self._version = 0
         self._whole = whole
         self._text: Optional[str] = None
+        self._beat = False
         self._ready = asyncio.Event()
         self._ready.set()
 
@@ -111,15 +122,23 @@ class _Page:
         self.changes.merge(changes)
         self._ready.set()
 
+    def beat(self) -> None:
+        """Shows a page that nothing has changed, and that this is known."""
+        self._beat = True
+        self._ready.set()
+
     async def send(self) -> None:
         while not self.socket.closed:
             await self._ready.wait()
             self._ready.clear()
             changes, text = self.changes, self._text
+            beat, self._beat = self._beat, False
             self.changes, self._text = ChangeSet(), None
-            if not changes:
+            if not changes and not beat:
                 continue
-            if changes.whole:
+            if not changes:
+                text = NOTHING_NEW
+            elif changes.whole:
                 text = self._whole()
             elif text is None:
                 text = _frame(self._version, changes.as_list())

@@ -1,5 +1,6 @@
 """Node: the monitor."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Optional
@@ -16,7 +17,7 @@ from merlin_monitor.web.robot_control import RobotControl
 from merlin_monitor.web.web_access import WebAccess
 from merlin_monitor.web.web_server import ServerError, WebServer
 from merlin_ros.health import OK, Health, HealthReporter
-from merlin_ros.node import run_node
+from merlin_ros.node import on_master_replaced, run_node
 from merlin_ros.parameters import ParameterError
 
 
@@ -47,12 +48,22 @@ def _start() -> None:
     server.start()
     rospy.on_shutdown(server.stop)
     rospy.on_shutdown(state.stop)
+    on_master_replaced(lambda: _begin_anew(state, server))
     rospy.set_param("~address", server.address)
     HealthReporter({"page": lambda: Health(OK, f"serves {server.address}")}).start()
     if port and server.port != port:
         print(f"monitor: port {port} is taken, using {server.port}", file=sys.stderr)
     # On stderr, which `rosrun merlin run` and roslaunch pass on to the screen.
     print(f"monitor: {server.address}", file=sys.stderr, flush=True)
+
+
+def _begin_anew(state: MonitorModel, server: WebServer) -> None:
+    """Replaces the process, as the master has been replaced: nothing of the last run is shown in the next."""
+    rospy.logwarn("the master was started anew: the monitor begins anew, too")
+    rospy.set_param("~port", server.port)  # open pages look for it there
+    server.stop()
+    state.stop()
+    os.execv(sys.executable, [sys.executable, *sys.argv])
 
 
 def _whole(name: str, default: int, lowest: int, highest: int) -> int:

@@ -5,6 +5,7 @@ import json
 import logging
 import socket
 import threading
+import time
 from pathlib import Path
 from typing import Any, Awaitable, Callable, List, Optional
 
@@ -20,6 +21,7 @@ PORTS_TRIED = 20  # from the wanted one on
 FILES = (".html", ".css", ".js", ".svg")
 GOODBYE = 0.5  # s for a page to answer when it is closed
 PING = 20.0  # s between two signs of life of a page
+OLD_CHECK = 1.5  # s since the model's last check, after which it counts as hung
 LONGEST_REQUEST = 64 * 1024  # bytes
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -57,7 +59,7 @@ class WebServer:
         self.port: int = self._socket.getsockname()[1]
         shown = host if host not in ("", "0.0.0.0", "::") else socket.gethostname()
         self.address = f"http://{f'[{shown}]' if ':' in shown else shown}:{self.port}/"
-        self._live = LiveFeed(state.tree)
+        self._live = LiveFeed(state.tree, lambda: time.monotonic() - state.checked_at < OLD_CHECK)
         self._loop = asyncio.new_event_loop()
         self._started = threading.Event()
         self._failed = ""
