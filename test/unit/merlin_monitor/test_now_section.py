@@ -15,7 +15,7 @@ from merlin_msgs.msg import (
 from messages import Told, dispatch, executor, feedback, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
-from merlin_monitor.state.freshness import Freshness, Source
+from merlin_monitor.state.freshness import Freshness
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.machine_section import MachineSection
 from merlin_monitor.state.now_section import NowSection
