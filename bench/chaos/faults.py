@@ -74,7 +74,7 @@ class Fault:
 
     @property
     def takes_owner(self) -> bool:
-        """Whether a drive loses its owner or its server. A second node of a name is refused: the first goes on."""
+        """Whether a drive loses its owner or its server; a second node of a name takes neither."""
         struck = self.kind == SIGNAL and bool(CHAIN & set(self.targets))
         return struck or (self.kind == LINK and self.loss >= 1.0)
 
