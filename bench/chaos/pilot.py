@@ -22,7 +22,7 @@ from chaos import events
 from chaos.child import Reporter, commands
 from chaos.scene import SERVERS
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
-from merlin_executor.readiness import missing_interfaces, missing_servers
+from merlin_executor.mission.readiness import missing_interfaces, missing_servers
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import KnowledgeError, knowledge_client
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant

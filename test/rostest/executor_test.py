@@ -13,7 +13,7 @@ from move_base_msgs.msg import MoveBaseActionGoal
 import rostest
 from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
-from merlin_executor.goal_state import ACHIEVED
+from merlin_executor.mission.goal_state import ACHIEVED
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 60.0

@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 import rostest
 import smach
-from merlin_executor.goal_dispatcher import GoalDispatcher, MissionFailed, MissionSM
+from merlin_executor.mission.goal_dispatcher import GoalDispatcher, MissionFailed, MissionSM
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 60.0

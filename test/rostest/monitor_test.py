@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
-from merlin_executor.goal_dispatcher import GoalDispatcher
+from merlin_executor.mission.goal_dispatcher import GoalDispatcher
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 TOKEN = "test token"

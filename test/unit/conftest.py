@@ -10,12 +10,13 @@ import threading
 import time
 import xmlrpc.client
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional
+from typing import Any, Dict, Iterator, List, Optional
 
 import pytest
 
 # The modules of bench/ are tools, not part of the robot.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 MASTER = """
 import signal, sys
@@ -154,3 +155,13 @@ def master(tmp_path: Path) -> Iterator[MasterProcess]:
     process = MasterProcess(tmp_path)
     yield process
     process.close()
+
+
+@pytest.fixture
+def robot(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A robot without ROS, with which the missions of a test talk: :class:`fake_robot.FakeRobot`."""
+    from fake_robot import FakeRobot, put_in_place  # it imports ROS, which other tests put off
+
+    made = FakeRobot()
+    put_in_place(made, monkeypatch)
+    return made

@@ -19,8 +19,8 @@ def test_each_class_is_made() -> None:
         ("merlin_actions.actions.navigate", "write package.module:Class"),
         ("merlin_actions.actions.fly:Fly", "No module named 'merlin_actions.actions.fly'"),
         ("merlin_actions.actions.navigate:Fly", "merlin_actions.actions.navigate has no Fly"),
-        ("merlin_actions.names:ros_name", "is no class"),
-        ("threading:Thread", "is no MerlinActionSM"),
+        ("merlin_actions.names:ros_name", "is not a class"),
+        ("threading:Thread", "is not a MerlinActionSM"),
         (":Navigate", "(?i)empty module name"),
     ],
 )

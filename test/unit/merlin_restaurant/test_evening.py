@@ -1,64 +1,121 @@
-"""What the mission decides from what is known."""
+"""What the mission decides from what is known: its whole machine runs, over a robot without ROS."""
 
-from typing import List, Set
+from typing import List
 
 import pytest
+from fake_robot import FakeRobot
+from merlin_msgs.msg import ExecuteResult, ListenResult
 
-from merlin_restaurant.evening import CLOSING_ROUNDS, Evening
+from merlin_restaurant.evening import CLOSING_ROUNDS, URGENT, Evening
+
+FAILED = ExecuteResult(outcome=ExecuteResult.ACTION_FAILED, reason="the way is blocked")
 
 
-class Known:
-    """An evening's knowledge without a knowledge base."""
+class Shift:
+    """An evening in a restaurant of two tables, and what the mission says."""
 
-    def __init__(self, facts: Set[str]) -> None:
-        self.known = facts
+    def __init__(self, robot: FakeRobot) -> None:
+        self.robot = robot
+        self.lines: List[str] = []
+        self.closed = True
+        self.mission = Evening(lambda: self.closed, self.lines.append)
+        robot.things = {"table": ["table_1", "table_2"]}
+        robot.known = ["(quiet)", "(ready table_1)", "(ready table_2)"]
 
-    def facts(self, predicate: str) -> List[str]:
-        return sorted(fact for fact in self.known if fact.startswith(f"({predicate}"))
+    def call(self, text: str) -> None:
+        """A guest calls: the first thing that the mission hears."""
+        self.robot.servers["calls/listen"].results.append(ListenResult(text=text, heard=True))
 
 
 @pytest.fixture()
-def evening(monkeypatch: pytest.MonkeyPatch) -> Evening:
-    mission = Evening.__new__(Evening)  # its machine needs an Executor; its decisions do not
-    known = Known({"(ready table_1)", "(checked table_2)", "(needs_cleaning table_2)"})
-    mission.__dict__.update(_last_round=True, _closing_rounds=0, _tell=lambda text: None, known=known)
-    monkeypatch.setattr(Evening, "facts", lambda self, predicate: self.known.facts(predicate))
-    monkeypatch.setattr(Evening, "holds", lambda self, fact: fact in self.known.known)
-    monkeypatch.setattr(Evening, "objects", lambda self, kind: ["table_1", "table_2", "table_3"])
-    return mission
+def shift(robot: FakeRobot) -> Shift:
+    return Shift(robot)
 
 
-def test_the_evening_goes_on_until_the_restaurant_has_closed(evening: Evening) -> None:
-    evening._last_round = False
-    assert evening._end_round(None) == "open"
+def test_when_all_is_known_a_closed_restaurant_needs_one_look_at_the_entrance(shift: Shift) -> None:
+    shift.robot.known.remove("(ready table_2)")
+    assert shift.mission.run() == "succeeded"
+    assert shift.robot.sent == [("(checked table_2)", 0), ("(entrance_checked)", 0)]
+    assert shift.lines == ["closed: looks once more at what is not ready"]
 
 
-def test_a_table_that_could_not_be_looked_at_is_looked_at_again(evening: Evening) -> None:
-    assert evening._tables(None) == ["(checked table_2)", "(checked table_3)"]
-    assert evening._end_round(None) == "open"
-    evening.known.known.add("(checked table_3)")
-    assert evening._end_round(None) is None
+def test_the_evening_goes_on_until_the_restaurant_has_closed(shift: Shift) -> None:
+    shift.closed = False
+
+    def close(goal: str) -> None:
+        shift.closed = shift.robot.goals.count("(entrance_checked)") == 2
+
+    shift.robot.on_goal = close
+    assert shift.mission.run() == "succeeded"
+    one_round = ["(checked table_1)", "(checked table_2)", "(entrance_checked)"]
+    assert shift.robot.goals == [*one_round, *one_round, "(entrance_checked)"]
 
 
-def test_it_ends_also_when_a_table_can_never_be_looked_at(evening: Evening) -> None:
-    assert [evening._end_round(None) for _ in range(CLOSING_ROUNDS)] == ["open", "open", None]
+def test_a_table_that_can_never_be_looked_at_does_not_keep_the_robot_for_ever(shift: Shift) -> None:
+    shift.robot.known.remove("(ready table_2)")
+    shift.robot.results["(checked table_2)"] = FAILED
+    assert shift.mission.run() == "succeeded"
+    assert shift.robot.goals.count("(checked table_2)") == CLOSING_ROUNDS
+    assert shift.lines.count("looks again, because not all is known: (checked table_2)") == CLOSING_ROUNDS - 1
 
 
-def test_what_is_on_the_tray_goes_back(evening: Evening) -> None:
-    assert evening._to_bring_back(None) == []
-    evening.known.known.add("(carrying table_2)")
-    assert evening._to_bring_back(None) == ["(tray_free)"]
+def test_each_table_that_waits_is_served_once_in_a_round_and_the_tray_is_tidied(shift: Shift) -> None:
+    shift.robot.known += ["(needs_serving table_1)", "(needs_serving table_2)", "(carrying table_1)"]
+    shift.robot.results["(already_served table_1)"] = FAILED
+    shift.robot.on_goal = lambda goal: shift.robot.change(
+        remove="(carrying table_1)" if goal == "(tray_free)" else ()
+    )
+    shift.mission.run()
+    served = [
+        ("(already_served table_1)", URGENT),
+        ("(already_served table_2)", URGENT),
+        ("(tray_free)", URGENT),
+    ]
+    assert shift.robot.sent == [*served, ("(entrance_checked)", 0)]
 
 
-def test_a_client_waits_while_no_table_is_free(evening: Evening) -> None:
-    evening.known.known.add("(waiting client_1)")
-    assert evening._to_guide(None) == ["(seated client_1)"]
-    evening.known.known.remove("(ready table_1)")
-    assert evening._to_guide(None) == []
+def test_a_client_is_guided_unless_no_table_is_free(shift: Shift) -> None:
+    shift.robot.known.append("(waiting client_1)")
+    shift.mission.run()
+    assert shift.robot.sent[-1] == ("(seated client_1)", URGENT)
 
 
-def test_a_call_in_a_conversation_is_none(evening: Evening) -> None:
-    class Heard:
-        heard = "waiter table two please"
+def test_a_client_waits_while_no_table_is_free(shift: Shift) -> None:
+    shift.robot.known = ["(quiet)", "(waiting client_1)"]
+    shift.mission.run()
+    assert "(seated client_1)" not in shift.robot.goals
+    assert "client_1 has to wait: no table is known to be free" in shift.lines
 
-    assert evening._note_call(Heard) == "no_call"
+
+@pytest.mark.parametrize(
+    ("call", "goal"),
+    [
+        ("waiter table two please", "(already_served table_2)"),
+        ("good evening we would like a table", "(entrance_checked)"),
+    ],
+)
+def test_a_call_is_an_urgent_goal_beside_the_rounds(shift: Shift, call: str, goal: str) -> None:
+    shift.closed = False
+
+    def close(sent: str) -> None:
+        shift.closed = shift.closed or (goal, URGENT) in shift.robot.sent
+
+    shift.robot.on_goal = close
+    shift.call(call)
+    assert shift.mission.run() == "succeeded"
+    assert (goal, URGENT) in shift.robot.sent
+    assert ("(needs_serving table_2)" in shift.robot.known) == ("two" in call)
+
+
+def test_a_call_during_a_conversation_is_a_part_of_it(shift: Shift) -> None:
+    shift.robot.known.remove("(quiet)")
+    shift.closed = False
+    ignored = "takes that for a part of the conversation that it is in"
+
+    def close(sent: str) -> None:
+        shift.closed = ignored in shift.lines
+
+    shift.robot.on_goal = close
+    shift.call("waiter table two please")
+    shift.mission.run()
+    assert "(already_served table_2)" not in shift.robot.goals

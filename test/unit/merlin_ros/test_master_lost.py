@@ -219,7 +219,7 @@ LATE = """
 import sys, threading, time
 from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
-from merlin_executor.readiness import missing_servers
+from merlin_executor.mission.readiness import missing_servers
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.late_topics import subscribe_by
 from merlin_ros.node import on_master_lost, run_node

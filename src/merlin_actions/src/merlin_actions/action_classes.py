@@ -5,14 +5,14 @@ from typing import List, Sequence
 import rospy
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_actions.names import load_class
+from merlin_ros.class_path import load_class
 
 
 def read_machines(parameter: str = "~actions") -> List[MerlinActionSM]:
     """Makes the machines that a parameter names.
 
     :param parameter: its value is a list of ``package.module:Class``.
-    :raises ValueError: when it is none, or one of them is no class of actions.
+    :raises ValueError: when it is not one, or one of them is not a class of actions.
     """
     paths = rospy.get_param(parameter, [])
     if not isinstance(paths, list) or not paths or not all(isinstance(path, str) for path in paths):
@@ -26,12 +26,12 @@ def make_machines(paths: Sequence[str]) -> List[MerlinActionSM]:
     """Makes a machine of each class.
 
     :param paths: ``package.module:Class`` each.
-    :raises ValueError: when one of them is no class of actions.
+    :raises ValueError: when one of them is not a class of actions.
     """
     machines = []
     for path in paths:
         action_class = load_class(path)
         if not issubclass(action_class, MerlinActionSM):
-            raise ValueError(f"{path} is no MerlinActionSM")
+            raise ValueError(f"{path} is not a MerlinActionSM")
         machines.append(action_class())
     return machines

@@ -1,6 +1,5 @@
-"""Names of actions: PDDL operators, ROS names and the classes that run them."""
+"""Names of actions: PDDL operators, ROS names, class names."""
 
-import importlib
 import re
 from typing import Dict, Iterable
 
@@ -31,25 +30,6 @@ def by_ros_name(operators: Iterable[str]) -> Dict[str, str]:
 def snake_case(class_name: str) -> str:
     """``OrderToBarman`` → ``order_to_barman``."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", class_name).lower()
-
-
-def load_class(path: str) -> type:
-    """The class behind ``package.module:Class``.
-
-    :raises ValueError: when there is none, with the reason.
-    """
-    module_name, colon, class_name = path.partition(":")
-    if not colon:
-        raise ValueError(f"{path!r} is no class path; write package.module:Class")
-    try:
-        found = getattr(importlib.import_module(module_name), class_name)
-    except ImportError as error:
-        raise ValueError(f"{path!r}: {error}") from error
-    except AttributeError:
-        raise ValueError(f"{path!r}: module {module_name} has no {class_name}") from None
-    if not isinstance(found, type):
-        raise ValueError(f"{path!r} is no class")
-    return found
 
 
 def action_param(operator: str, key: str) -> str:

@@ -9,7 +9,7 @@ from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.outcome import outcome_name
 from merlin_executor.request_limits import check_size
-from merlin_executor.resending import END
+from merlin_executor.resending import END, checked
 from merlin_ros.actions.action_client import ActionClient
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_sm.knowledge_text import parse_goal
@@ -43,6 +43,7 @@ class MerlinExecutorClient:
     :param on_lost: END or RESEND, what happens when the Executor is lost while a request runs: it ends with
         INTERNAL and the reason, or it is sent again when the Executor is back within
         :data:`merlin_executor.resending.RETURN_WAIT`.
+    :raises ValueError: for another word.
     """
 
     def __init__(
@@ -55,12 +56,17 @@ class MerlinExecutorClient:
         self._client = ActionClient(action, ExecuteAction)
         self._knowledge = knowledge_client(knowledge_base) if knowledge_base else None
         self._on_client_lost = on_client_lost
-        self.on_lost = on_lost
+        self.on_lost = checked(on_lost)
         self._requests: List[ExecutorRequest] = []
 
     def wait_for_executor(self, timeout: Optional[float] = None) -> bool:
         """Waits until the Executor is there, s; None: until ROS shuts down."""
         return self._client.wait_for_server(timeout)
+
+    @property
+    def name(self) -> str:
+        """Resolved name of the Executor's action."""
+        return self._client.name
 
     @property
     def executor_alive(self) -> bool:

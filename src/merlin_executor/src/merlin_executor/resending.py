@@ -18,6 +18,16 @@ RETURN_WAIT = 30.0
 RESENDS = 5
 
 
+def checked(on_lost: str) -> str:
+    """Returns a word of :data:`ON_LOST`.
+
+    :raises ValueError: for another word.
+    """
+    if on_lost not in ON_LOST:
+        raise ValueError(f"on_lost is {on_lost!r}; it has to be one of {', '.join(ON_LOST)}")
+    return on_lost
+
+
 class Next(Enum):
     """What to do now."""
 
@@ -46,9 +56,7 @@ class Resending:
     """
 
     def __init__(self, on_lost: str = END, resends: int = RESENDS) -> None:
-        if on_lost not in ON_LOST:
-            raise ValueError(f"on_lost is {on_lost!r}; it has to be one of {', '.join(ON_LOST)}")
-        self._resend = on_lost == RESEND
+        self._resend = checked(on_lost) == RESEND
         self._resends = resends
         self._cancelled = False
         self.sent_again = 0

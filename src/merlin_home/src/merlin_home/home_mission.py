@@ -1,24 +1,40 @@
-"""The mission of the home: to ask at one point of interest after the other whether a service is needed."""
+"""The mission of the home: the robot asks at each point of interest whether a service is needed."""
 
-from typing import Sequence
+import rospy
 
-from merlin_msgs.msg import ExecuteResult
-
-from merlin_executor.goal_dispatcher import GoalDispatcher, MissionFailed
-from merlin_home.mission_list import MissionTask
+from merlin_executor.mission import GoalDispatcher, MissionFailed
+from merlin_home.mission_list import make_mission, mission_tasks
 
 
 class HomeMission(GoalDispatcher):
     """Sends the tasks of a list; a marked one is cancelled if it still runs after some time.
 
-    :param tasks: the list.
+    :param mission: 1, 2 or 3: 6, 20 or 120 tasks.
+    :param tasks: length of the list; 0: that of the mission.
+    :param seed: of the list.
+    :param marked_share: share of marked tasks, 0 to 1.
     :param cancel_after: s of running time between sending and cancelling a marked task.
+    :param points: points of interest to visit, separated by blanks; empty: all of the world.
+    :raises ValueError: when no such list can be made.
     """
 
-    def __init__(self, tasks: Sequence[MissionTask], cancel_after: float) -> None:
-        super().__init__("home mission", len(tasks))
-        self._tasks = tasks
+    servers = ("move_base", "sound_play")
+
+    def __init__(
+        self,
+        mission: int = 1,
+        tasks: int = 0,
+        seed: int = 1,
+        marked_share: float = 0.5,
+        cancel_after: float = 10.0,
+        points: str = "",
+    ) -> None:
+        if cancel_after < 0.1:
+            raise ValueError(f"parameter ~cancel_after is {cancel_after:g}, less than 0.1")
+        names = points.split() or list(rospy.get_param("world/points_of_interest", {}))
+        self._tasks = make_mission(names, tasks or mission_tasks(mission), seed, marked_share)
         self._cancel_after = cancel_after
+        super().__init__("home mission", len(self._tasks))
 
     def run(self) -> None:
         """Sends one task after the other.
@@ -30,9 +46,5 @@ class HomeMission(GoalDispatcher):
             try:
                 self.achieve(f"(checked {task.poi})", self._cancel_after if task.marked else None)
             except MissionFailed as error:
-                if self._cancelled or not task.marked or not _was_cancelled(error):
+                if self.cancelled or not task.marked or not error.was_cancelled:
                     raise
-
-
-def _was_cancelled(error: MissionFailed) -> bool:
-    return error.result is not None and error.result.outcome == ExecuteResult.CANCELLED

@@ -2,9 +2,7 @@
 
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
-from merlin_executor.goal_dispatcher import MissionSM
-from merlin_executor.goal_state import NOTHING
-from merlin_executor.resending import RESEND
+from merlin_executor.mission import NOTHING, RESEND, MissionSM
 from merlin_restaurant.menu import CALL, table_called
 from merlin_restaurant.table_state import remember_state
 from merlin_sm.merlin_sm import MerlinSM
@@ -22,21 +20,26 @@ LISTEN = 30.0  # s of ROS time after which the robot begins to listen anew
 class Evening(MissionSM):
     """Rounds of the three stages until the restaurant has closed, while the robot listens for calls.
 
-    :param closed: tells whether the restaurant has closed.
-    :param tell: takes a line about what the mission decides and why.
+    :param closed: returns True when the restaurant has closed.
+    :param log: called with a line about what the mission decides and why.
     :param on_lost: END or RESEND, what happens to goals during which the Executor is lost.
+    :param name: of the mission; the class name when empty.
     """
 
     def __init__(
-        self, closed: Callable[[], bool], tell: Callable[[str], None], on_lost: str = RESEND
+        self,
+        closed: Callable[[], bool],
+        log: Callable[[str], None],
+        on_lost: str = RESEND,
+        name: str = "",
     ) -> None:
         self._closed = closed
-        self._tell = tell
+        self._narrate = log
         self._table = ""
         self._last_round = False
         self._closing_rounds = 0
         self._tried: List[str] = []
-        super().__init__(on_lost=on_lost)
+        super().__init__(name, on_lost)
 
     def build(self) -> None:
         """ROUNDS and CALLS at the same time; the end of the rounds is the end of the evening."""
@@ -76,7 +79,7 @@ class Evening(MissionSM):
         """Looks at nothing as checked, and notes whether this is the last round."""
         self._last_round = self._closed()
         self._tried = []
-        self._tell(
+        self._narrate(
             "closed: looks once more at what is not ready" if self._last_round else "checks all tables"
         )
         self.remove_facts([*self.facts("checked"), "(entrance_checked)"])
@@ -100,21 +103,21 @@ class Evening(MissionSM):
         """A client who waits, if there is a free table."""
         clients = named_in(self.facts("waiting"))
         if clients and not self.facts("ready"):
-            self._tell(f"{clients[0]} has to wait: no table is known to be free")
+            self._narrate(f"{clients[0]} has to wait: no table is known to be free")
             return []
         return [f"(seated {client})" for client in clients[:1]]
 
     def _note_call(self, userdata: Any) -> Optional[str]:
         """What a call means: a table needs serving, or somebody is at the entrance."""
         if not self.holds("(quiet)"):
-            self._tell("takes that for a part of the conversation that it is in")
+            self._narrate("takes that for a part of the conversation that it is in")
             return "no_call"
         table = self._table = table_called(userdata.heard)
         if not table:
-            self._tell("somebody at the entrance calls")
+            self._narrate("somebody at the entrance calls")
             self.remove_facts("(entrance_checked)")
             return "entrance"
-        self._tell(f"{table} calls")
+        self._narrate(f"{table} calls")
         if not self.holds(f"(ordered {table})"):
             remember_state(self, table, "needs_serving")
         return None
@@ -130,7 +133,7 @@ class Evening(MissionSM):
         self._closing_rounds += 1
         if not unseen or self._closing_rounds >= CLOSING_ROUNDS:
             return None
-        self._tell(f"looks again, because not all is known: {' '.join(unseen)}")
+        self._narrate(f"looks again, because not all is known: {' '.join(unseen)}")
         return "open"
 
 

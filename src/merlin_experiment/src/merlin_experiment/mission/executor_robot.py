@@ -7,7 +7,6 @@ import rospy
 from merlin_msgs.msg import ExecutorStatus
 
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
-from merlin_executor.readiness import missing_interfaces
 from merlin_executor.resending import END
 from merlin_experiment.mission.measured_mission import MissionStopped
 from merlin_experiment.records.trajectory import Trajectory
@@ -51,6 +50,7 @@ class ExecutorRobot(MerlinROSPlanAssistant):
     Attributes:
         trajectory: where the robot was.
         doing: what it does now, for people.
+        client: of the Executor.
     """
 
     def __init__(self, trajectory: Trajectory, on_action: Callable[[str], None], on_lost: str = END) -> None:
@@ -67,27 +67,10 @@ class ExecutorRobot(MerlinROSPlanAssistant):
         self._status: Optional[ExecutorStatus] = None
         self._running: Dict[Tuple[int, int], Tuple[str, float]] = {}
         self._actions: List[Tuple[str, float, float]] = []
-        self._client = MerlinExecutorClient(on_lost=on_lost)
+        self.client = MerlinExecutorClient(on_lost=on_lost)
         self._subscriber = rospy.Subscriber(
             "merlin/status", ExecutorStatus, self._receive, queue_size=20, tcp_nodelay=True
         )
-
-    def wait_until_ready(self, timeout: float) -> None:
-        """Waits for the knowledge base, the Executor, and an action interface for every operator.
-
-        Parameters:
-            timeout: of each, s of running time.
-
-        Raises:
-            MissionStopped: one is not there.
-        """
-        if not self.knowledge.wait(timeout):
-            raise MissionStopped(f"no knowledge base {self.knowledge.name} after {timeout:.0f} s")
-        if not self._client.wait_for_executor(timeout):
-            raise MissionStopped(f"no Executor on merlin/execute after {timeout:.0f} s")
-        missing = missing_interfaces(self.knowledge, timeout)
-        if missing:
-            raise MissionStopped(f"no action interface for {', '.join(missing)} after {timeout:.0f} s")
 
     def now(self) -> float:
         """ROS time, s."""
@@ -99,7 +82,7 @@ class ExecutorRobot(MerlinROSPlanAssistant):
 
     def send(self, poi: str) -> _Request:
         """Sends the goal that a point of interest is checked."""
-        return _Request(self._client.send(f"(checked {poi})"))
+        return _Request(self.client.send(f"(checked {poi})"))
 
     def call_after(self, seconds: float, action: Callable[[], None]) -> Callable[[], None]:
         """Calls a function after some ROS time, in a thread of its own; returns what prevents that."""

@@ -5,7 +5,6 @@ go on, 130 when it was interrupted.
 """
 
 import math
-import sys
 import time
 from typing import Optional
 
@@ -15,13 +14,15 @@ from merlin_msgs.srv import SetRealTimeFactor
 from nav_msgs.msg import OccupancyGrid
 
 from merlin_executor.goal_check import GoalError
-from merlin_executor.mission_pause import MissionPause
-from merlin_executor.mission_reporter import MissionReporter
-from merlin_executor.readiness import missing_servers
+from merlin_executor.mission import MissionError, MissionNode, results_folder
+from merlin_executor.mission.mission_node import run_mission
+from merlin_executor.mission.mission_pause import MissionPause
+from merlin_executor.mission.mission_reporter import MissionReporter
+from merlin_executor.mission.readiness import NotReady
 from merlin_experiment.mission.executor_robot import ExecutorRobot
 from merlin_experiment.mission.ground_truth import GroundTruth, grid_of, receive_one
 from merlin_experiment.mission.measured_mission import MeasuredMission, MissionStopped
-from merlin_experiment.mission.mission_settings import MissionSettings, SettingsError
+from merlin_experiment.mission.mission_settings import MissionSettings
 from merlin_experiment.mission.progress_view import ProgressView, closing_lines, ended_line, live_line
 from merlin_experiment.mission.real_time_factor import ARRIVAL_AHEAD, CANCEL_AHEAD, RealTimeFactor
 from merlin_experiment.mission.speech_length import SpeechLengthError, speech_length
@@ -33,28 +34,41 @@ from merlin_ros.node import init_node
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import KnowledgeError
 
-EXIT_NOT_AS_LISTED = 1
-EXIT_STOPPED = 2
-EXIT_INTERRUPTED = 130
-SERVERS = ("move_base", "sound_play")
-"""Action servers that the actions of the home use."""
 AFTERWARDS = 0.5
 """ROS time in which the robot comes to its last standstill, s."""
 SETTLE = 2.0
 """Wall seconds to wait for that."""
 
 
-class MeasuredMissionNode:
+class MeasuredMissionNode(MissionNode):
     """Connects a :class:`MeasuredMission` with ROS and the screen."""
+
+    servers = ("move_base", "sound_play")
+
+    @classmethod
+    def from_parameters(cls) -> "MeasuredMissionNode":
+        """Makes the mission from the parameters of the node.
+
+        :raises ParameterError: when the folder for the results cannot be made.
+        :raises SettingsError: when a parameter has a wrong value.
+        """
+        settings = MissionSettings.read(
+            lambda name, default: rospy.get_param(f"~{name}", default),
+            rospy.get_param("world/points_of_interest", {}),
+        )
+        results_folder(settings.results)
+        return cls(settings)
 
     def __init__(self, settings: MissionSettings) -> None:
         self._settings = settings
         self._tasks = settings.make_list()
         self._view = ProgressView()
-        self._reporter = MissionReporter(f"home mission {settings.mission}", len(self._tasks))
+        self.reporter = MissionReporter(f"home mission {settings.mission}", len(self._tasks))
         self._set_factor_service: Optional[ServiceProxy] = None
         self._trajectory = Trajectory()
         self._robot = ExecutorRobot(self._trajectory, self._action_starts, settings.on_lost)
+        self.client = self._robot.client
+        self._grid: Optional[OccupancyGrid] = None
         self._speech = 0.0  # length of the question, s; 0: not known
         self._arrives_in = 0  # number of the last task in which the robot came near its point
         self._requested, self._spoken = 1.0, 0  # what the simulator says of its factor, how often in a row
@@ -69,59 +83,57 @@ class MeasuredMissionNode:
             self._task_changed,
             lambda stopped: self._pause.wait(stopped),
         )
-        self._pause = MissionPause(self._reporter.paused)
+        self._pause = MissionPause(self.reporter.paused)
         self._truth = GroundTruth(self._trajectory, self._watch)
         self._simulator = rospy.Subscriber("/merlin_sim/status", SimStatus, self._judge_factor)
 
-    def run(self) -> int:
-        """Runs the mission; returns the exit code."""
+    def wait_for_robot(self, timeout: float) -> None:
+        """Waits also for the true pose and the map.
+
+        :param timeout: of each, s of running time.
+        :raises NotReady: when a part is missing.
+        """
+        self.reporter.report(MissionStatus.STARTING, "waiting for the robot")
+        super().wait_for_robot(timeout)
+        if not self._trajectory.wait_until(0.0, timeout):
+            raise NotReady(f"nothing on {rospy.resolve_name('ground_truth')} after {timeout:.0f} s")
+        self._grid = receive_one("/map", OccupancyGrid, timeout)
+        if self._grid is None:
+            raise NotReady(f"no map on /map after {timeout:.0f} s")
+
+    def carry_out(self) -> bool:
+        """Runs the mission and writes its results; True when every task ended as the list says.
+
+        :raises MissionError: when the mission could not go on.
+        """
         settings = self._settings
         rospy.on_shutdown(self._stop)
-        self._reporter.report(MissionStatus.STARTING, "waiting for the robot")
-        began = time.monotonic()
         run = RunRecord(settings.columns(), self._mission.records, versions=versions())
-        code = 0
+        self._view.line(self._headline())
+        if settings.policy == "adaptive":
+            self._speech = self._length_of_question()
+        began = time.monotonic()
         try:
-            grid = self._wait_for_robot()
-            self._view.line(self._headline())
-            if settings.policy == "adaptive":
-                self._speech = self._length_of_question()
-            began = time.monotonic()
             if not self._factor.mission_starts():
                 raise MissionStopped("the simulator does not take the real-time factor")
             with self._pause:
                 self._mission.run()
         except (MissionStopped, GoalError, KnowledgeError, ServiceError) as error:
             run.ended = str(error)
-            code = EXIT_INTERRUPTED if run.ended == "interrupted" else EXIT_STOPPED
-            self._view.line(f"mission: {run.ended}")
-            if self._mission.start is None:
-                self._report_end(run)
-                return code
         run.wall = time.monotonic() - began
-        self._finish(run, None if code == EXIT_INTERRUPTED else grid)
-        return code or (0 if run.right else EXIT_NOT_AS_LISTED)
+        if self._mission.start is not None:
+            self._write(run)
+        self._report_end(run)
+        if run.ended not in ("complete", "interrupted"):
+            raise MissionError(run.ended)
+        return run.right
 
     def _stop(self) -> None:
         self._mission.stop()
         self._pause.wake()
 
-    def _wait_for_robot(self) -> OccupancyGrid:
-        timeout = self._settings.startup
-        self._robot.wait_until_ready(timeout)
-        if not self._trajectory.wait_until(0.0, timeout):
-            raise MissionStopped(f"nothing on {rospy.resolve_name('ground_truth')} after {timeout:.0f} s")
-        for server in missing_servers(SERVERS, timeout):
-            raise MissionStopped(
-                f"no action server {rospy.resolve_name(server)} after {timeout:.0f} s; is it launched?"
-            )
-        grid = receive_one("/map", OccupancyGrid, timeout)
-        if grid is None:
-            raise MissionStopped(f"no map on /map after {timeout:.0f} s")
-        return grid
-
-    def _finish(self, run: RunRecord, grid: Optional[OccupancyGrid]) -> None:
-        start = self._mission.start
+    def _write(self, run: RunRecord) -> None:
+        start, grid = self._mission.start, None if run.ended == "interrupted" else self._grid
         assert start is not None
         if grid is not None:
             self._trajectory.wait_until(rospy.get_time() + AFTERWARDS, SETTLE)
@@ -137,18 +149,17 @@ class MeasuredMissionNode:
             lines = closing_lines(run, write_run(self._settings.results, run).values())
         for line in lines:
             self._view.line(line)
-        self._report_end(run)
 
     def _report_end(self, run: RunRecord) -> None:
         if run.right:
-            self._reporter.report(MissionStatus.SUCCEEDED, "every task ended as listed")
+            self.reporter.report(MissionStatus.SUCCEEDED, "every task ended as listed")
         elif run.ended == "complete":
             wrong = sum(not record.right for record in run.tasks)
-            self._reporter.report(MissionStatus.FAILED, f"{wrong} of {len(run.tasks)} tasks not as listed")
+            self.reporter.report(MissionStatus.FAILED, f"{wrong} of {len(run.tasks)} tasks not as listed")
         elif run.ended == "interrupted":
-            self._reporter.report(MissionStatus.CANCELLED, run.ended)
+            self.reporter.report(MissionStatus.CANCELLED, run.ended)
         else:
-            self._reporter.report(MissionStatus.FAILED, run.ended)
+            self.reporter.report(MissionStatus.FAILED, run.ended)
 
     def _headline(self) -> str:
         settings = self._settings
@@ -181,7 +192,7 @@ class MeasuredMissionNode:
             self._factor.task_starts()
             self._view.line(ended_line(record, count))
         elif record.cancel_sent is None:
-            self._reporter.task(f"check {record.task.poi}")
+            self.reporter.task(f"check {record.task.poi}")
 
     def _length_of_question(self) -> float:
         try:
@@ -216,18 +227,6 @@ class MeasuredMissionNode:
 
 
 def main() -> int:
-    """Entry point of the node; returns the exit code."""
+    """Runs the node; returns the exit code."""
     init_node("mission")
-    try:
-        settings = MissionSettings.read(
-            lambda name, default: rospy.get_param(f"~{name}", default),
-            rospy.get_param("world/points_of_interest", {}),
-        )
-        settings.results.mkdir(parents=True, exist_ok=True)
-    except SettingsError as error:
-        print(f"mission: {error}", file=sys.stderr)
-        return EXIT_STOPPED
-    except OSError as error:
-        print(f"mission: no folder for the results: {error}; give another one, results:=…", file=sys.stderr)
-        return EXIT_STOPPED
-    return MeasuredMissionNode(settings).run()
+    return run_mission(MeasuredMissionNode)

@@ -32,7 +32,6 @@ class MissionSettings:
         factor: real-time factor asked for.
         policy: of the factor.
         results: folder.
-        startup: s of running time that the rest of the robot may take to appear.
         points: points of interest that the mission visits, frame map, m.
         limits: of the robot, for the oracle.
         goal_tolerance: m by which a drive may end before a point of interest.
@@ -50,7 +49,6 @@ class MissionSettings:
     factor: float
     policy: str
     results: Path
-    startup: float
     points: Dict[str, Point]
     limits: MotionLimits
     goal_tolerance: float
@@ -80,7 +78,6 @@ class MissionSettings:
             factor=_number(get, "real_time_factor", 1.0),
             policy=_one_of(get, "rtf_policy", POLICIES),
             results=Path(str(get("results", "results"))).expanduser().absolute(),
-            startup=_number(get, "startup_timeout", 60.0, above=0.0),
             points=_chosen(_points(points), str(get("points", "")).split()),
             limits=MotionLimits(
                 speed=_number(get, "limits/speed", defaults.speed, above=0.0),

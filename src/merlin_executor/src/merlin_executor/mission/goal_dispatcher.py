@@ -3,6 +3,8 @@
 .. code-block:: python
 
     class Round(GoalDispatcher):                       # a plain node
+        servers = ("move_base", "sound_play")          # what the actions use
+
         def run(self):
             for poi in ("kitchen", "bathroom"):
                 self.achieve(f"(checked {poi})")
@@ -11,8 +13,11 @@
         def build(self):
             self.add_goal_state("KITCHEN", "(checked kitchen)", {"succeeded": "DOOR"})
             self.add_goal_state("DOOR", ["(checked main_door)"])
+
+``rosrun merlin_executor mission mission:=package.module:Round`` runs one as a node.
 """
 
+from abc import abstractmethod
 from typing import Any, Callable, Dict, List, Optional, Union
 
 import rospy
@@ -20,13 +25,14 @@ from merlin_msgs.msg import ExecuteResult, MissionStatus
 
 from merlin_executor.executor_client import Goals, MerlinExecutorClient
 from merlin_executor.executor_request import ExecutorRequest
-from merlin_executor.goal_state import ACHIEVED, EXECUTOR_WAIT, GoalState, outcome_text
-from merlin_executor.mission_pause import MissionPause
-from merlin_executor.mission_reporter import MissionReporter
+from merlin_executor.mission.goal_state import ACHIEVED, EXECUTOR_WAIT, GoalState, outcome_text
+from merlin_executor.mission.mission_node import MissionNode
+from merlin_executor.mission.mission_pause import MissionPause
+from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.resending import RESEND
 from merlin_sm.introspection import show
+from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
-from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 
 _FINAL = {
@@ -42,12 +48,17 @@ class MissionFailed(RuntimeError):
         super().__init__(text)
         self.result = result
 
+    @property
+    def was_cancelled(self) -> bool:
+        """True when the goal was cancelled: after its timeout, or with the mission."""
+        return self.result is not None and self.result.outcome == ExecuteResult.CANCELLED
 
-class GoalDispatcher(MerlinROSPlanAssistant):
+
+class GoalDispatcher(MissionNode):
     """A mission as a plain node. A subclass implements :meth:`run`; :meth:`execute` runs it.
 
     :param name: of the mission; the class name when empty.
-    :param tasks: how many goals there will be, for the status; 0: not known.
+    :param tasks: number of goals, for the status; 0: not known.
     :param on_lost: RESEND: a goal during which the Executor is lost is sent again when it is back, and the
         mission goes on; END: the mission ends with the reason.
     """
@@ -60,25 +71,46 @@ class GoalDispatcher(MerlinROSPlanAssistant):
         self._current: Optional[ExecutorRequest] = None
         self._cancelled = False
 
+    @property
+    def cancelled(self) -> bool:
+        """True after :meth:`cancel`."""
+        return self._cancelled
+
+    @abstractmethod
     def run(self) -> None:
-        """Sends the goals."""
-        raise NotImplementedError(f"{type(self).__name__} has to implement run()")
+        """Sends the goals.
+
+        :raises MissionFailed: when the mission has failed.
+        """
+
+    def carry_out(self) -> bool:
+        """Runs the mission; True when it succeeded."""
+        return self.execute()
 
     def execute(self) -> bool:
-        """Runs the mission and reports its end; whether it succeeded. What :meth:`run` raises besides
-        MissionFailed is reported as a failure, and raised."""
+        """Runs the mission and reports its end; True when it succeeded.
+
+        A goal that was not achieved, goals that are wrong and a knowledge base that refuses a change or does
+        not answer are a failure of the mission. Any other error of :meth:`run` is reported and raised.
+        """
         rospy.on_shutdown(self.cancel)
         try:
             if not self.client.wait_for_executor(EXECUTOR_WAIT):
                 raise MissionFailed(f"no executor within {EXECUTOR_WAIT:g} s")
             with self._pause:
                 self.run()
-        except (MissionFailed, ValueError, rospy.ServiceException, rospy.ROSInterruptException) as error:
+        except (
+            MissionFailed,
+            ValueError,
+            KnowledgeError,
+            rospy.ServiceException,
+            rospy.ROSInterruptException,
+        ) as error:
             state = MissionStatus.CANCELLED if self._cancelled else MissionStatus.FAILED
             self.reporter.report(state, str(error))
             rospy.logerr(f"mission {self.name}: {error}")
             return False
-        except Exception as error:  # of the mission's own code: who watches is told before the caller sees it
+        except Exception as error:  # of the mission's own code: published before the node ends
             self.reporter.report(MissionStatus.FAILED, f"{type(error).__name__}: {error}")
             raise
         self.reporter.report(MissionStatus.SUCCEEDED, "done")
@@ -115,7 +147,7 @@ class GoalDispatcher(MerlinROSPlanAssistant):
             self._current.cancel()
 
 
-class MissionSM(MerlinSM):
+class MissionSM(MissionNode, MerlinSM):
     """A mission as a state machine, ``/MISSION_<NAME>`` in smach_viewer; a subclass adds states in build().
 
     Outcomes: succeeded, aborted, preempted.
@@ -135,9 +167,9 @@ class MissionSM(MerlinSM):
         self.register_start_cb(self._report)
         self.register_transition_cb(self._report)
 
+    @abstractmethod
     def build(self) -> None:
         """Adds the states; the machine is open for construction."""
-        raise NotImplementedError(f"{type(self).__name__} has to implement build()")
 
     def add_goal_state(
         self,
@@ -151,8 +183,15 @@ class MissionSM(MerlinSM):
         self.add(label, state, transitions=transitions)
         return state
 
+    def carry_out(self) -> bool:
+        """Runs the machine and logs why it failed; True when it succeeded."""
+        outcome = self.run()
+        if outcome != SUCCEEDED:
+            rospy.logerr(f"mission {self.name}: {self.reason or outcome}")
+        return outcome == SUCCEEDED
+
     def run(self) -> str:
-        """Shows the machine, runs it to its end and reports that; returns its outcome."""
+        """Shows the machine to smach_viewer, runs it and reports its end; returns its outcome."""
         server = show(f"MISSION_{self.name.upper()}", self)
         rospy.on_shutdown(self.cancel)  # also before the run has begun
         try:

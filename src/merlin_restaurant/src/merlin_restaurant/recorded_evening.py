@@ -1,34 +1,25 @@
-"""Node `mission`: the evening in the restaurant, with its live log, its books and its timeline.
+"""The evening in the restaurant as a node: the mission with its live log, its record and its timeline.
 
 Exit code: 0 when the books balance, 1 when they do not, 2 when the evening could not begin or go on or its
 results not be written, 130 when it was interrupted.
 """
 
-import sys
 import threading
 from pathlib import Path
 from typing import List, Optional
 
 import rospy
 from merlin_msgs.msg import GuestEvent
-from rospy.core import is_shutdown_requested
 
-from merlin_executor.readiness import missing_interfaces, missing_servers
-from merlin_executor.resending import ON_LOST, RESEND
+from merlin_executor.mission import RESEND, MissionError, results_folder
 from merlin_restaurant.evening import Evening
 from merlin_restaurant.evening_record import EveningRecord
 from merlin_restaurant.robot_watch import RobotWatch
 from merlin_restaurant.table_state import STATES
-from merlin_ros.node import init_node
-from merlin_ros.parameters import ParameterError, number
-from merlin_ros.service_proxy import ServiceError
 from merlin_sm.states.merlin_state import SUCCEEDED
 
-EXIT_UNBALANCED, EXIT_STOPPED, EXIT_INTERRUPTED = 1, 2, 130
-SERVERS = ("move_base", "sound_play", "listen", "recognize", "calls/listen")
+#: Predicates of which no fact may be left at the end.
 UNDER_WAY = ("carrying", "prepared", "waiting")
-"""Predicates of which nothing may be left at the end."""
-
 
 BALANCED = (
     "the books balance: every guest was served or there is a reason, what was delivered was ordered,\n"
@@ -36,52 +27,52 @@ BALANCED = (
 )
 
 
-class EveningStopped(RuntimeError):
-    """The evening could not begin or end; the text says why."""
-
-
-class EveningNode:
+class RecordedEvening(Evening):
     """Runs the mission and keeps its record.
 
     :param results: folder.
-    :param startup: s of wall time for everything to appear.
     :param on_lost: END or RESEND, what happens to goals during which the Executor is lost.
+    :raises ParameterError: when the folder cannot be made.
+    :raises ValueError: for another `on_lost`.
     """
 
-    def __init__(self, results: Path, startup: float, on_lost: str = RESEND) -> None:
-        self._results = results
-        self._startup = startup
+    servers = ("move_base", "sound_play", "listen", "recognize", "calls/listen")
+    startup_timeout = 90.0
+
+    def __init__(self, results: Path = Path("results/restaurant"), on_lost: str = RESEND) -> None:
         self._start: Optional[float] = None
+        self._outcome = ""
         self._print = threading.Lock()  # one line at a time
         self._record_lock = threading.Lock()  # guards the record
         self._record = EveningRecord()
+        super().__init__(self._closed, lambda text: self._line("mission", text), on_lost, name="Evening")
+        self._results = results_folder(results)
         self._watch = RobotWatch(lambda text: self._line("robot", text), self._delivered, self._failed)
-        self._evening = Evening(self._closed, lambda text: self._line("mission", text), on_lost)
         rospy.Subscriber("restaurant/guests", GuestEvent, self._guest, queue_size=100)
 
-    def run(self) -> int:
-        """Runs the evening; returns the exit code.
-
-        :raises EveningStopped: something is missing at the beginning, or the results cannot be written.
-        :raises ServiceError: the knowledge base is gone.
-        """
-        self._wait_for_robot()
+    def carry_out(self) -> bool:
+        """Runs the evening; True when its machine has succeeded."""
         self._start = rospy.get_time()
-        outcome = self._evening.run()
-        if is_shutdown_requested():
-            return EXIT_INTERRUPTED
-        robot = self._evening
+        self._outcome = self.run()
+        return self._outcome == SUCCEEDED
+
+    def finish(self, succeeded: bool) -> bool:
+        """Closes the record, prints and writes it; True when the books balance.
+
+        :raises MissionError: when the results cannot be written.
+        :raises ServiceError: when the knowledge base is gone.
+        """
         states = {
-            table: next((state for state in STATES if robot.holds(f"({state} {table})")), "")
-            for table in robot.objects("table")
+            table: next((state for state in STATES if self.holds(f"({state} {table})")), "")
+            for table in self.objects("table")
         }
-        held = [fact for predicate in UNDER_WAY for fact in robot.facts(predicate)]
+        held = [fact for predicate in UNDER_WAY for fact in self.facts(predicate)]
+        problems = [] if succeeded else [f"the mission ended with {self._outcome}: {self.reason}"]
         with self._record_lock:
             self._record.close(states, held)
-        problems = [] if outcome == SUCCEEDED else [f"the mission ended with {outcome}: {robot.reason}"]
-        return self._finish(problems)
+        return self._written(problems)
 
-    def _finish(self, problems: List[str]) -> int:
+    def _written(self, problems: List[str]) -> bool:
         # matplotlib takes a second to import, which the start of the evening is spared.
         from merlin_restaurant.evening_results import guest_table, plot_timeline, write_guests
 
@@ -98,22 +89,9 @@ class EveningNode:
                 write_guests(table, self._record)
                 plot_timeline(timeline, self._watch.deeds, self._record, self._begun)
         except OSError as error:
-            raise EveningStopped(f"the results cannot be written: {error}") from error
+            raise MissionError(f"the results cannot be written: {error}") from error
         print(f"written: {table}\nwritten: {timeline}", flush=True)
-        return EXIT_UNBALANCED if problems else 0
-
-    def _wait_for_robot(self) -> None:
-        timeout = self._startup
-        if not self._evening.knowledge.wait(timeout):
-            raise EveningStopped(f"no knowledge base after {timeout:.0f} s")
-        missing = missing_interfaces(self._evening.knowledge, timeout)
-        if missing:
-            raise EveningStopped(f"no action interface for {', '.join(missing)} after {timeout:.0f} s")
-        missing = missing_servers(SERVERS, timeout)
-        if missing:
-            raise EveningStopped(
-                f"no action server {', '.join(missing)} after {timeout:.0f} s; is it launched?"
-            )
+        return not problems
 
     @property
     def _begun(self) -> float:
@@ -157,32 +135,3 @@ def _told(event: GuestEvent) -> str:
         GuestEvent.DISTURBED: f"DISTURBANCE: {event.reason}",
         GuestEvent.CLOSED: "the restaurant closes",
     }[event.event]
-
-
-def main() -> int:
-    """Entry point of the node; returns the exit code."""
-    init_node("mission")
-    try:
-        startup = number("~startup_timeout", 90.0, 1.0)
-        return EveningNode(_results(), startup, _on_lost()).run()
-    except (ParameterError, EveningStopped, ServiceError) as error:
-        if is_shutdown_requested():  # otherwise it is no error that something was not found
-            return EXIT_INTERRUPTED
-        print(f"mission: {error}", file=sys.stderr)
-    return EXIT_STOPPED
-
-
-def _on_lost() -> str:
-    on_lost = str(rospy.get_param("~on_lost", RESEND))
-    if on_lost not in ON_LOST:
-        raise ParameterError(f"parameter ~on_lost is {on_lost!r}; it has to be one of {', '.join(ON_LOST)}")
-    return on_lost
-
-
-def _results() -> Path:
-    folder = Path(str(rospy.get_param("~results", "results/restaurant")))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ParameterError(f"no folder for the results: {error}; give another one, results:=…") from error
-    return folder

@@ -1,22 +1,51 @@
-"""Tells a mission when those are there who carry its goals out: action interfaces and action servers."""
+"""Waits until all parts of the robot that a mission needs are up."""
 
 import threading
 from typing import List, Sequence
 
+import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from rosplan_knowledge_msgs.msg import DomainFormula
 
+from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe_by
 from merlin_sm.knowledge_client import KnowledgeClient
 
 
+class NotReady(RuntimeError):
+    """A part of the robot is missing; the text says which."""
+
+
+def wait_for_robot(
+    knowledge: KnowledgeClient, client: MerlinExecutorClient, servers: Sequence[str], timeout: float
+) -> None:
+    """Waits for the knowledge base, the Executor, an action interface for every operator, and action servers.
+
+    :param servers: names of the action servers.
+    :param timeout: of each, s of running time.
+    :raises NotReady: when one is missing.
+    """
+    after = f"after {timeout:.0f} s"
+    if not knowledge.wait(timeout):
+        raise NotReady(f"no knowledge base {knowledge.name} {after}")
+    if not client.wait_for_executor(timeout):
+        raise NotReady(f"no Executor on {client.name} {after}")
+    missing = missing_interfaces(knowledge, timeout)
+    if missing:
+        raise NotReady(f"no action interface for {', '.join(missing)} {after}")
+    missing = missing_servers(servers, timeout)
+    if missing:
+        names = ", ".join(map(rospy.resolve_name, missing))
+        raise NotReady(f"no action server {names} {after}; is it launched?")
+
+
 def missing_interfaces(knowledge: KnowledgeClient, timeout: float) -> List[str]:
     """Waits for an action interface for every operator.
 
-    :param knowledge: of the domain; it has to answer already.
+    :param knowledge: of the domain; it has to be up already.
     :param timeout: s of running time.
-    :return: the operators that nobody announced, sorted.
+    :return: the operators that no action interface announced, sorted.
     """
     missing = set(knowledge.operators())
     announced = threading.Condition()  # guards missing
@@ -42,7 +71,7 @@ def missing_servers(names: Sequence[str], timeout: float) -> List[str]:
 
     :param names: of the actions.
     :param timeout: s of running time for all of them.
-    :return: those of which nothing was heard, in the given order.
+    :return: the servers that published no status, in the given order.
     """
     heard = set()
     changed = threading.Condition()  # guards heard

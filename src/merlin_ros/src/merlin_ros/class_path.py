@@ -1,0 +1,23 @@
+"""Classes by their names, as launch files and command lines give them: ``package.module:Class``."""
+
+import importlib
+
+
+def load_class(path: str) -> type:
+    """The class behind ``package.module:Class``.
+
+    :raises ValueError: when it does not exist, with the reason.
+    """
+    module_name, colon, class_name = path.partition(":")
+    if not colon:
+        raise ValueError(f"{path!r} is not a class path; write package.module:Class")
+    try:
+        module = importlib.import_module(module_name)
+    except (ImportError, SyntaxError) as error:
+        raise ValueError(f"{path!r}: {error}") from error
+    found = getattr(module, class_name, None)
+    if found is None:
+        raise ValueError(f"{path!r}: module {module_name} has no {class_name}")
+    if not isinstance(found, type):
+        raise ValueError(f"{path!r} is not a class")
+    return found

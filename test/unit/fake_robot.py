@@ -1,0 +1,175 @@
+"""The parts of a robot that a mission talks to, without ROS: knowledge, Executor, action servers, topics."""
+
+import threading
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from merlin_msgs.msg import ExecuteResult, MissionStatus
+
+from merlin_executor.mission import goal_dispatcher, mission_node
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_sm.states import action_state
+
+SUCCEEDED = ExecuteResult(outcome=ExecuteResult.SUCCEEDED)
+
+
+class Ended:
+    """A request or goal; it ends when it has a result."""
+
+    def __init__(
+        self, on_done: Optional[Callable[[Any], None]], on_cancel: Callable[["Ended"], None]
+    ) -> None:
+        self.result: Any = None
+        self.status = GoalStatus.ACTIVE
+        self.text = ""
+        self._on_done = on_done
+        self._on_cancel = on_cancel
+        self._ended = threading.Event()
+
+    def end(self, result: Any, status: int = GoalStatus.SUCCEEDED) -> None:
+        if not self._ended.is_set():
+            self.result, self.status = result, status
+            self._ended.set()
+            if self._on_done is not None:
+                self._on_done(self)
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        # A timeout of the mission is over at once.
+        return self._ended.is_set() if timeout is not None else self._ended.wait()
+
+    def cancel(self) -> None:
+        self._on_cancel(self)
+
+
+class FakeServer:
+    """A client of an action server that ends each goal with the next of `results`, and then none any more."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.results: List[Any] = []
+
+    def wait_for_server(self, *_: Any) -> bool:
+        return True
+
+    def send(self, goal: Any, on_done: Callable[[Any], None], owner: Optional[str]) -> Ended:
+        sent = Ended(on_done, lambda it: it.end(None, GoalStatus.PREEMPTED))
+        if self.results:
+            sent.end(self.results.pop(0))
+        return sent
+
+
+class FakeRobot:
+    """Facts, and an Executor that makes a goal true at once."""
+
+    name = "/merlin/execute"
+    reason = ""
+
+    def __init__(self) -> None:
+        self.known: List[str] = []
+        self.things: Dict[str, List[str]] = {}
+        self.sent: List[Tuple[str, int]] = []
+        self.results: Dict[str, ExecuteResult] = {}
+        self.never: Sequence[str] = ()
+        self.on_goal: Callable[[str], None] = lambda goal: None
+        self.servers: Dict[str, FakeServer] = {}
+        self.parameters: Dict[str, Any] = {}
+        self.waited: List[Any] = []
+        self.missing: Optional[Exception] = None
+        self.published: List[MissionStatus] = []
+        self.services: Dict[str, Callable[[Any], Any]] = {}
+        self.at_shutdown: List[Callable[[], None]] = []
+        self.down = False
+
+    # --- the knowledge ----------------------------------------------------------------------------------
+
+    def facts(self, predicate: str) -> List[str]:
+        return sorted(fact for fact in self.known if fact.strip("()").split()[0] == predicate)
+
+    def change(self, add: Any = (), remove: Any = ()) -> None:
+        listed = [[texts] if isinstance(texts, str) else list(texts) for texts in (add, remove)]
+        self.known = [fact for fact in self.known if fact not in listed[1]] + listed[0]
+
+    # --- the Executor -----------------------------------------------------------------------------------
+
+    def wait_for_executor(self, timeout: float) -> bool:
+        return True
+
+    def send(
+        self, goals: Any, priority: int = 0, on_interrupt: int = 0, on_done: Any = None, **_: Any
+    ) -> Ended:
+        request = Ended(on_done, self._cancel)
+        for goal in [goals] if isinstance(goals, str) else goals:
+            self.sent.append((goal, priority))
+            self.on_goal(goal)
+            if goal in self.never:
+                return request
+            if goal in self.results:
+                request.end(self.results[goal])
+                return request
+            self.change(add=goal)
+        request.end(SUCCEEDED)
+        return request
+
+    @property
+    def goals(self) -> List[str]:
+        """The goals that were sent."""
+        return [goal for goal, _ in self.sent]
+
+    def _cancel(self, request: Ended) -> None:
+        request.end(ExecuteResult(outcome=ExecuteResult.CANCELLED, reason="cancelled"))
+
+    # --- the node ---------------------------------------------------------------------------------------
+
+    def shut_down(self) -> None:
+        """What SIGINT does."""
+        self.down = True
+        for hook in self.at_shutdown:
+            hook()
+
+    def wait_for_robot(self, *arguments: Any) -> None:
+        self.waited.append(arguments)
+        if self.missing is not None:
+            raise self.missing
+
+
+def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Has missions talk to this robot."""
+
+    class Publisher:
+        def __init__(self, *_: Any, **__: Any) -> None:
+            self.publish = robot.published.append
+
+    class Service:
+        def __init__(self, name: str, _: Any, handler: Callable[[Any], Any]) -> None:
+            robot.services[name] = handler
+
+        def shutdown(self, reason: str) -> None:
+            pass
+
+    class Shown:
+        def stop(self) -> None:
+            pass
+
+    def server(name: str, _: Any) -> FakeServer:
+        return robot.servers.setdefault(name, FakeServer(name))
+
+    assistant = MerlinROSPlanAssistant
+    monkeypatch.setattr(assistant, "facts", lambda self, predicate: robot.facts(predicate))
+    monkeypatch.setattr(assistant, "holds", lambda self, fact: fact in robot.known)
+    monkeypatch.setattr(assistant, "objects", lambda self, kind: robot.things.get(kind, []))
+    monkeypatch.setattr(assistant, "change_facts", lambda self, add=(), remove=(): robot.change(add, remove))
+    monkeypatch.setattr(assistant, "knowledge", "the knowledge base")
+    monkeypatch.setattr(action_state, "shared_client", server)
+    monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", lambda **_: robot)
+    monkeypatch.setattr(goal_dispatcher, "show", lambda *_: Shown())
+    monkeypatch.setattr(mission_node, "wait_for_robot", robot.wait_for_robot)
+    monkeypatch.setattr(mission_node, "is_shutdown_requested", lambda: robot.down)
+    monkeypatch.setattr(rospy, "Publisher", Publisher)
+    monkeypatch.setattr(rospy, "Service", Service)
+    monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
+    monkeypatch.setattr(rospy.Time, "now", rospy.Time)
+    monkeypatch.setattr(rospy, "get_time", lambda: 0.0)
+    monkeypatch.setattr(rospy, "on_shutdown", robot.at_shutdown.append)
+    monkeypatch.setattr(rospy, "get_param", lambda name, default=None: robot.parameters.get(name, default))
