@@ -60,14 +60,25 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     ),
     "merlin_reactive": (".", "localization navigation speech listening recognition"),
     "merlin_sim": ("world", "robot people", "engine", "node"),
+    "merlin_actions": ("core", ".", "actions nodes testing"),
+    "merlin_executor": ("core", ".", "mission node testing"),
     "merlin_monitor": ("text drawing", "state", "listeners", "web terminal"),
     "merlin_home": (".", "actions"),
     "merlin_restaurant": (".", "actions"),
     "merlin_experiment": ("records oracle", "mission runs", "report", "."),
 }
 
-#: Packages whose folders may hold more: to be sorted yet, or as SMACH has it.
-MAY_BE_FULL = ("merlin_actions", "merlin_executor", "smach")
+#: Package → its sub-packages that import neither ROS nor what does; "*" is the whole package.
+WITHOUT_ROS: Dict[str, str] = {
+    "merlin_pddl": "*",
+    "merlin_actions": "core",
+    "merlin_executor": "core",
+    "merlin_rosplan": "knowledge planning dispatch storage supervision",
+}
+ROS = re.compile(r"(ros\w+|actionlib|smach\w*|tf2_ros|diagnostic_updater|bondpy|\w+_msgs|\w+_srvs)\Z")
+
+#: Packages whose folders may hold more: as SMACH has it.
+MAY_BE_FULL = ("smach",)
 
 #: Imported name → what a manifest calls it.
 KEYS = {
@@ -159,6 +170,19 @@ def wrong_layer(package: str, root: Path, found: Import) -> Iterator[str]:
         yield found.finding(f"{package}/{target} is not below {package}/{room}")
 
 
+def ros_in_a_core(package: str, root: Path, found: Import) -> Iterator[str]:
+    """An import of ROS, or of a package that imports ROS, in a sub-package that runs without it."""
+    rooms = WITHOUT_ROS.get(package, "").split()
+    if not rooms or "src" not in found.file.relative_to(root).parts:
+        return
+    room = _room(root, found.file)
+    foreign = found.package.startswith("merlin_") and WITHOUT_ROS.get(found.package) != "*"
+    if (room in rooms or "*" in rooms) and (
+        ROS.match(found.package) or (foreign and found.package != package)
+    ):
+        yield found.finding(f"{package}/{room} runs without ROS")
+
+
 def _room(root: Path, file: Path) -> str:
     parts = file.relative_to(root / "src").parts
     return parts[1] if len(parts) > 2 else "."
@@ -211,7 +235,11 @@ def main() -> int:
     for root in packages():
         imports = list(imports_of(root))
         for found in imports:
-            findings += [*wrong_package(root.name, found), *wrong_layer(root.name, root, found)]
+            findings += [
+                *wrong_package(root.name, found),
+                *wrong_layer(root.name, root, found),
+                *ros_in_a_core(root.name, root, found),
+            ]
         findings += [*missing_in_manifest(root, imports), *full_folders(root)]
     for finding in dict.fromkeys(findings):
         print(finding, file=sys.stderr)

@@ -38,7 +38,7 @@ def test_the_install_space_launches_and_runs(tmp_path: Path) -> None:
     prefix = next(word for word in command if word.endswith("/respawn"))
     assert prefix.startswith(str(WORKSPACE / "install")) and os.access(prefix, os.X_OK), command
     found = installed(
-        "python3 -c 'import merlin_executor.executor; print(merlin_executor.__file__)'", tmp_path
+        "python3 -c 'import merlin_executor.node.executor; print(merlin_executor.__file__)'", tmp_path
     )
     assert str(WORKSPACE / "install") in found.stdout, found.stdout
     drawn = installed("rosrun merlin_sim draw_world apartment flat.png", tmp_path)

@@ -23,7 +23,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from semantics import Event
 
 from merlin_actions.action_interface import ActionInterface
-from merlin_actions.ending import Closing, Ending
+from merlin_actions.core.ending import Closing, Ending
 from merlin_ros.service_proxy import ServiceProxy
 from merlin_rosplan.transport.ros_alarm import RosAlarm
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client

@@ -4,7 +4,7 @@ import pytest
 
 from merlin_actions.action_classes import make_machines
 from merlin_actions.actions.navigate import Navigate
-from merlin_actions.names import by_ros_name
+from merlin_actions.core.names import by_ros_name
 
 
 def test_each_class_is_made() -> None:
@@ -19,7 +19,7 @@ def test_each_class_is_made() -> None:
         ("merlin_actions.actions.navigate", "write package.module:Class"),
         ("merlin_actions.actions.fly:Fly", "No module named 'merlin_actions.actions.fly'"),
         ("merlin_actions.actions.navigate:Fly", "merlin_actions.actions.navigate has no Fly"),
-        ("merlin_actions.names:ros_name", "is not a class"),
+        ("merlin_actions.core.names:ros_name", "is not a class"),
         ("threading:Thread", "is not a MerlinActionSM"),
         (":Navigate", "(?i)empty module name"),
     ],

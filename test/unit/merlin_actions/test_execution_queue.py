@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_actions.ending import Closing, Ending, after_closing, closing_of
-from merlin_actions.execution_queue import Decision, Do, ExecutionQueue
+from merlin_actions.core.ending import Closing, Ending, after_closing, closing_of
+from merlin_actions.core.execution_queue import Decision, Do, ExecutionQueue
 
 FIRST, SECOND, OTHER_PLAN = (1, 0), (1, 1), (2, 0)
 

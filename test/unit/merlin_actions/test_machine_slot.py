@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_actions.machine_slot import Decision, Do, MachineSlot
+from merlin_actions.core.machine_slot import Decision, Do, MachineSlot
 
 
 def kinds(decisions):

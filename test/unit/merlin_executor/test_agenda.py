@@ -7,8 +7,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from merlin_executor.agenda import Agenda, Answer, Client, Decision, StopRun, Ticket
-from merlin_executor.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_executor.core.agenda import Agenda, Answer, Client, Decision, StopRun, Ticket
+from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 
 CANCELLED = Verdict(Outcome.CANCELLED, "cancelled")
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from merlin_executor.activity import LONGEST_REASON, Activity
-from merlin_executor.answering import Answer, answer_for, unreadable
-from merlin_executor.outcome import Outcome, Verdict
+from merlin_executor.core.activity import LONGEST_REASON, Activity
+from merlin_executor.core.answering import Answer, answer_for, unreadable
+from merlin_executor.core.outcome import Outcome, Verdict
 
 
 @pytest.mark.parametrize("outcome", list(Outcome))

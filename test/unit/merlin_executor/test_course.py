@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_executor.course import Course, StageEnd
-from merlin_executor.outcome import Outcome
-from merlin_executor.replanning import REPLAN_WAIT, Failure, Replanning
+from merlin_executor.core.course import Course, StageEnd
+from merlin_executor.core.outcome import Outcome
+from merlin_executor.core.replanning import REPLAN_WAIT, Failure, Replanning
 
 STAGES = ["SETTLE", "ADD_GOALS", "GENERATE_PROBLEM", "PLAN", "PARSE_PLAN", "DISPATCH_PLAN"]
 

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from merlin_executor.engine import Engine, Job, Stages
-from merlin_executor.goal_notes import GoalNotes, NotesError
-from merlin_executor.goal_rules import GoalError, check_atom
-from merlin_executor.outcome import Outcome, Verdict
+from merlin_executor.core.engine import Engine, Job, Stages
+from merlin_executor.core.goal_notes import GoalNotes, NotesError
+from merlin_executor.core.goal_rules import GoalError, check_atom
+from merlin_executor.core.outcome import Outcome, Verdict
 
 LONG = 20.0
 
@@ -175,7 +175,7 @@ class Leaving(Work):
 def test_what_a_request_has_left_is_removed_without_another_request(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("merlin_executor.engine.TIDY_PERIOD", 0.001)
+    monkeypatch.setattr("merlin_executor.core.engine.TIDY_PERIOD", 0.001)
     stages = Leaving(failures=3)
     engine: Engine[Wish] = Engine(stages, lambda: None, lambda: None, lambda *_: None)
     engine.start()

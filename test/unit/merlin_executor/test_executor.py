@@ -10,9 +10,9 @@ from actionlib_msgs.msg import GoalStatus
 from merlin_msgs.msg import ExecuteGoal, ExecuteResult
 from rosplan_knowledge_msgs.msg import ExprBase, KnowledgeItem
 
-from merlin_executor import executor as executor_module
-from merlin_executor.executor import Executor
-from merlin_executor.outcome import Outcome, Verdict, outcome_name
+from merlin_executor.core.outcome import Outcome, Verdict, outcome_name
+from merlin_executor.node import executor as executor_module
+from merlin_executor.node.executor import Executor
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.service_proxy import ServiceUnavailable
 

@@ -7,10 +7,10 @@ from typing import Any, List
 import pytest
 import rospy
 
-from merlin_executor.course import Course
-from merlin_executor.executor_sm import ExecutorSM
-from merlin_executor.executor_stages import GOALS_GONE, PlanningSystem
-from merlin_executor.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_executor.core.course import Course
+from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_executor.node.executor_sm import ExecutorSM
+from merlin_executor.node.executor_stages import GOALS_GONE, PlanningSystem
 from merlin_ros.call_scope import current_scope
 from merlin_ros.service_proxy import ServiceUnavailable
 from merlin_sm.dispatch_progress import DispatchResult

@@ -9,8 +9,8 @@ from rospy import core
 
 from merlin_executor.mission import goal_dispatcher, mission_pause, mission_reporter
 from merlin_executor.mission.mission_pause import MissionPause
+from merlin_executor.mission.mission_progress import PAUSED_TEXT as PAUSED
 from merlin_executor.mission.mission_reporter import MissionReporter
-from merlin_executor.mission_progress import PAUSED_TEXT as PAUSED
 from merlin_sm.states.function_state import FunctionState
 
 RUNNING = MissionStatus.RUNNING

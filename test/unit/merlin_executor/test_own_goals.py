@@ -8,7 +8,7 @@ import pytest
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_executor.own_goals import OwnGoals
+from merlin_executor.node.own_goals import OwnGoals
 from merlin_ros.service_proxy import ServiceUnavailable
 from merlin_sm.knowledge_client import ADD_GOAL, Update
 from merlin_sm.knowledge_text import parse_goal, to_pddl

@@ -15,12 +15,12 @@ from diagnostic_msgs.msg import KeyValue
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula, KnowledgeItem
 
+from merlin_actions.core.ending import Ending, after_closing, closing_of
+from merlin_actions.core.execution_queue import Decision, Do, ExecutionQueue, Key
+from merlin_actions.core.names import action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
-from merlin_actions.ending import Ending, after_closing, closing_of
 from merlin_actions.execution import Execution
-from merlin_actions.execution_queue import Decision, Do, ExecutionQueue, Key
 from merlin_actions.left_executions import settle_left
-from merlin_actions.names import action_param
 from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
@@ -291,7 +291,7 @@ class ActionInterface:
 
     def _literals(self, key: str) -> List[str]:
         """Facts that the action's class declares under a key; its host publishes them as a parameter."""
-        return list(get_param(action_param(self.operator, key), []))
+        return list(get_param(rospy.resolve_name(action_param(self.operator, key)), []))
 
     def _declared(self, key: str, execution: Execution) -> List[KnowledgeItem]:
         return parse_literals(self._literals(key), execution.binding)

@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainOperator, KnowledgeItem
 
-from merlin_actions.ending import Closing
+from merlin_actions.core.ending import Closing
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceProxy, ServiceUnavailable
 from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact

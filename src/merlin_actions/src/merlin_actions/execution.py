@@ -7,8 +7,8 @@ from typing import Callable, Dict, Optional, Sequence
 from diagnostic_msgs.msg import KeyValue
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
-from merlin_actions.ending import Ending
-from merlin_actions.execution_queue import Key
+from merlin_actions.core.ending import Ending
+from merlin_actions.core.execution_queue import Key
 from merlin_actions.left_executions import token_of
 from merlin_sm.knowledge_text import action_text
 

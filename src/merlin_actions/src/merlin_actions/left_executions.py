@@ -5,8 +5,8 @@ from typing import List, NamedTuple
 import rospy
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 
+from merlin_actions.core.execution_queue import Key
 from merlin_actions.effects import APPLY_LIMIT
-from merlin_actions.execution_queue import Key
 from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError

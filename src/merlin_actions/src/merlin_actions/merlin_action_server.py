@@ -8,9 +8,9 @@ import rospy
 from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
 
 import smach
-from merlin_actions.machine_slot import Decision, Do, MachineSlot
+from merlin_actions.core.machine_slot import Decision, Do, MachineSlot
+from merlin_actions.core.names import action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_actions.names import action_param, ros_name
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import ERROR, OK, WARN, Health

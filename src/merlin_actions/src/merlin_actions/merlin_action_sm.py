@@ -3,7 +3,7 @@
 from typing import Any, Dict, List, Sequence
 
 import smach
-from merlin_actions.names import snake_case
+from merlin_actions.core.names import snake_case
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED

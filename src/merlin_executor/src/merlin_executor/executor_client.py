@@ -5,10 +5,10 @@ from typing import Any, Callable, List, Optional, Sequence, Union
 from merlin_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteGoal, ExecuteResult
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
+from merlin_executor.core.outcome import outcome_name
+from merlin_executor.core.request_limits import check_size
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
-from merlin_executor.outcome import outcome_name
-from merlin_executor.request_limits import check_size
 from merlin_executor.resending import END, checked
 from merlin_ros.actions.action_client import ActionClient
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client

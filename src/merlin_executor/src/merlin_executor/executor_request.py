@@ -7,7 +7,7 @@ import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
 
-from merlin_executor.outcome import StopKind
+from merlin_executor.core.outcome import StopKind
 from merlin_executor.resending import END, RETURN_WAIT, Decision, Next, Resending
 from merlin_ros.actions.action_client import ActionClient, ClientGoal
 from merlin_ros.deadline import Deadline

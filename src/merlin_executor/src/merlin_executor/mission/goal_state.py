@@ -5,10 +5,10 @@ from typing import Any, Callable, Optional, Sequence, Union
 
 from merlin_msgs.msg import ExecuteResult
 
+from merlin_executor.core.outcome import Outcome, outcome_name
 from merlin_executor.executor_client import RESUME, Goals, MerlinExecutorClient
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission.mission_pause import MissionPause
-from merlin_executor.outcome import Outcome, outcome_name
 from merlin_executor.resending import RESEND
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceError

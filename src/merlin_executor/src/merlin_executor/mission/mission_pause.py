@@ -6,7 +6,7 @@ from typing import Callable, List
 import rospy
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
-from merlin_executor.mission_progress import PauseSwitch
+from merlin_executor.mission.mission_progress import PauseSwitch
 from merlin_ros.deadline import Deadline
 
 

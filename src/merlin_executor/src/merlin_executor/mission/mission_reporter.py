@@ -5,7 +5,7 @@ import threading
 import rospy
 from merlin_msgs.msg import MissionStatus
 
-from merlin_executor.mission_progress import MissionProgress, MissionState
+from merlin_executor.mission.mission_progress import MissionProgress, MissionState
 from merlin_ros.publishing import publish
 
 

@@ -7,9 +7,9 @@ import rospy
 
 from merlin_actions.action_classes import read_machines
 from merlin_actions.action_interface import wait_for_knowledge_base
+from merlin_actions.core.names import by_ros_name
 from merlin_actions.merlin_action_server import CANCEL_LIMIT, MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_actions.names import by_ros_name
 from merlin_ros.health import HealthReporter
 from merlin_ros.node import keep_params, on_master_lost, run_node
 from merlin_ros.parameters import number

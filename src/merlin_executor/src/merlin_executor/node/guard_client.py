@@ -7,7 +7,7 @@ import rospy
 from merlin_msgs.msg import GuardStatus
 from std_srvs.srv import Trigger
 
-from merlin_executor.standstill import Halt
+from merlin_executor.core.standstill import Halt
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 

@@ -2,8 +2,8 @@
 
 from typing import Dict, NamedTuple, Tuple
 
-from merlin_executor.outcome import Outcome, Verdict
-from merlin_executor.replanning import Decision, Failure, Replanning
+from merlin_executor.core.outcome import Outcome, Verdict
+from merlin_executor.core.replanning import Decision, Failure, Replanning
 
 PLAN = "PLAN"
 REPLAN = "REPLAN"

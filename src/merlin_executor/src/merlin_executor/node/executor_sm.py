@@ -1,7 +1,7 @@
 """The Executor's state machine: a state for every component of the planning system (paper, section 3.2.2).
 
-Its states carry out; what a failure or a stop means is decided in :mod:`merlin_executor.course`,
-:mod:`merlin_executor.replanning` and :mod:`merlin_executor.standstill`.
+Its states carry out; what a failure or a stop means is decided in :mod:`merlin_executor.core.course`,
+:mod:`merlin_executor.core.replanning` and :mod:`merlin_executor.core.standstill`.
 """
 
 import time
@@ -11,13 +11,20 @@ import rospy
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 import smach
-from merlin_executor.course import REPLAN, Course, StageEnd
-from merlin_executor.engine import Stages
-from merlin_executor.executor_stages import KNOWLEDGE_BASE, AddGoals, Dispatch, PlanningSystem, Replan, Settle
-from merlin_executor.outcome import Outcome, StopKind, Verdict
-from merlin_executor.own_goals import OwnGoals
-from merlin_executor.request import Request
-from merlin_executor.standstill import STAND_WAIT, still_moving, unstopped
+from merlin_executor.core.course import REPLAN, Course, StageEnd
+from merlin_executor.core.engine import Stages
+from merlin_executor.core.outcome import Outcome, StopKind, Verdict
+from merlin_executor.core.standstill import STAND_WAIT, still_moving, unstopped
+from merlin_executor.node.executor_stages import (
+    KNOWLEDGE_BASE,
+    AddGoals,
+    Dispatch,
+    PlanningSystem,
+    Replan,
+    Settle,
+)
+from merlin_executor.node.own_goals import OwnGoals
+from merlin_executor.node.request import Request
 from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.dispatch_progress import DispatchResult

@@ -1,7 +1,7 @@
 """The stages of the Executor that ROSPlan does not have: at rest, goals in, dispatched, again.
 
-They carry out; what their ends mean is decided in :mod:`merlin_executor.course` and
-:mod:`merlin_executor.replanning`.
+They carry out; what their ends mean is decided in :mod:`merlin_executor.core.course` and
+:mod:`merlin_executor.core.replanning`.
 """
 
 import threading
@@ -9,11 +9,11 @@ from typing import Any, NamedTuple, Protocol
 
 import rospy
 
-from merlin_executor.course import Course
-from merlin_executor.guard_client import GuardClient
-from merlin_executor.own_goals import OwnGoals
-from merlin_executor.recovery import Recovery
-from merlin_executor.request import Request
+from merlin_executor.core.course import Course
+from merlin_executor.node.guard_client import GuardClient
+from merlin_executor.node.own_goals import OwnGoals
+from merlin_executor.node.recovery import Recovery
+from merlin_executor.node.request import Request
 from merlin_ros.call_scope import CallScope
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable

@@ -8,11 +8,11 @@ from merlin_msgs.msg import ExecuteGoal, ExecuteResult, QueuedGoal, StageTime
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_executor.answering import Answer, answer_for
-from merlin_executor.course import Course
-from merlin_executor.engine import Job
-from merlin_executor.outcome import Verdict
-from merlin_executor.request_limits import check_size
+from merlin_executor.core.answering import Answer, answer_for
+from merlin_executor.core.course import Course
+from merlin_executor.core.engine import Job
+from merlin_executor.core.outcome import Verdict
+from merlin_executor.core.request_limits import check_size
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_sm.knowledge_text import parse_goal, to_pddl
 

@@ -3,7 +3,7 @@
 import threading
 from typing import Dict, NamedTuple, Sequence, Union
 
-from merlin_executor.outcome import Verdict
+from merlin_executor.core.outcome import Verdict
 
 LONGEST_REASON = 2000  # characters of the last reason
 

@@ -3,8 +3,6 @@
 import re
 from typing import Dict, Iterable
 
-import rospy
-
 
 def ros_name(operator: str) -> str:
     """The name below ``actions/`` of a PDDL operator: ``check-table`` is no legal ROS name."""
@@ -33,5 +31,5 @@ def snake_case(class_name: str) -> str:
 
 
 def action_param(operator: str, key: str) -> str:
-    """The parameter by which the host of an action tells its bridge something."""
-    return rospy.resolve_name(f"actions/{ros_name(operator)}/{key}")
+    """Relative name of the parameter in which the host of an action declares something to its bridge."""
+    return f"actions/{ros_name(operator)}/{key}"

@@ -7,8 +7,8 @@ import logging
 import threading
 from typing import Callable, Generic, List, Optional, Tuple, TypeVar, cast
 
-from merlin_executor.agenda import Agenda, Answer, Decision, StopRun, Ticket
-from merlin_executor.outcome import Outcome, StopKind, Verdict, crashed
+from merlin_executor.core.agenda import Agenda, Answer, Decision, StopRun, Ticket
+from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
 
 TIDY_PERIOD = 1.0  # s between two attempts to remove what a run has left
 

@@ -7,7 +7,7 @@ import rospy
 from merlin_msgs.msg import KnowledgeChanges, OpenExecution
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 
-from merlin_executor.leftovers import Leftovers
+from merlin_executor.core.leftovers import Leftovers
 from merlin_ros.deadline import running_time
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import MasterSilent

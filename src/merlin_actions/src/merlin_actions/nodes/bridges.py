@@ -6,8 +6,8 @@ from typing import Any, Dict, List
 import rospy
 
 from merlin_actions.action_interface import wait_for_knowledge_base
+from merlin_actions.core.names import by_ros_name
 from merlin_actions.merlin_action import MerlinAction
-from merlin_actions.names import by_ros_name
 from merlin_ros.health import HealthReporter
 from merlin_ros.node import on_master_lost, run_node
 from merlin_ros.parameters import number

@@ -2,8 +2,8 @@
 
 from enum import Enum
 
-from merlin_executor.agenda import NOT_BEGUN
-from merlin_executor.outcome import Outcome, Verdict
+from merlin_executor.core.agenda import NOT_BEGUN
+from merlin_executor.core.outcome import Outcome, Verdict
 
 
 class Answer(Enum):

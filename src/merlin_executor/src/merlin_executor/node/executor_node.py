@@ -5,8 +5,8 @@ from typing import List
 
 import rospy
 
-from merlin_executor.executor import Executor
-from merlin_executor.rivals import must_yield, publishers_by_topic, rival_executors
+from merlin_executor.core.rivals import must_yield, publishers_by_topic, rival_executors
+from merlin_executor.node.executor import Executor
 from merlin_ros.health import HealthReporter
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.master.namesake import living_namesake

@@ -1,6 +1,6 @@
 """The Executor: serves ``merlin/execute``, one request after the other, the most urgent first.
 
-What runs, waits and stops is decided in :mod:`merlin_executor.agenda`; here decisions become messages.
+What runs, waits and stops is decided in :mod:`merlin_executor.core.agenda`; here decisions become messages.
 """
 
 import itertools
@@ -18,19 +18,19 @@ from merlin_msgs.msg import (
     GoalQueue,
 )
 
-from merlin_executor.activity import Activity
-from merlin_executor.agenda import Agenda, Client, Decision
-from merlin_executor.answering import unreadable
-from merlin_executor.engine import Engine
-from merlin_executor.executor_sm import ExecutorSM
-from merlin_executor.executor_stages import KNOWLEDGE_BASE, PlanningSystem
+from merlin_executor.core.activity import Activity
+from merlin_executor.core.agenda import Agenda, Client, Decision
+from merlin_executor.core.answering import unreadable
+from merlin_executor.core.engine import Engine
+from merlin_executor.core.outcome import Outcome, Verdict, crashed
+from merlin_executor.core.request_limits import RequestTooLarge
 from merlin_executor.goal_check import GoalError, check_goals
-from merlin_executor.guard_client import GuardClient
-from merlin_executor.outcome import Outcome, Verdict, crashed
-from merlin_executor.own_goals import OwnGoals
-from merlin_executor.recovery import Recovery
-from merlin_executor.request import Request
-from merlin_executor.request_limits import RequestTooLarge
+from merlin_executor.node.executor_sm import ExecutorSM
+from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
+from merlin_executor.node.guard_client import GuardClient
+from merlin_executor.node.own_goals import OwnGoals
+from merlin_executor.node.recovery import Recovery
+from merlin_executor.node.request import Request
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.lease_holder import LeaseHolder

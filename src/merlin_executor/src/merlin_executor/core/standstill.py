@@ -2,7 +2,7 @@
 
 from typing import NamedTuple, Sequence
 
-from merlin_executor.outcome import Outcome, Verdict
+from merlin_executor.core.outcome import Outcome, Verdict
 
 #: Longest wait for the base to stand after everything has ended, s of running time.
 STAND_WAIT = 0.5

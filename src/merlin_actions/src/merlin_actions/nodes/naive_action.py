@@ -12,11 +12,11 @@ import rospy
 
 from merlin_actions.action_classes import read_machines
 from merlin_actions.action_interface import ActionInterface, wait_for_knowledge_base
-from merlin_actions.ending import Ending
+from merlin_actions.core.ending import Ending
+from merlin_actions.core.names import ros_name
 from merlin_actions.execution import Execution
 from merlin_actions.merlin_action_server import SHUTDOWN_WAIT
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_actions.names import ros_name
 from merlin_ros.node import on_master_lost, run_node
 from merlin_ros.parameters import number
 from merlin_sm.introspection import show

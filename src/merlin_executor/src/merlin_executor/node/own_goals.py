@@ -5,8 +5,8 @@ from typing import List, Optional
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_executor.goal_ledger import GoalLedger
-from merlin_executor.goal_notes import GoalNotes, NotesError
+from merlin_executor.core.goal_ledger import GoalLedger
+from merlin_executor.core.goal_notes import GoalNotes, NotesError
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_ros.master.master_link import get_param, set_param
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update

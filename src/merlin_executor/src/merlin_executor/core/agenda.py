@@ -6,7 +6,7 @@ Pure and not thread-safe. Every request that was received gets exactly one :clas
 from enum import Enum
 from typing import Generic, List, NamedTuple, Optional, Tuple, TypeVar, Union
 
-from merlin_executor.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 
 CANCELLED = Stop(StopKind.CANCELLED)
 NOT_BEGUN = "cancelled before it began"

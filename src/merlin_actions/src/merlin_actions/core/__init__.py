@@ -1,0 +1,1 @@
+"""What action interfaces and hosts decide. Without ROS."""

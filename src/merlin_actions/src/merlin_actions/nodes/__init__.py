@@ -1,0 +1,1 @@
+"""The nodes: bridges, the host of state machines, and the naive integration."""

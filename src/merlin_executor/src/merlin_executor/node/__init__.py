@@ -1,0 +1,1 @@
+"""The Executor as a node: carries the decisions of `core` out over ROS."""
