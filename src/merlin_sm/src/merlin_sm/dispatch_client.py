@@ -16,6 +16,7 @@ from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_ros.deadline import Deadline, limit, running_time
 from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 from merlin_sm.dispatch_progress import PART, Action, Answer, DispatchProgress, DispatchResult, Reply, ground
+from merlin_sm.dispatcher_kinds import DispatcherKind, ReportingDispatcher, SilentDispatcher
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
 from merlin_sm.planning_client import Interruptible
 
@@ -23,7 +24,6 @@ CANCEL_ACTION = "cancel_action"
 INTERFACE_WAIT = 3.0  # s of running time for the action interfaces of a plan to announce themselves
 STATUS_GRACE = 0.5  # s of running time for the dispatcher's status behind its answer
 ANSWER_GRACE = 0.3  # s of running time for an interface's answer behind the end of the dispatch
-FAILURE_GRACE = 0.5  # s of running time for a dispatcher to stop by itself after a failed action
 SLACK = 1.0  # s that a dispatcher gets beyond its own cancel deadline
 OWNER_LOOK = 0.5  # s between two looks whether the owner of a foreign dispatch still lives
 LISTEN = 1.0  # s of a client's life after which it would have heard the owner of a foreign dispatch
@@ -71,8 +71,7 @@ class DispatchClient:
         self._cancel_sent = False
         self._ended = True
         self._announced: Set[str] = set()
-        self._status: Optional[DispatchStatus] = None
-        self._statuses = 0
+        self._kind: DispatcherKind = SilentDispatcher()
         self._owners: Dict[str, float] = {}  # other node that owns a dispatch -> running time of its renewal
         self._cancel_publisher = rospy.Publisher(
             f"{dispatcher}/action_dispatch", ActionDispatch, queue_size=10
@@ -98,7 +97,7 @@ class DispatchClient:
     def wait_status(self, timeout: float) -> bool:
         """Waits for the dispatcher's first status, s of running time; ROSPlan's own publish none."""
         with self._changed:
-            return Deadline(timeout).wait(self._changed, lambda: self._status is not None)
+            return Deadline(timeout).wait(self._changed, lambda: self._kind.reports)
 
     @property
     def running(self) -> List[RunningAction]:
@@ -202,11 +201,10 @@ class DispatchClient:
         with self._changed:
             first = ground(plan[0].name, [entry.value for entry in plan[0].parameters]) if plan else None
             self._progress = DispatchProgress(first)
-            self._statuses = 0
+            self._kind.begin()
             self._active = True
             self._ended = self._cancelling = self._cancel_sent = self._requested = False
-            if self._status is None:
-                # ROSPlan's dispatchers wait for ever for an interface that was not there in time.
+            if self._kind.needs_interfaces:
                 operators = {action.name.lower() for action in plan}
                 Deadline(INTERFACE_WAIT).wait(self._changed, lambda: operators <= self._announced)
         answers: List[object] = []
@@ -251,16 +249,14 @@ class DispatchClient:
                 self._changed, lambda: self._ended or self._cancelling or bool(self._progress.failed)
             )
             if not self._ended and not self._cancelling:
-                # ROSPlan's esterel dispatcher does not notice a failed action; ours stops the others.
-                grace = Deadline(FAILURE_GRACE if self._status is None else slack)
+                grace = Deadline(self._kind.failure_grace(slack))
                 grace.wait(self._changed, lambda: self._ended or self._cancelling)
-                if self._status is not None and not self._ended and not self._cancelling:
+                if self._kind.stops_after_failure and not self._ended and not self._cancelling:
                     return False
                 self._cancelling = True
             if self._ended:
                 return True
-            # A cancel sent before the dispatcher runs would be lost, or stop ROSPlan's next dispatch instead.
-            if not Deadline(patience).wait(self._changed, lambda: self._ended or self._seen()):
+            if not Deadline(patience).wait(self._changed, lambda: self._ended or self._started()):
                 return False
         self._send_cancel()
         with self._changed:
@@ -269,24 +265,21 @@ class DispatchClient:
     def _stale(self, result: DispatchResult) -> bool:
         """Whether a dispatcher of ROSPlan's ran something else than the plan that was meant."""
         with self._changed:
-            if self._status is not None or self._requested or result.goal_achieved or result.gone:
+            if self._requested or result.goal_achieved or result.gone:
                 return False
-            return self._progress.other_plan
+            return self._kind.may_hold_old_plan and self._progress.other_plan
 
-    def _seen(self) -> bool:
-        """Whether the dispatcher is known to run; called with the lock held."""
-        if self._status is not None:
-            return self._status.state != DispatchStatus.IDLE
-        return bool(self._progress.running or self._progress.failed)
+    def _started(self) -> bool:
+        return self._kind.started(self._progress)
 
     def _send_cancel(self) -> None:
         with self._changed:
             if self._cancel_sent or self._ended:
                 return
             self._cancel_sent = True
-            running = list(self._progress.running.values()) if self._status is None else []
+            running = self._kind.to_cancel(self._progress)
         self._call_cancel()
-        for action in running:  # ROSPlan's simple dispatcher passes no cancel on
+        for action in running:
             self._cancel_publisher.publish(
                 ActionDispatch(
                     action_id=action.id,
@@ -302,22 +295,15 @@ class DispatchClient:
         except ServiceError as error:
             rospy.logwarn(f"cancel of {self.name}: {error}")
 
-    def _idle_again(self) -> bool:
-        """Whether the dispatcher said so since the dispatch began; the lock is held."""
-        return self._statuses > 0 and self._status is not None and self._status.state == DispatchStatus.IDLE
-
     def _result(self, answer: object) -> DispatchResult:
         reply = self._reply(answer)
         with self._changed:
-            if not reply.achieved and not reply.gone and self._status is not None:
-                # The last word of our dispatcher may come a moment behind the answer of its service.
-                Deadline(STATUS_GRACE).wait(self._changed, self._idle_again)
+            if not reply.achieved and not reply.gone:
+                # The last status may arrive a moment after the answer of the service.
+                Deadline(STATUS_GRACE).wait(self._changed, lambda: self._kind.at_rest)
             if not reply.achieved:
                 Deadline(ANSWER_GRACE).wait(self._changed, lambda: not self._progress.unanswered)
-            if self._statuses == 0 or self._status is None:
-                return self._progress.result(reply)
-            status = self._status
-            return self._progress.result(reply, status.failed_action, status.reason, status.unmet_goals)
+            return self._kind.result(self._progress, reply)
 
     def _reply(self, answer: object) -> Reply:
         if isinstance(answer, DispatchServiceResponse):
@@ -335,8 +321,7 @@ class DispatchClient:
     # --- what is heard --------------------------------------------------------------------------------
 
     def _busy(self) -> bool:
-        status = self._status
-        return not self._active and status is not None and status.state != DispatchStatus.IDLE
+        return not self._active and self._kind.busy
 
     def _abandoned(self) -> bool:
         return running_time() - self._begun > LISTEN and not self._living_owner()
@@ -362,7 +347,7 @@ class DispatchClient:
             self._progress.dispatched(
                 Action(dispatch.action_id, dispatch.plan_id, dispatch.name, arguments, message)
             )
-            if first and self._status is None and self._progress.other_plan:
+            if first and self._kind.may_hold_old_plan and self._progress.other_plan:
                 self._cancelling = True
             self._changed.notify_all()
         self._on_change()
@@ -389,8 +374,10 @@ class DispatchClient:
 
     def _receive_status(self, status: DispatchStatus) -> None:
         with self._changed:
-            self._status = status
-            self._statuses += 1
+            if isinstance(self._kind, ReportingDispatcher):
+                self._kind.receive(status)
+            else:
+                self._kind = ReportingDispatcher(status)
             self._changed.notify_all()
 
     def _receive_lease(self, lease: Lease) -> None:
