@@ -1,4 +1,10 @@
-"""Which goals of a motion server have a living owner, from the leases of their clients."""
+"""Which goals of a motion server have a living owner, from the leases of their clients.
+
+The guard has a book of its own beside :mod:`merlin_ros.actions.lease`, on purpose. It watches the servers to
+which the other book belongs: a mistake there must not pass here too. It also answers another question. A
+server keeps the state of each of its goals, and a lost goal stays lost. The guard knows no goals, only
+leases; it judges from them at each moment, and of several owners the best counts.
+"""
 
 from collections import OrderedDict
 from enum import Enum
