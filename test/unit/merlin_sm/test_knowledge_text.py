@@ -62,7 +62,7 @@ def test_comparisons_survive(text: str) -> None:
         ("(not (not (a)))", "plain fact"),
         ("(> (battery))", "two expressions"),
         ("(> (battery) full)", "neither a number nor a function"),
-        ("(9lives)", "no name"),
+        ("(9lives)", "not a name"),
     ],
 )
 def test_what_is_no_goal_is_refused_with_the_reason(text: str, part: str) -> None:

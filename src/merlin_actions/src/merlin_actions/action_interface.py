@@ -41,7 +41,7 @@ from merlin_sm.knowledge_text import parse_literals
 CANCEL_ACTION = "cancel_action"
 ANNOUNCE_PERIOD = 1.0  # s of wall time between two announcements on pddl_action_parameters
 LATCH_GRACE = 0.3  # s after connecting to a dispatcher in which its latched, perhaps old, message arrives
-CONNECTION_LOOK = 0.02  # s between two looks for that connection, which rospy announces to nobody
+CONNECTION_LOOK = 0.02  # s between two looks for that connection, of which rospy gives no event
 WAIT_LIMIT = 5.0  # s of running time in which an execution that is in the way has to end
 MASTER_LOST = "the ROS master is lost"
 SHUTDOWN_WAIT = 2.0  # s of wall time in which running executions can end when their node does
@@ -309,7 +309,7 @@ class ActionInterface:
 
     def _announce(self) -> None:
         self._settle_left()
-        # Who announces itself is ready: whatever was latched before has come and gone.
+        # An announced interface is ready: every latched message of before has arrived.
         while not self._subscriber.get_num_connections():
             if self._stopped.wait(CONNECTION_LOOK) or rospy.is_shutdown():
                 return

@@ -1,4 +1,4 @@
-"""Brings the effects of actions into the knowledge base, and undoes those of an interrupted one."""
+"""Applies the effects of actions to the knowledge base, and undoes those of an interrupted action."""
 
 import threading
 from typing import Callable, Dict, List, NamedTuple, Sequence, Tuple
@@ -163,7 +163,7 @@ class UpdateEffects(Effects):
         self, steps: Sequence[Tuple[int, DomainFormula]], parameters: Sequence[KeyValue]
     ) -> List[Update]:
         binding = {parameter.key: parameter.value for parameter in parameters}
-        # A key that is no variable of the operator is a constant: it stands for itself.
+        # A key that is not a variable of the operator is a constant.
         return [
             Update(kind, fact(formula.name, *[binding.get(v.key, v.key) for v in formula.typed_parameters]))
             for kind, formula in steps
@@ -196,7 +196,7 @@ def when_back(call: Callable[[], None], limit: float = RETURN_LIMIT) -> None:
         except ServiceUnavailable:
             if deadline.expired:
                 raise
-        # The master tells nobody of a service that is offered again.
+        # The master gives no event when a service is offered again.
         if pause.wait(min(RETRY, deadline.remaining() + 0.01)):
             return None
 

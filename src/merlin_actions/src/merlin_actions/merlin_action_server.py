@@ -23,7 +23,7 @@ SHUTDOWN_WAIT = 2.0
 
 CANCEL_LIMIT = 2.7
 """Running seconds in which a preempted machine has to end: longer than a state gives its server, shorter than
-the bridge gives the machine, so that who names the culprit is who knows it."""
+the bridge gives the machine: the server knows in which state the machine hangs, and names it."""
 
 
 class MerlinActionServer:
@@ -213,16 +213,16 @@ class MerlinActionServer:
             goal.abort(RunActionResult(outcome, reason, unstopped), reason)
 
     def _prepare(self, machine: MerlinActionSM) -> None:
-        """Has an instance tell in which state it is."""
+        """Registers callbacks that report the present state of a machine."""
 
-        def tell(userdata: Any, states: List[str]) -> None:
+        def report(userdata: Any, states: List[str]) -> None:
             with self._changed:
                 running = self._goals.get(self._slot.running or "") if self.machine is machine else None
             if running is not None:
                 running.feedback(RunActionFeedback(state=f"{self._name}/{','.join(states)}"))
 
-        machine.register_start_cb(tell)
-        machine.register_transition_cb(tell)
+        machine.register_start_cb(report)
+        machine.register_transition_cb(report)
 
 
 def _states(container: Any) -> Iterator[MerlinState]:

@@ -22,7 +22,7 @@ class MerlinActionSM(MerlinSM):
                 self.add("DRIVE", self.state("navigation"), remapping={"target": "to"})
 
     The parameters of the action are userdata of the machine. Its outcomes are succeeded, aborted, preempted
-    and :attr:`outcomes`. Everything else is done by who runs it: the action server ``actions/<name>``,
+    and :attr:`outcomes`. The node that runs it does the rest: the action server ``actions/<name>``,
     preemption, feedback, introspection.
     """
 

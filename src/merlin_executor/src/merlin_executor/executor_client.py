@@ -91,7 +91,7 @@ class MerlinExecutorClient:
         :param on_feedback: called with each feedback, in another thread.
         :param on_client_lost: CANCEL or GO_ON; None: as the client does by default.
         :param on_lost: END or RESEND; None: as the client does by default.
-        :raises PDDLSyntaxError: for text that is no PDDL goal.
+        :raises PDDLSyntaxError: for text that is not a PDDL goal.
         :raises RequestTooLarge: for more than the Executor takes.
         :raises GoalError: for goals that the domain or the world does not know.
         """

@@ -57,7 +57,7 @@ class Decision(NamedTuple):
 
 
 class View(NamedTuple):
-    """What there is to tell; equal views need not be told twice."""
+    """What is published; a view that equals the last one is not published again."""
 
     state: State
     reason: str

@@ -118,6 +118,6 @@ def living_guard_of_this_name(default_name: str) -> str:
     caller = f"/merlin_guard_start_{os.getpid()}"
     try:
         topics = publications(rosgraph.Master(caller).lookupNode(name))
-    except (NodeGone, ValueError, *MASTER_ERRORS):  # init_node tells what is wrong with the master
+    except (NodeGone, ValueError, *MASTER_ERRORS):  # init_node says what is wrong with the master
         return ""
     return name if GUARD_TYPE in topics.values() else ""

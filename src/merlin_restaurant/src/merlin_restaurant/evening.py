@@ -85,7 +85,7 @@ class Evening(MissionSM):
         self.remove_facts([*self.facts("checked"), "(entrance_checked)"])
 
     def _tables(self, userdata: Any) -> List[str]:
-        """All tables; in the last round, when nobody comes any more, those that are not known to be ready."""
+        """All tables; in the last round those that are not known to be ready."""
         known = named_in(self.facts("ready")) if self._last_round else []
         return [f"(checked {table})" for table in self.objects("table") if table not in known]
 
@@ -108,13 +108,13 @@ class Evening(MissionSM):
         return [f"(seated {client})" for client in clients[:1]]
 
     def _note_call(self, userdata: Any) -> Optional[str]:
-        """What a call means: a table needs serving, or somebody is at the entrance."""
+        """What a call means: a table needs serving, or a client is at the entrance."""
         if not self.holds("(quiet)"):
             self._narrate("takes that for a part of the conversation that it is in")
             return "no_call"
         table = self._table = table_called(userdata.heard)
         if not table:
-            self._narrate("somebody at the entrance calls")
+            self._narrate("a client at the entrance calls")
             self.remove_facts("(entrance_checked)")
             return "entrance"
         self._narrate(f"{table} calls")

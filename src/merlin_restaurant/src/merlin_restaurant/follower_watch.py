@@ -1,4 +1,4 @@
-"""Watches, by the lidar, whether the person who is guided still follows, and a state that waits for it."""
+"""Watches by lidar whether the guided person still follows, and a state that waits for the person."""
 
 import math
 import threading
@@ -14,8 +14,8 @@ from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 BEHIND = 1.9  # m of distance at which the robot waits
 CLOSE = 1.4  # m at which it goes on
-GONE = 3.6  # m: nobody who follows is that far away
-UNSEEN = 3.0  # s of scans after which somebody who is not seen in them counts as lost
+GONE = 3.6  # m: a follower is never that far away
+UNSEEN = 3.0  # s of scans without the person after which the person counts as lost
 SILENT = 10.0  # s without a scan after which the same holds; more, because a busy computer's scans come late
 LOST = "lost"
 
@@ -31,7 +31,7 @@ class FollowerWatch:
         self._subscribers: list = []
 
     def begin(self, *_: Any) -> None:
-        """Forgets whom it knew and looks for somebody in front of the robot."""
+        """Forgets the last person and looks for one in front of the robot."""
         self.end()
         with self.changed:
             self._tracker = PersonTracker()
@@ -93,7 +93,7 @@ class WatchState(MerlinState):
     """Waits until something holds of the follower; further outcome with a limit: lost.
 
     :param watch: it.
-    :param until: tells whether the wait is over.
+    :param until: returns True when the wait is over.
     :param limit: s of ROS time after which the follower counts as lost; 0: none.
     """
 

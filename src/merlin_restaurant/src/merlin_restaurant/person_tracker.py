@@ -1,4 +1,4 @@
-"""Keeps an eye on the person who follows the robot, with its lidar."""
+"""Tracks the person who follows the robot, with its lidar."""
 
 import math
 from typing import List, Optional, Tuple

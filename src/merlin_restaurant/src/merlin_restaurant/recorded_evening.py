@@ -116,10 +116,10 @@ class RecordedEvening(Evening):
         with self._record_lock:
             self._record.robot_failed(action.strip("()").split()[-1], f"{action}: {reason}")
 
-    def _line(self, who: str, text: str) -> None:
+    def _line(self, speaker: str, text: str) -> None:
         time = rospy.get_time() - self._begun
         with self._print:
-            print(f"{time:7.1f} s  {who:<7} {text}", flush=True)
+            print(f"{time:7.1f} s  {speaker:<7} {text}", flush=True)
 
 
 def _told(event: GuestEvent) -> str:

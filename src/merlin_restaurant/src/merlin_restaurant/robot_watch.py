@@ -67,7 +67,7 @@ class RobotWatch:
             rospy.Subscriber(topic, kind, receive, queue_size=100, tcp_nodelay=True)
 
     def _pursued(self, status: ExecutorStatus) -> None:
-        """Tells which goal the robot pursues now, and how the last one ended."""
+        """Logs which goal the robot pursues now, and how the last one ended."""
         if status.request == self._request:
             return
         if self._request:

@@ -1,4 +1,4 @@
-"""What is known of one dispatch from what is heard of it: the dispatched actions and their answers.
+"""What is known of one dispatch from its messages: the dispatched actions and their answers.
 
 Pure: messages go in as plain values. :class:`merlin_sm.dispatch_client.DispatchClient` is the ROS side of it.
 """
@@ -39,7 +39,7 @@ class DispatchResult(NamedTuple):
     gone: bool = False
     """The dispatcher is not there, or does not answer."""
     unmet: Tuple[str, ...] = ()
-    """Goals that did not hold when it ended, as PDDL text; empty also when the dispatcher does not tell."""
+    """Goals that did not hold when it ended, as PDDL text; empty also when the dispatcher does not say."""
 
 
 class Reply(NamedTuple):
@@ -195,8 +195,8 @@ class DispatchProgress:
             reason = f"{self.failed_reason}, and {PART} {dispatcher} does not answer"
             return DispatchResult(False, action=self.failed, reason=reason, gone=True)
         names = tuple(dict.fromkeys([*self.unstopped(True), *running]))
-        who = f"{', '.join(names)} did not stop: " if names else ""
-        reason = f"{who}{PART} {dispatcher} did not end its plan within {deadline:g} s"
+        hung = f"{', '.join(names)} did not stop: " if names else ""
+        reason = f"{hung}{PART} {dispatcher} did not end its plan within {deadline:g} s"
         return DispatchResult(False, self._stopping, True, ", ".join(names), reason, names or (PART,))
 
 

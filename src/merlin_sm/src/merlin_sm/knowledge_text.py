@@ -35,7 +35,7 @@ _SHOWN = 80  # characters of a text that a message repeats
 
 
 class PDDLSyntaxError(ValueError):
-    """Text that is no PDDL of facts and goals; the message says what is wrong and where."""
+    """Text that is not PDDL of facts and goals; the message says what is wrong and where."""
 
 
 def parse_goal(text: str) -> List[KnowledgeItem]:
@@ -60,7 +60,7 @@ def parse_literals(texts: Sequence[str], binding: Optional[Dict[str, str]] = Non
     for text in texts:
         for item in parse_goal(text):
             if item.knowledge_type != KnowledgeItem.FACT:
-                raise PDDLSyntaxError(f"{text!r} is no literal")
+                raise PDDLSyntaxError(f"{text!r} is not a literal")
             for value in item.values:
                 if value.value.startswith("?"):
                     name = value.value[1:]
@@ -157,7 +157,7 @@ def _arguments(nodes: Sequence[Node]) -> Iterator[KeyValue]:
 
 def _name(word: Word) -> str:
     if not is_name(word):
-        raise word.error(f"{word.written!r} is no name")
+        raise word.error(f"{word.written!r} is not a name")
     return word.written
 
 

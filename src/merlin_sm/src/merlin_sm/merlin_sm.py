@@ -30,7 +30,7 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         self.register_termination_cb(self._take_reason)
 
     def prepare(self) -> None:
-        """Forgets the cancels of earlier runs. Whoever uses :meth:`cancel` calls this before each run."""
+        """Forgets the cancels of earlier runs. A caller of :meth:`cancel` calls this before each run."""
         self._cancelled = False
 
     def cancel(self) -> None:

@@ -27,7 +27,7 @@ PROBLEM = "the planning system's problem interface"
 PLANNER = "the planning system's planner interface"
 PARSER = "the planning system's parsing interface"
 CALL_LIMIT = 20.0  # s of wall time for a service; writing and parsing a large problem takes seconds
-LOOK = 0.1  # s between two looks for a part that is started again; the master tells of a new service only so
+LOOK = 0.1  # s between two looks for a restarted part; the master gives no event for a new service
 HAND_OVER = 2.0  # s of running time within which a product has to appear on its topic
 Interruptible = Callable[[Optional[Callable[[], None]]], None]
 
@@ -236,7 +236,7 @@ class PlanningClient:
             return PlanningResult(_VERDICTS[known.state], known.reason or text)
         if status == GoalStatus.LOST:
             return PlanningResult(Planned.ERROR, f"{PLANNER} is gone: {text}", gone=True)
-        # The original planner interface tells a failure from an unsolvable problem nowhere.
+        # The original planner interface does not distinguish a failure from an unsolvable problem.
         return PlanningResult(Planned.ERROR, text or "the planner found no plan")
 
     def _is_told(self) -> bool:

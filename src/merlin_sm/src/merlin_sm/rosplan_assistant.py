@@ -27,7 +27,7 @@ class MerlinROSPlanAssistant:
     Facts are PDDL text, one or many: ``"(robot_at kitchen)"``. Every change is one transaction. Works on any
     ROSPlan knowledge base; the connection is made at the first call and shared by the whole process.
 
-    All methods raise :class:`merlin_sm.knowledge_text.PDDLSyntaxError` for text that is no PDDL,
+    All methods raise :class:`merlin_sm.knowledge_text.PDDLSyntaxError` for text that is not PDDL,
     :class:`merlin_sm.knowledge_client.KnowledgeError` for what the knowledge base refuses, and
     :class:`merlin_ros.service_proxy.ServiceError` when it does not answer.
     """

@@ -1,4 +1,4 @@
-"""How an execution ends, what that does to the knowledge, and what its dispatcher hears of it."""
+"""How an execution ends: its effects on the knowledge base, and the answer to the dispatcher."""
 
 from enum import Enum
 from typing import NamedTuple, Sequence
@@ -12,18 +12,18 @@ class Ending(NamedTuple):
     begun: bool = True
     """False when nothing was done at all: the world is as it was before the dispatch."""
     unstopped: str = ""
-    """What did not stop when it was told to, by name; empty when everything of it has ended."""
+    """Name of the server that did not stop after a cancel; empty when everything has ended."""
 
 
 class Closing(Enum):
-    """What becomes of an execution's knowledge."""
+    """How the knowledge of an execution is closed."""
 
     END = "end"
     """The effects came true."""
     INTERRUPT = "interrupt"
-    """It was stopped on its way: what the action declares for that case holds, else what was before."""
+    """It was stopped while it ran: what the action declares for this case holds, else what held before."""
     ROLLBACK = "rollback"
-    """It never began: all is as before."""
+    """It never began: the facts of before hold."""
 
 
 def closing_of(ending: Ending) -> Closing:

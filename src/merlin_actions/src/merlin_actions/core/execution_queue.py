@@ -12,7 +12,7 @@ class Do(Enum):
 
     RUN = "run"
     WAIT = "wait"
-    """Tell the queue when it has waited too long."""
+    """Report to the queue when the execution has waited too long."""
     INTERRUPT = "interrupt"
     REFUSE = "refuse"
     """It ends without having begun."""

@@ -14,7 +14,7 @@ class Do(Enum):
 
     START = "start"
     PREEMPT = "preempt"
-    """Tell the slot when it has not stopped in time."""
+    """Call `limit_passed` when the goal has not stopped in time."""
     ABANDON = "abandon"
     """Answer it, replace the machine."""
     RECALL = "recall"

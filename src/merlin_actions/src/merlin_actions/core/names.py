@@ -5,7 +5,7 @@ from typing import Dict, Iterable
 
 
 def ros_name(operator: str) -> str:
-    """The name below ``actions/`` of a PDDL operator: ``check-table`` is no legal ROS name."""
+    """The name below ``actions/`` of a PDDL operator: ``check-table`` is not a legal ROS name."""
     return operator.lower().replace("-", "_")
 
 

@@ -25,7 +25,7 @@ def make_bridges(operators: List[str], knowledge_base: str) -> List[MerlinAction
     :param operators: names; none: every operator of the domain.
     :raises ValueError: when two of them map to one ROS name.
     :raises KnowledgeError: when the domain lacks one.
-    :raises ParameterError: when a limit is no number.
+    :raises ParameterError: when a limit is not a number.
     """
     names = operators or list(knowledge_client(knowledge_base).operators())
     by_ros_name(names)

@@ -1,4 +1,4 @@
-"""What the Executor says of itself: the last reason, and whether its software needs attention. Pure."""
+"""The health of the Executor: the last reason, and whether its software needs attention. Pure."""
 
 import threading
 from typing import Dict, NamedTuple, Sequence, Union

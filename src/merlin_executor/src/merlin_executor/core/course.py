@@ -126,7 +126,7 @@ class Course:
             return Verdict(Outcome.SUCCEEDED, ACHIEVED_MEANWHILE)
         last = self._replanning.last
         if end.stage == PLAN and not outcome.achieved and last is not None:
-            # That there is no other way says little without what made another way necessary.
+            # "No other plan exists" is of little use without the failure that made another plan necessary.
             reason = f"{last.reason}; planned again: {reason}"
         action = self.action if outcome not in (Outcome.SUCCEEDED, Outcome.ALREADY_TRUE) else ""
         trouble = reason if outcome is Outcome.CANCELLED and end.gone and reason != PREEMPTED else ""

@@ -22,7 +22,7 @@ class Job(Ticket):
         """A run begins: the first, or after an interruption."""
 
     def accept(self) -> None:
-        """Tells the client that it runs."""
+        """Called when the request runs for the first time."""
 
     def end(self, verdict: Verdict) -> bool:
         """Answers the client; False when that was done before."""
@@ -117,7 +117,7 @@ class Engine(Generic[J]):
                 cast(J, decision.ticket).end(decision.verdict)
 
     def decide_on(self, wanted: Callable[[J], bool], event: Callable[[Agenda[J], J], List[Decision]]) -> None:
-        """Likewise, for an event on one request that waits or runs; nothing when there is none such."""
+        """Likewise, for an event on one request; without effect when no such request waits or runs."""
 
         def decide(agenda: Agenda[J]) -> List[Decision]:
             running = [agenda.running] if agenda.running is not None else []

@@ -1,4 +1,4 @@
-"""The truth about a stop: what has not ended, whether the base stands, what the guard did. Pure."""
+"""The verdict on a stop: what has not ended, whether the base stands, what the guard did. Pure."""
 
 from typing import NamedTuple, Sequence
 
@@ -10,10 +10,10 @@ MOVES = "the base still moves"
 
 
 class Halt(NamedTuple):
-    """What came of asking the guard to halt the base."""
+    """The result of a request to the guard to halt the base."""
 
     guard: bool
-    """There is a guard."""
+    """A guard exists."""
     halted: bool = False
     """It has halted the base."""
     message: str = ""

@@ -52,7 +52,7 @@ class Request(Job):
         self.plan = []
 
     def accept(self) -> None:
-        """Tells the client that it runs."""
+        """Accepts the goal at the action server: the request runs."""
         self.goal.accept()
 
     def end(self, verdict: Verdict) -> bool:

@@ -10,7 +10,7 @@ AROUND = 1.0  # m around that place
 
 
 class CheckEntrance(MerlinActionSM):
-    """Takes a picture, and remembers a client who waits or that nobody does."""
+    """Takes a picture, and remembers whether a client waits."""
 
     def build(self) -> None:
         """LOOK → REMEMBER."""

@@ -1,4 +1,4 @@
-"""The action (check_table ?t): look at a table and tell in which state it is."""
+"""The action (check_table ?t): look at a table and say in which state it is."""
 
 from typing import Any
 
@@ -21,4 +21,4 @@ class CheckTable(MerlinActionSM):
     def _judge(self, userdata: Any) -> None:
         table, seen = userdata.t, userdata.detections
         state = userdata.state = decide(people_at(table, seen), dishes_on(table, seen))
-        remember_state(self, table, state)  # before it speaks: who is interrupted has seen it, too
+        remember_state(self, table, state)  # before it speaks: an interruption loses nothing

@@ -8,12 +8,12 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_restaurant.follower_watch import FollowerWatch, WatchState
 from merlin_restaurant.table_state import people_at
 
-PATIENCE = 20.0  # s that the robot waits for somebody who has fallen behind or is not seen
-SITS_DOWN = 40.0  # s that somebody may take to sit down
+PATIENCE = 20.0  # s that the robot waits for a client that has fallen behind or is not seen
+SITS_DOWN = 40.0  # s that a client may take to sit down
 
 
 class GuideClient(MerlinActionSM):
-    """Drives ahead, waits for who falls behind, gives up when the client is gone, and sees who sits down.
+    """Drives ahead, waits for a client that falls behind, gives up a lost one, and sees the client sit down.
 
     A table that is looked at before its client sits there would be taken for a free one.
     """
@@ -22,7 +22,7 @@ class GuideClient(MerlinActionSM):
     if_interrupted = ["(robot_at anywhere)", "(ready ?t)"]
 
     def build(self) -> None:
-        """INVITE → LEAD → OFFER_SEAT → LOOK → SEATED; who falls behind leads to CALL → WAIT (→ SAY_LOST)."""
+        """INVITE → LEAD → OFFER_SEAT → LOOK → SEATED; a client behind leads to CALL → WAIT (→ SAY_LOST)."""
         watch = FollowerWatch()
         self.register_start_cb(self._begin)
         self.register_start_cb(watch.begin)

@@ -1,4 +1,4 @@
-"""The action (return_order ?t): bring back what nobody wants any more."""
+"""The action (return_order ?t): bring back an order whose guests have left."""
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_restaurant.menu import ALL_RIGHT

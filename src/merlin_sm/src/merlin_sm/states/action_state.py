@@ -107,8 +107,8 @@ class ActionState(MerlinState):
 
 
 _STATUS_TEXT = {
-    GoalStatus.PREEMPTED: "was preempted by somebody else",
-    GoalStatus.RECALLED: "was recalled by somebody else",
+    GoalStatus.PREEMPTED: "was preempted by another client",
+    GoalStatus.RECALLED: "was recalled by another client",
     GoalStatus.ABORTED: "aborted",
     GoalStatus.REJECTED: "refused the goal",
     GoalStatus.LOST: "was lost",

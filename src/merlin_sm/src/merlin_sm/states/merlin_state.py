@@ -13,7 +13,7 @@ PREEMPTED = "preempted"
 class MerlinState(smach.State):
     """Base of MERLIN's states, with the outcomes succeeded, aborted and preempted.
 
-    After a run, `outcome` and `reason` tell how it went. A subclass implements :meth:`run`. What it waits
+    After a run, `outcome` and `reason` say how it ended. A subclass implements :meth:`run`. What it waits
     for it announces with :meth:`interruptible`, so that a preempt reaches it in the caller's thread and not
     at the next look at a flag.
 

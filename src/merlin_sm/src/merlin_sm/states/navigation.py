@@ -19,7 +19,7 @@ def point_of_interest(name: str) -> PoseStamped:
     """The pose of a point of interest, from the parameters below ``world/points_of_interest``.
 
     :return: pose in frame map.
-    :raises ValueError: when there is no such point, naming those there are.
+    :raises ValueError: when the point does not exist; the text names those that do.
     """
     points = get_param(POINTS_PARAM, {})
     if name not in points:
