@@ -1,0 +1,154 @@
+"""Effects over ROSPlan's `update_array`: all of them or none, and what an interrupted action leaves."""
+
+from typing import List, Set
+
+import pytest
+from diagnostic_msgs.msg import KeyValue
+from hypothesis import given
+from hypothesis import strategies as st
+from rosplan_knowledge_msgs.msg import DomainAssignment, DomainFormula, DomainOperator, KnowledgeItem
+
+from merlin_actions import effects
+from merlin_actions.core.ending import Closing
+from merlin_actions.effects import Opening, UpdateEffects, when_back
+from merlin_ros.service_proxy import ServiceUnavailable
+from merlin_sm.knowledge_client import ADD, Update, fact
+from merlin_sm.knowledge_text import to_pddl
+
+
+class Knowledge:
+    """Facts, changed in transactions."""
+
+    name = "/knowledge"
+
+    def __init__(self, *facts: str) -> None:
+        self.facts: Set[str] = set(facts)
+        self.transactions = 0
+
+    def query(self, items: List[KnowledgeItem]) -> List[bool]:
+        return [to_pddl(item) in self.facts for item in items]
+
+    def update(self, updates: List[Update]) -> None:
+        self.transactions += 1
+        for kind, item in updates:
+            (self.facts.add if kind == ADD else self.facts.discard)(to_pddl(item))
+
+
+def formula(name: str, *keys: str) -> DomainFormula:
+    return DomainFormula(name=name, typed_parameters=[KeyValue(key, "place") for key in keys])
+
+
+def drive(durative: bool) -> DomainOperator:
+    """The operator (drive ?a ?b)."""
+    leaves, arrives = [formula("at", "a")], [formula("at", "b")]
+    operator = DomainOperator(formula=formula("drive", "a", "b"))
+    operator.at_start_del_effects = leaves
+    if durative:
+        operator.at_end_add_effects = arrives
+    else:
+        operator.at_start_add_effects = arrives
+    return operator
+
+
+def opening(token: str = "1", interrupted: str = "", running: str = "") -> Opening:
+    places = [KeyValue("a", "hall"), KeyValue("b", "kitchen")]
+    return Opening(
+        places,
+        token,
+        "/bridges",
+        [fact(running)] if running else [],
+        [fact("at", interrupted)] if interrupted else [],
+    )
+
+
+def test_a_plain_operator_changes_nothing_before_it_succeeded() -> None:
+    knowledge = Knowledge("(at hall)")
+    driving = UpdateEffects(drive(durative=False), knowledge)
+    driving.open(opening())
+    assert knowledge.facts == {"(at hall)"}
+    driving.close(opening(), Closing.END)
+    assert knowledge.facts == {"(at kitchen)"}
+
+
+def test_a_durative_operator_leaves_at_its_start_and_arrives_at_its_end() -> None:
+    knowledge = Knowledge("(at hall)")
+    driving = UpdateEffects(drive(durative=True), knowledge)
+    driving.open(opening(running="busy"))
+    assert knowledge.facts == {"(busy)"}
+    driving.close(opening(running="busy"), Closing.END)
+    assert knowledge.facts == {"(at kitchen)"}
+    assert knowledge.transactions == 2, "each of them is one transaction"
+
+
+@pytest.mark.parametrize(
+    ("closing", "interrupted", "left"),
+    [
+        (Closing.INTERRUPT, "anywhere", {"(at anywhere)"}),
+        (Closing.INTERRUPT, "", {"(at hall)"}),
+        (Closing.ROLLBACK, "anywhere", {"(at hall)"}),
+    ],
+)
+def test_an_interrupted_drive_leaves_what_it_declares_and_an_unbegun_one_nothing(
+    closing: Closing, interrupted: str, left: Set[str]
+) -> None:
+    knowledge = Knowledge("(at hall)")
+    driving = UpdateEffects(drive(durative=True), knowledge)
+    driving.open(opening(interrupted=interrupted, running="busy"))
+    driving.close(opening(interrupted=interrupted, running="busy"), closing)
+    assert knowledge.facts == left
+
+
+FACTS = ("(at hall)", "(at kitchen)", "(busy)", "(door open)")
+
+
+@given(st.sets(st.sampled_from(FACTS)), st.booleans())
+def test_a_rollback_restores_exactly_what_was_there(before: Set[str], durative: bool) -> None:
+    knowledge = Knowledge(*before)
+    driving = UpdateEffects(drive(durative), knowledge)
+    driving.open(opening(running="busy"))
+    driving.close(opening(running="busy"), Closing.ROLLBACK)
+    assert knowledge.facts == before
+
+
+@given(st.permutations(["1", "2", "3"]))
+def test_executions_at_the_same_time_are_undone_each_by_itself(order: List[str]) -> None:
+    knowledge = Knowledge("(at hall)")
+    driving = UpdateEffects(drive(durative=True), knowledge)
+    for token in ("1", "2", "3"):
+        driving.open(opening(token))
+    for token in order:
+        driving.close(opening(token), Closing.ROLLBACK)
+    assert knowledge.facts == {"(at hall)"}
+
+
+def test_effects_that_its_messages_cannot_carry_are_refused_at_the_start() -> None:
+    operator = drive(durative=True)
+    operator.at_end_assign_effects = [DomainAssignment()]
+    with pytest.raises(ValueError, match="operator drive has numeric or probabilistic effects"):
+        UpdateEffects(operator, Knowledge())
+
+
+class Gone:
+    """A knowledge base that answers at the n-th call."""
+
+    def __init__(self, answers_at: int) -> None:
+        self.calls = 0
+        self._answers_at = answers_at
+
+    def call(self) -> None:
+        self.calls += 1
+        if self.calls < self._answers_at:
+            raise ServiceUnavailable("gone")
+
+
+def test_a_knowledge_base_that_comes_back_is_called_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(effects, "RETRY", 0.0)
+    gone = Gone(answers_at=3)
+    when_back(gone.call)
+    assert gone.calls == 3
+
+
+def test_one_that_stays_away_is_an_error_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(effects, "RETRY", 0.0)
+    with pytest.raises(ServiceUnavailable):
+        when_back(Gone(answers_at=10**9).call, limit=0.0)
