@@ -1,0 +1,102 @@
+"""The assistant turns PDDL text into one transaction, and what it reads into PDDL text."""
+
+from typing import List, Tuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosplan_knowledge_msgs.msg import KnowledgeItem
+
+from merlin_sm import rosplan_assistant
+from merlin_sm.knowledge_client import ADD, ADD_GOAL, REMOVE, REMOVE_GOAL, Update, fact, function_value
+from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+
+
+class Knowledge:
+    """A knowledge base that notes its transactions."""
+
+    def __init__(self) -> None:
+        self.transactions: List[List[Tuple[int, str, bool]]] = []
+        self.true = {"(at hall)"}
+
+    def update(self, updates: List[Update]) -> None:
+        self.transactions.append([(kind, to_pddl(item), bool(item.is_negative)) for kind, item in updates])
+
+    def query(self, items: List[KnowledgeItem]) -> List[bool]:
+        return [to_pddl(item) in self.true for item in items]
+
+    def propositions(self, predicate: str) -> List[KnowledgeItem]:
+        return [fact("at", "hall"), fact("free", "tray")]
+
+    def functions(self, name: str) -> List[KnowledgeItem]:
+        return [function_value(name, ("hall", "Kitchen"), 7.5)]
+
+    def goals(self) -> List[KnowledgeItem]:
+        return [fact("checked", "hall")]
+
+
+@pytest.fixture
+def knowledge(monkeypatch: pytest.MonkeyPatch) -> Knowledge:
+    made = Knowledge()
+    monkeypatch.setattr(rosplan_assistant, "knowledge_client", lambda name: made)
+    return made
+
+
+def test_a_change_is_one_transaction_that_removes_first(knowledge: Knowledge) -> None:
+    MerlinROSPlanAssistant().change_facts(add=["(at kitchen)", "(not (quiet))"], remove="(at hall)")
+    assert knowledge.transactions == [
+        [(REMOVE, "(at hall)", False), (ADD, "(at kitchen)", False), (REMOVE, "(quiet)", False)]
+    ]
+
+
+def test_goals_and_facts_are_different_things(knowledge: Knowledge) -> None:
+    robot = MerlinROSPlanAssistant()
+    robot.add_goals("(and (checked hall) (checked kitchen))")
+    robot.remove_goals(["(checked hall)"])
+    assert knowledge.transactions == [
+        [(ADD_GOAL, "(checked hall)", False), (ADD_GOAL, "(checked kitchen)", False)],
+        [(REMOVE_GOAL, "(checked hall)", False)],
+    ]
+    assert robot.goals() == ["(checked hall)"]
+
+
+def test_a_condition_holds_when_all_its_parts_do(knowledge: Knowledge) -> None:
+    robot = MerlinROSPlanAssistant()
+    assert robot.holds("(at hall)")
+    assert not robot.holds("(and (at hall) (at kitchen))")
+    assert robot.facts() == ["(at hall)", "(free tray)"]
+
+
+def test_a_value_is_found_whatever_the_case_of_its_arguments(knowledge: Knowledge) -> None:
+    robot = MerlinROSPlanAssistant()
+    assert robot.value("distance", "HALL", "kitchen") == 7.5
+    assert robot.value("distance", "kitchen", "hall") is None
+
+
+@pytest.mark.parametrize("text", ["(at hall", "at hall)", "(at (hall))", "(or (at hall))", "(9at)"])
+def test_text_that_is_not_pddl_changes_nothing(knowledge: Knowledge, text: str) -> None:
+    with pytest.raises(PDDLSyntaxError):
+        MerlinROSPlanAssistant().change_facts(add=["(at kitchen)", text])
+    assert knowledge.transactions == []
+
+
+names = st.from_regex(r"[a-z][a-z0-9_-]{0,5}", fullmatch=True).filter(
+    lambda name: name not in ("and", "not", "or", "forall", "exists", "imply", "when")
+)
+
+
+@given(st.lists(st.tuples(names, st.lists(names, max_size=3), st.booleans()), min_size=1, max_size=4))
+def test_facts_written_and_read_again_are_the_same(facts: List[Tuple[str, List[str], bool]]) -> None:
+    made = Knowledge()
+    robot = MerlinROSPlanAssistant()
+    texts = [f"({' '.join([name, *arguments])})" for name, arguments, _ in facts]
+    signed = [f"(not {text})" if negative else text for text, (_, _, negative) in zip(texts, facts)]
+    original = rosplan_assistant.knowledge_client
+    rosplan_assistant.knowledge_client = lambda name: made  # type: ignore[assignment]
+    try:
+        robot.add_facts(signed)
+    finally:
+        rosplan_assistant.knowledge_client = original
+    expected = [(REMOVE if negative else ADD, text, False) for text, (_, _, negative) in zip(texts, facts)]
+    assert made.transactions == [expected]

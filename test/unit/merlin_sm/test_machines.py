@@ -1,0 +1,132 @@
+"""MerlinSM, MerlinState and the while-machine: no preempt is lost, and each end has its reason."""
+
+import threading
+from typing import Any, List, Optional
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from merlin_sm.merlin_sm import MerlinSM
+from merlin_sm.state_factory import MerlinStateFactory
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
+from smach import UserData
+
+OUTCOMES = [SUCCEEDED, ABORTED, PREEMPTED]
+LIMIT = 30.0
+
+
+class Wait(MerlinState):
+    """Waits until it is interrupted, or does not wait at all."""
+
+    def __init__(self, outcome: Optional[str] = None, reason: str = "") -> None:
+        super().__init__()
+        self.begun = threading.Event()
+        self._outcome, self._why = outcome, reason
+
+    def run(self, userdata: Any) -> str:
+        if self._outcome is not None:
+            return self.fail(self._why) if self._outcome == ABORTED else self._outcome
+        woken = threading.Event()
+        self.interruptible(woken.set)
+        self.begun.set()
+        assert woken.wait(LIMIT)
+        self.interruptible(None)
+        return PREEMPTED
+
+
+def machine(*states: MerlinState) -> MerlinSM:
+    """The states one after the other."""
+    made = MerlinSM(OUTCOMES)
+    with made:
+        for number, state in enumerate(states):
+            following = f"S{number + 1}" if number + 1 < len(states) else SUCCEEDED
+            made.add(f"S{number}", state, {SUCCEEDED: following})
+    return made
+
+
+def run_in_thread(made: Any, outcomes: List[str]) -> threading.Thread:
+    thread = threading.Thread(target=lambda: outcomes.append(made.execute(UserData())))
+    thread.start()
+    return thread
+
+
+@given(st.lists(st.sampled_from([SUCCEEDED, ABORTED]), min_size=1, max_size=4))
+def test_a_machine_ends_at_its_first_failure_and_says_why(outcomes: List[str]) -> None:
+    states = [Wait(outcome, f"reason {number}") for number, outcome in enumerate(outcomes)]
+    made = machine(*states)
+    assert made.execute(UserData()) == (ABORTED if ABORTED in outcomes else SUCCEEDED)
+    assert made.reason == (f"reason {outcomes.index(ABORTED)}" if ABORTED in outcomes else "")
+
+
+def test_a_reason_comes_out_of_nested_machines_and_is_forgotten_by_the_next_run() -> None:
+    failing = Wait(ABORTED, "the door is shut")
+    outer = MerlinSM(OUTCOMES)
+    with outer:
+        outer.add("INNER", machine(failing))
+    assert outer.execute(UserData()) == ABORTED
+    assert outer.reason == "the door is shut"
+    failing._outcome = SUCCEEDED
+    assert outer.execute(UserData()) == SUCCEEDED
+    assert outer.reason == ""
+
+
+def test_a_machine_can_be_cancelled_before_it_runs_and_runs_again_after_prepare() -> None:
+    made = machine(Wait(SUCCEEDED))
+    made.prepare()
+    made.cancel()
+    assert made.execute(UserData()) == PREEMPTED
+    made.prepare()
+    assert made.execute(UserData()) == SUCCEEDED
+
+
+@pytest.mark.parametrize("depth", [1, 3])
+def test_a_cancel_wakes_the_state_that_waits_however_deep_it_is(depth: int) -> None:
+    waiting = Wait()
+    made: Any = waiting
+    for _ in range(depth):
+        made = machine(made)
+    made.prepare()
+    outcomes: List[str] = []
+    thread = run_in_thread(made, outcomes)
+    assert waiting.begun.wait(LIMIT)
+    made.cancel()
+    thread.join(LIMIT)
+    assert outcomes == [PREEMPTED]
+    assert made.reason == "cancelled"
+
+
+@given(st.lists(st.sampled_from(["announce", "withdraw", "preempt"]), max_size=8))
+def test_a_preempt_reaches_what_is_announced_whenever_it_comes(events: List[str]) -> None:
+    state = Wait()
+    calls: List[int] = []
+    announced = preempted = False
+    for event in events:
+        before = len(calls)
+        if event == "announce":
+            state.interruptible(lambda: calls.append(1))
+            announced = True
+            assert len(calls) == before + preempted, "one that came before is passed on at once"
+        elif event == "withdraw":
+            state.interruptible(None)
+            announced = False
+        else:
+            state.request_preempt()
+            preempted = True
+            assert len(calls) == before + announced
+
+
+def test_a_preempt_ends_both() -> None:
+    acting, watching = Wait(), Wait()
+    both = MerlinStateFactory.create("while", acting, watching)
+    outcomes: List[str] = []
+    thread = run_in_thread(both, outcomes)
+    assert acting.begun.wait(LIMIT) and watching.begun.wait(LIMIT)
+    both.request_preempt()
+    thread.join(LIMIT)
+    assert outcomes == [PREEMPTED]
+
+
+def test_an_unknown_state_is_named_with_those_there_are() -> None:
+    with pytest.raises(KeyError, match="'fly'.*navigation"):
+        MerlinStateFactory.create("fly")
