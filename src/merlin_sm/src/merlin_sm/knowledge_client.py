@@ -1,7 +1,7 @@
 """Access to a ROSPlan knowledge base, ours or the original. One client per knowledge base and process."""
 
 import threading
-from typing import Dict, List, NamedTuple, Optional, Sequence
+from typing import Dict, List, NamedTuple, Optional, Sequence, Type
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -49,10 +49,14 @@ class KnowledgeClient:
     """Calls the services of one knowledge base. The first call waits for one that is still being started.
 
     :param name: of the knowledge base, relative names allowed.
+    :param proxy_class: calls its services.
     """
 
-    def __init__(self, name: str = DEFAULT_KNOWLEDGE_BASE) -> None:
+    def __init__(
+        self, name: str = DEFAULT_KNOWLEDGE_BASE, proxy_class: Type[ServiceProxy] = ServiceProxy
+    ) -> None:
         self.name = rospy.resolve_name(name)
+        self._proxy_class = proxy_class
         proxy = self._proxy
         self._update = proxy("update_array", KnowledgeUpdateServiceArray)
         self._query = proxy("query_state", KnowledgeQueryService)
@@ -127,7 +131,9 @@ class KnowledgeClient:
         return self._operator(name).op
 
     def _proxy(self, suffix: str, service_class: type) -> ServiceProxy:
-        return ServiceProxy(f"{self.name}/{suffix}", service_class, timeout=CALL_LIMIT, patience=START_LIMIT)
+        return self._proxy_class(
+            f"{self.name}/{suffix}", service_class, timeout=CALL_LIMIT, patience=START_LIMIT
+        )
 
 
 _clients: Dict[str, KnowledgeClient] = {}

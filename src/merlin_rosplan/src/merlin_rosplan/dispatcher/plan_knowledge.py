@@ -1,4 +1,4 @@
-"""What parser and dispatcher ask the knowledge base, over ROS: any ROSPlan knowledge base will do."""
+"""What parser and dispatcher ask the knowledge base, any ROSPlan one; one of the same process without ROS."""
 
 import copy
 import functools
@@ -10,13 +10,14 @@ from merlin_msgs.srv import ListExecutions
 from rosplan_knowledge_msgs.msg import DomainInequality, KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.dispatch.operator_model import Atom, Conditions, Operator
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.messages.domain_file import DomainFile
 from merlin_rosplan.messages.operator_expressions import with_expressions
 from merlin_rosplan.transport.component import Component
-from merlin_sm.knowledge_client import CALL_LIMIT, fact, knowledge_client
+from merlin_rosplan.transport.direct_service import DirectServiceProxy
+from merlin_sm.knowledge_client import CALL_LIMIT, KnowledgeClient, fact
 from merlin_sm.knowledge_text import to_pddl
 
 _Answer = TypeVar("_Answer")
@@ -37,13 +38,15 @@ class PlanKnowledge:
     """
 
     def __init__(self, knowledge_base: str) -> None:
-        self._client = knowledge_client(knowledge_base)
+        self._client = KnowledgeClient(knowledge_base, DirectServiceProxy)
         self._lock = threading.Lock()  # guards the two fields below
         self._operators_of: Optional[Component] = None
         self._operators: Dict[str, Operator] = {}
         self._domain_file = DomainFile(knowledge_base)
-        self._timed = ServiceProxy(f"{knowledge_base}/state/timed_knowledge", GetAttributeService, CALL_LIMIT)
-        self._executions = ServiceProxy(f"{knowledge_base}/executions", ListExecutions, CALL_LIMIT)
+        self._timed = DirectServiceProxy(
+            f"{knowledge_base}/state/timed_knowledge", GetAttributeService, CALL_LIMIT
+        )
+        self._executions = DirectServiceProxy(f"{knowledge_base}/executions", ListExecutions, CALL_LIMIT)
         self._lists: Optional[bool] = None  # whether there is such a service
 
     def operator(self, name: str) -> Operator:

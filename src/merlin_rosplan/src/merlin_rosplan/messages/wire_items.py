@@ -39,6 +39,11 @@ class StoredItems(genpy.Message):
         self._rows = rows
         self._write = writer
 
+    @property
+    def attributes(self) -> List[KnowledgeItem]:
+        """The items, for a caller of this process."""
+        return [self._write.item(row) for row in self._rows]
+
     def serialize(self, buff: Any) -> None:
         """Writes the response."""
         parts = [struct.pack("<I", len(self._rows))]
