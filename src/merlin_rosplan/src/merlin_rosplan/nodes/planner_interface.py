@@ -118,12 +118,15 @@ class PlannerInterface(Component):
 
     def _serve(self, _: EmptyRequest) -> EmptyResponse:
         outcome = self._plan(self._request_of_params())
+        self._log(outcome)
         if not outcome.solved:
             raise rospy.ServiceException(f"{outcome.state.name}: {outcome.reason}")
         return EmptyResponse()
 
     def _serve_params(self, request: PlanningServiceRequest) -> PlanningServiceResponse:
-        return PlanningServiceResponse(plan_found=self._plan(request).solved)
+        outcome = self._plan(request)
+        self._log(outcome)
+        return PlanningServiceResponse(plan_found=outcome.solved)
 
     def _execute(self, goal: ServerGoal) -> None:
         wanted = goal.goal
@@ -146,6 +149,7 @@ class PlannerInterface(Component):
             goal.cancelled(result, text)
         else:
             goal.abort(result, f"{outcome.state.name}: {text}")
+        self._log(outcome)  # behind the answer: a line of a log costs half a millisecond
 
     def _cancel(self, goal: ServerGoal) -> None:
         with self._state:
@@ -174,6 +178,9 @@ class PlannerInterface(Component):
                 seconds=outcome.seconds,
             )
         )
+        return outcome
+
+    def _log(self, outcome: PlanningOutcome) -> None:
         log = (
             rospy.loginfo if outcome.state in (PlannerState.SOLVED, PlannerState.CANCELLED) else rospy.logerr
         )
@@ -185,7 +192,6 @@ class PlannerInterface(Component):
             outcome.seconds,
             outcome.reason,
         )
-        return outcome
 
     def _plan_one(self, request: PlanningServiceRequest, goal: Optional[ServerGoal]) -> PlanningOutcome:
         problem_path = request.problem_path

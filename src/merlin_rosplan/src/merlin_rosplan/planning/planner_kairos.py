@@ -1,5 +1,6 @@
 """kairos as an engine, in the process that plans."""
 
+import functools
 import importlib
 import importlib.util
 import os
@@ -40,6 +41,7 @@ _ENDED = {
 }
 
 
+@functools.lru_cache(maxsize=None)
 def installed() -> bool:
     """Whether kairos is installed; does not load it."""
     return importlib.util.find_spec(KAIROS) is not None

@@ -6,7 +6,7 @@ closes, which it does also when the node there is killed. Lines of JSON come and
 ==============================  ==========================================================================
 ``{"job": 3, ...}``             plan; the keys are those of :class:`.planner_job.PlannerJob`
 ``{"cancel": 3}``               end it
-``{"job": 3, "state": ...}``    how it ended, sent when all its processes have ended
+``{"job": 3, "state": ...}``    how it ended, sent when all processes that it has started have ended
 ==============================  ==========================================================================
 
 A planning runs in a forked child: reading, checking and validating never keep this process from a cancel. The
@@ -27,11 +27,11 @@ import tempfile
 import time
 import traceback
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from merlin_rosplan.planning.planner_files import MEGABYTE, too_much
 from merlin_rosplan.planning.planning_outcome import PlannerState
-from merlin_rosplan.supervision.planner_tree import adopt_orphans, end_descendants, tree_size
+from merlin_rosplan.supervision.planner_tree import adopt_orphans, descendants, end_descendants, tree_size
 
 #: s between two looks at memory and files of a planning; cancel and end are events and do not wait for it
 WATCH = 0.25
@@ -40,6 +40,7 @@ ENDING = 5.0
 #: s without a request after which the next child is made: not while the plan is being parsed and dispatched
 IDLE = 0.1
 OUTCOME = "outcome.json"
+DONE = b"!"
 
 # The socket alone says when to end: a signal to the whole group of the node must not leave a planner behind.
 _IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -49,11 +50,11 @@ Work = Callable[[Answer, Path], Answer]
 
 
 class _Child(NamedTuple):
-    """A child that waits for its job, its folder, and the pipe that takes the job."""
+    """A child that waits for its job, its folder, and the socket that takes the job and tells of its end."""
 
     pid: int
     folder: str
-    pipe: int
+    line: socket.socket
 
 
 class Supervisor:
@@ -71,6 +72,7 @@ class Supervisor:
         self._work = work
         self._warm_up = warm_up
         self._next: Optional[_Child] = None
+        self._done = False  # whether the child that works has written its outcome
         self._received = b""
         self._lines: List[Answer] = []
         self._wake, wakes = os.pipe()
@@ -98,7 +100,8 @@ class Supervisor:
                     try:
                         answer = self._run(line, child)
                         self._channel.sendall(json.dumps({**answer, "job": line["job"]}).encode() + b"\n")
-                    finally:  # behind the answer: large files take their time
+                    finally:  # behind the answer: a process and large files take their time to go
+                        end_descendants(ENDING)
                         shutil.rmtree(child.folder, ignore_errors=True)
 
     def _receive(self, seconds: Optional[float]) -> None:
@@ -110,6 +113,10 @@ class Supervisor:
             if descriptor == self._wake:
                 with contextlib.suppress(BlockingIOError):
                     os.read(self._wake, 4096)
+                continue
+            if descriptor != self._channel.fileno():  # the child's
+                self._poll.unregister(descriptor)
+                self._done = os.read(descriptor, 1) == DONE
                 continue
             received = self._channel.recv(65536)
             if not received:
@@ -125,22 +132,23 @@ class Supervisor:
 
     def _fork(self, warm_up: bool) -> _Child:
         folder = tempfile.mkdtemp(prefix="planner-")
-        reads, writes = os.pipe()
+        ours, theirs = socket.socketpair()
         pid = os.fork()
         if pid == 0:
-            os.close(writes)
-            self._plan(reads, Path(folder), warm_up)  # does not return
-        os.close(reads)
-        return _Child(pid, folder, writes)
+            ours.close()
+            self._plan(theirs, Path(folder), warm_up)  # does not return
+        theirs.close()
+        return _Child(pid, folder, ours)
 
     def _run(self, job: Answer, child: _Child) -> Answer:
         folder = Path(child.folder)
         try:
-            with contextlib.suppress(BrokenPipeError):  # it has died; its status says how
-                os.write(child.pipe, json.dumps(job).encode() + b"\n")
-            os.close(child.pipe)
+            with contextlib.suppress(OSError):  # it has died; its status says how
+                child.line.sendall(json.dumps(job).encode() + b"\n")
+            self._done = False
+            self._poll.register(child.line, select.POLLIN)
             fault, status = self._watch(job, child.pid, folder)
-            ended = end_descendants(ENDING)
+            ended = status is None or end_descendants(ENDING)
             if not ended and fault is not None:
                 fault["reason"] += f"; {tree_size(os.getpid()).processes} of its processes do not end"
             if fault is not None:
@@ -150,14 +158,24 @@ class Supervisor:
             except (OSError, ValueError):
                 return _answer(PlannerState.CRASHED, f"the planning ended without an outcome: {_end(status)}")
         finally:
-            end_descendants(ENDING)
+            with contextlib.suppress(KeyError):
+                self._poll.unregister(child.line)
+            child.line.close()
 
-    def _watch(self, job: Answer, pid: int, folder: Path) -> Any:
-        """Waits for the end of a planning; returns what forced its end, if anything did, and its status."""
+    def _watch(
+        self, job: Answer, pid: int, folder: Path
+    ) -> Tuple[Optional[Answer], Optional[int]]:
+        """Waits for the end of a planning.
+
+        :return: what forced its end, if anything did, and its status; None: its outcome is there, and no
+            process but its own is left.
+        """
         began = time.monotonic()
         limit = float(job["time_limit"])
         look = began + WATCH
         while True:
+            if self._done and descendants(os.getpid()) == [pid]:
+                return None, None  # its end takes a millisecond
             ended, status = os.waitpid(pid, os.WNOHANG)
             if ended:
                 return None, status
@@ -175,7 +193,7 @@ class Supervisor:
                 look = time.monotonic() + WATCH
             self._receive(max(0.0, look - time.monotonic()))
 
-    def _plan(self, pipe: int, folder: Path, warm_up: bool) -> None:
+    def _plan(self, line: socket.socket, folder: Path, warm_up: bool) -> None:
         """In the child: waits for the job, plans within the limits, writes the outcome, ends."""
         try:
             signal.set_wakeup_fd(-1)
@@ -186,12 +204,12 @@ class Supervisor:
             gc.disable()  # it ends before anything could pile up
             if warm_up:
                 self._warm_up()
-            with os.fdopen(pipe) as file:
-                line = file.readline()
-            if not line:  # the supervising process was killed
+            with line.makefile() as file:
+                text = file.readline()
+            if not text:  # the supervising process was killed
                 shutil.rmtree(str(folder), ignore_errors=True)
                 os._exit(0)
-            job = json.loads(line)
+            job = json.loads(text)
             _limit(resource.RLIMIT_AS, job["memory_limit"])
             _limit(resource.RLIMIT_FSIZE, job["output_limit"])
             try:
@@ -200,6 +218,8 @@ class Supervisor:
                 reason = f"the planning needs more than {job['memory_limit']:g} MB of memory (~memory_limit)"
                 answer = _answer(PlannerState.CRASHED, reason)
             (folder / OUTCOME).write_text(json.dumps(answer))
+            with contextlib.suppress(OSError):
+                line.sendall(DONE)
         except BaseException:
             traceback.print_exc()
             sys.stderr.flush()
@@ -227,7 +247,9 @@ def _limit(kind: int, megabytes: float) -> None:
             resource.setrlimit(kind, (size, size))
 
 
-def _end(status: int) -> str:
+def _end(status: Optional[int]) -> str:
+    if status is None:
+        return "its outcome cannot be read"
     if os.WIFSIGNALED(status):
         return f"killed by signal {os.WTERMSIG(status)}"
     return f"code {os.WEXITSTATUS(status)}"
