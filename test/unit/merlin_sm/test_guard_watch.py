@@ -36,6 +36,14 @@ def test_a_guard_that_speaks_lets_begin(expect, state):
     assert watch.why_not() == ""
 
 
+def test_the_master_is_not_asked_about_a_guard_that_speaks(expect, monkeypatch):
+    expect(True)
+    monkeypatch.setattr(guard_watch, "get_param", lambda *_: pytest.fail("the master was asked"))
+    watch = GuardWatch()
+    watch._receive(GuardStatus(state=GuardStatus.IDLE))
+    assert watch.why_not() == ""
+
+
 def test_what_it_said_long_ago_does_not_count(expect, monkeypatch):
     expect(True)
     watch = GuardWatch()

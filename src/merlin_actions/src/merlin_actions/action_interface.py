@@ -13,11 +13,11 @@ from typing import Dict, List, Optional
 import rospy
 from diagnostic_msgs.msg import KeyValue
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
-from rosplan_knowledge_msgs.msg import DomainFormula, KnowledgeItem
+from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_actions.core.ending import Ending, after_closing, closing_of
 from merlin_actions.core.execution_queue import Decision, Do, ExecutionQueue, Key
-from merlin_actions.core.names import action_param
+from merlin_actions.core.names import DECLARED, action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
 from merlin_actions.execution import Execution
 from merlin_actions.left_executions import settle_left
@@ -259,12 +259,12 @@ class ActionInterface:
 
     def _run_with_effects(self, execution: Execution) -> Ending:
         try:
+            declared = self._literals()
             opening = Opening(
                 execution.parameters,
                 execution.token,
                 rospy.get_name(),
-                self._declared("while_running", execution),
-                self._declared("if_interrupted", execution),
+                *(parse_literals(declared.get(key, []), execution.binding) for key in DECLARED),
             )
             self._effects.open(opening)
         except _KNOWLEDGE_ERRORS as error:
@@ -289,12 +289,12 @@ class ActionInterface:
         finally:
             execution.interruptible(None)
 
-    def _literals(self, key: str) -> List[str]:
-        """Facts that the action's class declares under a key; its host publishes them as a parameter."""
-        return list(get_param(rospy.resolve_name(action_param(self.operator, key)), []))
+    def _literals(self) -> Dict[str, List[str]]:
+        """Facts that the action's class declares; its host publishes them as parameters.
 
-    def _declared(self, key: str, execution: Execution) -> List[KnowledgeItem]:
-        return parse_literals(self._literals(key), execution.binding)
+        All in one look-up: each costs a call to the master.
+        """
+        return dict(get_param(rospy.resolve_name(action_param(self.operator)), {}))
 
     def _answer(
         self, dispatch: ActionDispatch, status: int, reason: str = "", unstopped: bool = False

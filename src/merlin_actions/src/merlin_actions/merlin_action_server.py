@@ -9,7 +9,7 @@ from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
 
 import smach
 from merlin_actions.core.machine_slot import Decision, Do, MachineSlot
-from merlin_actions.core.names import action_param, ros_name
+from merlin_actions.core.names import DECLARED, action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.deadline import Deadline, limit
@@ -54,8 +54,8 @@ class MerlinActionServer:
 
     def start(self) -> None:
         """Declares the action's facts to its bridge, shows the machine and begins to serve."""
-        for key in ("while_running", "if_interrupted"):
-            rospy.set_param(action_param(self.operator, key), list(getattr(self.machine, key)))
+        for key in DECLARED:
+            rospy.set_param(f"{action_param(self.operator)}/{key}", list(getattr(self.machine, key)))
         self._introspection = show(self._name, self.machine)
         self._server.start()
 

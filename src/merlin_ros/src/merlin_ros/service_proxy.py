@@ -170,6 +170,15 @@ class ServiceProxy:
         except ERRORS:
             return False
 
+    @property
+    def connected(self) -> bool:
+        """Whether the server that answered last is still there: its connection is open, and nothing comes."""
+        proxy = self._proxy
+        try:
+            return proxy is not None and self._alive(proxy)
+        except (OSError, ValueError):  # another thread closes it
+            return False
+
     def close(self) -> None:
         """Closes the connection; the next call opens another."""
         self._occupy(current_scope())

@@ -37,6 +37,9 @@ class GuardWatch:
 
         :param interrupted: ends the wait when it is true; call :meth:`wake` when that changes.
         """
+        with self._changed:
+            if self._fresh() and self._status is not None and self._status.state != GuardStatus.STOPPED:
+                return ""
         try:
             expected = get_param(EXPECTED_PARAM, None)
         except MasterSilent as error:

@@ -1,7 +1,7 @@
 """Access to a ROSPlan knowledge base, ours or the original. One client per knowledge base and process."""
 
 import threading
-from typing import Dict, List, NamedTuple, Optional, Sequence, Type
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Type
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -57,6 +57,7 @@ class KnowledgeClient:
     ) -> None:
         self.name = rospy.resolve_name(name)
         self._proxy_class = proxy_class
+        self._domain: Dict[str, Any] = {}  # service of the domain -> its answer
         proxy = self._proxy
         self._update = proxy("update_array", KnowledgeUpdateServiceArray)
         self._query = proxy("query_state", KnowledgeQueryService)
@@ -111,24 +112,30 @@ class KnowledgeClient:
 
     def types(self) -> Dict[str, str]:
         """Types of the domain, with their parents."""
-        answer = self._types()
+        answer = self._once(self._types)
         return dict(zip(answer.types, answer.super_types))
 
     def predicates(self) -> Dict[str, DomainFormula]:
         """Predicates of the domain by name."""
-        return {formula.name: formula for formula in self._predicates().items}
+        return {formula.name: formula for formula in self._once(self._predicates).items}
 
     def function_signatures(self) -> Dict[str, DomainFormula]:
         """Numeric functions of the domain by name."""
-        return {formula.name: formula for formula in self._function_names().items}
+        return {formula.name: formula for formula in self._once(self._function_names).items}
 
     def operators(self) -> Dict[str, DomainFormula]:
         """Operators of the domain by name."""
-        return {formula.name: formula for formula in self._operators().operators}
+        return {formula.name: formula for formula in self._once(self._operators).operators}
 
     def operator(self, name: str) -> DomainOperator:
         """One operator with its conditions and effects."""
         return self._operator(name).op
+
+    def _once(self, service: ServiceProxy) -> Any:
+        """The answer of a service of the domain: a knowledge base keeps its domain as long as it lives."""
+        if service.name not in self._domain or not service.connected:
+            self._domain[service.name] = service()
+        return self._domain[service.name]
 
     def _proxy(self, suffix: str, service_class: type) -> ServiceProxy:
         return self._proxy_class(

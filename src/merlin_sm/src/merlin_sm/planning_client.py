@@ -5,6 +5,7 @@ seen on that topic; services that answer earlier do not mislead (design rules fo
 """
 
 import threading
+import time
 from enum import Enum
 from typing import Any, Callable, List, NamedTuple, Optional
 
@@ -28,6 +29,7 @@ PLANNER = "the planning system's planner interface"
 PARSER = "the planning system's parsing interface"
 CALL_LIMIT = 20.0  # s of wall time for a service; writing and parsing a large problem takes seconds
 LOOK = 0.1  # s between two looks for a restarted part; the master gives no event for a new service
+READ_AHEAD = 1.0  # s of wall time for which parameters that were read count as the present ones
 HAND_OVER = 2.0  # s of running time within which a product has to appear on its topic
 Interruptible = Callable[[Optional[Callable[[], None]]], None]
 
@@ -89,6 +91,34 @@ class TopicWatch:
             self._changed.notify_all()
 
 
+class _Params:
+    """Parameters that are being read in a thread of their own."""
+
+    def __init__(self, name: str) -> None:
+        self.begun = time.monotonic()
+        self._name = name
+        self._values: Any = None
+        self._error: Optional[MasterSilent] = None
+        self._thread = threading.Thread(target=self._read, name=f"parameters {name}", daemon=True)
+        self._thread.start()
+
+    def get(self) -> Any:
+        """Waits for them.
+
+        :raises MasterSilent: the master does not answer.
+        """
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+        return self._values
+
+    def _read(self) -> None:
+        try:
+            self._values = get_param(self._name, {})
+        except MasterSilent as error:
+            self._error = error
+
+
 class PlanningClient:
     """The stages before dispatch. Names are those of the planning system's nodes (scopes).
 
@@ -111,6 +141,7 @@ class PlanningClient:
         self._problem = TopicWatch(f"{problem}/problem_instance", String)
         self._output = TopicWatch(f"{planner}/planner_output", String)
         self._plan: Optional[TopicWatch] = None
+        self._params: Optional[_Params] = None  # of the planner, read while the problem is written
         self._told = threading.Condition()  # guards the field below
         self._status: Optional[PlannerStatus] = None
         self._status_subscriber = rospy.Subscriber(
@@ -167,6 +198,7 @@ class PlanningClient:
         :raises StageError: when that fails.
         """
         count = self._problem.count
+        self._params = _Params(self._planner)
         self._call(PROBLEM, self._generate)
         if self._problem.wait_newer(count, HAND_OVER) is None:
             raise StageError(f"{PROBLEM} answered, but no problem appeared on {self._problem.topic}")
@@ -214,8 +246,11 @@ class PlanningClient:
         raise StageError(f"{PARSER} answered, but no plan appeared on {watch.topic}")
 
     def _goal(self) -> PlanGoal:
+        ahead, self._params = self._params, None
+        if ahead is None or time.monotonic() - ahead.begun > READ_AHEAD:
+            ahead = _Params(self._planner)
         try:
-            params = get_param(self._planner, {})
+            params = ahead.get()
         except MasterSilent as error:
             raise StageError(str(error), gone=True) from error
         return PlanGoal(

@@ -3,6 +3,9 @@
 import re
 from typing import Dict, Iterable
 
+#: What the class of an action declares for its bridge: attributes of the class, and parameters of its action.
+DECLARED = ("while_running", "if_interrupted")
+
 
 def ros_name(operator: str) -> str:
     """The name below ``actions/`` of a PDDL operator: ``check-table`` is not a legal ROS name."""
@@ -30,6 +33,6 @@ def snake_case(class_name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", class_name).lower()
 
 
-def action_param(operator: str, key: str) -> str:
-    """Relative name of the parameter in which the host of an action declares something to its bridge."""
-    return f"actions/{ros_name(operator)}/{key}"
+def action_param(operator: str) -> str:
+    """Relative name of the parameters in which the host of an action declares something to its bridge."""
+    return f"actions/{ros_name(operator)}"

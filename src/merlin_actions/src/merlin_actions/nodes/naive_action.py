@@ -6,14 +6,14 @@ effects are true and are applied, and the dispatcher stops before the next actio
 """
 
 import threading
-from typing import Any
+from typing import Any, Dict, List
 
 import rospy
 
 from merlin_actions.action_classes import read_machines
 from merlin_actions.action_interface import ActionInterface, wait_for_knowledge_base
 from merlin_actions.core.ending import Ending
-from merlin_actions.core.names import ros_name
+from merlin_actions.core.names import DECLARED, ros_name
 from merlin_actions.execution import Execution
 from merlin_actions.merlin_action_server import SHUTDOWN_WAIT
 from merlin_actions.merlin_action_sm import MerlinActionSM
@@ -57,8 +57,8 @@ class NaiveAction(ActionInterface):
         with self._running:
             self._live(execution)
 
-    def _literals(self, key: str) -> list:
-        return list(getattr(self.machine, key))
+    def _literals(self) -> Dict[str, List[str]]:
+        return {key: list(getattr(self.machine, key)) for key in DECLARED}
 
 
 def main() -> int:

@@ -1,14 +1,14 @@
 """The goals that an Executor has put into the knowledge base, noted where its successor finds them."""
 
-from typing import List, Optional
+from typing import List, Optional, Union
 
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.core.goal_ledger import GoalLedger
 from merlin_executor.core.goal_notes import GoalNotes, NotesError
+from merlin_executor.node.parameter_notes import ParameterNotes
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
-from merlin_ros.master.master_link import get_param, set_param
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
 from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 
@@ -18,9 +18,9 @@ PARAMETER = "~added_goals"
 class OwnGoals:
     """Adds goals to the knowledge base and removes exactly those again.
 
-    They are noted on the parameter server, or in a file: that outlives the master too, as a knowledge base
-    with a state file does. A lease on ``<kb>/goals/lease`` names them while they are there: our knowledge
-    base removes them when this process dies or hangs. Used by one thread.
+    A lease on ``<kb>/goals/lease`` names them while they are there: our knowledge base removes them when this
+    process dies or hangs. They are noted, too, for a knowledge base that does not watch leases or dies with
+    this process: on the parameter server, or in a file, which outlives the master too. Used by one thread.
 
     :param knowledge: where the goals go.
     :param path: of the file; empty: the parameter server.
@@ -32,7 +32,7 @@ class OwnGoals:
         self, knowledge: KnowledgeClient, path: str = "", lease: Optional[LeaseHolder] = None
     ) -> None:
         self._knowledge = knowledge
-        self._notes: Optional[GoalNotes] = GoalNotes(path) if path else None
+        self._notes: Union[GoalNotes, ParameterNotes] = GoalNotes(path) if path else ParameterNotes(PARAMETER)
         self._lease = lease
         self._ledger: GoalLedger[KnowledgeItem] = GoalLedger(to_pddl, LIFE)
         self._held = ""  # the lease that is held
@@ -43,7 +43,7 @@ class OwnGoals:
         return bool(self._ledger.items)
 
     def add(self, items: List[KnowledgeItem]) -> None:
-        """Adds goals. They are noted first: one noted too many is harmless, one too few would stay.
+        """Adds goals. They are noted or leased first: one too many is harmless, one too few would stay.
 
         :raises KnowledgeError: when the knowledge base refuses.
         :raises ServiceError: when it does not answer.
@@ -113,15 +113,12 @@ class OwnGoals:
             self._lease.release(before)
 
     def _note(self, texts: List[str]) -> None:
-        if self._notes is None:
-            set_param(PARAMETER, texts)
-        else:
+        if isinstance(self._notes, GoalNotes) or texts and (self._lease is None or not self._lease.watched):
             self._notes.write(texts)
+        else:
+            self._notes.write_soon(texts)
 
     def _noted(self) -> List[str]:
-        if self._notes is None:
-            noted = get_param(PARAMETER, [])
-            return list(map(str, noted)) if isinstance(noted, list) else []
         try:
             return self._notes.read()
         except NotesError as error:

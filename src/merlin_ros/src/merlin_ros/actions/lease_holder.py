@@ -53,6 +53,11 @@ class LeaseHolder:
         self._goals.discard(goal)
         self._lease.release([goal])
 
+    @property
+    def watched(self) -> bool:
+        """Whether a node listens to the leases."""
+        return self._lease.watched
+
     def suspend(self, goal: str, suspended: bool) -> None:
         """Says of one goal that its own owner is silent, or back."""
         self._lease.suspend(goal, suspended)
@@ -81,6 +86,10 @@ class _Lease:
         self._held: Dict[str, _Held] = {}
         self._stopped = False
         self._thread: Optional[threading.Thread] = None
+
+    @property
+    def watched(self) -> bool:
+        return self._publisher is not None and self._publisher.get_num_connections() > 0
 
     def hold(self, goal: str, owner: Optional[str]) -> None:
         with self._changed:

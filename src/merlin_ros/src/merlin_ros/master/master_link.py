@@ -111,6 +111,23 @@ def bounded_master(timeout: float = MASTER_TIMEOUT) -> rosgraph.Master:
     return master
 
 
+class _Kept(threading.local):
+    """The connection of a thread that asks for parameters again and again: connecting is half of a call."""
+
+    def __init__(self) -> None:
+        self._of: Tuple[str, str] = ("", "")
+        self._master: Any = None
+
+    def master(self) -> rosgraph.Master:
+        of = (rosgraph.get_master_uri(), rospy.get_name())
+        if self._of != of:
+            self._of, self._master = of, bounded_master()
+        return self._master
+
+
+_kept = _Kept()
+
+
 def bound_rospy() -> None:
     """From now on rospy's own calls to the master end too; once, before `rospy.init_node`.
 
@@ -167,7 +184,7 @@ def get_param(name: str, default: Any = _NO_DEFAULT) -> Any:
     """
     full = rospy.resolve_name(name)
     try:
-        value = bounded_master().getParam(full)
+        value = _kept.master().getParam(full)
     except rosgraph.MasterError:  # not set; kept all the same: a new master may not have got it back yet
         if default is _NO_DEFAULT:
             raise KeyError(name) from None
@@ -190,7 +207,7 @@ def set_param(name: str, value: Any) -> None:
     full = rospy.resolve_name(name)
     _known.keep(full, value)
     try:
-        bounded_master().setParam(full, value)
+        _kept.master().setParam(full, value)
     except ERRORS as error:
         raise MasterSilent(f"cannot set the parameter {full}: {error}") from error
 

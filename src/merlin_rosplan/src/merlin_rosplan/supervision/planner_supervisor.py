@@ -162,9 +162,7 @@ class Supervisor:
                 self._poll.unregister(child.line)
             child.line.close()
 
-    def _watch(
-        self, job: Answer, pid: int, folder: Path
-    ) -> Tuple[Optional[Answer], Optional[int]]:
+    def _watch(self, job: Answer, pid: int, folder: Path) -> Tuple[Optional[Answer], Optional[int]]:
         """Waits for the end of a planning.
 
         :return: what forced its end, if anything did, and its status; None: its outcome is there, and no
