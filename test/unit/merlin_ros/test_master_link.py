@@ -3,20 +3,25 @@
 import gc
 import socketserver
 import threading
-from typing import Any, Iterator
+from typing import Any, Iterator, List
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import pytest
 
-from merlin_ros.master.master_link import bounded_master, bounded_proxy
+from merlin_ros.master.master_link import bounded_master, bounded_proxy, get_param
 
 closed = threading.Event()
+connections: List[Any] = []
 
 
 class Handler(SimpleXMLRPCRequestHandler):
     """Keeps its connection until the client closes it, as a master does."""
 
     protocol_version = "HTTP/1.1"
+
+    def setup(self) -> None:
+        super().setup()
+        connections.append(self.client_address)
 
     def finish(self) -> None:
         super().finish()
@@ -30,8 +35,10 @@ class Server(socketserver.ThreadingMixIn, SimpleXMLRPCServer):
 @pytest.fixture
 def uri(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     closed.clear()
+    connections.clear()
     with Server(("127.0.0.1", 0), Handler, logRequests=False) as server:
         server.register_function(lambda caller: [1, "", 42], "getPid")
+        server.register_function(lambda caller, name: [1, "", name], "getParam")
         threading.Thread(target=server.serve_forever, name="master", daemon=True).start()
         address = f"http://127.0.0.1:{server.server_address[1]}"
         monkeypatch.setenv("ROS_MASTER_URI", address)
@@ -61,3 +68,12 @@ def test_a_dropped_client_closes_its_connection_at_once(uri: str, ask: Any) -> N
         assert closed.wait(20.0)
     finally:
         gc.enable()
+
+
+def test_parameters_are_asked_for_over_one_connection_whatever_thread_asks(uri: str) -> None:
+    assert get_param("/a") == "/a"
+    thread = threading.Thread(target=get_param, args=("/b",))
+    thread.start()
+    thread.join()
+    assert get_param("/c") == "/c"
+    assert len(connections) == 1

@@ -9,7 +9,7 @@ import http.client
 import socket
 import threading
 import xmlrpc.client
-from typing import Any, Dict, Tuple
+from typing import Any, Callable, Dict, List, Tuple
 from xml.parsers.expat import ExpatError
 
 import rosgraph
@@ -19,6 +19,8 @@ import rospy
 MASTER_TIMEOUT = 2.5
 #: The same, once a call of the same connection has had to wait in vain: others have waited behind it.
 SILENT_TIMEOUT = 1.0
+#: Connections to the master that are kept between calls.
+KEPT = 2
 
 _NO_DEFAULT = object()
 
@@ -111,18 +113,27 @@ def bounded_master(timeout: float = MASTER_TIMEOUT) -> rosgraph.Master:
     return master
 
 
-class _Kept(threading.local):
-    """The connection of a thread that asks for parameters again and again: connecting is half of a call."""
+class _Kept:
+    """Connections for calls that come again and again: connecting is half of a call.
+
+    Not kept with the threads: Python 3.11 leaks a socket's object that ends with its thread.
+    """
 
     def __init__(self) -> None:
-        self._of: Tuple[str, str] = ("", "")
-        self._master: Any = None
+        self._lock = threading.Lock()  # guards the field below
+        self._idle: List[Tuple[Tuple[str, str], rosgraph.Master]] = []
 
-    def master(self) -> rosgraph.Master:
+    def call(self, ask: Callable[[rosgraph.Master], Any]) -> Any:
+        """The answer of a call, over a connection that no other call uses meanwhile."""
         of = (rosgraph.get_master_uri(), rospy.get_name())
-        if self._of != of:
-            self._of, self._master = of, bounded_master()
-        return self._master
+        with self._lock:
+            self._idle = [entry for entry in self._idle if entry[0] == of]
+            _, master = self._idle.pop() if self._idle else (of, bounded_master())
+        answer = ask(master)  # a connection whose call failed is dropped
+        with self._lock:
+            if len(self._idle) < KEPT:
+                self._idle.append((of, master))
+        return answer
 
 
 _kept = _Kept()
@@ -184,7 +195,7 @@ def get_param(name: str, default: Any = _NO_DEFAULT) -> Any:
     """
     full = rospy.resolve_name(name)
     try:
-        value = _kept.master().getParam(full)
+        value = _kept.call(lambda master: master.getParam(full))
     except rosgraph.MasterError:  # not set; kept all the same: a new master may not have got it back yet
         if default is _NO_DEFAULT:
             raise KeyError(name) from None
@@ -207,7 +218,7 @@ def set_param(name: str, value: Any) -> None:
     full = rospy.resolve_name(name)
     _known.keep(full, value)
     try:
-        _kept.master().setParam(full, value)
+        _kept.call(lambda master: master.setParam(full, value))
     except ERRORS as error:
         raise MasterSilent(f"cannot set the parameter {full}: {error}") from error
 
