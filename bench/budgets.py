@@ -10,6 +10,7 @@ BUDGETS: Dict[str, str] = {
     "dispatchers esterel parse_ms": "5",
     "goal_to_dispatch_ms": "25, p99 60",
     "guard_latency_ms": "2",
+    "home_first_motion_s": "5",
     "home_memory_mb all": "600",
     "kb_load_10000_s": "1",
     "kb_query_ms": "1",
