@@ -27,7 +27,7 @@ from merlin_ros.actions.ownership import ownership
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.node import master_is_lost
-from merlin_ros.publishing import publish
+from merlin_ros.publishing import Subscribed, publish
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
@@ -81,6 +81,9 @@ class ActionInterface:
         self._executions: Dict[Key, Execution] = {}
         self._queue = ExecutionQueue(self.concurrent)
         self._stopped = threading.Event()
+        self._newcomers = (
+            Subscribed()
+        )  # of the announcements: a process latches but the last one of its actions
         self._topics = (dispatch_topic, feedback_topic)
 
     def start(self) -> None:
@@ -90,7 +93,11 @@ class ActionInterface:
         self._connected: Optional[float] = None
         self._feedback = rospy.Publisher(feedback_topic, ActionFeedback, latch=True, queue_size=10)
         self._announcements = rospy.Publisher(
-            f"{self.knowledge.name}/pddl_action_parameters", DomainFormula, latch=True, queue_size=10
+            f"{self.knowledge.name}/pddl_action_parameters",
+            DomainFormula,
+            subscriber_listener=self._newcomers,
+            latch=True,
+            queue_size=10,
         )
         self._subscriber = rospy.Subscriber(dispatch_topic, ActionDispatch, self._receive, tcp_nodelay=True)
         threading.Thread(target=self._announce, name=f"announce {self.operator}", daemon=True).start()
@@ -103,6 +110,7 @@ class ActionInterface:
     def shutdown(self) -> None:
         """Cancels what runs, waits until it has ended, at most ``SHUTDOWN_WAIT``, and stops serving."""
         self._stopped.set()
+        self._newcomers.there.set()
         self._subscriber.unregister()
         self._owners.shutdown()
         with self._changed:
@@ -316,10 +324,10 @@ class ActionInterface:
         self._connected = running_time()
         self._stopped.wait(LATCH_GRACE)
         # Wall time: a paused simulator must not make an interface look dead.
-        while not rospy.is_shutdown():
+        while not rospy.is_shutdown() and not self._stopped.is_set():
+            self._newcomers.there.clear()
             self._announcements.publish(self.formula)
-            if self._stopped.wait(ANNOUNCE_PERIOD):
-                return
+            self._newcomers.there.wait(ANNOUNCE_PERIOD)
 
     def _settle_left(self) -> None:
         """Closes what an earlier life of this node has left open, and answers for it."""
