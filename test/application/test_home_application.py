@@ -62,7 +62,7 @@ def test_the_plain_mission_that_newcomers_copy_ends_as_listed(tmp_path: Path) ->
 
 @pytest.mark.parametrize(
     ("word", "code", "text"),
-    [("points:=kitchen garage", 1, "garage"), ("marked_share:=0.3", 2, "is no whole number")],
+    [("points:=kitchen garage", 1, "garage"), ("marked_share:=0.3", 2, "is not a whole number")],
 )
 def test_bad_input_of_the_plain_mission_is_one_line(tmp_path: Path, word: str, code: int, text: str) -> None:
     ended, out, err = end(start(tmp_path, "measure:=false", "tasks:=2", word))

@@ -56,7 +56,7 @@ def test_a_cancelled_mission_is_not_taken_for_a_marked_task(robot: FakeRobot) ->
     ("name", "value", "why"),
     [
         ("~mission", 4, "there is no mission 4; give one of [1, 2, 3]"),
-        ("~marked_share", 0.3, "0.3 of 6 tasks is no whole number"),
+        ("~marked_share", 0.3, "0.3 of 6 tasks is not a whole number"),
         ("~cancel_after", 0.0, "parameter ~cancel_after is 0, less than 0.1"),
         ("~points", "kitchen", "a mission needs two points of interest or more, not ['kitchen']"),
     ],

@@ -16,22 +16,21 @@ import random
 from dataclasses import dataclass
 from typing import List, Sequence
 
+#: Tasks of the paper's Missions 1, 2 and 3.
 MISSION_TASKS = {1: 6, 2: 20, 3: 120}
-"""Tasks of the paper's Missions 1, 2 and 3."""
 
 
 class MissionListError(ValueError):
-    """No such list can be made; the text says why and what to do."""
+    """The list cannot be made; the text says why and what to do."""
 
 
 @dataclass(frozen=True)
 class MissionTask:
     """One entry of a mission.
 
-    Attributes:
-        number: from 1.
-        poi: point of interest to check.
-        marked: the task is cancelled if it still runs some time after it was sent.
+    :param number: from 1.
+    :param poi: point of interest to check.
+    :param marked: True when the task is cancelled if it still runs some time after it was sent.
     """
 
     number: int
@@ -42,8 +41,7 @@ class MissionTask:
 def mission_tasks(mission: int) -> int:
     """Number of tasks of one of the paper's missions.
 
-    Raises:
-        MissionListError: there is no such mission.
+    :raises MissionListError: when the mission does not exist.
     """
     if mission not in MISSION_TASKS:
         raise MissionListError(f"there is no mission {mission}; give one of {sorted(MISSION_TASKS)}")
@@ -55,14 +53,11 @@ def make_mission(
 ) -> List[MissionTask]:
     """Makes a mission.
 
-    Parameters:
-        points: names of the points of interest, in any order.
-        tasks: length of the list.
-        seed: the same seed gives the same list.
-        marked_share: share of marked tasks, 0 to 1; exactly this share, so it has to be whole.
-
-    Raises:
-        MissionListError: fewer than two points, no tasks, or a share that is not a whole number of tasks.
+    :param points: names of the points of interest, in any order.
+    :param tasks: length of the list.
+    :param seed: the same seed gives the same list.
+    :param marked_share: share of marked tasks, 0 to 1; it has to give a whole number of tasks.
+    :raises MissionListError: for fewer than two points, no tasks, or a share that gives no whole number.
     """
     names = sorted(set(points))
     if len(names) < 2:
@@ -74,7 +69,7 @@ def make_mission(
     marked = round(marked_share * tasks)
     if abs(marked - marked_share * tasks) > 1e-6:
         raise MissionListError(
-            f"{marked_share} of {tasks} tasks is no whole number; the paper's lists have an even length"
+            f"{marked_share} of {tasks} tasks is not a whole number; the paper's lists have an even length"
         )
     choose = random.Random(f"list {tasks} {seed}").random
     visits: List[str] = []
