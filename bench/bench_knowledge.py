@@ -3,6 +3,7 @@
 import tempfile
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any, Dict, List
 
@@ -146,9 +147,9 @@ def measure_sizes(results: Dict[str, Any]) -> None:
             key: value if key == "n" else round(value / 2, 4) for key, value in pair.items()
         }
         known = shelves.fact(size // 2)
-        results["kb_query_ms"][str(size)] = time_ms(lambda item=known: shelves.query([item]), 1000)
+        results["kb_query_ms"][str(size)] = time_ms(partial(shelves.query, [known]), 1000)
         wildcard = fact("on", "", known.values[1].value)
-        results["kb_wildcard_query_ms"][str(size)] = time_ms(lambda item=wildcard: shelves.query([item]), 300)
+        results["kb_wildcard_query_ms"][str(size)] = time_ms(partial(shelves.query, [wildcard]), 300)
         results["problem_by_facts_ms"][str(size)] = time_ms(lambda: generate("", False), 10, warm_up=1)
         repeats = 200 if size <= 1_000 else 10 if size <= 10_000 else 3
         results["kb_propositions_ms"][str(size)] = time_ms(
@@ -181,7 +182,7 @@ def measure_problem(results: Dict[str, Any]) -> None:
         ("problem_own_process_ms", "problem_apart"),
     ):
         generate = proxy("problem_generation_server_params", ProblemService, node)
-        results[key] = time_ms(lambda service=generate: service("", True), 200)
+        results[key] = time_ms(partial(generate, "", True), 200)
 
 
 def measure() -> Dict[str, Any]:

@@ -89,6 +89,7 @@ def nest(leaf: smach.State, depth: int, concurrent: bool) -> smach.State:
     state = leaf
     for level in range(depth):
         outcomes = list(leaf.get_registered_outcomes())
+        container: smach.Container
         if concurrent and level % 2:
             container = smach.Concurrence(outcomes, outcomes[0])
             with container:
@@ -190,7 +191,8 @@ def measure_ros() -> Dict[str, Any]:
         machine, times = ping_pong(TRANSITIONS // (20 if pause else 1), pause)
         server = smach_ros.IntrospectionServer(f"/{SERVER}", machine, "/BENCH")
         server.start()
-        while not server._status_publisher.get_num_connections():
+        status = server._status_publisher
+        while status is not None and not status.get_num_connections():
             time.sleep(0.01)
         machine.execute()
         results[name] = figure(overheads_us(times))

@@ -56,7 +56,7 @@ def start(executable: str, service: str, kind: Any, *args: str) -> Tuple[float, 
     """Seconds of wall time and of the process's own time until a service answers, whatever it answers."""
     package, node = NODES[executable][:2]
     command = [sys.executable, str(DEVEL / package / executable), f"__name:={node}", *args]
-    master = xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"])
+    master: Any = xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"])
     name = service if service.startswith("/") else f"/{node}/{service}"
     begin = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)

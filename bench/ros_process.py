@@ -9,7 +9,7 @@ import tempfile
 import time
 import xmlrpc.client
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, Optional
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional
 
 START_LIMIT = 90.0  # s of wall time for a process to be up; a busy machine is slow, not wrong
 STOP_LIMIT = 25.0  # s of wall time between SIGINT and SIGKILL; roslaunch gives a node 15 s, then 2
@@ -40,7 +40,7 @@ class RosMaster:
         os.environ.update(ROS_MASTER_URI=self.uri, ROS_LOG_DIR=self._folder.name)
         self._proxy = xmlrpc.client.ServerProxy(self.uri)
         self._start("rosmaster", ["rosmaster", "--core", "-p", self.uri.rsplit(":", 1)[1]])
-        self._wait("the master", lambda: self._proxy.getPid("/bench")[0] == 1)
+        self._wait("the master", lambda: self._proxy.getPid("/bench"))
 
     def __enter__(self) -> "RosMaster":
         return self
@@ -75,7 +75,7 @@ class RosMaster:
 
         :raises RuntimeError: it is not after 90 s, or a process has died.
         """
-        self._wait(f"the service {name}", lambda: self._proxy.lookupService("/bench", name)[0] == 1)
+        self._wait(f"the service {name}", lambda: self._proxy.lookupService("/bench", name))
 
     def output(self, name: str) -> str:
         """What a node has printed so far."""
@@ -108,15 +108,15 @@ class RosMaster:
         self._processes.append(process)
         return process
 
-    def _wait(self, what: str, ready: Any) -> None:
+    def _wait(self, what: str, ask_master: Callable[[], Any]) -> None:
         end = time.monotonic() + START_LIMIT
         while time.monotonic() < end:
             with contextlib.suppress(OSError, xmlrpc.client.Error):
-                if ready():
+                if ask_master()[0] == 1:  # code, text, value
                     return
             dead = [process.args for process in self._processes if process.poll() is not None]
             if dead:
-                raise RuntimeError(f"{dead[0]} ended while waiting for {what}")
+                raise RuntimeError(f"{dead[0]!r} ended while waiting for {what}")
             time.sleep(0.02)
         raise RuntimeError(f"{what} is not there after {START_LIMIT:.0f} s")
 

@@ -219,9 +219,12 @@ def gone_modules() -> Iterator[str]:
     for folder in ("bench", "test", "tools"):
         for path in sorted((SRC.parent / folder).glob("**/*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
-                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-                if isinstance(node, ast.ImportFrom) and not node.level:
+                if isinstance(node, ast.Import):
+                    names = [alias.name for alias in node.names]
+                elif isinstance(node, ast.ImportFrom) and not node.level:
                     names = [node.module or ""]
+                else:
+                    continue
                 for name in names:
                     top = SRC / name.split(".")[0]
                     if (top / "setup.py").is_file() and not _exists(top, name):

@@ -11,13 +11,14 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any, Dict
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / "test" / "rostest"))
 from chromium import Visit, chromium  # noqa: E402
 
 DESKTOP = {"width": 1360, "height": 1130}
-PICTURES = {
+PICTURES: Dict[str, Dict[str, Any]] = {
     "monitor.png": {"viewport": DESKTOP},
     "monitor-dark.png": {"viewport": DESKTOP, "color_scheme": "dark"},
     "monitor-phone.png": {"viewport": {"width": 390, "height": 844}, "device_scale_factor": 2},

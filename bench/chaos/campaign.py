@@ -110,16 +110,16 @@ class Campaign:
             return False
         self.stop()
         for attempt in range(STARTS):
-            self._system = System(trial.variant, trial.seed % 1000 + 1)
+            system = self._system = System(trial.variant, trial.seed % 1000 + 1)
             try:
-                self._system.start()
+                system.start()
                 break
             except StartError as error:
                 self.stop(keep=True)
                 if attempt + 1 == STARTS:
                     raise
                 self._say(f"      the system did not start: {error}; again")
-        self._runner = Runner(self._system, self._points)
+        self._runner = Runner(system, self._points)
         return True
 
     def _tell(self, number: int, result: Result, seconds: float) -> None:

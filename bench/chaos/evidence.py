@@ -1,6 +1,6 @@
 """The events of a trial, looked up by kind, and what can be measured in them."""
 
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Set, Tuple
 
 from chaos import events
 from chaos.events import Event
@@ -101,8 +101,8 @@ def action_began(evidence: Evidence) -> Optional[Event]:
     return None
 
 
-def _ended_before(evidence: Evidence, server: str, at: float) -> set:
-    known: set = set()
+def _ended_before(evidence: Evidence, server: str, at: float) -> Set[str]:
+    known: Set[str] = set()
     for event in evidence.log:
         if event.at < at and event.kind == events.GOALS and event["server"] == server:
             known |= {*event["active"], *event.get("ended", {})}

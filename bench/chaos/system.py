@@ -12,7 +12,7 @@ import tempfile
 import time
 import uuid
 from pathlib import Path
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Tuple
 
 from chaos import processes
 from chaos.child import Child
@@ -226,7 +226,7 @@ class System:
                 raise StartError(f"the master is not up; logs: {self._folder}")
             time.sleep(0.05)
 
-    def _listens(self, address: tuple) -> bool:
+    def _listens(self, address: Tuple[str, int]) -> bool:
         if self._network is None:
             with contextlib.suppress(OSError), socket.create_connection(address, 1.0):
                 return True

@@ -3,7 +3,7 @@
 import fnmatch
 import random
 from dataclasses import dataclass, field, replace
-from typing import Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Dict, Iterator, List, Optional, Sequence, Set, Tuple
 
 from chaos.faults import (
     CLIENT,
@@ -204,7 +204,7 @@ def draw(
 
 
 def _pool(
-    patterns: Sequence[str], moments: Sequence[Moment], respawn: Sequence[bool], absent: set
+    patterns: Sequence[str], moments: Sequence[Moment], respawn: Sequence[bool], absent: Set[str]
 ) -> List[Trial]:
     named = known_failures()
     chosen = [

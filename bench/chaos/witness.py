@@ -35,7 +35,7 @@ class Witness:
     def __init__(self, side: str, report: Reporter) -> None:
         self._report = report
         self._lock = threading.Lock()  # guards _goals; rospy has a thread per connection
-        self._goals: Dict[str, Tuple] = {}
+        self._goals: Dict[str, Tuple[Any, Any]] = {}
         self._world = WorldTime()
         if side in (ROBOT, "all"):
             self._subscribe("ground_truth", Odometry, self._truth)

@@ -9,7 +9,7 @@ from typing import Callable, List, Tuple
 from merlin_reactive.navigation.navigator import DriveOutcome
 from merlin_reactive.pose import Point, Pose
 from merlin_reactive.seeded_random import draw
-from merlin_sim.world.world_model import DoorEvent, MoveEvent, Person, Solid, World
+from merlin_sim.world.world_model import DoorEvent, MoveEvent, Person, Solid, World, WorldEvent
 
 Leg = Tuple[str, Pose, Pose]
 
@@ -113,7 +113,10 @@ def _oncoming(world: World, seed: int) -> World:
 
 
 def _reopened(world: World, seed: int) -> World:
-    events = [DoorEvent(3.0, "kitchen_door", False), DoorEvent(26.0 + seed % 5, "kitchen_door", True)]
+    events: List[WorldEvent] = [
+        DoorEvent(3.0, "kitchen_door", False),
+        DoorEvent(26.0 + seed % 5, "kitchen_door", True),
+    ]
     return dataclasses.replace(world, events=events)
 
 

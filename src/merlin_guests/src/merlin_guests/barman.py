@@ -2,10 +2,11 @@
 
 import re
 from random import Random
-from typing import Callable, Dict, List, Sequence
+from typing import Callable, Dict, List, Optional, Sequence
 
 from merlin_msgs.msg import GuestEvent
 
+from merlin_guests.guest import Guest
 from merlin_guests.house import BAR, TRAY, House
 from merlin_guests.schedule import DISTURBANCES, MISSING, without_one, wrong_order
 from merlin_guests.stage import Stage
@@ -37,7 +38,7 @@ class Barman:
         house: House,
         seed: int,
         wrong_share: float,
-        guest_of: Callable[[str], object],
+        guest_of: Callable[[str], Optional[Guest]],
     ) -> None:
         self._stage = stage
         self._house = house

@@ -279,7 +279,7 @@ class Guest:
         self._stage.tell(event, self._name, self.table if table is None else table, items, reason)
 
 
-def _not_yet_walked(steps: Sequence, here: tuple) -> list:
+def _not_yet_walked(steps: Sequence[Point], here: Point) -> List[Point]:
     """The part of a trail that lies ahead of its place nearest to somebody."""
     if not steps:
         return []

@@ -76,7 +76,7 @@ class Players:
         barman.join()
         return 0
 
-    def _start(self, player: object, name: str) -> threading.Thread:
+    def _start(self, player: Union[Guest, Barman], name: str) -> threading.Thread:
         def play() -> None:
             try:
                 player.play()

@@ -10,7 +10,14 @@ import rospy
 from audio_common_msgs.msg import AudioData
 from geometry_msgs.msg import Point as PointMessage
 from merlin_msgs.msg import GuestEvent, PersonHeard, SimPeople, SimPerson
-from merlin_msgs.srv import PlaceThing, SetAnswers, WalkPerson
+from merlin_msgs.srv import (
+    PlaceThing,
+    PlaceThingResponse,
+    SetAnswers,
+    SetAnswersResponse,
+    WalkPerson,
+    WalkPersonResponse,
+)
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
@@ -284,7 +291,9 @@ class Stage:
         self._events.publish(message)
         rospy.loginfo(f"{guest or 'restaurant'}: event {event} {table} {' '.join(items)} {reason}")
 
-    def _demand(self, answer: object, name: str) -> None:
+    def _demand(
+        self, answer: Union[PlaceThingResponse, WalkPersonResponse, SetAnswersResponse], name: str
+    ) -> None:
         if not answer.success:
             raise PlayError(f"{name}: {answer.message}")
 

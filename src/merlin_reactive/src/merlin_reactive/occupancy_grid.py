@@ -36,6 +36,10 @@ class OccupancyGrid:
             self.origin[1] + (row + 0.5) * self.resolution,
         )
 
+    def points(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """The centres of cells, m: n x 2."""
+        return np.column_stack(self.origin) + (np.column_stack((columns, rows)) + 0.5) * self.resolution
+
     def rows_and_columns(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rows and columns of points (n x 2), and which of the points lie on the map."""
         columns = np.floor((points[:, 0] - self.origin[0]) / self.resolution).astype(int)

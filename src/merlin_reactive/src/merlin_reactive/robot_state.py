@@ -4,7 +4,7 @@ import math
 import threading
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Optional, Sequence, Tuple
+from typing import Deque, Optional, Sequence, Tuple, Union
 
 import numpy as np
 import rospy
@@ -77,14 +77,9 @@ class RobotState:
         with self.changed:
             odometry = self._odometry[-1] if self._odometry else None
             scan = self._scan
-        now = rospy.Time.now()
-        for topic, message in (("odom", odometry), ("scan", scan)):
-            name = rospy.resolve_name(topic)
-            if message is None:
-                return f"nothing has come on {name}"
-            silence = (now - message.header.stamp).to_sec()
-            if silence > age:
-                return f"{name} is silent for {silence:.1f} s"
+        silent = _silence("odom", odometry, age) or _silence("scan", scan, age)
+        if silent or odometry is None:
+            return silent
         try:
             self._frame_pose(odometry.header.frame_id)
         except StateError as error:
@@ -189,3 +184,12 @@ def odometry_at(history: Sequence[Odometry], stamp: float) -> Pose:
             )
         before = message
     return pose_of(before.pose.pose)
+
+
+def _silence(topic: str, message: Union[Odometry, LaserScan, None], age: float) -> str:
+    """A sentence when the last message of a topic is older than `age` seconds; empty when it is not."""
+    name = rospy.resolve_name(topic)
+    if message is None:
+        return f"nothing has come on {name}"
+    silence = (rospy.Time.now() - message.header.stamp).to_sec()
+    return f"{name} is silent for {silence:.1f} s" if silence > age else ""

@@ -1,29 +1,20 @@
 """The robot of a mission as ROS shows it: the Executor, the knowledge base, the clock."""
 
 import threading
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from typing import Callable, Dict, List, Optional, Tuple
 
 import rospy
 from merlin_msgs.msg import ExecutorStatus
 
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
 from merlin_executor.resending import END
-from merlin_experiment.mission.measured_mission import MissionStopped
+from merlin_experiment.mission.measured_mission import MissionStopped, RequestEnding
 from merlin_experiment.records.trajectory import Trajectory
 from merlin_ros.deadline import Deadline
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 IDLE_TIMEOUT = 30.0
 """Running time within which the Executor is idle after it has answered, s."""
-
-
-class RequestEnding(NamedTuple):
-    """How a request ended."""
-
-    name: str
-    stage: str
-    reason: str
-    replans: int
 
 
 class _Request:
@@ -126,7 +117,7 @@ class ExecutorRobot(MerlinROSPlanAssistant):
             self._on_action(running[key][0])
 
 
-def _plain_words(status: Any) -> str:
+def _plain_words(status: ExecutorStatus) -> str:
     """What the Executor does, for people."""
     if status.state == ExecutorStatus.CANCELLING:
         return "stopping"

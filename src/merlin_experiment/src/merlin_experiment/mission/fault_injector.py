@@ -7,6 +7,7 @@ happens next is up to the robot: the launch file may start the node again.
 import os
 import signal
 import threading
+from typing import Any
 
 import rospy
 from merlin_msgs.msg import MissionStatus
@@ -37,10 +38,11 @@ class FaultInjector:
         if running and self._once.acquire(blocking=False):
             rospy.Timer(rospy.Duration(self._delay), self._kill, oneshot=True)
 
-    def _kill(self, _event: object) -> None:
+    def _kill(self, _event: rospy.timer.TimerEvent) -> None:
         try:
             address = bounded_master().lookupNode(self._node)
-            process = int(bounded_proxy(address, 1.0).getPid(rospy.get_name())[2])
+            answer: Any = bounded_proxy(address, 1.0).getPid(rospy.get_name())
+            process = int(answer[2])
         except ERRORS as error:
             rospy.logerr(f"cannot kill {self._node}: {error}")
             return

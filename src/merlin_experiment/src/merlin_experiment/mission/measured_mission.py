@@ -4,7 +4,7 @@ Without ROS: what the mission needs of the robot is :class:`MissionRobot`.
 """
 
 import threading
-from typing import Callable, List, Optional, Protocol, Sequence, Tuple
+from typing import Callable, List, NamedTuple, Optional, Protocol, Sequence, Tuple
 
 from merlin_experiment.records.task_record import TaskRecord
 from merlin_experiment.records.trajectory import Trajectory
@@ -17,11 +17,17 @@ BRAKING = 1.0
 """Time after the next task's first action in which a standstill still belongs to the task before, s."""
 
 
-class RequestOutcome(Protocol):
-    """How a request ended."""
+class RequestEnding(NamedTuple):
+    """How a request ended.
+
+    Attributes:
+        name: as in Execute.action: SUCCEEDED, CANCELLED, …
+        stage: of the Executor in which it ended.
+        reason: a sentence; empty after a success.
+        replans: how often its plan was replaced.
+    """
 
     name: str
-    """As in Execute.action: SUCCEEDED, CANCELLED, …"""
     stage: str
     reason: str
     replans: int
@@ -33,7 +39,7 @@ class SentRequest(Protocol):
     def cancel(self) -> None:
         """Asks for its end; returns at once."""
 
-    def wait(self) -> RequestOutcome:
+    def wait(self) -> RequestEnding:
         """Waits until it has ended."""
 
 

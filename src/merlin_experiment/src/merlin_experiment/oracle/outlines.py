@@ -33,7 +33,9 @@ class Outlines:
     def __init__(self, shapes: Iterable[Outline]) -> None:
         self.shapes = list(shapes)
         self.radii = np.array([shape.radius for shape in self.shapes], dtype=float)
-        starts, ends, counts = [], [], []
+        starts: List[Point] = []
+        ends: List[Point] = []
+        counts: List[int] = []
         for shape in self.shapes:
             starts += shape.corners
             ends += shape.corners[1:] + shape.corners[:1]

@@ -1,7 +1,8 @@
 """From rows of runs and tasks to the figures of the report."""
 
 from collections import defaultdict
-from typing import Dict, List, Optional, Sequence, Tuple
+from statistics import fmean
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from merlin_experiment.report.statistics import Ratio, Summary
 from merlin_experiment.runs.run_table import Row
@@ -37,7 +38,7 @@ class Analysis:
     def pairs(self) -> List[Tuple[Row, Row]]:
         """MERLIN and Naive on the same list with the same settings, in the order of missions and seeds."""
         settings = ("mission", "seed", "cancel_after", "marked_share", "real_time_factor", "rtf_policy")
-        by_settings: Dict[tuple, Dict[str, Row]] = defaultdict(dict)
+        by_settings: Dict[Tuple[Any, ...], Dict[str, Row]] = defaultdict(dict)
         for row in self.runs:
             by_settings[tuple(row[name] for name in settings)][row["approach"]] = row
         whole = {key: pair for key, pair in by_settings.items() if len(pair) == 2}
@@ -76,19 +77,24 @@ class Analysis:
                 result[mission, approach] = sums
         return result
 
-    def beyond_oracle(self, approach: str) -> Dict[str, Optional[float]]:
-        """Means of what completed tasks took beyond the oracle, s, and what of it was no driving; `_m`: m."""
+    def beyond_oracle(self, approach: str) -> Optional[Dict[str, float]]:
+        """What completed tasks took beyond the oracle on average, s, and its parts without driving; `_m`: m.
+
+        None where no task was completed.
+        """
         done = [
             task
             for task in self.tasks
             if task["approach"] == approach and task["outcome"] == "SUCCEEDED" and not task["cancelled"]
         ]
+        if not done:
+            return None
         parts = ("deliberating_s", "navigating_s", "speaking_s")
         return {
-            "time": _mean([task["time_s"] - task["oracle_time_s"] for task in done]),
-            "deliberating": _mean([task["deliberating_s"] or 0.0 for task in done]),
-            "between": _mean([task["time_s"] - sum(task[name] or 0.0 for name in parts) for task in done]),
-            "distance_m": _mean([task["distance_m"] - task["oracle_distance_m"] for task in done]),
+            "time": fmean(task["time_s"] - task["oracle_time_s"] for task in done),
+            "deliberating": fmean(task["deliberating_s"] or 0.0 for task in done),
+            "between": fmean(task["time_s"] - sum(task[name] or 0.0 for name in parts) for task in done),
+            "distance_m": fmean(task["distance_m"] - task["oracle_distance_m"] for task in done),
         }
 
     def task_means(self, approach: str) -> Dict[str, Optional[float]]:
@@ -110,4 +116,4 @@ class Analysis:
 
 def _mean(values: Sequence[Optional[float]]) -> Optional[float]:
     known = [value for value in values if value is not None]
-    return sum(known) / len(known) if known else None
+    return fmean(known) if known else None

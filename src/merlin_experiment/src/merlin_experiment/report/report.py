@@ -160,12 +160,14 @@ def _difference(part: Analysis, mission: int, time: Ratio, way: Ratio) -> List[s
         if ratio.low is None or ratio.high is None or not ratio.low <= paper <= ratio.high
     ]
     naive, merlin = part.task_means("naive"), part.task_means("merlin")
-    if not differing or None in (naive["marked"], naive["unmarked"], merlin["marked"]):
+    if not differing:
         return []
     tasks = MISSION_TASKS[mission]
     lines = []
     for words, unit, table_of, column in (("time", "s", TIME, ""), ("distance", "m", DISTANCE, "_m")):
         whole, theirs, ours = naive["unmarked" + column], naive["marked" + column], merlin["marked" + column]
+        if whole is None or theirs is None or ours is None:
+            return []
         of_naive, of_merlin = table_of[mission, "naive"].mean, table_of[mission, "merlin"].mean
         lines.append(
             f"  - {words}: a task that is not cancelled takes {whole:.1f} {unit}, a cancelled one "
@@ -220,7 +222,7 @@ def _where_time_goes(analysis: Analysis) -> str:
             )
     for mission in sorted({int(row["mission"]) for row in analysis.runs}):
         lost = analysis.only(mission=mission).beyond_oracle("merlin")
-        if lost["time"] is not None:
+        if lost is not None:
             driving = lost["time"] - lost["deliberating"] - lost["between"]
             notes.append(
                 f"- A completed task of Mission {mission} takes MERLIN {lost['time']:.2f} s longer than the "

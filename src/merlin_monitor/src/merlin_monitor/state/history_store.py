@@ -8,10 +8,13 @@ import threading
 import time
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple, TypeVar, Union
 
 from merlin_monitor.state.events import Event
 from merlin_monitor.text.plain_value import plain, plain_text
+
+A = TypeVar("A")
+Rows = List[Dict[str, Any]]
 
 LONGEST_TEXT = 1000  # characters of an event
 WAITING = 5000  # events that wait for the disk; more are counted and left out
@@ -73,11 +76,13 @@ class HistoryStore:
         except queue.Full:
             self._lost += 1
 
-    def page(self, before: Optional[int] = None, limit: int = 200, kinds: Tuple[str, ...] = ()) -> "Future":
+    def page(
+        self, before: Optional[int] = None, limit: int = 200, kinds: Tuple[str, ...] = ()
+    ) -> "Future[Rows]":
         """The newest events before an id, oldest first, as a future list of dicts."""
         return self._ask(lambda: self._page(before, limit, kinds))
 
-    def export(self) -> "Future":
+    def export(self) -> "Future[Rows]":
         """All events, as a future list of dicts."""
         return self._ask(lambda: list(self._select("ORDER BY id", ())))
 
@@ -87,8 +92,8 @@ class HistoryStore:
             self._jobs.put(None)
             self._thread.join(5.0)
 
-    def _ask(self, question: Callable[[], Any]) -> "Future":
-        answer: Future = Future()
+    def _ask(self, question: Callable[[], A]) -> "Future[A]":
+        answer: Future[A] = Future()
         if not self._thread.is_alive():
             answer.set_exception(HistoryError("the history is closed"))
             return answer
@@ -172,7 +177,8 @@ class HistoryStore:
         self._connection, self.run, self._in_memory = file, run, False
 
     def _page(self, before: Optional[int], limit: int, kinds: Tuple[str, ...]) -> List[Dict[str, Any]]:
-        conditions, values = [], []
+        conditions: List[str] = []
+        values: List[Union[int, str]] = []
         if before is not None:
             conditions.append("id < ?")
             values.append(before)
@@ -213,7 +219,7 @@ def _begin(connection: sqlite3.Connection) -> int:
     return cursor.lastrowid or 0
 
 
-def _answer(question: Callable[[], Any], answer: "Future") -> None:
+def _answer(question: Callable[[], A], answer: "Future[A]") -> None:
     try:
         answer.set_result(question())
     except Exception as error:  # told to who asked; the history goes on

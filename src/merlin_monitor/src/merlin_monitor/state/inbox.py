@@ -26,7 +26,7 @@ class Inbox:
         """Begins to work."""
         self._thread.start()
 
-    def put(self, call: Callable[..., None], *arguments: Any) -> None:
+    def put(self, call: Callable[..., object], *arguments: Any) -> None:
         """Has a call made; waits while too many wait."""
         self._calls.put((call, arguments))
 

@@ -2,7 +2,7 @@
 
 import struct
 import zlib
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy
 
@@ -73,11 +73,12 @@ class MapSection:
     def people(self, message: Any) -> None:
         """Takes people from a PoseArray, a People, a MarkerArray or a SimPeople, read by their fields."""
         people: List[List[float]] = []
-        for attribute, position in (
-            ("poses", lambda pose: pose.position),
-            ("people", lambda person: getattr(person, "position", person)),
-            ("markers", lambda marker: marker.pose.position),
-        ):
+        position_of: Dict[str, Callable[[Any], Any]] = {
+            "poses": lambda pose: pose.position,
+            "people": lambda person: getattr(person, "position", person),
+            "markers": lambda marker: marker.pose.position,
+        }
+        for attribute, position in position_of.items():
             for item in getattr(message, attribute, ()):
                 if getattr(item, "state", None) == ABSENT or getattr(item, "action", SHOWN) != SHOWN:
                     continue

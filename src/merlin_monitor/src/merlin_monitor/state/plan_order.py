@@ -42,7 +42,9 @@ def graph_steps(message: Any) -> Tuple[List[ShownStep], Edges]:
         for source in edge.source_ids:
             for sink in edge.sink_ids:
                 before, behind = owner.get(source), owner.get(sink)
-                if before in steps and behind in steps and before != behind:
+                if before is None or behind is None or before == behind:
+                    continue
+                if before in steps and behind in steps:
                     after[before].add(behind)
     ordered = sorted(steps.values(), key=lambda step: (step.start, step.id))
     return ordered, _without_implied(after)

@@ -54,7 +54,7 @@ class ChangeSet:
         self._changes.clear()
         self._depths.clear()
 
-    def as_list(self) -> List[list]:
+    def as_list(self) -> List[List[Any]]:
         """``[path, value]`` for what is new, ``[path]`` for what is gone."""
         return [
             [list(path)] if value is GONE else [list(path), value] for path, value in self._changes.items()
@@ -80,7 +80,7 @@ class Feed:
     :param wake: called once when the first change after that arrives, in the changing thread; must not block.
     """
 
-    def __init__(self, tree: "StateTree", wake: Callable[[], None]) -> None:
+    def __init__(self, tree: "StateTree", wake: Callable[[], object]) -> None:
         self._tree = tree
         self._wake = wake
         self._changes = ChangeSet()
@@ -179,7 +179,7 @@ class StateTree:
         with self._lock:
             return self.version, json.dumps(self._root, separators=(",", ":"))
 
-    def subscribe(self, wake: Callable[[], None]) -> Feed:
+    def subscribe(self, wake: Callable[[], object]) -> Feed:
         """A feed of all changes from now on."""
         feed = Feed(self, wake)
         with self._lock:
@@ -192,7 +192,7 @@ class StateTree:
             feed._note(path, value)
 
 
-def apply_changes(state: Dict[str, Any], changes: List[list]) -> None:
+def apply_changes(state: Dict[str, Any], changes: List[List[Any]]) -> None:
     """Brings a copy of the state up to date, as the page does."""
     for path, *value in changes:
         parent = state

@@ -12,6 +12,7 @@ from typing import Any, Callable, Dict, List, Tuple
 LONGEST = 256 * 1024  # bytes of pickle that are read
 LONGEST_VALUE = 600  # characters shown of one value
 _MARK = object()
+_Handler = Callable[[Any, str], None]  # of an opcode: its argument and its name
 
 
 class UserDataTextError(ValueError):
@@ -66,7 +67,7 @@ class _Reader:
         for opcode, argument, _ in pickletools.genops(data):
             if opcode.name == "STOP":
                 return self._stack.pop()
-            handler: Callable = getattr(self, f"_do_{opcode.name.lower()}", None) or self._constant
+            handler: _Handler = getattr(self, f"_do_{opcode.name.lower()}", self._constant)
             handler(argument, opcode.name)
         raise UserDataTextError("userdata ends too early")
 

@@ -31,7 +31,7 @@ class LiveFeed:
         self._alive = alive
         self._pages: Set[_Page] = set()
         self._feed: Optional[Feed] = None
-        self._task: Optional[asyncio.Task] = None
+        self._task: Optional[asyncio.Task[None]] = None
         self._changed: Optional[asyncio.Event] = None
         self._whole: Tuple[int, str] = (-1, "")
 
@@ -149,5 +149,5 @@ class _Page:
                 return
 
 
-def _frame(version: int, changes: List[list]) -> str:
+def _frame(version: int, changes: List[List[Any]]) -> str:
     return json.dumps({"version": version, "changes": changes}, separators=(",", ":"))

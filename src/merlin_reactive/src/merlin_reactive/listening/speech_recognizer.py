@@ -141,7 +141,7 @@ class UtteranceDetector:
         self._quiet_frames = round(silence * 50)
         self._loud = loud
         self._rest = np.zeros(0, dtype=np.int16)
-        self._frames: list = []
+        self._frames: List[np.ndarray] = []
         self._quiet = 0
         self.speaking = False
 

@@ -10,7 +10,7 @@ import pickle
 import subprocess
 import sys
 import threading
-from typing import Any, BinaryIO, Optional
+from typing import Any, BinaryIO, Optional, Union
 
 import numpy as np
 
@@ -90,6 +90,7 @@ class SpeechRecognizerProcess:
         if self._closed:
             raise SpeechRecognizerLost("the speech recogniser is shut down")
         process = self._process = self._process or self._start()
+        assert process.stdin is not None and process.stdout is not None  # both are pipes
         try:
             _write(process.stdin, request)
             answer = pickle.load(process.stdout)
@@ -116,12 +117,16 @@ def serve(requests: BinaryIO, answers: BinaryIO, recognizer: SpeechRecognizer) -
             request = pickle.load(requests)
         except EOFError:
             return
+        answer: Union[Understanding, GrammarError, None] = None
         try:
-            done = recognizer.use(request) if isinstance(request, str) else recognizer.understand(request)
+            if isinstance(request, str):
+                recognizer.use(request)
+            else:
+                answer = recognizer.understand(request)
         except GrammarError as error:
-            done = error
+            answer = error
         try:
-            _write(answers, done)
+            _write(answers, answer)
         except BrokenPipeError:
             return  # nobody waits for it any more
 

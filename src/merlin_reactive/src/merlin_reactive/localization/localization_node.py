@@ -11,7 +11,7 @@ import tf2_ros
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
-from std_srvs.srv import Empty, EmptyResponse
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 from tf2_msgs.msg import TFMessage
 
 from merlin_reactive.localization.particle_filter import FilterSettings, Localizer, ParticleFilter
@@ -131,10 +131,11 @@ class LocalizationNode:
         xy = max(0.05, np.sqrt(max(covariance[0], covariance[7])))
         yaw = max(0.05, np.sqrt(covariance[35]))
         with self._lock:
-            self._localizer.filter.believe(pose_of(message.pose.pose), xy, yaw)
-            self._localizer.restart()
+            localizer = self._localizer or localizer  # a new map may have come
+            localizer.filter.believe(pose_of(message.pose.pose), xy, yaw)
+            localizer.restart()
 
-    def _scatter(self, _: object) -> EmptyResponse:
+    def _scatter(self, _: EmptyRequest) -> EmptyResponse:
         with self._lock:
             if self._localizer is not None:
                 self._localizer.filter.scatter()

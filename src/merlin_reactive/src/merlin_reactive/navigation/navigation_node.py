@@ -2,7 +2,7 @@
 
 import math
 import threading
-from typing import Optional
+from typing import List, Optional
 
 import rospy
 from geometry_msgs.msg import PoseStamped
@@ -10,7 +10,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedb
 from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.msg import Path as PathMessage
 from nav_msgs.srv import GetPlan, GetPlanRequest, GetPlanResponse
-from std_srvs.srv import Empty, EmptyResponse
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
 from merlin_reactive.navigation.navigation_goal import NavigationGoalError, goal_pose
 from merlin_reactive.navigation.navigator import (
@@ -157,7 +157,7 @@ class NavigationNode:
         scanned = -math.inf
         starting = Deadline(START_TIMEOUT)
         step = 0
-        shown: object = None
+        shown: Optional[List[Point]] = None  # the path that was published last
         last: Optional[Odometry] = None
         while True:
             odometry = self._state.wait_news(stamp, goal.cancel_event, SILENCE if started else START_TIMEOUT)
@@ -228,7 +228,7 @@ class NavigationNode:
             return GetPlanResponse(plan=path_message([], self._frame, stamp, goal.yaw))
         return GetPlanResponse(plan=path_message(points, self._frame, stamp, goal.yaw))
 
-    def _clear(self, _: object) -> EmptyResponse:
+    def _clear(self, _: EmptyRequest) -> EmptyResponse:
         if self._navigator is not None:
             self._navigator.clear()
         return EmptyResponse()

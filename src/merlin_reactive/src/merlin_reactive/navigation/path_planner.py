@@ -61,10 +61,10 @@ class PathPlanner:
         rows, columns = np.nonzero((self.distance >= self.radius) & (self.grid.cells == FREE))
         if not len(rows):
             return None
-        x, y = self.grid.point(rows, columns)
-        away = np.hypot(x - point[0], y - point[1])
+        centres = self.grid.points(rows, columns)
+        away = np.hypot(centres[:, 0] - point[0], centres[:, 1] - point[1])
         best = int(np.argmin(away))
-        return (float(x[best]), float(y[best])) if away[best] <= tolerance else None
+        return (float(centres[best, 0]), float(centres[best, 1])) if away[best] <= tolerance else None
 
     def why_unreachable(self, point: Point) -> str:
         """Why the robot can never stand at a point of the map; empty when it can."""

@@ -43,12 +43,19 @@ class ObjectClass:
     meaning: str = ""
 
     @property
+    def footprint(self) -> Tuple[float, float]:
+        """Its extent along its own x and y axes, m."""
+        if self.radius is not None:
+            return 2 * self.radius, 2 * self.radius
+        assert self.size is not None, f"{self.name} has neither a size nor a radius"
+        return self.size
+
+    @property
     def width(self) -> float:
         """How wide it appears from the side, m; for a box the mean over all sides."""
         if self.radius is not None:
             return 2 * self.radius
-        assert self.size is not None
-        return sum(self.size) * 0.6366  # 2/pi: the mean of |cos| over all headings
+        return sum(self.footprint) * 0.6366  # 2/pi: the mean of |cos| over all headings
 
     @property
     def headings(self) -> Tuple[float, ...]:

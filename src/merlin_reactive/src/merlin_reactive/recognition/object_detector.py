@@ -211,7 +211,9 @@ def _pair(
                     place, part, expected = half
                     likeness = overlap(expected, part) * _darkness(kind, place, view, dark)
                     fits.append((likeness, kind, place, expected))
-        likeness, kind, place, expected = max(fits, key=lambda fit: fit[0], default=(0.0, None, None, box))
+        if not fits:
+            return []
+        likeness, kind, place, expected = max(fits, key=lambda fit: fit[0])
         if likeness < LEAST_HALF:
             return []
         pair.append(_sighting(kind, likeness, place, expected, view, height))
@@ -274,7 +276,7 @@ def _sighting(
 ) -> Sighting:
     """:param place: where its bottom's middle is, m; :param support: height that this follows from."""
     middle = place + (0.0, 0.0, kind.height / 2)
-    size = kind.size or (2 * kind.radius, 2 * kind.radius)
+    size = kind.footprint
     distance = float(np.linalg.norm(middle - view.position))
     pixel = distance / view.matrix[0, 0]  # m across a pixel
     drop = max(view.position[2] - place[2], 0.05)

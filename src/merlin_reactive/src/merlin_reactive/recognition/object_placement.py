@@ -101,6 +101,7 @@ def beside(
     :return: its bottom's middle, the part of the patch that is it, and the rectangle that it should fill.
     """
     across = side % 2  # 0: it is found along the columns, by its bottom; 1: along the rows, by its middle
+    found: Optional[Tuple[np.ndarray, Box, Box]] = None
     u, v = (box[side], box[3] - 1.0) if across == 0 else ((box[0] + box[2]) / 2, box[side])
     for _ in range(8):
         place = view.on_plane(u, v, height)
@@ -122,4 +123,5 @@ def beside(
             u += (first + last - expected[0] - expected[2]) / 2
             v += box[side] - expected[side]
             part = (first, expected[1], last, expected[3])
-    return place, part, expected
+        found = place, part, expected
+    return found

@@ -1,6 +1,6 @@
 """Recognition without ROS: from a picture and where it was taken to what stands where."""
 
-from typing import Callable, Dict, List, Optional, Sequence
+from typing import Callable, List, Optional, Protocol, Sequence
 
 import cv2
 import numpy as np
@@ -21,6 +21,16 @@ class UnknownClass(ValueError):
     """A class that nobody here can recognise; the text names those that can be."""
 
 
+class Detector(Protocol):
+    """Finds things of some classes in a picture."""
+
+    def detect(self, picture: np.ndarray, view: CameraView) -> List[Sighting]:
+        """What it sees.
+
+        :param picture: height x width x 3, RGB, 0..255.
+        """
+
+
 class ObjectRecognizer:
     """Runs the detectors on one picture.
 
@@ -36,7 +46,7 @@ class ObjectRecognizer:
         tag_edge: float = TAG_EDGE,
     ) -> None:
         self._least = least_score
-        self._detectors = [ObjectDetector(supports), PersonDetector(), TagDetector(tag_edge)]
+        self._detectors: List[Detector] = [ObjectDetector(supports), PersonDetector(), TagDetector(tag_edge)]
 
     def recognize(
         self,
@@ -89,7 +99,7 @@ def check_classes(classes: Sequence[str]) -> None:
 def annotated(picture: np.ndarray, sightings: Sequence[Sighting]) -> np.ndarray:
     """A copy of a picture (RGB) with what was recognised drawn into it."""
     image = np.ascontiguousarray(picture).copy()
-    colors: Dict[str, tuple] = {"support": (20, 220, 20), "size": (240, 200, 20), "tag": (20, 200, 240)}
+    colors = {"support": (20, 220, 20), "size": (240, 200, 20), "tag": (20, 200, 240)}
     for sighting in sightings:
         left, top, right, bottom = (round(edge) for edge in sighting.box)
         color = colors[sighting.depth_from]

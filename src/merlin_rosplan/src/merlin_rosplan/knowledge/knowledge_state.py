@@ -64,7 +64,7 @@ class KnowledgeState(State):
             self.metric,
             self.oneof,
         )
-        self.tables: Dict[str, Table] = {
+        self.tables: Dict[str, Table[Any]] = {
             table.kind: table for table in (*self.knowledge, self.sensed, self.executions)
         }
 

@@ -38,7 +38,7 @@ class Change:
 
 
 #: One step: table, key, row before, row after. A swap of the whole table has the key None and dictionaries.
-Step = Tuple[Table, Any, Any, Any]
+Step = Tuple["Table[Any]", Any, Any, Any]
 
 
 class Transaction:
@@ -64,7 +64,7 @@ class Transaction:
 
     # --- steps ----------------------------------------------------------------------------------
 
-    def put(self, table: Table, row: Row, replacing: Optional[Row] = None) -> None:
+    def put(self, table: "Table[Any]", row: Row, replacing: Optional[Row] = None) -> None:
         """Stores a row, in the place of another one if there is one."""
         if replacing is not None:
             row.order = replacing.order
@@ -74,7 +74,7 @@ class Transaction:
         table.put(row.key, row)
         self.steps.append((table, row.key, replacing, row))
 
-    def drop(self, table: Table, key: Any) -> None:
+    def drop(self, table: "Table[Any]", key: Any) -> None:
         """Drops a row if it is there."""
         row = table.get(key)
         if row is not None:

@@ -4,7 +4,7 @@ import dataclasses
 import threading
 import time
 from dataclasses import dataclass
-from typing import Callable, List, Optional, Sequence
+from typing import Callable, List, Optional, Sequence, Set
 
 from merlin_pddl.checks.kairos_check import PlanQuality, PlanValidator
 from merlin_pddl.plan_text import PlanStep
@@ -125,7 +125,7 @@ class PlannerRace:
             ended = {entry.attempt.planner for entry in self._entries}
         self._stop_others(ended)
 
-    def _stop_others(self, ended: Optional[set]) -> None:
+    def _stop_others(self, ended: Optional[Set[str]]) -> None:
         for planner in self._planners:
             if ended is None or planner.name not in ended:
                 planner.stop()

@@ -60,10 +60,9 @@ class Appearance:
     def _cards(self, solid: Solid, tag: int) -> str:
         if self._folder is None:
             self._folder = TemporaryDirectory(prefix="merlin_tags_")
-        half = (solid.radius, solid.radius) if solid.size is None else (solid.size[0] / 2, solid.size[1] / 2)
         # The card of a thing lower than itself stands on the same ground.
         rise = max(0.0, CARD / 2 - solid.height / 2)
-        return write_cards(Path(self._folder.name), solid.name, tag, half, rise)
+        return write_cards(Path(self._folder.name), solid.name, tag, solid.half_size, rise)
 
     def floor(self, bounds: Tuple[float, float, float, float]) -> int:
         """The visual shape of the ground under a rectangle: min x, min y, max x, max y, m."""

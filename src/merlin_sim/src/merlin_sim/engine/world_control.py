@@ -6,7 +6,7 @@ Between two physics steps and without chance: the same calls at the same simulat
 import math
 import re
 from dataclasses import dataclass, replace
-from typing import Dict, Iterable, List, Optional, Sequence, Set
+from typing import AbstractSet, Dict, Iterable, List, Optional, Sequence, Set
 
 from merlin_reactive.pose import Point, Pose
 from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON
@@ -279,7 +279,7 @@ class WorldControl:
     def _robot_blocks(self, here: Point, there: Point) -> str:
         return self._scene.robots_block(here, there, ROBOT_RADIUS + Person.radius + ROOM)
 
-    def _solid_blocks(self, here: Point, there: Point, walker: Walker, passable: Sequence[str]) -> str:
+    def _solid_blocks(self, here: Point, there: Point, walker: Walker, passable: AbstractSet[str]) -> str:
         for solid in self._scene.standing():
             if solid.name in passable or solid.name in self._people:
                 continue

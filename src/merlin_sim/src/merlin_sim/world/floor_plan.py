@@ -4,7 +4,7 @@ import argparse
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Set, Tuple
 
 import cv2
 import numpy as np
@@ -75,7 +75,7 @@ class FloorPlan:
         ]
         self._doors: List[Tuple[Tuple[float, float], Tuple[float, float]]] = []
         self._furniture: List[Dict[str, Any]] = []
-        whole = set()  # rooms that cannot be divided
+        whole: Set[Room] = set()  # rooms that cannot be divided
         while len(self.rooms) < rooms and len(whole) < len(self.rooms):
             room = max((room for room in self.rooms if room not in whole), key=lambda room: room.area)
             if not self._divide(room):
@@ -220,7 +220,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args(arguments)
     try:
-        plan = FloorPlan(options.rooms, *options.size, options.seed)
+        plan = FloorPlan(options.rooms, options.size[0], options.size[1], options.seed)
         plan.furnish(options.furniture)
         text = yaml.safe_dump(plan.data(), sort_keys=False, default_flow_style=None)
         options.file.write_text(text, encoding="utf-8")

@@ -27,6 +27,14 @@ class Solid:
     color: str = "#9a9a9a"
     mass: float = 0.0
 
+    @property
+    def half_size(self) -> Tuple[float, float]:
+        """Half of its extent along its own x and y axes, m."""
+        if self.radius is not None:
+            return self.radius, self.radius
+        assert self.size is not None, f"{self.name} has neither a size nor a radius"
+        return self.size[0] / 2, self.size[1] / 2
+
     def corners(self) -> List[Point]:
         """Its outline as a polygon, counter-clockwise."""
         if self.radius is not None:
@@ -35,8 +43,7 @@ class Solid:
                 (self.pose.x + self.radius * math.cos(a), self.pose.y + self.radius * math.sin(a))
                 for a in angles
             ]
-        assert self.size is not None
-        half_x, half_y = self.size[0] / 2, self.size[1] / 2
+        half_x, half_y = self.half_size
         local = [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]
         return [self.pose.compose(Pose(x, y)).point for x, y in local]
 
@@ -45,8 +52,8 @@ class Solid:
         local = self.pose.inverse().compose(Pose(*point))
         if self.radius is not None:
             return math.hypot(local.x, local.y) - self.radius
-        assert self.size is not None
-        beside = (abs(local.x) - self.size[0] / 2, abs(local.y) - self.size[1] / 2)
+        half_x, half_y = self.half_size
+        beside = (abs(local.x) - half_x, abs(local.y) - half_y)
         return math.hypot(max(beside[0], 0.0), max(beside[1], 0.0)) + min(max(beside), 0.0)
 
     def moved(self, pose: Pose) -> "Solid":
