@@ -18,7 +18,7 @@ RUN := $(IN) rosrun merlin run
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD=)"
-	@echo "make experiment   Missions 1, 2, 3, naive and MERLIN, and a report (MISSION= APPROACH= RUNS= SEED= RTF= SWEEPS= CHECK=1)"
+	@echo "make experiment   Missions 1, 2, 3, naive and MERLIN, and a report (MISSION= APPROACH= RUNS= SEED= RTF= SWEEPS= WORLDS= CHECK=1)"
 	@echo "make restaurant   an evening in the simulated restaurant (GUESTS= DISTURBANCES= SEED= RTF= RECORD=)"
 	@echo "make test   all tests"
 	@echo "make bench  benchmarks"
@@ -40,7 +40,7 @@ demo: build
 given = $(if $(filter-out file default undefined,$(origin $(1))),--$(2) $($(1)))
 experiment: build
 	@$(IN) rosrun merlin_experiment experiment $(call given,MISSION,mission) $(call given,APPROACH,approach) \
-	  $(call given,RUNS,runs) $(call given,SEED,seed) $(call given,RTF,rtf) $(call given,SWEEPS,sweeps) \
+	  $(call given,RUNS,runs) $(call given,SEED,seed) $(call given,RTF,rtf) $(call given,SWEEPS,sweeps) $(call given,WORLDS,worlds) \
 	  $(if $(CHECK),--check) $(if $(filter true,$(RECORD)),--record) --results $(CURDIR)/results/experiment
 
 restaurant: build

@@ -101,3 +101,21 @@ def test_bad_input_is_one_line(tmp_path: Path, word: str, text: str) -> None:
     assert text in ours[0]
     assert not any("Traceback" in line for line in err)
     assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.long
+def test_a_pair_in_a_generated_world_ends_as_listed_and_is_reported(tmp_path: Path) -> None:
+    env = dict(os.environ, ROS_HOME=str(tmp_path), ROS_LOG_DIR=str(tmp_path / "log"))
+    env.pop("ROS_MASTER_URI", None)
+    results = tmp_path / "results"
+    command = ["rosrun", "merlin_experiment", "experiment", "--worlds", "1", "--rtf", "5"]
+    done = subprocess.run([*command, "--results", str(results)], env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    with (results / "runs.csv").open() as file:
+        runs = list(csv.DictReader(file))
+    assert [(run["set"], run["approach"], run["right"]) for run in runs] == [
+        ("worlds", "naive", "6"),
+        ("worlds", "merlin", "6"),
+    ]
+    assert float(runs[1]["time_s"]) < float(runs[0]["time_s"])
+    assert "| MERLIN / Naive, time | 1 |" in (results / "report.md").read_text()

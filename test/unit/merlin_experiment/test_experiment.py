@@ -14,10 +14,16 @@ from merlin_experiment.report.publication import publish
 from merlin_experiment.report.report import write_report
 from merlin_experiment.report.statistics import Ratio, Summary
 from merlin_experiment.runs.experiment_runner import ExperimentRunner, duration_text
-from merlin_experiment.runs.run_plan import ExperimentRun, check_runs, main_runs, sweep_runs
+from merlin_experiment.runs.generated_world import write_world
+from merlin_experiment.runs.run_plan import ExperimentRun, check_runs, main_runs, sweep_runs, world_runs
 from merlin_experiment.runs.run_table import collect, finished, read_table, write_joined
 from merlin_home.mission_list import make_mission
+from merlin_pddl.domain_reader import read_domain
+from merlin_pddl.problem_reader import read_problem
+from merlin_sim.world.poi_distances import poi_distances
+from merlin_sim.world.world_file import load_world
 
+HOME_DOMAIN = Path(__file__).resolve().parents[3] / "pddl" / "home" / "domain.pddl"
 POINTS = ["dorm_room", "bathroom", "kitchen", "main_door"]
 
 
@@ -47,9 +53,69 @@ def test_the_command_line_narrows() -> None:
     assert len(planned(parse(["--runs", "30", "10", "3"]))) == 2 * 43
 
 
+def test_worlds_by_themselves_are_a_pair_in_each() -> None:
+    runs = planned(parse(["--worlds", "3", "--seed", "4"]))
+    assert [(run.world, run.seed, run.approach) for run in runs] == [
+        (world, world, approach) for world in (4, 5, 6) for approach in ("naive", "merlin")
+    ]
+    assert {(run.set, run.mission) for run in runs} == {("worlds", 1)}
+    assert len({run.name for run in [*runs, *main_runs([1], ["naive", "merlin"], {1: 3}, 4, 5.0)]}) == 12
+
+
+def test_worlds_come_to_the_runs_that_are_named() -> None:
+    runs = planned(parse(["--runs", "1", "--worlds", "2"]))
+    assert [run.set for run in runs] == ["main"] * 6 + ["worlds"] * 4
+
+
+def test_a_generated_world_has_durations_of_its_own(tmp_path: Path) -> None:
+    files = write_world(tmp_path, 3)
+    world = load_world(files.world)
+    problem = read_problem(files.problem, read_domain(HOME_DOMAIN))
+    times = {value.args: value.value for value in problem.values}
+    assert len(world.points_of_interest) == 4
+    for pair, length in poi_distances(world).items():
+        assert times[pair] == pytest.approx(length / 0.3 + 3.0, abs=0.06)
+    assert {end for start, end in times if start == "anywhere"} == set(world.points_of_interest)
+    again = write_world(tmp_path, 3)
+    assert again.world.read_text() == files.world.read_text()
+    assert write_world(tmp_path, 4).problem.read_text() != files.problem.read_text()
+
+
+def test_a_run_in_a_generated_world_is_given_its_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commands: List[List[str]] = []
+
+    class Launched:
+        returncode = 1
+
+        def __init__(self, command: List[str], **_: object) -> None:
+            commands.append(command)
+
+        def wait(self) -> int:
+            return self.returncode
+
+    monkeypatch.setattr("merlin_experiment.runs.experiment_runner.subprocess.Popen", Launched)
+    (run,) = world_runs(["merlin"], 1, 2, 5.0)
+    assert ExperimentRunner(tmp_path).run_all([run]) == [run]  # it leaves no row
+    (words,) = commands
+    given = dict(word.split(":=", 1) for word in words if ":=" in word)
+    for name, ending in (("world_file", "yaml"), ("problem", "pddl")):
+        assert Path(given[name]) == tmp_path / "runs" / run.name / f"world_2.{ending}"
+        assert Path(given[name]).is_file()
+
+
 @pytest.mark.parametrize(
     "words",
-    [["--mission", "4"], ["--runs", "0"], ["--runs", "1", "2"], ["--rtf", "-1"], ["--approach", "clever"]],
+    [
+        ["--worlds", "-1"],
+        ["--seed", "0", "--worlds", "2"],
+        ["--mission", "4"],
+        ["--runs", "0"],
+        ["--runs", "1", "2"],
+        ["--rtf", "-1"],
+        ["--approach", "clever"],
+    ],
 )
 def test_bad_command_lines_end(words: List[str], capsys: pytest.CaptureFixture) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -179,6 +245,21 @@ def test_the_report_says_what_the_tables_say(tmp_path: Path) -> None:
     assert "(experiment/times.png)" in page
     assert {path.name for path in (tmp_path / "docs" / "experiment").iterdir()} >= {"runs.csv", "times.png"}
     assert cells(report, "Navigation killed in mid-mission")[0]["tasks as listed"] == "6 of 6"
+
+
+def test_figures_over_worlds_are_least_median_and_largest(tmp_path: Path) -> None:
+    runs = world_runs(["naive", "merlin"], 3, 1, 5.0)
+    leave(tmp_path, runs)
+    odd = record(runs[-1])
+    odd.tasks[0].outcome = "ACTION_FAILED"
+    write_run(tmp_path / "runs" / runs[-1].name, odd)
+    rows, tasks = collect(tmp_path, runs)
+    table = cells(write_report(tmp_path, runs, rows, tasks, "the command").read_text(), "Generated worlds")
+    by_figure = {row["figure"]: (row["worlds"], row["min"], row["median"], row["max"]) for row in table}
+    ratios = sorted(3 * (30.0 + seed + 10.2) / (3 * (30.0 + seed + 25.0)) for seed in (1, 2, 3))
+    assert by_figure["MERLIN / Naive, time"] == ("3", *(f"{ratio:.3f}" for ratio in ratios))
+    assert by_figure["tasks of Naive not as listed, of 6"] == ("3", "0", "0", "0")
+    assert by_figure["tasks of MERLIN not as listed, of 6"] == ("3", "0", "0", "1")
 
 
 def test_tasks_not_as_listed_are_in_the_report(tmp_path: Path) -> None:

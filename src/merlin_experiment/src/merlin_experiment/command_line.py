@@ -20,6 +20,7 @@ from merlin_experiment.runs.run_plan import (
     check_runs,
     main_runs,
     sweep_runs,
+    world_runs,
 )
 from merlin_experiment.runs.run_table import collect, write_joined
 
@@ -46,6 +47,13 @@ def parse(words: Optional[List[str]] = None) -> argparse.Namespace:
     parser.add_argument("--rtf", type=float, default=5.0, help="real-time factor while the robot moves")
     parser.add_argument("--check", action="store_true", help="also runs at factor 1 throughout")
     parser.add_argument("--sweeps", type=int, default=0, metavar="PAIRS", help="also the sensitivity sweeps")
+    parser.add_argument(
+        "--worlds",
+        type=int,
+        default=0,
+        metavar="N",
+        help="Mission 1 in N generated worlds; with no option that names other runs, only these",
+    )
     parser.add_argument("--record", action="store_true", help="a bag of each run")
     parser.add_argument("--results", type=Path, default=Path("results/experiment"))
     parser.add_argument("--report-only", action="store_true", help="no runs: report on what there is")
@@ -53,6 +61,10 @@ def parse(words: Optional[List[str]] = None) -> argparse.Namespace:
     arguments = parser.parse_args(words)
     if arguments.runs is not None and (len(arguments.runs) not in (1, 3) or min(arguments.runs) < 1):
         parser.error("--runs: give one number, or three (of Missions 1, 2 and 3), each 1 or more")
+    if arguments.worlds < 0:
+        parser.error(f"--worlds {arguments.worlds}: give 0 or more")
+    if arguments.worlds and arguments.seed < 1:
+        parser.error(f"--seed {arguments.seed}: the first generated world needs 1 or more")
     if not 0.0 <= arguments.rtf < float("inf"):
         parser.error(f"--rtf {arguments.rtf}: give 0 (as fast as possible) or more")
     return arguments
@@ -64,12 +76,15 @@ def planned(arguments: argparse.Namespace) -> List[ExperimentRun]:
     approaches = [arguments.approach] if arguments.approach else list(APPROACHES)
     given = arguments.runs or [DEFAULT_RUNS[mission] for mission in (1, 2, 3)]
     counts = dict(zip((1, 2, 3), given if len(given) == 3 else given * 3))
+    worlds = world_runs(approaches, arguments.worlds, arguments.seed, arguments.rtf)
+    if worlds and not (arguments.mission or arguments.runs or arguments.check or arguments.sweeps):
+        return worlds
     runs = main_runs(missions, approaches, counts, arguments.seed, arguments.rtf)
     if arguments.check:
         runs += check_runs(approaches, arguments.seed)
     if arguments.sweeps:
         runs += sweep_runs(approaches, arguments.sweeps, arguments.seed, arguments.rtf)
-    return runs
+    return runs + worlds
 
 
 def main() -> int:

@@ -24,6 +24,7 @@ from merlin_experiment.report.sensitivity import (
     early_cancel_section,
     killed_section,
     sweep_section,
+    worlds_section,
 )
 from merlin_experiment.report.statistics import Ratio
 from merlin_experiment.runs.run_plan import APPROACHES, ExperimentRun
@@ -68,6 +69,7 @@ def write_report(
         sweep_section(results, everything, "share", "marked_share", "share of cancelled tasks"),
         early_cancel_section(everything),
         killed_section(everything),
+        worlds_section(everything),
     ]
     path = results / "report.md"
     path.write_text("\n\n".join(filter(None, parts)) + "\n")

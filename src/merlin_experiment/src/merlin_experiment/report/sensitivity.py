@@ -1,13 +1,16 @@
-"""Sections of the report on other settings: factor 1, cancel times, shares, early cancels."""
+"""Sections of the report on other settings: factor 1, cancel times, shares, early cancels, worlds."""
 
 from pathlib import Path
-from typing import Dict, List, Tuple
+from statistics import median
+from typing import Dict, List, Sequence, Tuple
 
 from merlin_experiment.report import figures
 from merlin_experiment.report.analysis import Analysis
 from merlin_experiment.report.markdown import APPROACH_NAMES, number, section, spread_cell, table
 from merlin_experiment.report.statistics import Ratio
+from merlin_experiment.runs.generated_world import HEIGHT, ROOMS, WIDTH
 from merlin_experiment.runs.run_plan import APPROACHES, KILLED_IN
+from merlin_experiment.runs.run_table import Row
 
 
 def check_section(analysis: Analysis) -> str:
@@ -108,3 +111,39 @@ def early_cancel_section(analysis: Analysis) -> str:
                 )
     header = "when | approach | marked tasks | as listed | before an action | mean time s | mean metres"
     return section("Early cancels", table(header, rows)) if rows else ""
+
+
+def worlds_section(analysis: Analysis) -> str:
+    """Ratios, efficiency and tasks that did not end as listed, over generated worlds; empty without runs."""
+    part = analysis.only(set="worlds")
+    if not part.runs:
+        return ""
+    first = part.runs[0]
+    figures_of: List[Tuple[str, int, List[float]]] = []
+    for words, column in (("time", "time_s"), ("distance", "distance_m")):
+        ratio = part.ratio(column)
+        figures_of.append((f"MERLIN / Naive, {words}", 3, list(ratio.each) if ratio else []))
+    for approach in APPROACHES:
+        runs = part.only(approach=approach).runs
+        name = APPROACH_NAMES[approach]
+        for words, column in (("all tasks", "efficiency"), ("completed tasks", "efficiency_completed")):
+            values = [row[column] for row in runs if row[column] is not None]
+            figures_of.append((f"efficiency of {name}, {words}", 3, values))
+        odd = [row["tasks"] - row["right"] for row in runs]
+        figures_of.append((f"tasks of {name} not as listed, of {_tasks(runs)}", 0, odd))
+    rows = [
+        [words, len(values), *(number(of(values), decimals) for of in (min, median, max))]
+        for words, decimals, values in figures_of
+        if values
+    ]
+    method = (
+        f"Mission 1 in generated floor plans of {WIDTH:g} x {HEIGHT:g} m with {ROOMS} furnished rooms and a "
+        "point of interest in each; the durations of the drives in the planning problem are measured on the "
+        f"map of that world. Factor {first['real_time_factor']:g}, policy {first['rtf_policy']}. "
+        "A ratio is that of one pair."
+    )
+    return section("Generated worlds", method, table("figure | worlds | min | median | max", rows))
+
+
+def _tasks(runs: Sequence[Row]) -> str:
+    return " or ".join(sorted({f"{row['tasks']:.0f}" for row in runs}))

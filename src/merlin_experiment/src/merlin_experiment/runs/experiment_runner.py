@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
+from merlin_experiment.runs.generated_world import write_world
 from merlin_experiment.runs.run_plan import ExperimentRun
 from merlin_experiment.runs.run_table import Row, finished
 
@@ -70,6 +71,9 @@ class ExperimentRunner:
         folder = self._folder / run.name
         command = ["rosrun", "merlin", "run", LAUNCH_FILE, *run.words()]
         command += [f"results:={folder}", f"record:={str(self._record).lower()}"]
+        if run.world:
+            files = write_world(folder, run.world)
+            command += [f"world_file:={files.world}", f"problem:={files.problem}"]
         with (folder / "output.txt").open("w") as output:
             # On a signal the runner ends all below it; a terminal sends it to the runner, too.
             process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
@@ -111,7 +115,9 @@ class ExperimentRunner:
 def outcome_line(run: ExperimentRun, row: Optional[Row], cost: float) -> str:
     """One line on a run that has ended; `cost` in s of wall time."""
     head = f"Mission {run.mission} {run.approach:<6} seed {run.seed}"
-    if run.set != "main":
+    if run.world:
+        head += f" (generated world {run.world})"
+    elif run.set != "main":
         head += (
             f" ({run.set}: cancel after {run.cancel_after:g} s, share {run.share:.2f}, rtf {run.factor:g})"
         )

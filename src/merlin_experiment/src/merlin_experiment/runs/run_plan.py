@@ -35,6 +35,7 @@ class ExperimentRun:
         cancel_after: s of ROS time.
         share: of the tasks that are cancelled.
         killed_in: task in which navigation is killed; 0: none.
+        world: seed of the generated world; 0: the apartment.
     """
 
     set: str
@@ -46,6 +47,7 @@ class ExperimentRun:
     cancel_after: float = 10.0
     share: float = 0.5
     killed_in: int = 0
+    world: int = 0
 
     @property
     def tasks(self) -> int:
@@ -59,6 +61,7 @@ class ExperimentRun:
             f"m{self.mission}_{self.approach}_seed{self.seed}_cancel{self.cancel_after:g}"
             f"_share{round(self.share * self.tasks)}of{self.tasks}_rtf{self.factor:g}_{self.policy}"
             + (f"_killed{self.killed_in}" if self.killed_in else "")
+            + (f"_world{self.world}" if self.world else "")
         )
 
     def words(self) -> List[str]:
@@ -120,5 +123,21 @@ def sweep_runs(approaches: Sequence[str], pairs: int, seed: int, factor: float) 
     return runs + [
         ExperimentRun("navigation_killed", 1, approach, seed + index, factor, killed_in=KILLED_IN)
         for index in range(pairs)
+        for approach in approaches
+    ]
+
+
+def world_runs(approaches: Sequence[str], worlds: int, seed: int, factor: float) -> List[ExperimentRun]:
+    """Mission 1 in generated worlds: a pair in each, with the world's seed as the seed of the list.
+
+    Parameters:
+        approaches: naive, merlin.
+        worlds: how many.
+        seed: of the first world; the others count on from it.
+        factor: real-time factor.
+    """
+    return [
+        ExperimentRun("worlds", 1, approach, number, factor, world=number)
+        for number in range(seed, seed + worlds)
         for approach in approaches
     ]

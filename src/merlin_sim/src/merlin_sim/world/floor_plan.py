@@ -210,6 +210,12 @@ def _near_door(point: Tuple[float, float], door: Tuple[Tuple[float, float], Tupl
     )
 
 
+def write_plan(plan: FloorPlan, path: Path) -> None:
+    """Writes a plan as a world file (YAML)."""
+    text = yaml.safe_dump(plan.data(), sort_keys=False, default_flow_style=None)
+    path.write_text(text, encoding="utf-8")
+
+
 def main(arguments: Optional[List[str]] = None) -> int:
     """The command ``generate_world``; returns its exit code."""
     parser = argparse.ArgumentParser(prog="generate_world", description="Writes a random floor plan.")
@@ -222,8 +228,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     try:
         plan = FloorPlan(options.rooms, options.size[0], options.size[1], options.seed)
         plan.furnish(options.furniture)
-        text = yaml.safe_dump(plan.data(), sort_keys=False, default_flow_style=None)
-        options.file.write_text(text, encoding="utf-8")
+        write_plan(plan, options.file)
     except (ValueError, OSError) as error:
         print(f"generate_world: {error}", file=sys.stderr)
         return 1

@@ -26,6 +26,32 @@ def poi_distances(world: World) -> Dict[Tuple[str, str], float]:
     return found
 
 
+def pddl_values(
+    world: World, function: str, also: str = "", speed: float = 0.0, turning: float = 0.0
+) -> List[str]:
+    """The distances between points of interest, or the times of the drives, as values of a PDDL problem.
+
+    :param function: of the domain; its arguments are the two points.
+    :param also: a further start, at the mean distance of all points; empty: none.
+    :param speed: m/s; 0: the values are distances in m, otherwise times in s.
+    :param turning: s for the turns of each drive.
+    :raises NoPath: when two points are not connected.
+    """
+    found = poi_distances(world)
+
+    def value(length: float) -> str:
+        return f"{length / speed + turning if speed else length:.1f}"
+
+    lines = []
+    for name in world.points_of_interest if also else ():
+        lengths = [length for (_, end), length in found.items() if end == name]
+        lines.append(f"(= ({function} {also} {name}) {value(sum(lengths) / len(lengths))})")
+    lines += [
+        f"(= ({function} {start} {end}) {value(length)})" for (start, end), length in sorted(found.items())
+    ]
+    return lines
+
+
 def main(arguments: Optional[List[str]] = None) -> int:
     """The command ``poi_distances``; returns its exit code."""
     parser = argparse.ArgumentParser(
@@ -48,17 +74,9 @@ def main(arguments: Optional[List[str]] = None) -> int:
                 raise WorldError(f"--without: world {world.name} has no point of interest {name!r}")
         if len(world.points_of_interest) < 2:
             raise WorldError(f"world {world.name}: there are no two points of interest left")
-        found = poi_distances(world)
+        lines = pddl_values(world, options.function, options.also, options.speed, options.turning)
     except (WorldError, NoPath, OSError) as error:
         print(f"poi_distances: {error}", file=sys.stderr)
         return 1
-
-    def value(length: float) -> str:
-        return f"{length / options.speed + options.turning if options.speed else length:.1f}"
-
-    for name in world.points_of_interest if options.also else ():
-        lengths = [length for (_, end), length in found.items() if end == name]
-        print(f"(= ({options.function} {options.also} {name}) {value(sum(lengths) / len(lengths))})")
-    for (start, end), length in sorted(found.items()):
-        print(f"(= ({options.function} {start} {end}) {value(length)})")
+    print("\n".join(lines))
     return 0
