@@ -14,22 +14,21 @@ from semantics import Event
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain
-from merlin_pddl.evaluation import Evaluator
-from merlin_pddl.evaluation import State as KnowledgeState
+from merlin_pddl.evaluation import Evaluator, WorldState
 from merlin_pddl.plan_text import PlanStep
-from merlin_rosplan.dispatch.dispatch import Dispatch
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch.dispatch_outside import (
+from merlin_rosplan.dispatch.dispatch import PlanDispatch
+from merlin_rosplan.dispatch.dispatch_environment import (
+    DispatchEnvironment,
     DispatchLimits,
     DispatchReport,
     Feedback,
     FeedbackStatus,
     KnowledgeChanged,
-    Outside,
     Tick,
 )
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule, SequentialSchedule
-from merlin_rosplan.dispatch.operator_model import Atom, Conditions, Operator
+from merlin_rosplan.dispatch.operator_model import Conditions, PlanTerm, TimedOperator
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.dispatch.timed_numbers import comparison_holds
@@ -47,7 +46,7 @@ class Planned(NamedTuple):
     domain: Domain
     steps: List[PlanStep]
     actions: List[Ground]
-    operators: List[Operator]
+    operators: List[TimedOperator]
 
     @staticmethod
     def make(sections: str, model: Model, steps: Sequence[PlanStep]) -> "Planned":
@@ -56,7 +55,7 @@ class Planned(NamedTuple):
         operators = []
         for step in steps:
             message = operator_message(domain, domain.operators[step.name.lower()])
-            operator = with_expressions(Operator.from_message(message), domain)
+            operator = with_expressions(TimedOperator.from_message(message), domain)
             operators.append(operator.ground(operator.bind(step.arguments)))
         actions = [model.ground(step.name, step.arguments) for step in steps]
         return Planned(model, domain, list(steps), actions, operators)
@@ -71,7 +70,7 @@ class Planned(NamedTuple):
         ]
         if kind == "simple":
             return SequentialSchedule(planned)
-        values = {Atom(key[0], key[1:]): value for key, value in self.model.initial.values.items()}
+        values = {PlanTerm(key[0], key[1:]): value for key, value in self.model.initial.values.items()}
         graph = build_graph(self.steps, self.operators, self._timed(), values=values)
         return GraphSchedule(graph, planned)
 
@@ -79,11 +78,11 @@ class Planned(NamedTuple):
         found: List[Any] = []
         for time, effect in self.model.timed:
             if effect[0] == "=":
-                found.append(TimedValue(time, Atom(effect[1][0], tuple(effect[1][1:])), float(effect[2])))
+                found.append(TimedValue(time, PlanTerm(effect[1][0], tuple(effect[1][1:])), float(effect[2])))
             else:
                 negative = effect[0] == "not"
                 atom = effect[1] if negative else effect
-                found.append(TimedLiteral(time, Atom(atom[0], tuple(atom[1:])), negative))
+                found.append(TimedLiteral(time, PlanTerm(atom[0], tuple(atom[1:])), negative))
         return found
 
 
@@ -130,7 +129,7 @@ class _Deadline:
         return max(0.0, self._end - self._world.time)
 
 
-class _Stored(KnowledgeState):
+class _Stored(WorldState):
     """The facts as the planning system's own evaluator asks for them."""
 
     def __init__(self, model: Model, state: State) -> None:
@@ -150,7 +149,7 @@ class _Stored(KnowledgeState):
         ]
 
 
-class World(Outside):
+class World(DispatchEnvironment):
     """:param durations: s that each action lasts, by number.
     :param latency: s, at most, that anything takes to arrive.
     :param lists: whether the knowledge base tells which actions have begun, and refuses an end without its
@@ -185,7 +184,7 @@ class World(Outside):
 
     def run(self, kind: str, limits: Optional[DispatchLimits] = None) -> Outcome:
         """Dispatches the plan."""
-        dispatch = Dispatch(
+        dispatch = PlanDispatch(
             self._plan.schedule(kind), self, limits or DispatchLimits(), PLAN_ID, events=self.queue
         )
         report = dispatch.run()
@@ -286,14 +285,14 @@ class World(Outside):
     def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
         pass
 
-    def operator(self, action: PlannedAction) -> Operator:
+    def operator(self, action: PlannedAction) -> TimedOperator:
         return self._plan.operators[action.id]
 
     def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
         evaluator = Evaluator(self._plan.domain, _Stored(self._plan.model, self.state))
-        values = {Atom(key[0], key[1:]): value for key, value in self.state.values.items()}
+        values = {PlanTerm(key[0], key[1:]): value for key, value in self.state.values.items()}
 
-        def holds(atom: Atom) -> bool:
+        def holds(atom: PlanTerm) -> bool:
             if atom.name == "=":
                 return len({each.lower() for each in atom.arguments}) == 1
             return self._plan.model.holds([atom.key.name, *atom.key.arguments], self.state)
@@ -316,10 +315,10 @@ class World(Outside):
     def begun(self, action: PlannedAction) -> Optional[bool]:
         return action.id in self._begun if self._lists else None
 
-    def silence(self, operator: str) -> Optional[float]:
+    def seconds_silent(self, operator: str) -> Optional[float]:
         return 0.0
 
-    def young(self, operator: str) -> bool:
+    def just_announced(self, operator: str) -> bool:
         return False
 
     def wake_at(self, when: Optional[float]) -> None:

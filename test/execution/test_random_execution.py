@@ -14,7 +14,7 @@ from random_plans import random_plan
 from semantics import judge, validate
 from simulation import Planned, World
 
-from merlin_rosplan.dispatch.dispatch_outside import DispatchState
+from merlin_rosplan.dispatch.dispatch_environment import DispatchState
 
 SEEDS = st.integers(0, 2**32)
 MARGIN = 0.2  # s: what a dispatcher needs between two happenings, with room

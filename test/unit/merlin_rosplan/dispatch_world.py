@@ -4,16 +4,16 @@ import threading
 import time
 
 from merlin_pddl.plan_text import PlanStep
-from merlin_rosplan.dispatch.dispatch import Dispatch
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch.dispatch_outside import (
+from merlin_rosplan.dispatch.dispatch import PlanDispatch
+from merlin_rosplan.dispatch.dispatch_environment import (
+    DispatchEnvironment,
     DispatchError,
     DispatchLimits,
     Feedback,
-    Outside,
 )
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
-from merlin_rosplan.dispatch.operator_model import Atom, Conditions, Effects, Operator
+from merlin_rosplan.dispatch.operator_model import Conditions, PlanTerm, TimedEffects, TimedOperator
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 
 LONG = 30.0
@@ -30,7 +30,7 @@ class TestDeadline:
         return max(0.0, self._end - time.monotonic())
 
 
-class World(Outside):
+class World(DispatchEnvironment):
     """Facts that hold, operators by name, and a record of everything that was published."""
 
     def __init__(self, *operators):
@@ -94,10 +94,10 @@ class World(Outside):
         with self.changed_event:
             assert self.changed_event.wait_for(lambda: len(self.answers) >= count, LONG)
 
-    def silence(self, operator):
+    def seconds_silent(self, operator):
         return self.silences.get(operator)
 
-    def young(self, operator):
+    def just_announced(self, operator):
         return operator in self.young_operators
 
     def wake_at(self, when):
@@ -109,20 +109,20 @@ class World(Outside):
             self.changed_event.notify_all()
 
 
-WORK = Operator("work", ("x",))
-GUARDED = Operator(
+WORK = TimedOperator("work", ("x",))
+GUARDED = TimedOperator(
     "guarded",
     ("x",),
-    at_start=Conditions(positive=(Atom("free", ("x",)),), negative=(Atom("blocked", ("x",)),)),
-    over_all=Conditions(positive=(Atom("safe", ("x",)),)),
+    at_start=Conditions(positive=(PlanTerm("free", ("x",)),), negative=(PlanTerm("blocked", ("x",)),)),
+    over_all=Conditions(positive=(PlanTerm("safe", ("x",)),)),
 )
 #: makes its own over-all condition true at its start and false at its end
-LIGHT = Operator(
+LIGHT = TimedOperator(
     "light",
     ("x",),
-    over_all=Conditions(positive=(Atom("burning", ("x",)),)),
-    start_effects=Effects(add=(Atom("burning", ("x",)),)),
-    end_effects=Effects(delete=(Atom("burning", ("x",)),)),
+    over_all=Conditions(positive=(PlanTerm("burning", ("x",)),)),
+    start_effects=TimedEffects(add=(PlanTerm("burning", ("x",)),)),
+    end_effects=TimedEffects(delete=(PlanTerm("burning", ("x",)),)),
 )
 
 
@@ -134,7 +134,7 @@ class Run:
     """A dispatch in a thread of its own."""
 
     def __init__(self, world, schedule, **limits):
-        self.dispatch = Dispatch(schedule, world, DispatchLimits(**limits), PLAN_ID)
+        self.dispatch = PlanDispatch(schedule, world, DispatchLimits(**limits), PLAN_ID)
         self._report = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()

@@ -7,17 +7,17 @@ import pytest
 from dispatch_world import GUARDED, LIGHT, LONG, PLAN_ID, WORK, Run, World, actions, parallel
 
 from merlin_pddl.plan_text import PlanStep
-from merlin_rosplan.dispatch.dispatch import Dispatch
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch.dispatch_outside import (
+from merlin_rosplan.dispatch.dispatch import PlanDispatch
+from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchLimits,
     DispatchState,
     FeedbackStatus,
     KnowledgeChanged,
     Tick,
 )
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
-from merlin_rosplan.dispatch.operator_model import Atom
+from merlin_rosplan.dispatch.operator_model import PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 
@@ -88,9 +88,12 @@ def test_a_failed_action_ends_the_dispatch_with_its_reason(world):
 @pytest.mark.parametrize(
     "facts, missing",
     [
-        ({Atom("safe", ("o0",))}, "(free o0) does not hold"),
-        ({Atom("safe", ("o0",)), Atom("free", ("o0",)), Atom("blocked", ("o0",))}, "(blocked o0) holds"),
-        ({Atom("free", ("o0",))}, "(safe o0) does not hold"),
+        ({PlanTerm("safe", ("o0",))}, "(free o0) does not hold"),
+        (
+            {PlanTerm("safe", ("o0",)), PlanTerm("free", ("o0",)), PlanTerm("blocked", ("o0",))},
+            "(blocked o0) holds",
+        ),
+        ({PlanTerm("free", ("o0",))}, "(safe o0) does not hold"),
     ],
 )
 def test_an_unmet_condition_stops_before_the_action(world, facts, missing):
@@ -101,11 +104,11 @@ def test_an_unmet_condition_stops_before_the_action(world, facts, missing):
 
 
 def test_an_over_all_condition_that_breaks_cancels_the_action(world):
-    world.facts = {Atom("free", ("o0",)), Atom("safe", ("o0",))}
+    world.facts = {PlanTerm("free", ("o0",)), PlanTerm("safe", ("o0",))}
     run = Run(world, SequentialSchedule(actions("guarded", "work")))
     world.wait("action", 0)
     run.feedback(0, FeedbackStatus.ENABLED)
-    world.facts = {Atom("safe", ("o0",))}
+    world.facts = {PlanTerm("safe", ("o0",))}
     run.dispatch.put(KnowledgeChanged(frozenset({"free"})))  # an at-start condition may go
     world.facts = set()
     run.dispatch.put(KnowledgeChanged(frozenset({"safe"})))
@@ -120,7 +123,7 @@ def test_an_action_may_end_its_own_over_all_condition(world):
     run = Run(world, SequentialSchedule(actions("light")))
     world.wait("action", 0)
     run.feedback(0, FeedbackStatus.ENABLED)
-    world.facts = {Atom("burning", ("o0",))}
+    world.facts = {PlanTerm("burning", ("o0",))}
     run.dispatch.put(KnowledgeChanged())
     world.wait_answers(2)  # before the start, and once it runs
     world.facts = set()  # the end effects, before the interface reports the end
@@ -133,7 +136,7 @@ def test_an_action_may_end_its_own_over_all_condition(world):
 def test_an_action_whose_own_over_all_condition_goes_without_an_end_fails(world, grace):
     run = Run(world, SequentialSchedule(actions("light")), over_all_grace=grace, cancel=0.05)
     world.wait("action", 0)
-    world.facts = {Atom("burning", ("o0",))}
+    world.facts = {PlanTerm("burning", ("o0",))}
     run.dispatch.put(KnowledgeChanged())
     world.wait_answers(2)
     world.facts = set()
@@ -232,7 +235,7 @@ def test_who_does_not_answer_a_cancel_is_named(world):
 
 
 def test_a_cancel_before_the_first_action_dispatches_nothing(world):
-    dispatch = Dispatch(SequentialSchedule(actions("work")), world, DispatchLimits(), PLAN_ID)
+    dispatch = PlanDispatch(SequentialSchedule(actions("work")), world, DispatchLimits(), PLAN_ID)
     dispatch.cancel("no")
     assert dispatch.run().state == DispatchState.CANCELLED
     assert world.published == []
@@ -313,13 +316,16 @@ def test_an_answer_in_the_middle_of_sending_is_not_lost(world):
 
 
 def test_a_parallel_action_waits_for_the_start_effects_it_builds_on(world):
-    world.facts = {Atom("safe", ("o1",))}
+    world.facts = {PlanTerm("safe", ("o1",))}
     run = Run(world, parallel(["work", "guarded"]), settle=LONG)
     world.wait("action", 0)
     run.feedback(0, FeedbackStatus.ENABLED)
     world.wait_answers(2)
     assert set(world.wakes) <= {None}  # waits for the change, no time is asked for
-    world.facts = {Atom("safe", ("o1",)), Atom("free", ("o1",))}  # what the interface of work has applied
+    world.facts = {
+        PlanTerm("safe", ("o1",)),
+        PlanTerm("free", ("o1",)),
+    }  # what the interface of work has applied
     run.dispatch.put(KnowledgeChanged())
     world.wait("action", 1)
     run.feedback(0, FeedbackStatus.SUCCEEDED)
@@ -339,7 +345,7 @@ def after_a_timed_literal():
     graph = build_graph(
         [PlanStep(0.01, "guarded", ("o0",), 1.0)],
         [GUARDED.ground({"x": "o0"})],
-        [TimedLiteral(0.001 + 1e-4, Atom("free", ("o0",)))],
+        [TimedLiteral(0.001 + 1e-4, PlanTerm("free", ("o0",)))],
     )
     return GraphSchedule(graph, actions("guarded"))
 
@@ -353,10 +359,10 @@ def started(world, run):
 
 
 def test_a_timed_literal_that_the_knowledge_base_applies_a_little_later_is_waited_for(world):
-    world.facts = {Atom("safe", ("o0",))}
+    world.facts = {PlanTerm("safe", ("o0",))}
     run = Run(world, after_a_timed_literal(), settle=LONG)
     started(world, run)
-    world.facts = {Atom("safe", ("o0",)), Atom("free", ("o0",))}
+    world.facts = {PlanTerm("safe", ("o0",)), PlanTerm("free", ("o0",))}
     run.dispatch.put(KnowledgeChanged())
     world.wait("action", 0)
     run.feedback(0, FeedbackStatus.SUCCEEDED)
@@ -364,7 +370,7 @@ def test_a_timed_literal_that_the_knowledge_base_applies_a_little_later_is_waite
 
 
 def test_a_timed_literal_that_does_not_come_is_named(world):
-    world.facts = {Atom("safe", ("o0",))}
+    world.facts = {PlanTerm("safe", ("o0",))}
     run = Run(world, after_a_timed_literal(), settle=0.05)
     started(world, run)
     report = run.report()

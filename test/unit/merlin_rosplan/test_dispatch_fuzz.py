@@ -9,19 +9,19 @@ from hypothesis import strategies as st
 from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlan, EsterelPlanEdge, EsterelPlanNode
 
 from merlin_pddl.plan_text import PlanStep
-from merlin_rosplan.dispatch.dispatch import Dispatch
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch.dispatch_outside import (
+from merlin_rosplan.dispatch.dispatch import PlanDispatch
+from merlin_rosplan.dispatch.dispatch_environment import (
+    DispatchEnvironment,
     DispatchError,
     DispatchLimits,
     DispatchState,
     Feedback,
     KnowledgeChanged,
-    Outside,
     Tick,
 )
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
-from merlin_rosplan.dispatch.operator_model import Conditions, Operator
+from merlin_rosplan.dispatch.operator_model import Conditions, TimedOperator
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.messages.plan_graph_messages import graph_from_message, graph_to_dot
 from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_command
@@ -37,7 +37,7 @@ class NoDeadline:
         return float("inf")
 
 
-class Chaos(Outside):
+class Chaos(DispatchEnvironment):
     """A world that throws random events at a dispatch whenever it is touched."""
 
     def __init__(self, rng):
@@ -94,16 +94,16 @@ class Chaos(Outside):
     def operator(self, action):
         if self.rng.random() < 0.01:
             raise DispatchError("no answer")
-        return Operator(action.name, ())
+        return TimedOperator(action.name, ())
 
     def false_of(self, action, conditions):
         self.noise()
         return Conditions()
 
-    def silence(self, operator):
+    def seconds_silent(self, operator):
         return None
 
-    def young(self, operator):
+    def just_announced(self, operator):
         return False
 
     def wake_at(self, when):
@@ -119,7 +119,7 @@ def schedule(rng):
     if rng.random() < 0.5:
         return SequentialSchedule(actions)
     steps = [PlanStep(float(rng.randrange(5)), "work", ()) for _ in range(count)]
-    graph = build_graph(steps, [Operator("work", ())] * count)
+    graph = build_graph(steps, [TimedOperator("work", ())] * count)
     return GraphSchedule(graph, actions)
 
 
@@ -129,7 +129,7 @@ def test_every_dispatch_ends_and_leaves_nothing_running(block):
         rng = random.Random(seed)
         world = Chaos(rng)
         plan = schedule(rng)
-        world.dispatch = dispatch = Dispatch(plan, world, DispatchLimits(cancel=None), PLAN_ID)
+        world.dispatch = dispatch = PlanDispatch(plan, world, DispatchLimits(cancel=None), PLAN_ID)
         reports = []
         thread = threading.Thread(target=lambda d=dispatch, r=reports: r.append(d.run()), daemon=True)
         thread.start()

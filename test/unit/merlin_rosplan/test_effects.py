@@ -3,7 +3,7 @@ import pytest
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance
 from merlin_rosplan.knowledge.executions import REMEMBERED, Executions
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 
 DOMAIN = parse_domain(
@@ -107,7 +107,7 @@ def test_messages_that_come_twice_change_nothing(store):
     apply(store, "end")
     assert apply(store, "end") == "ended already"
     assert value(store, "battery") == 43
-    with pytest.raises(KnowledgeError, match="has ended"):
+    with pytest.raises(UpdateRefused, match="has ended"):
         apply(store, "start")
 
 
@@ -135,7 +135,7 @@ def test_an_end_without_its_conditions_is_refused_although_its_effects_change_th
     apply(store, "start", "fill", FILL)
     clock.now = 8_000_000_000
     version = store.version
-    with pytest.raises(KnowledgeError, match=r"at its end \(clean hall\) does not hold$"):
+    with pytest.raises(UpdateRefused, match=r"at its end \(clean hall\) does not hold$"):
         apply(store, "end", "fill", FILL)
     assert store.version == version and [found.operator for found in store.executions()] == ["fill"]
     with store.transaction() as change:
@@ -149,7 +149,7 @@ def test_at_its_end_continuous_effects_have_come_true(store, clock):
         change.add(Fact("clean", ("hall",)))
     apply(store, "start", "fill", FILL)
     clock.now = 7_000_000_000
-    with pytest.raises(KnowledgeError, match=r"\(>= \(battery r1\) 54\) does not hold$"):
+    with pytest.raises(UpdateRefused, match=r"\(>= \(battery r1\) 54\) does not hold$"):
         apply(store, "end", "fill", FILL)
     assert value(store, "battery") == 50
     clock.now = 8_000_000_000
@@ -192,7 +192,7 @@ def test_sensed_predicates_are_left_alone(store):
 )
 def test_bad_requests_change_nothing(store, operator, parameters, reason):
     version = store.version
-    with pytest.raises(KnowledgeError, match=reason):
+    with pytest.raises(UpdateRefused, match=reason):
         apply(store, "start", operator, parameters)
     assert store.version == version
 
@@ -201,7 +201,7 @@ def test_effect_without_a_number_is_refused_as_a_whole(store):
     apply(store, "start")
     with store.transaction() as change:
         change.remove(FunctionValue("battery", ("",), 0.0))
-    with pytest.raises(KnowledgeError, match="has no value that could decrease"):
+    with pytest.raises(UpdateRefused, match="has no value that could decrease"):
         apply(store, "end")
     assert facts(store) == set()
 

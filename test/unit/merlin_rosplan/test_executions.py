@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance
 from merlin_rosplan.knowledge.executions import Executions
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.storage.state_file import StateFile
 
@@ -162,13 +162,13 @@ def test_interrupt_although_objects_are_gone():
 )
 @pytest.mark.parametrize("place", ["while_running", "if_interrupted"])
 def test_literals_are_checked_before_anything_begins(store, literal, reason, place):
-    with pytest.raises(KnowledgeError, match=reason):
+    with pytest.raises(UpdateRefused, match=reason):
         apply(store, "start", "t", "drive", DRIVE, **{place: [literal]})
     assert facts(store) == {"(at base)"} and store.executions() == []
 
 
 def test_literals_need_a_token(store):
-    with pytest.raises(KnowledgeError, match="needs a token"):
+    with pytest.raises(UpdateRefused, match="needs a token"):
         apply(store, "start", "", "drive", DRIVE, "/n", ["(busy)"])
     apply(store, "start", "", "drive", DRIVE, "/n")
     assert facts(store) == set() and store.executions() == []
@@ -177,7 +177,7 @@ def test_literals_need_a_token(store):
 def test_token_of_another_operator_is_refused(store):
     apply(store, "start", "t", "drive", DRIVE)
     for phase in ("rollback", "interrupt"):
-        with pytest.raises(KnowledgeError, match="belongs to the operator 'drive'"):
+        with pytest.raises(UpdateRefused, match="belongs to the operator 'drive'"):
             apply(store, phase, "t", "ask")
 
 
@@ -348,7 +348,7 @@ def check_against_the_model(folder, steps):
         elif command == "start":
             holds, interrupted = args[1:]
             if token in model.closed:
-                with pytest.raises(KnowledgeError, match="has ended"):
+                with pytest.raises(UpdateRefused, match="has ended"):
                     apply(store, "start", token, operator, parameters)
             else:
                 texts = [[pddl(text) for text in literals] for literals in (holds, interrupted)]

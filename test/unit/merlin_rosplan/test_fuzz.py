@@ -28,7 +28,7 @@ from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.problem_writer import ProblemWriteError, write_problem
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.knowledge.executions import Executions
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.messages.update_messages import UpdateReader
@@ -256,7 +256,7 @@ def send(store, updates, array):
         with store.transaction() as transaction:
             for kind, message in array:
                 updates.apply(transaction, kind, message)
-    except KnowledgeError as error:
+    except UpdateRefused as error:
         assert str(error)
         assert everything(store) == before
         return False
@@ -283,7 +283,7 @@ def bombard(seed, strict):
         array = over_the_wire(sender.array())
         accepted += send(store, updates, array)
         for _, message in array:
-            with contextlib.suppress(KnowledgeError):
+            with contextlib.suppress(UpdateRefused):
                 store.query([reader.query(message, store.objects)])
     check_indexes(store)
     buffer = io.BytesIO()
@@ -335,7 +335,7 @@ def test_effects_count_wholly_or_not_at_all():
             try:
                 with store.transaction() as transaction:
                     getattr(Executions(transaction), phase)(token, operator, *more)
-            except KnowledgeError as error:
+            except UpdateRefused as error:
                 assert str(error)
                 assert everything(store) == before
         check_indexes(store)

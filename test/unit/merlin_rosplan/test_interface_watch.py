@@ -19,16 +19,16 @@ def clock():
 
 def test_who_was_never_heard_of_is_unknown(clock):
     watch = InterfaceWatch(clock)
-    assert watch.silence("paint") is None and not watch.young("paint")
+    assert watch.seconds_silent("paint") is None and not watch.just_announced("paint")
 
 
 def test_silence_counts_from_the_last_announcement_whatever_the_case(clock):
     watch = InterfaceWatch(clock)
     watch.announce("Paint")
     clock.now += 3.0
-    assert watch.silence("PAINT") == pytest.approx(3.0)
+    assert watch.seconds_silent("PAINT") == pytest.approx(3.0)
     watch.announce("paint")
-    assert watch.silence("paint") == 0.0
+    assert watch.seconds_silent("paint") == 0.0
 
 
 def test_an_interface_that_announces_itself_slowly_is_given_more_time(clock):
@@ -37,7 +37,7 @@ def test_an_interface_that_announces_itself_slowly_is_given_more_time(clock):
     for _ in range(3):
         watch.announce("paint")
         clock.now += 5.0
-    assert watch.silence("paint") == pytest.approx(1.0)
+    assert watch.seconds_silent("paint") == pytest.approx(1.0)
 
 
 def test_an_interface_is_young_for_a_while_and_again_after_a_restart(clock):
@@ -45,9 +45,9 @@ def test_an_interface_is_young_for_a_while_and_again_after_a_restart(clock):
     for _ in range(20):
         watch.announce("paint")
         clock.now += 1.0
-    assert not watch.young("paint")
+    assert not watch.just_announced("paint")
     clock.now += 60.0
     watch.announce("paint")
-    assert watch.young("paint")
+    assert watch.just_announced("paint")
     clock.now += YOUNG
-    assert not watch.young("paint")
+    assert not watch.just_announced("paint")

@@ -8,8 +8,8 @@ from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import Atom, Comparison, Fluent, Not, Number
 from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance, Metric
 from merlin_pddl.problem_reader import parse_condition, parse_problem
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge.knowledge_state import KnowledgeState
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
+from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 from merlin_rosplan.knowledge.knowledge_store import LONG, Journal, JournalError, KnowledgeStore
 from merlin_rosplan.nodes import timed_knowledge
 
@@ -89,7 +89,7 @@ def test_opposite_fact_turns_the_stored_one_round_in_place(store):
 )
 def test_strict_store_refuses_and_stays_untouched(store, item, reason):
     version = store.version
-    with pytest.raises(KnowledgeError) as caught:
+    with pytest.raises(UpdateRefused) as caught:
         add(store, Fact("idle", ()), item)
     assert reason in str(caught.value)
     assert store.version == version and store.facts() == [] and store.values() == []
@@ -125,7 +125,7 @@ def test_empty_argument_is_the_only_constant(store):
 def test_array_is_all_or_nothing_and_order_survives(store):
     add(store, Fact("checked", ("hall",)), Fact("robot_at", ("kitchen",)), Fact("checked", ("kitchen",)))
     add(store, FunctionValue("limit", (), 3.0))
-    with pytest.raises(KnowledgeError), store.transaction() as change:
+    with pytest.raises(UpdateRefused), store.transaction() as change:
         change.remove(Fact("", ()))
         change.clear()
         change.add(Instance("poi", "new"))
@@ -133,7 +133,7 @@ def test_array_is_all_or_nothing_and_order_survives(store):
     assert texts(store.facts()) == ["(checked hall)", "(robot_at kitchen)", "(checked kitchen)"]
     assert store.facts("robot_at") and store.values()[0].value == 3.0
     assert store.instances("poi") == ["kitchen", "hall"]
-    with pytest.raises(KnowledgeError), store.transaction() as change:
+    with pytest.raises(UpdateRefused), store.transaction() as change:
         change.remove(Fact("checked", ("hall",)))
         change.add(Fact("unknown", ()))
     assert texts(store.facts()) == ["(checked hall)", "(robot_at kitchen)", "(checked kitchen)"]
@@ -203,7 +203,7 @@ def test_function_values(store):
     ):
         add(store, FunctionValue("battery", ("R1",), operand, op=op))
         assert store.values("battery")[0].value == expected
-    with pytest.raises(KnowledgeError):
+    with pytest.raises(UpdateRefused):
         add(store, FunctionValue("battery", ("r1",), 0, op="scale-down"))
     assert store.query([FunctionValue("battery", ("",), 0), FunctionValue("limit", (), 0)]) == [True, False]
 
@@ -226,7 +226,7 @@ def test_goals(store):
         change.add_goal(Goal(Not(Atom("idle"))))
         change.add_goal(Goal(Comparison(">", Fluent("battery", ("r1",)), Number(5.0))))
     assert texts(store.goals()) == ["(checked hall)", "(not (idle))", "(> (battery r1) 5)"]
-    with pytest.raises(KnowledgeError), store.transaction() as change:
+    with pytest.raises(UpdateRefused), store.transaction() as change:
         change.add_goal(Goal(Comparison(">", Fluent("power"), Number(5.0))))
     with store.transaction() as change:
         change.remove_goal(Goal(Atom("checked", ("",))))
@@ -284,7 +284,7 @@ def test_timed_items_come_true(store, clock):
 def test_problem_that_does_not_fit_leaves_nothing(store):
     problem = parse_problem("(define (problem p) (:domain d) (:objects a - poi) (:init (checked a)))", DOMAIN)
     problem.facts.append(Fact("nonsense", ()))
-    with pytest.raises(KnowledgeError):
+    with pytest.raises(UpdateRefused):
         store.load_problem(problem)
     assert "a" not in store.instances("poi")
 
@@ -304,7 +304,7 @@ class Disk(Journal):
 
 def test_journal_that_fails_takes_the_change_back(clock):
     store = KnowledgeStore(DOMAIN, clock=clock, journal=Disk())
-    with pytest.raises(KnowledgeError, match="no space left"):
+    with pytest.raises(UpdateRefused, match="no space left"):
         add(store, Fact("idle", ()))
     assert store.facts() == [] and store.version == 0
 
@@ -376,7 +376,7 @@ def test_readers_never_see_half_a_transaction(store):
 def test_nobody_waits_for_a_question_over_all_objects(store, monkeypatch):
     anywhere = parse_condition("(exists (?p - poi) (checked ?p))", store.domain, store.objects())
     searching, go_on = threading.Event(), threading.Event()
-    objects = KnowledgeState.objects
+    objects = KnowledgeTables.objects
 
     def slow_objects(state, types):
         if threading.current_thread().name == "searcher":
@@ -384,7 +384,7 @@ def test_nobody_waits_for_a_question_over_all_objects(store, monkeypatch):
             assert go_on.wait(30)
         return objects(state, types)
 
-    monkeypatch.setattr(KnowledgeState, "objects", slow_objects)
+    monkeypatch.setattr(KnowledgeTables, "objects", slow_objects)
     answers = []
     searcher = threading.Thread(
         target=lambda: answers.append(store.query([anywhere])), name="searcher", daemon=True

@@ -10,12 +10,12 @@ from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
 from merlin_rosplan.dispatch.operator_model import (
-    Atom,
-    Comparison,
     Conditions,
-    Effects,
-    Expression,
-    Operator,
+    Inequality,
+    PlanTerm,
+    TimedEffects,
+    TimedOperator,
+    WatchedCondition,
     over_all_before_start,
 )
 from merlin_rosplan.dispatch.plan_graph import (
@@ -30,21 +30,21 @@ from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 
 
 def at(place):
-    return Atom("robot_at", (place,))
+    return PlanTerm("robot_at", (place,))
 
 
-MOVE = Operator(
+MOVE = TimedOperator(
     "move",
     ("from", "to"),
     at_start=Conditions(positive=(at("from"),)),
-    start_effects=Effects(delete=(at("from"),)),
-    end_effects=Effects(add=(at("to"),)),
+    start_effects=TimedEffects(delete=(at("from"),)),
+    end_effects=TimedEffects(add=(at("to"),)),
 )
-ASK = Operator(
+ASK = TimedOperator(
     "ask",
     ("p",),
     over_all=Conditions(positive=(at("p"),)),
-    end_effects=Effects(add=(Atom("checked", ("p",)),)),
+    end_effects=TimedEffects(add=(PlanTerm("checked", ("p",)),)),
 )
 OPERATORS = {"move": MOVE, "ask": ASK}
 
@@ -119,14 +119,14 @@ def test_names_do_not_depend_on_case():
 
 
 def test_changes_of_a_number_keep_their_order():
-    battery = Atom("battery", ("r",))
-    paint = Operator(
+    battery = PlanTerm("battery", ("r",))
+    paint = TimedOperator(
         "paint",
         ("r",),
-        at_start=Conditions(comparisons=(Comparison(None, (battery,)),)),
-        start_effects=Effects(writes=(battery,)),
+        at_start=Conditions(comparisons=(Inequality(None, (battery,)),)),
+        start_effects=TimedEffects(writes=(battery,)),
     )
-    look = Operator("look", ("r",), at_start=Conditions(comparisons=(Comparison(None, (battery,)),)))
+    look = TimedOperator("look", ("r",), at_start=Conditions(comparisons=(Inequality(None, (battery,)),)))
     operators = [paint, look, look, paint]
     steps = [PlanStep(float(i), operator.name, ("ann",), 10.0) for i, operator in enumerate(operators)]
     found = edges(build_graph(steps, [operator.ground({"r": "ann"}) for operator in operators]))
@@ -208,12 +208,16 @@ def test_the_graph_starts_what_is_possible_and_no_more():
 def test_random_plans_always_come_to_their_end(seed):
     rng = random.Random(seed)
     where = {"r1": "a", "r2": "b", "r3": "c"}
-    operator = Operator(
+    operator = TimedOperator(
         "go",
         ("r", "from", "to"),
-        at_start=Conditions(positive=(Atom("at", ("r", "from")),), negative=(Atom("taken", ("to",)),)),
-        start_effects=Effects(add=(Atom("taken", ("to",)),), delete=(Atom("at", ("r", "from")),)),
-        end_effects=Effects(add=(Atom("at", ("r", "to")),), delete=(Atom("taken", ("to",)),)),
+        at_start=Conditions(
+            positive=(PlanTerm("at", ("r", "from")),), negative=(PlanTerm("taken", ("to",)),)
+        ),
+        start_effects=TimedEffects(
+            add=(PlanTerm("taken", ("to",)),), delete=(PlanTerm("at", ("r", "from")),)
+        ),
+        end_effects=TimedEffects(add=(PlanTerm("at", ("r", "to")),), delete=(PlanTerm("taken", ("to",)),)),
     )
     steps = []
     for index in range(60):
@@ -244,11 +248,11 @@ def test_without_bounds_nothing_is_late_but_timed_literals_are_waited_for():
 @pytest.mark.parametrize("planned_at, earliest", [(4.0, 4.0), (2.0, 0.0)])
 @pytest.mark.parametrize("read", [True, False])
 def test_a_number_that_a_plain_action_reads_or_changes_waits_for_its_timed_value(read, planned_at, earliest):
-    x, y = Atom("x"), Atom("y")
-    effects = Effects(writes=(y,), reads=(x,)) if read else Effects(writes=(x,))
+    x, y = PlanTerm("x"), PlanTerm("y")
+    effects = TimedEffects(writes=(y,), reads=(x,)) if read else TimedEffects(writes=(x,))
     steps = [PlanStep(planned_at, "count", (), 0.5)]
     graph = build_graph(
-        steps, [Operator("count", (), start_effects=effects, durative=False)], [TimedValue(3.0, x, 5.0)]
+        steps, [TimedOperator("count", (), start_effects=effects, durative=False)], [TimedValue(3.0, x, 5.0)]
     )
     schedule = GraphSchedule(graph, planned(steps))
     schedule.begin(100.0)
@@ -302,19 +306,19 @@ def test_a_graph_without_its_end_nodes_is_refused():
 
 
 def test_over_all_conditions_of_ones_own_start_are_no_preconditions():
-    light = Operator(
+    light = TimedOperator(
         "light",
         (),
-        over_all=Conditions(positive=(Atom("burning"), Atom("dry")), negative=(Atom("dark"),)),
-        start_effects=Effects(add=(Atom("burning"),), delete=(Atom("dark"),)),
+        over_all=Conditions(positive=(PlanTerm("burning"), PlanTerm("dry")), negative=(PlanTerm("dark"),)),
+        start_effects=TimedEffects(add=(PlanTerm("burning"),), delete=(PlanTerm("dark"),)),
     )
-    assert over_all_before_start(light) == Conditions(positive=(Atom("dry"),))
+    assert over_all_before_start(light) == Conditions(positive=(PlanTerm("dry"),))
 
 
-EITHER = Expression(
+EITHER = WatchedCondition(
     Or((FormulaAtom("robot_at", ("?p",)), FormulaAtom("open", ("?p",)))), frozenset(("robot_at", "open"))
 )
-LOOK = Operator("look", ("p",), at_start=Conditions(expressions=(EITHER,)))
+LOOK = TimedOperator("look", ("p",), at_start=Conditions(expressions=(EITHER,)))
 
 
 def test_expressions_follow_earlier_changes_of_their_names_and_precede_later_ones():
@@ -333,27 +337,30 @@ def test_expressions_follow_earlier_changes_of_their_names_and_precede_later_one
 
 def test_grounding_leaves_quantified_variables_alone():
     inner = Forall((Variable("?p"),), FormulaAtom("near", ("?p", "?q")))
-    assert str(Expression(inner).ground({"p": "a", "q": "b"})) == "(forall (?p - object) (near ?p b))"
+    assert str(WatchedCondition(inner).ground({"p": "a", "q": "b"})) == "(forall (?p - object) (near ?p b))"
 
 
 def test_effects_of_plain_actions_belong_to_their_end():
-    give = Operator("give", (), start_effects=Effects(add=(Atom("a"),)), durative=False)
-    take = Operator("take", (), at_start=Conditions(positive=(Atom("a"),)), durative=False)
+    give = TimedOperator("give", (), start_effects=TimedEffects(add=(PlanTerm("a"),)), durative=False)
+    take = TimedOperator("take", (), at_start=Conditions(positive=(PlanTerm("a"),)), durative=False)
     steps = [PlanStep(0.0, "give", (), 3.0), PlanStep(0.001, "take", (), 3.0)]
     graph = edges(build_graph(steps, [give, take]))
     assert graph[2, 3].type == EdgeType.CONDITION and (1, 3) not in graph
 
 
 def test_a_window_waits_for_what_its_content_waits_for():
-    light = Operator(
-        "light", (), start_effects=Effects(add=(Atom("lit"),)), end_effects=Effects(delete=(Atom("lit"),))
+    light = TimedOperator(
+        "light",
+        (),
+        start_effects=TimedEffects(add=(PlanTerm("lit"),)),
+        end_effects=TimedEffects(delete=(PlanTerm("lit"),)),
     )
-    fetch = Operator("fetch", (), end_effects=Effects(add=(Atom("free"),)))
-    mend = Operator(
+    fetch = TimedOperator("fetch", (), end_effects=TimedEffects(add=(PlanTerm("free"),)))
+    mend = TimedOperator(
         "mend",
         (),
-        at_start=Conditions(positive=(Atom("free"),)),
-        over_all=Conditions(positive=(Atom("lit"),)),
+        at_start=Conditions(positive=(PlanTerm("free"),)),
+        over_all=Conditions(positive=(PlanTerm("lit"),)),
     )
     steps = [PlanStep(0.0, "fetch", (), 5.0), PlanStep(1.0, "light", (), 8.0), PlanStep(5.1, "mend", (), 3.0)]
     graph = edges(build_graph(steps, [fetch, light, mend]))
@@ -363,8 +370,8 @@ def test_a_window_waits_for_what_its_content_waits_for():
 
 def test_orders_of_what_ends_read_and_write_are_strict():
     set_, read = (
-        Operator("set", (), end_effects=Effects(writes=(Atom("x"),), reads=(Atom("y"),))),
-        Operator("read", (), end_effects=Effects(writes=(Atom("y"),), reads=(Atom("x"),))),
+        TimedOperator("set", (), end_effects=TimedEffects(writes=(PlanTerm("x"),), reads=(PlanTerm("y"),))),
+        TimedOperator("read", (), end_effects=TimedEffects(writes=(PlanTerm("y"),), reads=(PlanTerm("x"),))),
     )
     steps = [PlanStep(0.0, "set", (), 2.0), PlanStep(0.0, "read", (), 3.0)]
     graph = build_graph(steps, [set_, read])

@@ -13,7 +13,7 @@ from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.problem_writer import write_problem
 from merlin_rosplan.knowledge.executions import Executions
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.storage.state_file import StateFile, StateFileError
 
@@ -95,7 +95,7 @@ def test_action_that_outlives_the_knowledge_base(path):
 
 def test_refused_transaction_leaves_no_trace_in_the_file(path):
     store = open_store(path)
-    with pytest.raises(KnowledgeError), store.transaction() as change:
+    with pytest.raises(UpdateRefused), store.transaction() as change:
         change.add(Instance("place", "a"))
         change.add(Fact("clean", ("b",)))
     store.close()
@@ -164,9 +164,9 @@ def test_full_disk_takes_nothing_new_but_what_runs_comes_to_its_end(disk):
     store.load_problem(problem)
     drive(store, "start", "one")
     disk.fill()
-    with pytest.raises(KnowledgeError, match="state.sqlite: database or disk is full"):
+    with pytest.raises(UpdateRefused, match="state.sqlite: database or disk is full"):
         drive(store, "start", "two")
-    with pytest.raises(KnowledgeError, match="full"), store.transaction() as change:
+    with pytest.raises(UpdateRefused, match="full"), store.transaction() as change:
         change.add(Fact("clean", ("a",)))
     drive(store, "rollback", "one")
     with store.transaction() as change:

@@ -14,11 +14,12 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_guard.goal_header import read_goal_header
-from merlin_guard.guard_parameters import GuardParameters, ParameterError, read_parameters
+from merlin_guard.guard_parameters import GuardParameters, read_parameters
 from merlin_guard.motion_permit import Decision, MotionPermit, Send, State, View
 from merlin_guard.motion_server import GoalReport
 from merlin_guard.ros_graph import MASTER_ERRORS, living_guard_of_this_name
 from merlin_guard.surroundings import Surroundings
+from merlin_ros.parameters import ParameterError
 
 NAME = "merlin_guard"
 SIM_STATUS_TOPIC = "/merlin_sim/status"

@@ -7,13 +7,10 @@ import rospy
 from rosgraph.names import is_legal_name
 
 from merlin_guard.settings import GuardSettings
+from merlin_ros.parameters import ParameterError
 
 DEFAULT_SERVERS = ("move_base",)
 SERVER_WAIT = 30.0  # s; a simulator loads its world that long on a busy machine
-
-
-class ParameterError(Exception):
-    """A parameter that cannot be used; the text names it and says what is wrong."""
 
 
 class GuardParameters(NamedTuple):

@@ -6,8 +6,9 @@ from typing import List, Set
 
 import rospy
 
-from merlin_guard.guard_parameters import GuardParameters, ParameterError
+from merlin_guard.guard_parameters import GuardParameters
 from merlin_guard.ros_graph import MASTER_ERRORS, RosGraph
+from merlin_ros.parameters import ParameterError
 
 PERIOD = 5.0  # s of wall time between two looks at the ROS graph
 

@@ -40,7 +40,7 @@ Bindings = Mapping[str, str]
 _MAX_OPEN = 20
 
 
-class State:
+class WorldState:
     """What an :class:`Evaluator` asks; names and objects are lower-case."""
 
     def holds(self, key: Key) -> bool:
@@ -66,7 +66,9 @@ class Evaluator:
     specials: values of ``?duration``, ``#t`` and so on; one that is missing has no value.
     """
 
-    def __init__(self, domain: Domain, state: State, specials: Optional[Mapping[str, float]] = None) -> None:
+    def __init__(
+        self, domain: Domain, state: WorldState, specials: Optional[Mapping[str, float]] = None
+    ) -> None:
         self._domain = domain
         self._state = state
         self._specials: Mapping[str, float] = specials or {}

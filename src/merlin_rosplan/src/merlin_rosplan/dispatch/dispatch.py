@@ -9,12 +9,14 @@ import math
 import queue
 import threading
 from collections import deque
-from dataclasses import dataclass
 from typing import Any, Deque, Dict, FrozenSet, List, Optional, Set
 
-from merlin_rosplan.dispatch.dispatch_outside import (
-    Cancel,
+from merlin_rosplan.dispatch.coming_conditions import ComingConditions
+from merlin_rosplan.dispatch.dispatch_environment import (
+    CancelRequest,
+    DispatchEnvironment,
     DispatchError,
+    DispatchFailure,
     DispatchLimits,
     DispatchReport,
     DispatchState,
@@ -22,31 +24,23 @@ from merlin_rosplan.dispatch.dispatch_outside import (
     Feedback,
     FeedbackStatus,
     KnowledgeChanged,
-    Outside,
     Tick,
 )
 from merlin_rosplan.dispatch.dispatch_running import Running, broken_over_all
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
-from merlin_rosplan.dispatch.operator_model import Conditions, over_all_before_start
+from merlin_rosplan.dispatch.operator_model import over_all_before_start
 
 _log = logging.getLogger(__name__)
 _NOTHING: FrozenSet[str] = frozenset()
 
 
-@dataclass
-class _Failure:
-    state: DispatchState
-    reason: str
-    action: Optional[PlannedAction] = None
-
-
-class Dispatch:
+class PlanDispatch:
     """One run of a plan.
 
     Parameters
     ----------
     schedule: the plan.
-    outside: the world.
+    environment: what it acts on and asks.
     limits: patience.
     plan_id: number of this run; feedback about another run is ignored. Feedback with plan id 0 is from
         ROSPlan's own interfaces, which do not set it: it counts once the interface has taken the action.
@@ -56,30 +50,28 @@ class Dispatch:
     def __init__(
         self,
         schedule: Schedule,
-        outside: Outside,
+        environment: DispatchEnvironment,
         limits: DispatchLimits,
         plan_id: int = 0,
         events: "Optional[queue.Queue[Event]]" = None,
     ) -> None:
         self.plan_id = plan_id
         self._schedule = schedule
-        self._outside = outside
+        self._environment = environment
         self._limits = limits
         self._events: queue.Queue[Event] = queue.Queue() if events is None else events
         self._taken_in: Deque[Event] = deque()  # taken from the queue and not handled
         self._cancelled = threading.Event()
         self._suspended = threading.Event()
         self._running: Dict[int, Running] = {}
-        self._failure: Optional[_Failure] = None
+        self._failure: Optional[DispatchFailure] = None
         self._began = 0.0
         self._done = 0
         self._untold = False  # whether the report has changed since it was told
         self._changes: Optional[FrozenSet[str]] = _NOTHING  # names that changed since over-all was checked
         self._last: Optional[PlannedAction] = None
         self._unanswered: List[PlannedAction] = []
-        self._unsettled: Set[int] = set()  # actions whose conditions may be about to come true
-        self._literals: Dict[int, Any] = {}  # deadlines of their timed literals
-        self._due: Dict[int, float] = {}  # ROS time at which a timed change comes that they need
+        self._coming = ComingConditions(environment, schedule, limits.settle)
         self._overtaken: Dict[int, Any] = {}  # deadlines of ends that came before what must come first
         self.ended = threading.Event()
 
@@ -92,7 +84,7 @@ class Dispatch:
     def cancel(self, reason: str = "cancelled") -> None:
         """Stops the dispatch: no further action starts, running ones are told to stop."""
         self._cancelled.set()
-        self._events.put(Cancel(reason))
+        self._events.put(CancelRequest(reason))
 
     def suspend(self, suspended: bool) -> None:
         """While it is suspended no further action starts; what runs goes on."""
@@ -107,7 +99,7 @@ class Dispatch:
     def run(self) -> DispatchReport:
         """Runs the plan to its end, however that comes. Raises nothing of its own."""
         try:
-            self._began = self._outside.now()
+            self._began = self._environment.now()
             self._schedule.begin(self._began)
             self._report()
             self._loop()
@@ -120,9 +112,9 @@ class Dispatch:
             if self._failure is not None:
                 self._stop_running()
         finally:
-            self._outside.wake_at(None)
+            self._environment.wake_at(None)
             if self._last is not None:
-                self._outside.close(self._last)
+                self._environment.close(self._last)
             self.ended.set()
         report = self._report()
         return report
@@ -134,7 +126,7 @@ class Dispatch:
                 return
             if self._untold:
                 self._report()
-            self._outside.wake_at(self._wake_time(looked))
+            self._environment.wake_at(self._wake_time(looked))
             self._take_in(self._patience())
             self._handle_all()
             if self._failure is None:
@@ -161,8 +153,7 @@ class Dispatch:
                 patience = min(patience, 1.0)  # its interface may die in silence
             if record.grace is not None:
                 patience = min(patience, record.grace.remaining())
-        for action_id in self._unsettled:
-            patience = min([patience, *self._settling(action_id)])
+        patience = min([patience, *self._coming.time_left(self._running.values())])
         for action_id in self._schedule.awaited():
             record = self._running[action_id]
             if record.applied is not None:
@@ -170,7 +161,7 @@ class Dispatch:
         return min([patience, *(deadline.remaining() for deadline in self._overtaken.values())])
 
     def _wake_time(self, looked: float) -> Optional[float]:
-        times = [time for time in self._due.values() if time > looked]
+        times = self._coming.changes_after(looked)
         scheduled = self._schedule.wake_time(looked)
         return min(times if scheduled is None else [scheduled, *times], default=None)
 
@@ -179,7 +170,7 @@ class Dispatch:
     def _start_ready(self) -> float:
         """Starts what may start; returns the ROS time at which it looked last."""
         tried: Set[int] = set()
-        now = self._outside.now()
+        now = self._environment.now()
         while not self._cancelled.is_set():
             self._see_starts(now)
             if self._suspended.is_set():
@@ -190,8 +181,8 @@ class Dispatch:
             tried.update(action.id for action in ready)
             if not self._start_all(ready):
                 return now
-            now = self._outside.now()
-        idle = not self._running and not self._unsettled and not self._cancelled.is_set()
+            now = self._environment.now()
+        idle = not self._running and not self._coming.expected and not self._cancelled.is_set()
         if idle and not self._schedule.finished and self._wake_time(now) is None and not self._overtaken:
             waiting = self._schedule.waiting()
             if waiting:
@@ -200,13 +191,13 @@ class Dispatch:
 
     def _see_starts(self, now: float) -> None:
         for action_id in self._schedule.awaited():
-            if self._running[action_id].start_applied(self._outside):
+            if self._running[action_id].start_applied(self._environment):
                 self._schedule.seen(action_id, now)
 
     def _start_all(self, ready: List[PlannedAction]) -> bool:
         """Starts those whose conditions hold; whether to go on."""
         records = [
-            Running.make(action, self._outside.operator(action), self._outside, self._limits)
+            Running.make(action, self._environment.operator(action), self._environment, self._limits)
             for action in ready
         ]
         needed = [
@@ -214,7 +205,7 @@ class Dispatch:
             for record in records
         ]
         together: List[Running] = []
-        for record, unmet in zip(records, self._outside.false_of_each(needed)):
+        for record, unmet in zip(records, self._environment.false_of_each(needed)):
             if unmet.empty:
                 together.append(record)
                 continue
@@ -222,9 +213,9 @@ class Dispatch:
             together = []
             if self._cancelled.is_set():
                 return False
-            if self._may_settle(record.action, unmet):
+            if self._coming.may_come(record.action, unmet, self._began, self._running.values()):
                 continue
-            self._outside.tell(record.action, FeedbackStatus.PRECONDITION_FALSE)
+            self._environment.tell(record.action, FeedbackStatus.PRECONDITION_FALSE)
             self._fail(f"{record.action} cannot start: {unmet.as_false()}", record.action)
             return False
         self._send(together)
@@ -234,47 +225,22 @@ class Dispatch:
         if not records or self._cancelled.is_set():
             return
         for record in records:
-            self._unsettled.discard(record.action.id)
-            self._due.pop(record.action.id, None)
+            self._coming.came(record.action.id)
             self._running[record.action.id] = record
         self._report()  # first: an interface that has just started asks the status whether it is meant
         for record in records:
             action = self._last = record.action
-            self._outside.send(action)
-            self._outside.tell(action, FeedbackStatus.ENABLED)
-            self._schedule.started(action.id, self._outside.now(), record.seen_at_once)
-
-    def _may_settle(self, action: PlannedAction, unmet: Conditions) -> bool:
-        """Whether what the action needs may be on its way: a timed change, or start effects of what runs."""
-        until = self._began + action.time + self._limits.settle
-        due = self._outside.next_change(unmet.names, until)
-        if due is not None:
-            self._due[action.id] = due
-            return True
-        timed = self._due.pop(action.id, None) is not None or self._schedule.waits_for_time(action.id)
-        if timed and action.id not in self._literals:
-            self._literals[action.id] = self._outside.deadline(self._limits.settle)
-        may = bool(self._settling(action.id))
-        if may:
-            self._unsettled.add(action.id)
-        else:
-            self._unsettled.discard(action.id)
-        return may
-
-    def _settling(self, action_id: int) -> List[float]:
-        """Seconds that are left for each thing that may make an action's conditions true."""
-        deadlines = [record.settle for record in self._running.values()]
-        if action_id in self._literals:
-            deadlines.append(self._literals[action_id])
-        return [left for left in (deadline.remaining() for deadline in deadlines) if left > 0]
+            self._environment.send(action)
+            self._environment.tell(action, FeedbackStatus.ENABLED)
+            self._schedule.started(action.id, self._environment.now(), record.seen_at_once)
 
     # --- what happens -------------------------------------------------------------------------------
 
     def _handle_all(self) -> None:
         while self._taken_in and self._failure is None:
             event = self._taken_in.popleft()
-            if isinstance(event, Cancel):
-                self._failure = _Failure(DispatchState.CANCELLED, event.reason)
+            if isinstance(event, CancelRequest):
+                self._failure = DispatchFailure(DispatchState.CANCELLED, event.reason)
             elif isinstance(event, Feedback):
                 self._feedback(event)
             elif isinstance(event, KnowledgeChanged):
@@ -287,7 +253,7 @@ class Dispatch:
         affected = [record for record in self._running.values() if record.is_affected(self._changes)]
         self._changes = _NOTHING
         self._check_over_all(affected)
-        late = self._schedule.late(self._outside.now())
+        late = self._schedule.late(self._environment.now())
         if late is not None:
             self._fail(f"a time bound of the plan is broken: {late}")
         self._check_order()
@@ -310,21 +276,21 @@ class Dispatch:
             self._untold = True
             del self._running[feedback.action_id]
             self._check_end(record)
-            self._schedule.ended(feedback.action_id, self._outside.now())
+            self._schedule.ended(feedback.action_id, self._environment.now())
         elif status == FeedbackStatus.FAILED:
             del self._running[feedback.action_id]
             why = f": {feedback.reason}" if feedback.reason else ""
             self._fail(f"{record.action} failed{why}", record.action)
         elif status in (FeedbackStatus.ENABLED, FeedbackStatus.DISPATCHED_TO_START_STATE):
             if record.applied is None:
-                record.applied = self._outside.deadline(self._limits.settle)
+                record.applied = self._environment.deadline(self._limits.settle)
             record.taken = True
-            record.alive = self._outside.deadline(self._limits.liveness)
+            record.alive = self._environment.deadline(self._limits.liveness)
 
     # --- what must not happen -----------------------------------------------------------------------
 
     def _check_over_all(self, records: List[Running]) -> None:
-        for record, reason in broken_over_all(records, self._outside, self._limits):
+        for record, reason in broken_over_all(records, self._environment, self._limits):
             self._fail(reason, record.action)
 
     def _check_end(self, record: Running) -> None:
@@ -336,7 +302,7 @@ class Dispatch:
         needed = record.needed_at_end
         if self._running or needed.empty:
             return
-        false = self._outside.false_of(record.action, needed)
+        false = self._environment.false_of(record.action, needed)
         if not false.empty:
             self._fail(f"{record.action} has ended, but {false.as_false()}", record.action)
 
@@ -344,7 +310,8 @@ class Dispatch:
         """Fails when an action has ended too early for the plan; news of two ends may arrive out of order."""
         overtaken = {found.action_id: found for found in self._schedule.overtaken()}
         self._overtaken = {
-            action_id: self._overtaken.get(action_id) or self._outside.deadline(self._limits.over_all_grace)
+            action_id: self._overtaken.get(action_id)
+            or self._environment.deadline(self._limits.over_all_grace)
             for action_id in overtaken
         }
         for action_id, found in overtaken.items():
@@ -352,18 +319,18 @@ class Dispatch:
                 self._fail(found.text, self._schedule.actions[action_id])
 
     def _check_interface(self, record: Running) -> None:
-        fault = record.fault(self._outside, self._limits)
+        fault = record.fault(self._environment, self._limits)
         if fault is not None:
             self._fail(fault.reason, record.action)
             if fault.gone:
                 del self._running[record.action.id]
         # An interface that has just started takes what is latched for an action of an earlier run.
-        elif record.asks_again() and self._outside.young(record.action.name):
-            self._outside.send(record.action)
+        elif record.asks_again() and self._environment.just_announced(record.action.name):
+            self._environment.send(record.action)
 
     def _fail(self, reason: str, action: Optional[PlannedAction] = None) -> None:
         if self._failure is None:
-            self._failure = _Failure(DispatchState.FAILED, reason, action)
+            self._failure = DispatchFailure(DispatchState.FAILED, reason, action)
 
     # --- stopping -----------------------------------------------------------------------------------
 
@@ -375,8 +342,8 @@ class Dispatch:
             return
         self._report(DispatchState.CANCELLING)
         for record in self._running.values():
-            self._outside.send_cancel(record.action)
-        deadline = self._outside.deadline(self._limits.cancel)
+            self._environment.send_cancel(record.action)
+        deadline = self._environment.deadline(self._limits.cancel)
         while self._running:
             left = deadline.remaining()
             if left <= 0:
@@ -386,7 +353,9 @@ class Dispatch:
             while self._taken_in:
                 self._answer(self._taken_in.popleft())
             for record in list(self._running.values()):
-                if record.is_dead(self._outside.silence(record.action.name), self._limits.liveness):
+                if record.is_dead(
+                    self._environment.seconds_silent(record.action.name), self._limits.liveness
+                ):
                     self._give_up(record)
             if len(self._running) < answered:
                 self._report(DispatchState.CANCELLING)
@@ -405,7 +374,7 @@ class Dispatch:
             return
         if feedback.status == FeedbackStatus.SUCCEEDED:
             self._done += 1
-            self._schedule.ended(feedback.action_id, self._outside.now())
+            self._schedule.ended(feedback.action_id, self._environment.now())
         if feedback.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED):
             del self._running[feedback.action_id]
         else:
@@ -413,32 +382,15 @@ class Dispatch:
 
     def _report(self, state: Optional[DispatchState] = None) -> DispatchReport:
         self._untold = False
-        failure = self._failure
-        total = len(self._schedule.actions)
-        if state is None:
-            if failure is None:
-                done = self._schedule.finished and not self._running
-                state = DispatchState.SUCCEEDED if done else DispatchState.RUNNING
-            elif failure.state == DispatchState.CANCELLED and self._schedule.finished:
-                state = DispatchState.SUCCEEDED
-            else:
-                state = failure.state
-        reason = failure.reason if failure is not None else f"{self._done} of {total} actions done"
-        if failure is not None and state == DispatchState.SUCCEEDED:
-            reason = "the last action had ended when the cancel came through"
-        if self._unanswered:
-            names = ", ".join(str(action) for action in self._unanswered)
-            reason += f"; no answer to the cancel from {names}"
-        report = DispatchReport(
+        report = DispatchReport.of(
             state,
-            reason,
-            tuple(record.action for record in self._running.values()),
+            self._failure,
+            self._schedule,
+            [record.action for record in self._running.values()],
             self._done,
-            total,
-            failure.action if failure is not None else None,
-            tuple(self._unanswered),
+            self._unanswered,
         )
-        self._outside.changed(report)
+        self._environment.changed(report)
         return report
 
 

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 from typing import Any, FrozenSet, Iterator, NamedTuple, Optional, Sequence, Set, Tuple
 
-from merlin_rosplan.dispatch.dispatch_outside import DispatchLimits, Outside
+from merlin_rosplan.dispatch.dispatch_environment import DispatchEnvironment, DispatchLimits
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.operator_model import (
     Conditions,
-    Operator,
+    TimedOperator,
     broken_by_own_end,
     over_all_before_start,
 )
@@ -33,7 +33,7 @@ class Running:
     """
 
     action: PlannedAction
-    operator: Operator
+    operator: TimedOperator
     acknowledge: Any
     accept: Any
     settle: Any
@@ -55,7 +55,10 @@ class Running:
 
     @staticmethod
     def make(
-        action: PlannedAction, operator: Operator, outside: Outside, limits: DispatchLimits
+        action: PlannedAction,
+        operator: TimedOperator,
+        environment: DispatchEnvironment,
+        limits: DispatchLimits,
     ) -> "Running":
         """The record of an action that is about to be sent."""
         first = over_all_before_start(operator)
@@ -63,9 +66,9 @@ class Running:
         return Running(
             action,
             operator,
-            outside.deadline(limits.acknowledge),
-            outside.deadline(limits.accept),
-            outside.deadline(limits.settle),
+            environment.deadline(limits.acknowledge),
+            environment.deadline(limits.accept),
+            environment.deadline(limits.settle),
             first,
             operator.over_all - first,
             operator.over_all.names,
@@ -86,7 +89,7 @@ class Running:
             self.unheard -= names
             self.look |= not names or bool(names & self.operator.start_effects.names)
 
-    def start_applied(self, outside: Outside) -> bool:
+    def start_applied(self, environment: DispatchEnvironment) -> bool:
         """Whether the start effects are there.
 
         A knowledge base of ours lists the executions, and nothing else counts: a change may be of another
@@ -98,7 +101,7 @@ class Running:
         if not self.look:
             return False
         self.look = False
-        begun = outside.begun(self.action)
+        begun = environment.begun(self.action)
         if begun is not None:
             return begun
         if self.unheard:
@@ -106,16 +109,16 @@ class Running:
         added = {atom.key for atom in self.operator.start_effects.add}
         deleted = tuple(atom for atom in self.operator.start_effects.delete if atom.key not in added)
         wanted = Conditions(self.operator.start_effects.add, deleted)
-        return wanted.empty or outside.false_of(self.action, wanted).empty
+        return wanted.empty or environment.false_of(self.action, wanted).empty
 
     def is_affected(self, changes: Optional[FrozenSet[str]]) -> bool:
         """Whether its over-all conditions depend on what has changed; None: anything may have."""
         return bool(self.names) and (changes is None or bool(self.names & changes))
 
-    def fault(self, outside: Outside, limits: DispatchLimits) -> Optional[Fault]:
+    def fault(self, environment: DispatchEnvironment, limits: DispatchLimits) -> Optional[Fault]:
         """Why it has to be given up, if it has to."""
         action = self.action
-        silence = outside.silence(action.name)
+        silence = environment.seconds_silent(action.name)
         unanswered = self._unanswered()
         dead = self.is_dead(silence, limits.liveness)
         if self.grace is not None and self.grace.remaining() <= 0:
@@ -172,11 +175,11 @@ class Running:
 
 
 def broken_over_all(
-    records: Sequence[Running], outside: Outside, limits: DispatchLimits
+    records: Sequence[Running], environment: DispatchEnvironment, limits: DispatchLimits
 ) -> Iterator[Tuple[Running, str]]:
     """Asks for the over-all conditions of running actions, in one call; gives those that cannot go on."""
     asked = [(record.action, record.pending + record.watched) for record in records]
-    for record, false in zip(records, outside.false_of_each(asked) if asked else []):
+    for record, false in zip(records, environment.false_of_each(asked) if asked else []):
         record.watched += record.pending - false  # what has come true has to stay so
         record.pending -= record.watched
         broken = false - record.pending
@@ -188,4 +191,4 @@ def broken_over_all(
             yield record, f"{record.action} cannot go on: {record.broken}"
         elif record.grace is None:
             # Interfaces apply the end effects before they report the end.
-            record.grace = outside.deadline(limits.over_all_grace)
+            record.grace = environment.deadline(limits.over_all_grace)

@@ -2,7 +2,13 @@
 
 from typing import FrozenSet, NamedTuple, Sequence
 
-from merlin_rosplan.dispatch.operator_model import Atom, Conditions, Effects, Operator, over_all_before_start
+from merlin_rosplan.dispatch.operator_model import (
+    Conditions,
+    PlanTerm,
+    TimedEffects,
+    TimedOperator,
+    over_all_before_start,
+)
 from merlin_rosplan.dispatch.plan_graph import NodeType
 
 
@@ -13,30 +19,30 @@ class Happening(NamedTuple):
     is not looked at when a plan is carried out: it is `unchecked`, only its place in the order keeps it so.
     """
 
-    positive: Sequence[Atom] = ()
-    negative: Sequence[Atom] = ()
-    add: Sequence[Atom] = ()
-    delete: Sequence[Atom] = ()
+    positive: Sequence[PlanTerm] = ()
+    negative: Sequence[PlanTerm] = ()
+    add: Sequence[PlanTerm] = ()
+    delete: Sequence[PlanTerm] = ()
     # protected until this node, besides what it needs itself: the over-all conditions at an action's end
-    keep_positive: Sequence[Atom] = ()
-    keep_negative: Sequence[Atom] = ()
-    reads: Sequence[Atom] = ()  # function values
-    writes: Sequence[Atom] = ()
-    additive: Sequence[Atom] = ()  # those of `writes` that commute with other additive ones
+    keep_positive: Sequence[PlanTerm] = ()
+    keep_negative: Sequence[PlanTerm] = ()
+    reads: Sequence[PlanTerm] = ()  # function values
+    writes: Sequence[PlanTerm] = ()
+    additive: Sequence[PlanTerm] = ()  # those of `writes` that commute with other additive ones
     depends: FrozenSet[str] = frozenset()  # names that are read, whatever their arguments
     changes: FrozenSet[str] = frozenset()  # names that change
     wild: FrozenSet[str] = frozenset()  # those of them of which it is not known with which arguments
-    unchecked: FrozenSet[Atom] = frozenset()
+    unchecked: FrozenSet[PlanTerm] = frozenset()
     unchecked_names: FrozenSet[str] = frozenset()
 
 
-def _keys(*groups: Sequence[Atom]) -> Sequence[Atom]:
+def _keys(*groups: Sequence[PlanTerm]) -> Sequence[PlanTerm]:
     if not any(groups):
         return ()
     return tuple(dict.fromkeys([atom.key for group in groups for atom in group]))
 
 
-def happening_of(action: Operator, type_: NodeType) -> Happening:
+def happening_of(action: TimedOperator, type_: NodeType) -> Happening:
     """The happening at the start or the end of a ground action.
 
     A plain action is one happening in a plan and takes its time when it is carried out: its conditions are
@@ -45,7 +51,7 @@ def happening_of(action: Operator, type_: NodeType) -> Happening:
     nothing = Conditions()
     if type_ == NodeType.ACTION_START:
         if not action.durative:
-            read = Effects(reads=action.start_effects.reads, wild_reads=action.start_effects.wild_reads)
+            read = TimedEffects(reads=action.start_effects.reads, wild_reads=action.start_effects.wild_reads)
             return _happening(action.at_start, nothing, read, nothing)
         found = _happening(action.at_start + action.over_all, nothing, action.start_effects, nothing)
         before = action.at_start + over_all_before_start(action)
@@ -55,7 +61,9 @@ def happening_of(action: Operator, type_: NodeType) -> Happening:
     return _happening(action.at_end, action.over_all, action.end_effects, action.at_end)
 
 
-def _happening(needs: Conditions, keeps: Conditions, effects: Effects, unchecked: Conditions) -> Happening:
+def _happening(
+    needs: Conditions, keeps: Conditions, effects: TimedEffects, unchecked: Conditions
+) -> Happening:
     return Happening(
         _keys(needs.positive),
         _keys(needs.negative),
@@ -81,7 +89,7 @@ def _happening(needs: Conditions, keeps: Conditions, effects: Effects, unchecked
     )
 
 
-def _additive(effects: Effects) -> Sequence[Atom]:
+def _additive(effects: TimedEffects) -> Sequence[PlanTerm]:
     """Terms that are only increased and decreased, and not assigned besides."""
     if not effects.additive:
         return ()

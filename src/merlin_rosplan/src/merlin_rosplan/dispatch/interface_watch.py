@@ -30,13 +30,13 @@ class InterfaceWatch:
                 self._first[operator.lower()] = now
             self._heard[operator.lower()] = (now, now - known[0] if known is not None else 0.0)
 
-    def young(self, operator: str) -> bool:
+    def just_announced(self, operator: str) -> bool:
         """Whether an operator's interface was first heard of less than :data:`YOUNG` seconds ago."""
         with self._lock:
             first = self._first.get(operator.lower())
         return first is not None and self._clock() - first < YOUNG
 
-    def silence(self, operator: str) -> Optional[float]:
+    def seconds_silent(self, operator: str) -> Optional[float]:
         """Seconds since an operator's interface was heard of, None when it never was.
 
         ROSPlan's interfaces count their second in ROS time: one that announces itself more slowly than once

@@ -1,5 +1,6 @@
-"""Operators as the parser and the dispatcher see them: conditions and effects by time, ready to be grounded.
+"""Operators for parser and dispatcher: conditions and effects sorted by time, ready to be grounded.
 
+:class:`merlin_pddl.domain.Operator` is what a domain says; these are what any ROSPlan knowledge base answers.
 They are read from ``rosplan_knowledge_msgs/DomainOperator`` by attribute, so nothing here needs ROS. What
 that message cannot carry (disjunctions, quantifiers, derived predicates) comes from
 :mod:`merlin_rosplan.messages.operator_expressions`.
@@ -11,20 +12,20 @@ from typing import Any, Dict, FrozenSet, Iterable, NamedTuple, Sequence, Set, Tu
 from merlin_pddl import formula
 
 
-class Atom(NamedTuple):
-    """A predicate with arguments: operator variables (or constants) before grounding, objects after it."""
+class PlanTerm(NamedTuple):
+    """A predicate or function with arguments: variables of an operator before grounding, objects after it."""
 
     name: str
     arguments: Tuple[str, ...] = ()
 
-    def ground(self, binding: Dict[str, str]) -> "Atom":
+    def ground(self, binding: Dict[str, str]) -> "PlanTerm":
         """Variables replaced; what is no variable is a constant and stands for itself."""
-        return Atom(self.name, tuple([binding.get(argument, argument) for argument in self.arguments]))
+        return PlanTerm(self.name, tuple([binding.get(argument, argument) for argument in self.arguments]))
 
     @property
-    def key(self) -> "Atom":
+    def key(self) -> "PlanTerm":
         """The atom for comparing: names in PDDL do not depend on case."""
-        lower = Atom(self.name.lower(), tuple([argument.lower() for argument in self.arguments]))
+        lower = PlanTerm(self.name.lower(), tuple([argument.lower() for argument in self.arguments]))
         return self if lower == self else lower  # most are: one object for all who keep it
 
     def __str__(self) -> str:
@@ -32,7 +33,7 @@ class Atom(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Inequality:
     """A numeric condition.
 
     Parameters
@@ -42,7 +43,7 @@ class Comparison:
     """
 
     message: Any
-    reads: Tuple[Atom, ...] = ()
+    reads: Tuple[PlanTerm, ...] = ()
 
     @property
     def functions(self) -> FrozenSet[str]:
@@ -51,7 +52,7 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Expression:
+class WatchedCondition:
     """A condition that is neither literal nor comparison.
 
     Parameters
@@ -63,10 +64,10 @@ class Expression:
     condition: formula.Condition
     reads: FrozenSet[str] = frozenset()
 
-    def ground(self, binding: Dict[str, str]) -> "Expression":
-        """Operator variables replaced."""
+    def ground(self, binding: Dict[str, str]) -> "WatchedCondition":
+        """TimedOperator variables replaced."""
         bindings = {f"?{name}": value for name, value in binding.items()}
-        return Expression(formula.ground(self.condition, bindings), self.reads)
+        return WatchedCondition(formula.ground(self.condition, bindings), self.reads)
 
     def __str__(self) -> str:
         return formula.to_pddl(self.condition)
@@ -76,10 +77,10 @@ class Expression:
 class Conditions:
     """Conditions of one time label."""
 
-    positive: Tuple[Atom, ...] = ()
-    negative: Tuple[Atom, ...] = ()
-    comparisons: Tuple[Comparison, ...] = ()
-    expressions: Tuple[Expression, ...] = ()
+    positive: Tuple[PlanTerm, ...] = ()
+    negative: Tuple[PlanTerm, ...] = ()
+    comparisons: Tuple[Inequality, ...] = ()
+    expressions: Tuple[WatchedCondition, ...] = ()
 
     def __add__(self, other: "Conditions") -> "Conditions":
         return Conditions(
@@ -109,7 +110,7 @@ class Conditions:
         return Conditions(
             _ground(self.positive, binding),
             _ground(self.negative, binding),
-            tuple(Comparison(entry.message, _ground(entry.reads, binding)) for entry in self.comparisons),
+            tuple(Inequality(entry.message, _ground(entry.reads, binding)) for entry in self.comparisons),
             tuple(entry.ground(binding) for entry in self.expressions),
         )
 
@@ -131,8 +132,8 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Effects:
-    """Effects of one time label; of numeric ones only which function terms they change and read.
+class TimedEffects:
+    """TimedEffects of one time label; of numeric ones only which function terms they change and read.
 
     Parameters
     ----------
@@ -140,11 +141,11 @@ class Effects:
     wild, wild_reads: names that conditional, quantified and continuous effects change and read.
     """
 
-    add: Tuple[Atom, ...] = ()
-    delete: Tuple[Atom, ...] = ()
-    writes: Tuple[Atom, ...] = ()
-    reads: Tuple[Atom, ...] = ()
-    additive: Tuple[Atom, ...] = ()
+    add: Tuple[PlanTerm, ...] = ()
+    delete: Tuple[PlanTerm, ...] = ()
+    writes: Tuple[PlanTerm, ...] = ()
+    reads: Tuple[PlanTerm, ...] = ()
+    additive: Tuple[PlanTerm, ...] = ()
     wild: FrozenSet[str] = frozenset()
     wild_reads: FrozenSet[str] = frozenset()
 
@@ -163,7 +164,7 @@ class Effects:
         """Whether nothing changes."""
         return not (self.add or self.delete or self.writes or self.wild)
 
-    def ground(self, binding: Dict[str, str]) -> "Effects":
+    def ground(self, binding: Dict[str, str]) -> "TimedEffects":
         """Atoms and terms grounded."""
         return replace(
             self,
@@ -180,7 +181,7 @@ class BindingError(ValueError):
 
 
 @dataclass(frozen=True)
-class Operator:
+class TimedOperator:
     """An operator, or with objects for variables one of its ground actions.
 
     A plain one (not `durative`) has its conditions in `at_start` and its effects in `start_effects`, as the
@@ -192,18 +193,18 @@ class Operator:
     at_start: Conditions = field(default_factory=Conditions)
     over_all: Conditions = field(default_factory=Conditions)
     at_end: Conditions = field(default_factory=Conditions)
-    start_effects: Effects = field(default_factory=Effects)
-    end_effects: Effects = field(default_factory=Effects)
+    start_effects: TimedEffects = field(default_factory=TimedEffects)
+    end_effects: TimedEffects = field(default_factory=TimedEffects)
     durative: bool = True
 
     @staticmethod
-    def from_message(message: Any) -> "Operator":
+    def from_message(message: Any) -> "TimedOperator":
         """Reads a DomainOperator.
 
         The message does not say whether it is durative: one with nothing over all and at its end counts as
         plain, as it does for the action interfaces.
         """
-        found = Operator(
+        found = TimedOperator(
             message.formula.name,
             tuple(parameter.key for parameter in message.formula.typed_parameters),
             _conditions(
@@ -237,9 +238,9 @@ class Operator:
             )
         return dict(zip(self.parameters, arguments))
 
-    def ground(self, binding: Dict[str, str]) -> "Operator":
+    def ground(self, binding: Dict[str, str]) -> "TimedOperator":
         """The ground action; parameters without an object stay variables."""
-        return Operator(
+        return TimedOperator(
             self.name,
             tuple(binding.get(parameter, parameter) for parameter in self.parameters),
             self.at_start.ground(binding),
@@ -251,7 +252,7 @@ class Operator:
         )
 
 
-def over_all_before_start(action: Operator) -> Conditions:
+def over_all_before_start(action: TimedOperator) -> Conditions:
     """The over-all conditions of a ground action that must hold already before it starts.
 
     Those its own start effects bring about do not: they hold from the start on, not before it.
@@ -262,7 +263,7 @@ def over_all_before_start(action: Operator) -> Conditions:
     added = {atom.key for atom in effects.add}
     deleted = {atom.key for atom in effects.delete}
 
-    def own(atom: Atom, made: Set[Atom]) -> bool:
+    def own(atom: PlanTerm, made: Set[PlanTerm]) -> bool:
         return atom.key in made or atom.name.lower() in effects.wild
 
     return Conditions(
@@ -273,25 +274,25 @@ def over_all_before_start(action: Operator) -> Conditions:
     )
 
 
-def broken_by_own_end(action: Operator, atom: Atom, negative: bool) -> bool:
+def broken_by_own_end(action: TimedOperator, atom: PlanTerm, negative: bool) -> bool:
     """Whether the end effects of a ground action make one of its own over-all conditions false."""
     effects = action.end_effects.add if negative else action.end_effects.delete
     return atom.key in {effect.key for effect in effects} or atom.name.lower() in action.end_effects.wild
 
 
-def _atom(formula: Any) -> Atom:
-    return Atom(formula.name, tuple(parameter.key for parameter in formula.typed_parameters))
+def _atom(formula: Any) -> PlanTerm:
+    return PlanTerm(formula.name, tuple(parameter.key for parameter in formula.typed_parameters))
 
 
-def _atoms(formulas: Iterable[Any]) -> Tuple[Atom, ...]:
+def _atoms(formulas: Iterable[Any]) -> Tuple[PlanTerm, ...]:
     return tuple(_atom(formula) for formula in formulas)
 
 
-def _ground(atoms: Iterable[Atom], binding: Dict[str, str]) -> Tuple[Atom, ...]:
+def _ground(atoms: Iterable[PlanTerm], binding: Dict[str, str]) -> Tuple[PlanTerm, ...]:
     return tuple(atom.ground(binding) for atom in atoms)
 
 
-def _terms(*expressions: Any) -> Tuple[Atom, ...]:
+def _terms(*expressions: Any) -> Tuple[PlanTerm, ...]:
     return tuple(
         _atom(token.function)
         for expression in expressions
@@ -304,13 +305,13 @@ def _conditions(positive: Iterable[Any], negative: Iterable[Any], comparisons: I
     return Conditions(
         _atoms(positive),
         _atoms(negative),
-        tuple(Comparison(entry, _terms(entry.LHS, entry.RHS)) for entry in comparisons),
+        tuple(Inequality(entry, _terms(entry.LHS, entry.RHS)) for entry in comparisons),
     )
 
 
-def _effects(add: Iterable[Any], delete: Iterable[Any], assign: Iterable[Any]) -> Effects:
+def _effects(add: Iterable[Any], delete: Iterable[Any], assign: Iterable[Any]) -> TimedEffects:
     assign = list(assign)
-    return Effects(
+    return TimedEffects(
         _atoms(add),
         _atoms(delete),
         tuple(_atom(entry.LHS) for entry in assign),

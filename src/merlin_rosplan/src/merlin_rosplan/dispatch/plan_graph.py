@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Dict, List, NamedTuple, Tuple
 
-from merlin_rosplan.dispatch.operator_model import Atom
+from merlin_rosplan.dispatch.operator_model import PlanTerm
 
 NO_BOUND = sys.float_info.max  # "no upper bound" on the wire
 MIN_BOUND = 0.001  # what a bound of zero becomes, s
@@ -64,7 +64,7 @@ class TimedLiteral(NamedTuple):
     """A fact that becomes true (or false, if negative) at a time of the plan, s from its start."""
 
     time: float
-    atom: Atom
+    atom: PlanTerm
     negative: bool = False
 
 
@@ -72,7 +72,7 @@ class TimedValue(NamedTuple):
     """A function term that gets a value at a time of the plan, s from its start."""
 
     time: float
-    term: Atom
+    term: PlanTerm
     value: float
 
 

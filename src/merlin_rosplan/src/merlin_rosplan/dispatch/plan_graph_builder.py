@@ -4,7 +4,7 @@ from typing import Collection, Dict, Iterable, List, Mapping, Optional, Sequence
 
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.happening import Happening, happening_of, names_by_argument
-from merlin_rosplan.dispatch.operator_model import Atom, Operator
+from merlin_rosplan.dispatch.operator_model import PlanTerm, TimedOperator
 from merlin_rosplan.dispatch.plan_graph import (
     EdgeType,
     Node,
@@ -13,7 +13,7 @@ from merlin_rosplan.dispatch.plan_graph import (
     TimedLiteral,
     TimedValue,
 )
-from merlin_rosplan.dispatch.plan_graph_history import Named, Number, Touched
+from merlin_rosplan.dispatch.plan_graph_history import Named, NumberHistory, Touched
 from merlin_rosplan.dispatch.plan_graph_order import plan_order
 from merlin_rosplan.dispatch.plan_graph_waits import add_waits
 from merlin_rosplan.dispatch.timed_numbers import TimedNumbers
@@ -25,11 +25,11 @@ Timed = Union[TimedLiteral, TimedValue]
 
 def build_graph(
     steps: Sequence[PlanStep],
-    actions: Sequence[Operator],
+    actions: Sequence[TimedOperator],
     timed: Iterable[Timed] = (),
     epsilon: float = 0.01,
     reduce: bool = False,
-    values: Optional[Mapping[Atom, float]] = None,
+    values: Optional[Mapping[PlanTerm, float]] = None,
 ) -> PlanGraph:
     """Makes the graph of a plan.
 
@@ -41,7 +41,7 @@ def build_graph(
     epsilon: s by which a condition must be used before a timed literal breaks it.
     reduce: leave out interference edges that follow from others. ROSPlan draws them all, and their number
         grows with the square of the plan's length.
-    values: what function terms are worth now, for conditions on timed values; terms as `Atom.key`.
+    values: what function terms are worth now, for conditions on timed values; terms as `PlanTerm.key`.
     """
     return _Builder(steps, actions, list(timed), epsilon, reduce, values or {}).build()
 
@@ -50,11 +50,11 @@ class _Builder:
     def __init__(
         self,
         steps: Sequence[PlanStep],
-        actions: Sequence[Operator],
+        actions: Sequence[TimedOperator],
         timed: List[Timed],
         epsilon: float,
         reduce: bool,
-        values: Mapping[Atom, float],
+        values: Mapping[PlanTerm, float],
     ) -> None:
         self._steps = steps
         self._actions = actions
@@ -71,17 +71,17 @@ class _Builder:
             self._times += [round(step.time, _DIGITS), round(end, _DIGITS)]
             self._happenings.append(happening_of(action, NodeType.ACTION_START))
             self._happenings.append(happening_of(action, NodeType.ACTION_END))
-        self._literals: Dict[Atom, List[TimedLiteral]] = {}
-        self._values_in_time: Dict[Atom, List[float]] = {}
+        self._literals: Dict[PlanTerm, List[TimedLiteral]] = {}
+        self._values_in_time: Dict[PlanTerm, List[float]] = {}
         for entry in sorted(timed, key=lambda entry: entry.time):
             if isinstance(entry, TimedLiteral):
                 self._literals.setdefault(entry.atom.key, []).append(entry)
             else:
                 self._values_in_time.setdefault(entry.term.key, []).append(entry.time)
         self._numbers_in_time = TimedNumbers(timed, values, epsilon)
-        self._touched: Dict[Atom, Touched] = {}
-        self._numbers: Dict[Atom, Number] = {}
-        self._unchecked_numbers: Dict[Atom, Number] = {}
+        self._touched: Dict[PlanTerm, Touched] = {}
+        self._numbers: Dict[PlanTerm, NumberHistory] = {}
+        self._unchecked_numbers: Dict[PlanTerm, NumberHistory] = {}
         wanted: Set[str] = set()
         for happening in self._happenings:
             wanted |= happening.depends | happening.wild
@@ -235,7 +235,7 @@ class _Builder:
             for term in dict.fromkeys((*happening.reads, *happening.writes)):
                 if term not in reads and term not in writes:
                     continue
-                number = numbers.setdefault(term, Number())
+                number = numbers.setdefault(term, NumberHistory())
                 earlier = number.touch(node.id, term in reads, term in writes, term in additive)
                 type_ = EdgeType.INTERFERENCE if term in writes else EdgeType.CONDITION
                 strict = earlier if numbers is self._unchecked_numbers else ()

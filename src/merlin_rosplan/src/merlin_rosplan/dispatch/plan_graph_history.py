@@ -77,7 +77,7 @@ class _Batches:
         return self.previous
 
 
-class Number:
+class NumberHistory:
     """The nodes that have read or changed one function value so far.
 
     Reads commute, and so do increases and decreases among themselves (PDDL 2.1, definition 12); an assignment

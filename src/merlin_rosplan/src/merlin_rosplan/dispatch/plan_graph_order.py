@@ -5,7 +5,7 @@ import itertools
 from typing import Dict, Iterable, List, Sequence, Set
 
 from merlin_rosplan.dispatch.happening import Happening
-from merlin_rosplan.dispatch.operator_model import Atom
+from merlin_rosplan.dispatch.operator_model import PlanTerm
 from merlin_rosplan.dispatch.plan_graph import Node, NodeType
 
 
@@ -29,8 +29,8 @@ def plan_order(nodes: Sequence[Node], times: Sequence[float], happenings: Sequen
 
 def _sorted_group(nodes: List[Node], happenings: Sequence[Happening]) -> List[Node]:
     """Providers before what they provide for, what keeps a fact before what changes it; else by id."""
-    adders: Dict[Atom, List[int]] = {}
-    deleters: Dict[Atom, List[int]] = {}
+    adders: Dict[PlanTerm, List[int]] = {}
+    deleters: Dict[PlanTerm, List[int]] = {}
     for node in nodes:
         for atom in happenings[node.id].add:
             adders.setdefault(atom, []).append(node.id)
@@ -60,7 +60,7 @@ def _sorted_group(nodes: List[Node], happenings: Sequence[Happening]) -> List[No
     return _topological(nodes, before, after)
 
 
-def _nodes_of(atoms: Iterable[Atom], index: Dict[Atom, List[int]]) -> Set[int]:
+def _nodes_of(atoms: Iterable[PlanTerm], index: Dict[PlanTerm, List[int]]) -> Set[int]:
     return {node for atom in atoms for node in index.get(atom, ())}
 
 

@@ -3,7 +3,7 @@
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Union
 
 from merlin_pddl.evaluation import arithmetic, compare
-from merlin_rosplan.dispatch.operator_model import Atom, Comparison, Conditions
+from merlin_rosplan.dispatch.operator_model import Conditions, Inequality, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 
 
@@ -13,14 +13,14 @@ class TimedNumbers:
     Parameters
     ----------
     timed: literals count for expressions, of which only the names are known here.
-    values: what function terms are worth before, by `Atom.key`.
+    values: what function terms are worth before, by `PlanTerm.key`.
     epsilon: s by which times may be off.
     """
 
     def __init__(
         self,
         timed: Iterable[Union[TimedLiteral, TimedValue]],
-        values: Mapping[Atom, float],
+        values: Mapping[PlanTerm, float],
         epsilon: float,
     ) -> None:
         self._entries = sorted(timed, key=lambda entry: entry.time)
@@ -30,7 +30,7 @@ class TimedNumbers:
     def __bool__(self) -> bool:
         return bool(self._entries)
 
-    def since(self, conditions: Conditions, now: float, changed: Mapping[Atom, float]) -> Optional[float]:
+    def since(self, conditions: Conditions, now: float, changed: Mapping[PlanTerm, float]) -> Optional[float]:
         """The time, s, that the conditions of a node have to wait for; None when there is none.
 
         Parameters
@@ -51,7 +51,7 @@ class TimedNumbers:
     def _past(self, now: float) -> List[Union[TimedLiteral, TimedValue]]:
         return [entry for entry in self._entries if entry.time <= now + self._epsilon]
 
-    def _since(self, entry: Comparison, now: float, changed: Mapping[Atom, float]) -> Optional[float]:
+    def _since(self, entry: Inequality, now: float, changed: Mapping[PlanTerm, float]) -> Optional[float]:
         terms = {term.key for term in entry.reads}
         last_change = max((changed[term] for term in terms if term in changed), default=None)
         past = [
@@ -76,7 +76,7 @@ def _name(entry: Union[TimedLiteral, TimedValue]) -> str:
     return (entry.atom if isinstance(entry, TimedLiteral) else entry.term).name.lower()
 
 
-def comparison_holds(entry: Comparison, values: Mapping[Atom, float]) -> bool:
+def comparison_holds(entry: Inequality, values: Mapping[PlanTerm, float]) -> bool:
     """Whether a ground comparison holds with these values of its terms; without one of them it does not."""
     message = entry.message
     terms = iter(entry.reads)
@@ -94,7 +94,7 @@ def comparison_holds(entry: Comparison, values: Mapping[Atom, float]) -> bool:
     return compare(names[message.comparison_type], left, right)
 
 
-def _worth(tokens: List[Any], terms: Iterator[Atom], values: Mapping[Atom, float]) -> Optional[float]:
+def _worth(tokens: List[Any], terms: Iterator[PlanTerm], values: Mapping[PlanTerm, float]) -> Optional[float]:
     """The worth of an expression in prefix notation; takes its function terms from `terms`."""
     stack: List[Optional[float]] = []
     given: List[Optional[float]] = []

@@ -17,7 +17,7 @@ from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.master import master_link
 from merlin_ros.master.namesake import living_namesake
-from merlin_rosplan.dispatch.dispatch import Dispatch
+from merlin_rosplan.dispatch.dispatch import PlanDispatch
 
 REMEMBERED = 100  # goals of earlier dispatches, which their clients may still hold for a moment
 
@@ -38,7 +38,7 @@ class DispatchOwner:
         self._goal = ""
         self._silent = ""  # why it may not be there
         self._gone = ""  # why it is gone
-        self._dispatch: Optional[Dispatch] = None
+        self._dispatch: Optional[PlanDispatch] = None
         self._key = ""
         self._earlier: Deque[str] = deque(maxlen=REMEMBERED)
         self._watch = LeaseWatch(f"{scope}/dispatch_plan/lease", self._lease_changed)
@@ -56,7 +56,7 @@ class DispatchOwner:
         if goal and self._watch.state(goal) is not LeaseState.HELD:
             self.changed(self._watch.state(goal), self._watch.reason(goal))
 
-    def attach(self, dispatch: Dispatch, key: str) -> None:
+    def attach(self, dispatch: PlanDispatch, key: str) -> None:
         """The dispatch that it owns is about to run.
 
         :param key: names it in :data:`merlin_ros.actions.ownership.ownership`, which suspends its actions.

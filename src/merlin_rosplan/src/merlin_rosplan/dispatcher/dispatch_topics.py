@@ -13,16 +13,16 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.publishing import publish
-from merlin_rosplan.dispatch.dispatch_outside import (
+from merlin_rosplan.dispatch.dispatch_environment import (
+    DispatchEnvironment,
     DispatchError,
     DispatchReport,
     DispatchState,
     FeedbackStatus,
-    Outside,
 )
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.interface_watch import InterfaceWatch
-from merlin_rosplan.dispatch.operator_model import BindingError, Conditions, Operator
+from merlin_rosplan.dispatch.operator_model import BindingError, Conditions, TimedOperator
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.ros_alarm import RosAlarm
@@ -36,7 +36,7 @@ _WIRE_STATES = {
 }
 
 
-class DispatchTopics(Outside):
+class DispatchTopics(DispatchEnvironment):
     """Publishes for one dispatcher and answers its dispatches.
 
     Parameters
@@ -64,7 +64,7 @@ class DispatchTopics(Outside):
         self._on_change = on_change
         # Interfaces latch their last feedback: an id from an earlier life of this node must not fit again.
         self.plan_id = int(time.time()) % 1_000_000 * 1000
-        self._operators: Dict[str, Operator] = {}
+        self._operators: Dict[str, TimedOperator] = {}
         self._bindings: Dict[int, Dict[str, str]] = {}
         self._dispatched: Dict[int, rospy.Time] = {}
         self._interfaces = InterfaceWatch(running_time)
@@ -153,7 +153,7 @@ class DispatchTopics(Outside):
         publish(self._feedback, message)
         self._on_feedback(message)
 
-    def operator(self, action: PlannedAction) -> Operator:
+    def operator(self, action: PlannedAction) -> TimedOperator:
         """The ground operator; asks the knowledge base once per operator and plan."""
         try:
             operator = self._operators.get(action.name)
@@ -195,13 +195,13 @@ class DispatchTopics(Outside):
         """Asks a knowledge base of ours for its open executions."""
         return self._knowledge.begun(self.plan_id, action.id)
 
-    def silence(self, operator: str) -> Optional[float]:
+    def seconds_silent(self, operator: str) -> Optional[float]:
         """Seconds since the operator's interface announced itself."""
-        return self._interfaces.silence(operator)
+        return self._interfaces.seconds_silent(operator)
 
-    def young(self, operator: str) -> bool:
+    def just_announced(self, operator: str) -> bool:
         """Whether the operator's interface has just started."""
-        return self._interfaces.young(operator)
+        return self._interfaces.just_announced(operator)
 
     def wake_at(self, when: Optional[float]) -> None:
         """Sets the alarm."""

@@ -1,17 +1,15 @@
-"""ROSPlan's plan dispatchers, simple and Esterel, over the core in :mod:`.dispatch.dispatch`."""
+"""What both plan dispatchers of ROSPlan share, over the core in :mod:`merlin_rosplan.dispatch.dispatch`."""
 
 import dataclasses
 import threading
 import traceback
-from typing import Any, Dict, Optional, Type
+from typing import Any, Optional, Type
 
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
 from rosplan_dispatch_msgs.msg import (
-    ActionDispatch,
     ActionFeedback,
     CompletePlan,
-    EsterelPlan,
     NonBlockingDispatchAction,
     NonBlockingDispatchFeedback,
     NonBlockingDispatchResult,
@@ -24,9 +22,8 @@ from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import OK, WARN, Health
-from merlin_rosplan.dispatch.dispatch import Dispatch
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch.dispatch_outside import (
+from merlin_rosplan.dispatch.dispatch import PlanDispatch
+from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchLimits,
     DispatchReport,
     DispatchState,
@@ -35,14 +32,12 @@ from merlin_rosplan.dispatch.dispatch_outside import (
     KnowledgeChanged,
     Tick,
 )
-from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction, Schedule, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlanError, Schedule
 from merlin_rosplan.dispatcher.dispatch_owner import DispatchOwner
 from merlin_rosplan.dispatcher.dispatch_settler import DispatchSettler
 from merlin_rosplan.dispatcher.dispatch_topics import OWN_MARK, SHUTDOWN_DEADLINE, DispatchTopics
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
-from merlin_rosplan.messages.plan_graph_drawer import PlanGraphDrawer
-from merlin_rosplan.messages.plan_graph_messages import graph_from_message
-from merlin_rosplan.transport.component import Component, ComponentError, caller, run_component
+from merlin_rosplan.transport.component import Component, caller
 from merlin_rosplan.transport.handover import Handover
 
 SCOPE = "rosplan_plan_dispatcher"
@@ -66,7 +61,7 @@ class PlanDispatcher(Component):
         self._plan: Optional[Any] = None
         self._fresh = False
         self._failure = ""  # of the last dispatch
-        self._dispatch: Optional[Dispatch] = None
+        self._dispatch: Optional[PlanDispatch] = None
         self._busy = False
         self._goal: Optional[ServerGoal] = None
         self._limits = DispatchLimits(
@@ -83,7 +78,7 @@ class PlanDispatcher(Component):
             self, self._knowledge, self.publishes_feedback, self._tick, self._forward, self.progressed
         )
         self._settler = self.own(
-            DispatchSettler(self.knowledge_base, self._topics.silence, self._limits.liveness)
+            DispatchSettler(self.knowledge_base, self._topics.seconds_silent, self._limits.liveness)
         )
         self._owner = self.own(DispatchOwner(self.scope))
         feedback_topic = str(self.param("action_feedback_topic", "action_feedback"))
@@ -258,7 +253,7 @@ class PlanDispatcher(Component):
     def _run_plan(self) -> DispatchReport:
         plan = self._take_plan()
         schedule = self.make_schedule(plan)
-        dispatch = Dispatch(schedule, self._topics, self._limits, self._topics.begin())
+        dispatch = PlanDispatch(schedule, self._topics, self._limits, self._topics.begin())
         with self._state:
             self._dispatch = dispatch
             goal = self._goal
@@ -353,92 +348,3 @@ class PlanDispatcher(Component):
             dispatch = self._dispatch
         if dispatch is not None:
             dispatch.put(Tick())
-
-
-class SimplePlanDispatcher(PlanDispatcher):
-    """Runs a CompletePlan, one action after the other."""
-
-    def make_schedule(self, plan: CompletePlan) -> Schedule:
-        """The list, in its order."""
-        return SequentialSchedule(planned_action(message) for message in plan.plan)
-
-
-class EsterelPlanDispatcher(PlanDispatcher):
-    """Runs an EsterelPlan, in parallel where its graph allows; draws the graph on ``plan_graph``."""
-
-    plan_class = EsterelPlan
-    publishes_feedback = False
-
-    def __init__(self, scope: str = SCOPE) -> None:
-        self._drawer: Optional[PlanGraphDrawer] = None  # plans may arrive before the rest is there
-        self._bounds, self._fraction = False, 0.0
-        super().__init__(scope)
-        self._bounds = bool(self.param("timeout_actions", False))
-        self._fraction = self.number("action_timeout_fraction", 0.0, 0.0)
-        self._drawer = self.own(
-            PlanGraphDrawer(
-                self.resolve(str(self.param("plan_graph_topic", "plan_graph"))),
-                bool(self.param("display_edge_type", False)),
-            )
-        )
-        with self._state:
-            plan = self._plan
-        if plan is not None:
-            self.received(plan)
-
-    def make_schedule(self, plan: EsterelPlan) -> Schedule:
-        """The graph; with `~timeout_actions` its time bounds are kept."""
-        graph, messages = graph_from_message(plan)
-        schedule = GraphSchedule(
-            graph,
-            [planned_action(message) for message in messages],
-            self._bounds,
-            self._fraction,
-        )
-        if self._drawer is not None:
-            self._drawer.show(graph, messages, schedule)
-        return schedule
-
-    def received(self, plan: EsterelPlan) -> None:
-        """Has a plan drawn that has just come, unless one runs."""
-        with self._state:
-            idle = self._dispatch is None
-        if idle and self._drawer is not None:
-            self._drawer.show_plan(plan)
-
-    def progressed(self) -> None:
-        """Draws the graph again."""
-        if self._drawer is not None:
-            self._drawer.refresh()
-
-
-def planned_action(message: ActionDispatch) -> PlannedAction:
-    """An action of a plan message."""
-    return PlannedAction(
-        message.action_id,
-        message.name,
-        tuple((entry.key, entry.value) for entry in message.parameters),
-        message.duration,
-        message.dispatch_time,
-    )
-
-
-def dispatcher_class(kind: str) -> Type[PlanDispatcher]:
-    """The dispatcher of a kind, ``simple`` or ``esterel``.
-
-    Raises
-    ------
-    ComponentError: it is neither.
-    """
-    classes: Dict[str, Type[PlanDispatcher]] = {
-        "simple": SimplePlanDispatcher,
-        "esterel": EsterelPlanDispatcher,
-    }
-    if kind not in classes:
-        raise ComponentError(f"~kind is '{kind}', expected 'simple' or 'esterel'")
-    return classes[kind]
-
-
-def main() -> None:
-    """Entry point of the executable ``plan_dispatcher``; `~kind` is ``simple`` or ``esterel`` (default)."""
-    run_component(lambda scope: dispatcher_class(str(rospy.get_param("~kind", "esterel")))(scope), SCOPE)

@@ -11,7 +11,7 @@ from rosplan_knowledge_msgs.msg import DomainInequality, KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
 from merlin_ros.service_proxy import ServiceError
-from merlin_rosplan.dispatch.operator_model import Atom, Conditions, Operator
+from merlin_rosplan.dispatch.operator_model import Conditions, PlanTerm, TimedOperator
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.messages.domain_file import DomainFile
 from merlin_rosplan.messages.operator_expressions import with_expressions
@@ -41,7 +41,7 @@ class PlanKnowledge:
         self._client = KnowledgeClient(knowledge_base, DirectServiceProxy)
         self._lock = threading.Lock()  # guards the two fields below
         self._operators_of: Optional[Component] = None
-        self._operators: Dict[str, Operator] = {}
+        self._operators: Dict[str, TimedOperator] = {}
         self._domain_file = DomainFile(knowledge_base)
         self._timed = DirectServiceProxy(
             f"{knowledge_base}/state/timed_knowledge", GetAttributeService, CALL_LIMIT
@@ -49,7 +49,7 @@ class PlanKnowledge:
         self._executions = DirectServiceProxy(f"{knowledge_base}/executions", ListExecutions, CALL_LIMIT)
         self._lists: Optional[bool] = None  # whether there is such a service
 
-    def operator(self, name: str) -> Operator:
+    def operator(self, name: str) -> TimedOperator:
         """One operator of the domain; one that it does not have is an error too."""
         local = Component.in_process(self._client.name)
         if local is None:
@@ -67,9 +67,9 @@ class PlanKnowledge:
                     self._operators[name] = known
         return known
 
-    def _ask_operator(self, name: str, local: Optional[Component] = None) -> Operator:
+    def _ask_operator(self, name: str, local: Optional[Component] = None) -> TimedOperator:
         try:
-            operator = Operator.from_message(self._client.operator(name))
+            operator = TimedOperator.from_message(self._client.operator(name))
         except ServiceError as error:
             if "does not answer" in str(error):
                 raise PlanKnowledgeError(str(error)) from error
@@ -102,7 +102,7 @@ class PlanKnowledge:
             items += [expression_item(str(entry)) for entry in conditions.expressions]
         results = iter(self.query(items) if items else [])
 
-        def holds(atom: Atom) -> bool:
+        def holds(atom: PlanTerm) -> bool:
             return _equal(atom) if atom.name == "=" else next(results)
 
         return [
@@ -135,7 +135,7 @@ class PlanKnowledge:
         now = rospy.Time.now()
         found: List[Union[TimedLiteral, TimedValue]] = []
         for item in items:
-            atom = Atom(item.attribute_name, tuple(value.value for value in item.values))
+            atom = _term(item)
             time = (item.initial_time - now).to_sec()
             if item.knowledge_type == KnowledgeItem.FACT:
                 found.append(TimedLiteral(time, atom, bool(item.is_negative)))
@@ -148,10 +148,12 @@ class PlanKnowledge:
         items = _answer(lambda: self._timed(predicate_name="")).attributes
         return [(item.initial_time.to_sec(), item.attribute_name.lower()) for item in items]
 
-    def values(self, names: Iterable[str]) -> Dict[Atom, float]:
+    def values(self, names: Iterable[str]) -> Dict[PlanTerm, float]:
         """What the terms of some functions are worth now."""
         return {
-            Atom(item.attribute_name, tuple(value.value for value in item.values)).key: item.function_value
+            PlanTerm(
+                item.attribute_name, tuple(value.value for value in item.values)
+            ).key: item.function_value
             for name in sorted(names)
             for item in _answer(functools.partial(self._client.functions, name))
         }
@@ -172,6 +174,10 @@ class PlanKnowledge:
             return None
         token = f"{plan_id}/{action_id}/"
         return any(execution.token.startswith(token) for execution in executions)
+
+
+def _term(item: KnowledgeItem) -> PlanTerm:
+    return PlanTerm(item.attribute_name, tuple(value.value for value in item.values))
 
 
 def _answer(call: Callable[[], _Answer]) -> _Answer:
@@ -198,5 +204,5 @@ def expression_item(text: str) -> KnowledgeItem:
     return KnowledgeItem(knowledge_type=KnowledgeItem.EXPRESSION, attribute_name=text)
 
 
-def _equal(atom: Atom) -> bool:
+def _equal(atom: PlanTerm) -> bool:
     return len({argument.lower() for argument in atom.arguments}) <= 1

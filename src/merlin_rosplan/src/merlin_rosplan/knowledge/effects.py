@@ -22,8 +22,8 @@ from merlin_pddl.formula import (
 )
 from merlin_pddl.knowledge import ASSIGN, OPERATIONS, Fact, FunctionValue
 from merlin_pddl.text_reader import suggestion
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge.knowledge_state import KnowledgeState
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
+from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 from merlin_rosplan.knowledge.recorded_changes import Note, RecordedChanges
 from merlin_rosplan.knowledge.transaction import Transaction
 
@@ -35,15 +35,15 @@ Bindings = Dict[str, str]
 Allowed = Dict[str, List[List[str]]]
 
 
-def find_operator(state: KnowledgeState, name: str) -> Operator:
+def find_operator(state: KnowledgeTables, name: str) -> Operator:
     """The operator of a name.
 
-    :raises KnowledgeError: when the domain has no such operator.
+    :raises UpdateRefused: when the domain has no such operator.
     """
     operators = state.domain.operators
     found = operators.get(name.lower())
     if found is None:
-        raise KnowledgeError(f"unknown operator '{name}'{suggestion(name.lower(), operators)}")
+        raise UpdateRefused(f"unknown operator '{name}'{suggestion(name.lower(), operators)}")
     return found
 
 
@@ -53,12 +53,12 @@ class EffectApplier:
     :param transaction: takes the changes.
     :param operator: of the domain.
     :param parameters: objects by label of the operator's parameters.
-    :raises KnowledgeError: when an object is unknown or a parameter is missing.
+    :raises UpdateRefused: when an object is unknown or a parameter is missing.
     """
 
     def __init__(self, transaction: Transaction, operator: Operator, parameters: Mapping[str, str]) -> None:
         self._transaction = transaction
-        self._state: KnowledgeState = transaction.state
+        self._state: KnowledgeTables = transaction.state
         self._operator = operator
         self._bindings = self._bind({key.lower(): value for key, value in parameters.items()})
 
@@ -67,11 +67,11 @@ class EffectApplier:
         for parameter in self._operator.parameters:
             value = parameters.get(parameter.label, "")
             if not value:
-                raise KnowledgeError(
+                raise UpdateRefused(
                     f"the parameter '{parameter.label}' of '{self._operator.name}' is missing"
                 )
             if self._state.spelling(value) is None:
-                raise KnowledgeError(
+                raise UpdateRefused(
                     f"unknown object '{value}' for '{parameter.label}' of '{self._operator.name}'"
                 )
             bindings[parameter.name] = value.lower()
@@ -116,7 +116,7 @@ class EffectApplier:
 
         Returns how to take them back.
 
-        :raises KnowledgeError: when an effect has no number.
+        :raises UpdateRefused: when an effect has no number.
         """
         evaluator = self._evaluator(specials)
         deletes: List[Fact] = []
@@ -147,7 +147,7 @@ class EffectApplier:
         """Checks the at-end conditions of a durative operator.
 
         :param specials: values of ``?duration`` and ``#t``, s.
-        :raises KnowledgeError: when some do not hold; names them.
+        :raises UpdateRefused: when some do not hold; names them.
         """
         evaluator = self._evaluator(specials)
         false = [
@@ -160,7 +160,7 @@ class EffectApplier:
         if false:
             objects = {name: self._spelled(value) for name, value in self._bindings.items()}
             texts = [to_pddl(ground(part, objects)) for part in false]
-            raise KnowledgeError(f"at its end {', '.join(f'{text} does not hold' for text in texts)}")
+            raise UpdateRefused(f"at its end {', '.join(f'{text} does not hold' for text in texts)}")
 
     @staticmethod
     def _hold(evaluator: Evaluator, conditions: List[TimedCondition], bindings: Bindings) -> bool:
@@ -189,7 +189,7 @@ class EffectApplier:
         assert isinstance(target, Fluent) and effect.value is not None
         operand = evaluator.number(effect.value, bindings)
         if operand is None:
-            raise KnowledgeError(
+            raise UpdateRefused(
                 f"the effect of '{self._operator.name}' on ({' '.join((target.name, *args))}) has no number: "
                 "a function it uses has no value, or it divides by zero"
             )
@@ -197,7 +197,7 @@ class EffectApplier:
         if effect.op != ASSIGN and current is None:
             if target == TOTAL_COST:
                 return  # it only judges plans; nobody gave it a value, so nobody asks for it
-            raise KnowledgeError(f"({' '.join((target.name, *args))}) has no value that could {effect.op}")
+            raise UpdateRefused(f"({' '.join((target.name, *args))}) has no value that could {effect.op}")
         values.append((FunctionValue(target.name, args, operand), effect.op))
 
     def _spelled(self, name: str) -> str:
@@ -209,7 +209,7 @@ class EffectApplier:
         if op != ASSIGN:
             result = arithmetic(OPERATIONS[op], (before, value.value))
         if result is None:
-            raise KnowledgeError(f"{value.text()}: {before} {op} {value.value} is no number")
+            raise UpdateRefused(f"{value.text()}: {before} {op} {value.value} is no number")
         changes.set(FunctionValue(value.name, value.args, result), op)
 
 

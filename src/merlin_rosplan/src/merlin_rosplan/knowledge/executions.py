@@ -12,8 +12,8 @@ from merlin_pddl.formula import END, OVER_ALL, START
 from merlin_pddl.knowledge import Fact
 from merlin_pddl.text_reader import Expression, Node, PddlError, name_of, read_expression
 from merlin_rosplan.knowledge.effects import Allowed, EffectApplier, find_operator
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
-from merlin_rosplan.knowledge.knowledge_state import KnowledgeState
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
+from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 from merlin_rosplan.knowledge.knowledge_state import Note as StoredNote
 from merlin_rosplan.knowledge.recorded_changes import Note, RecordedChanges, fact_of, take_back
 from merlin_rosplan.knowledge.transaction import Transaction
@@ -39,7 +39,7 @@ class OpenExecution(NamedTuple):
     began: int
 
 
-def open_executions(state: KnowledgeState, owner: str = "") -> List[OpenExecution]:
+def open_executions(state: KnowledgeTables, owner: str = "") -> List[OpenExecution]:
     """The executions that are open, oldest first.
 
     :param owner: only of this node, with or without its leading slash; empty: of every node.
@@ -61,7 +61,7 @@ def open_executions(state: KnowledgeState, owner: str = "") -> List[OpenExecutio
 class Executions:
     """Opens and closes executions inside a transaction.
 
-    Every method returns what is worth telling the caller, and raises :class:`KnowledgeError` when the request
+    Every method returns what is worth telling the caller, and raises :class:`UpdateRefused` when the request
     is refused as a whole.
 
     :param transaction: takes the changes.
@@ -69,7 +69,7 @@ class Executions:
 
     def __init__(self, transaction: Transaction) -> None:
         self._transaction = transaction
-        self._state: KnowledgeState = transaction.state
+        self._state: KnowledgeTables = transaction.state
 
     def start(
         self,
@@ -91,11 +91,11 @@ class Executions:
         operator = find_operator(self._state, operator_name)
         applier = EffectApplier(self._transaction, operator, parameters)
         if not token and (while_running or if_interrupted):
-            raise KnowledgeError("an execution with while_running or if_interrupted needs a token")
+            raise UpdateRefused("an execution with while_running or if_interrupted needs a token")
         known = self._row(token, operator.name)
         if known is not None:
             if known.get("ended"):
-                raise KnowledgeError(f"the execution '{token}' has ended")
+                raise UpdateRefused(f"the execution '{token}' has ended")
             return "started already"
         holds, interrupted = self._literals(while_running), self._literals(if_interrupted)
         duration = applier.duration() if operator.durative else None
@@ -179,7 +179,7 @@ class Executions:
         if row is None:
             return None
         if row.data.get("operator") != operator_name:
-            raise KnowledgeError(f"the token '{token}' belongs to the operator '{row.data.get('operator')}'")
+            raise UpdateRefused(f"the token '{token}' belongs to the operator '{row.data.get('operator')}'")
         return row.data
 
     def _open_row(self, token: str, operator_name: str) -> Optional[_Row]:
@@ -246,9 +246,9 @@ class Executions:
                     if self._state.sensed.get(checked.name.lower()) is None:
                         found.append([checked.name, list(checked.args), checked.negative])
             except PddlError as error:
-                raise KnowledgeError(f"'{text}': {error}") from error
-            except KnowledgeError as error:
-                raise KnowledgeError(f"'{text}': {error}") from error
+                raise UpdateRefused(f"'{text}': {error}") from error
+            except UpdateRefused as error:
+                raise UpdateRefused(f"'{text}': {error}") from error
         return found
 
     def _objects_exist(self, args: Sequence[str]) -> bool:

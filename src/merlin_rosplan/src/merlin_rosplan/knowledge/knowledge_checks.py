@@ -24,10 +24,10 @@ from merlin_pddl.formula import (
 from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance, Metric
 from merlin_pddl.text_reader import is_name, shortened, suggestion
 from merlin_pddl.type_hierarchy import OBJECT
-from merlin_rosplan.knowledge.knowledge_state import KnowledgeState
+from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 
 
-class KnowledgeError(Exception):
+class UpdateRefused(Exception):
     """An update is refused; the text says why, shortened when a client sent names without end."""
 
     def __init__(self, reason: str) -> None:
@@ -43,7 +43,7 @@ class KnowledgeChecks:
     warn: is told what is accepted and looks wrong: an object of another type than the domain declares.
     """
 
-    def __init__(self, state: KnowledgeState, warn: Callable[[str], None] = lambda text: None) -> None:
+    def __init__(self, state: KnowledgeTables, warn: Callable[[str], None] = lambda text: None) -> None:
         self._state = state
         self._domain = state.domain
         self._warn = warn
@@ -53,16 +53,16 @@ class KnowledgeChecks:
 
         Raises
         ------
-        KnowledgeError: its type is unknown, or its name empty or no name in PDDL.
+        UpdateRefused: its type is unknown, or its name empty or no name in PDDL.
         """
         kind = item.type_name.lower()
         if kind not in self._domain.types:
             hint = suggestion(kind, self._domain.types)
-            raise KnowledgeError(f"unknown type '{item.type_name}' of the instance '{item.name}'{hint}")
+            raise UpdateRefused(f"unknown type '{item.type_name}' of the instance '{item.name}'{hint}")
         if not item.name:
-            raise KnowledgeError(f"the name of the new {kind} is empty")
+            raise UpdateRefused(f"the name of the new {kind} is empty")
         if not is_name(item.name):
-            raise KnowledgeError(
+            raise UpdateRefused(
                 f"'{item.name}' is no name in PDDL: a letter first, then letters, digits, '-' and '_'"
             )
         return Instance(kind, self._state.spelling(item.name) or item.name)
@@ -72,7 +72,7 @@ class KnowledgeChecks:
 
         Raises
         ------
-        KnowledgeError: predicate or object is unknown, or the arguments are too many, too few or empty.
+        UpdateRefused: predicate or object is unknown, or the arguments are too many, too few or empty.
         """
         signature = self._signature(item.name, self._domain.predicates, "predicate")
         return Fact(signature.name, self._arguments(signature, item.args), item.negative, item.since)
@@ -82,12 +82,12 @@ class KnowledgeChecks:
 
         Raises
         ------
-        KnowledgeError: as for a fact, or the value is no finite number.
+        UpdateRefused: as for a fact, or the value is no finite number.
         """
         signature = self._signature(item.name, self._domain.functions, "function")
         args = self._arguments(signature, item.args)
         if not math.isfinite(item.value):
-            raise KnowledgeError(f"the value of {item.text()} is {item.value}, no finite number")
+            raise UpdateRefused(f"the value of {item.text()} is {item.value}, no finite number")
         return FunctionValue(signature.name, args, item.value, item.since, item.op)
 
     def goal(self, item: Goal) -> Goal:
@@ -95,7 +95,7 @@ class KnowledgeChecks:
 
         Raises
         ------
-        KnowledgeError: it names something unknown.
+        UpdateRefused: it names something unknown.
         """
         if item.instance is not None:
             return Goal(None, self.instance(item.instance), item.since)
@@ -107,35 +107,35 @@ class KnowledgeChecks:
 
         Raises
         ------
-        KnowledgeError: it names something unknown.
+        UpdateRefused: it names something unknown.
         """
         if item.optimization.lower() not in ("minimize", "maximize"):
-            raise KnowledgeError(f"a metric is to 'minimize' or 'maximize', not to '{item.optimization}'")
+            raise UpdateRefused(f"a metric is to 'minimize' or 'maximize', not to '{item.optimization}'")
         return Metric(item.optimization.lower(), self._numeric(item.value))
 
     def _signature(self, name: str, known: Dict[str, Signature], what: str) -> Signature:
         if not name:
-            raise KnowledgeError(f"the name of the {what} is empty")
+            raise UpdateRefused(f"the name of the {what} is empty")
         found = known.get(name.lower())
         if found is None:
-            raise KnowledgeError(f"unknown {what} '{name}'{suggestion(name.lower(), known)}")
+            raise UpdateRefused(f"unknown {what} '{name}'{suggestion(name.lower(), known)}")
         return found
 
     def _arguments(self, signature: Signature, args: Tuple[str, ...]) -> Tuple[str, ...]:
         wanted = signature.parameters
         if len(args) != len(wanted):
-            raise KnowledgeError(f"'{signature.name}' takes {len(wanted)} argument(s), here are {len(args)}")
+            raise UpdateRefused(f"'{signature.name}' takes {len(wanted)} argument(s), here are {len(args)}")
         found = []
         for arg, parameter in zip(args, wanted):
             if not arg:
                 constant: Optional[str] = self._domain.only_constant(parameter.types)
                 if constant is None:
-                    raise KnowledgeError(f"the argument '{parameter.label}' of '{signature.name}' is empty")
+                    raise UpdateRefused(f"the argument '{parameter.label}' of '{signature.name}' is empty")
                 arg = constant
             spelled = self._state.spelling(arg)
             if spelled is None:
                 hint = suggestion(arg.lower(), self._state.objects(parameter.types)[:1000])
-                raise KnowledgeError(f"unknown object '{arg}' in '{signature.name}'{hint}")
+                raise UpdateRefused(f"unknown object '{arg}' in '{signature.name}'{hint}")
             if not self._fits(spelled.lower(), parameter.types):
                 self._warn(
                     f"'{spelled}' is of type {' and '.join(self._state.object_types(spelled))}, but "
@@ -168,5 +168,5 @@ class KnowledgeChecks:
         if isinstance(value, Arithmetic):
             return Arithmetic(value.op, tuple(self._numeric(part) for part in value.parts))
         if isinstance(value, Number) and not math.isfinite(value.value):
-            raise KnowledgeError(f"{value.value} is no finite number")
+            raise UpdateRefused(f"{value.value} is no finite number")
         return value

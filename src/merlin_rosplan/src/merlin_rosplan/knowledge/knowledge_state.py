@@ -3,7 +3,7 @@
 from typing import Any, Dict, List, Optional, Tuple, Union
 
 from merlin_pddl.domain import Domain
-from merlin_pddl.evaluation import Evaluator, State
+from merlin_pddl.evaluation import Evaluator, WorldState
 from merlin_pddl.formula import Atom, Condition
 from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance, Key, Metric, Row, Timed
 from merlin_rosplan.knowledge.knowledge_table import ArgumentTable, InstanceTable, Table
@@ -40,7 +40,7 @@ class Note(Row):
         return self.name
 
 
-class KnowledgeState(State):
+class KnowledgeTables(WorldState):
     """Tables of a knowledge base over a domain."""
 
     def __init__(self, domain: Domain) -> None:
@@ -68,9 +68,9 @@ class KnowledgeState(State):
             table.kind: table for table in (*self.knowledge, self.sensed, self.executions)
         }
 
-    def copy(self) -> "KnowledgeState":
+    def copy(self) -> "KnowledgeTables":
         """The objects, facts and values as they are now, to be asked while this state changes."""
-        twin = KnowledgeState(self.domain)
+        twin = KnowledgeTables(self.domain)
         twin.instances = self.instances.copy()
         twin.facts, twin.values = self.facts.copy(), self.values.copy()
         return twin

@@ -17,14 +17,14 @@ from merlin_pddl.formula import And, Atom, Condition, Exists, Forall, Not, Or
 from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance, Metric, Row, Timed
 from merlin_pddl.problem import Problem
 from merlin_rosplan.knowledge.executions import OpenExecution, open_executions
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, KnowledgeError
-from merlin_rosplan.knowledge.knowledge_state import KnowledgeState
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, UpdateRefused
+from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 from merlin_rosplan.knowledge.transaction import Change, Item, Step, Transaction
 
 LONG = 500  # items of one question from which on it is asked of a copy
 
 
-class JournalError(KnowledgeError):
+class JournalError(UpdateRefused):
     """A change is refused because the journal cannot be written, a full disk for example."""
 
 
@@ -73,8 +73,8 @@ class KnowledgeStore:
         self.domain = domain
         self.version = 0
         self._lock = threading.RLock()
-        self._state = KnowledgeState(domain)
-        self._copy: Optional[KnowledgeState] = None  # of the state as it is, once one was needed
+        self._state = KnowledgeTables(domain)
+        self._copy: Optional[KnowledgeTables] = None  # of the state as it is, once one was needed
         self._checks = KnowledgeChecks(self._state, warn) if strict else None
         self._clock = clock
         self._journal = journal
@@ -122,7 +122,7 @@ class KnowledgeStore:
 
         Raises
         ------
-        KnowledgeError: an update is refused; nothing is changed.
+        UpdateRefused: an update is refused; nothing is changed.
         JournalError: the journal cannot be written; nothing is changed.
         """
         with self._lock:
@@ -160,7 +160,7 @@ class KnowledgeStore:
 
         Raises
         ------
-        KnowledgeError: it does not fit the domain; nothing is changed.
+        UpdateRefused: it does not fit the domain; nothing is changed.
         """
         with self.transaction(client) as transaction:
             for name, types in problem.objects.items():
@@ -208,7 +208,7 @@ class KnowledgeStore:
                     transaction.fire(row)
             except JournalError:
                 raise
-            except KnowledgeError as error:
+            except UpdateRefused as error:
                 assert row is not None
                 with self.transaction(client) as transaction:
                     transaction.drop(self._state.timed, row.key)

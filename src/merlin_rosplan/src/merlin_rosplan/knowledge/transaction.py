@@ -16,8 +16,8 @@ from merlin_pddl.knowledge import (
     Row,
     Timed,
 )
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, KnowledgeError
-from merlin_rosplan.knowledge.knowledge_state import KnowledgeState, MetricRow, Note
+from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, UpdateRefused
+from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables, MetricRow, Note
 from merlin_rosplan.knowledge.knowledge_table import Table
 
 Item = Union[Instance, Fact, FunctionValue]
@@ -53,7 +53,7 @@ class Transaction:
     """
 
     def __init__(
-        self, state: KnowledgeState, checks: Optional[KnowledgeChecks], now: int, next_order: int
+        self, state: KnowledgeTables, checks: Optional[KnowledgeChecks], now: int, next_order: int
     ) -> None:
         self.state = state
         self.now = now
@@ -104,7 +104,7 @@ class Transaction:
 
         Raises
         ------
-        KnowledgeError: it is refused.
+        UpdateRefused: it is refused.
         """
         checked = self.checked(item)
         if at > self.now:
@@ -121,7 +121,7 @@ class Transaction:
 
         Raises
         ------
-        KnowledgeError: it may not.
+        UpdateRefused: it may not.
         """
         if self._checks is None:
             return item
@@ -155,7 +155,7 @@ class Transaction:
 
         Raises
         ------
-        KnowledgeError: there is no value to change, or the result is no number.
+        UpdateRefused: there is no value to change, or the result is no number.
         """
         key = item.key
         known_key = key if "" not in key else next(self.state.values.match(key[0], key[1:]), None)
@@ -165,10 +165,10 @@ class Transaction:
             if known is None:
                 if self._checks is None:
                     return  # as ROSPlan: nothing to change, nothing happens
-                raise KnowledgeError(f"{item.text()} has no value yet that could {item.op}")
+                raise UpdateRefused(f"{item.text()} has no value yet that could {item.op}")
             value = arithmetic(OPERATIONS[item.op], (known.value, item.value))
             if value is None:
-                raise KnowledgeError(f"{item.text()}: {known.value} {item.op} {item.value} is no number")
+                raise UpdateRefused(f"{item.text()}: {known.value} {item.op} {item.value} is no number")
         assert value is not None
         if known is None:
             self.put(
@@ -221,7 +221,7 @@ class Transaction:
 
         Raises
         ------
-        KnowledgeError: it names something unknown.
+        UpdateRefused: it names something unknown.
         """
         checked = self._checks.goal(goal) if self._checks is not None else goal
         checked.since = goal.since or self.now
@@ -242,7 +242,7 @@ class Transaction:
 
         Raises
         ------
-        KnowledgeError: it names something unknown.
+        UpdateRefused: it names something unknown.
         """
         known = self.state.metric.get("metric")
         if metric is None:
@@ -271,7 +271,7 @@ class Transaction:
 
         Raises
         ------
-        KnowledgeError: it no longer fits: its objects are gone.
+        UpdateRefused: it no longer fits: its objects are gone.
         """
         self.drop(self.state.timed, row.key)
         if isinstance(row.item, Fact) and row.item.negative:

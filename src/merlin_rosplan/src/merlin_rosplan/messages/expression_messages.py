@@ -7,7 +7,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.formula import Arithmetic, Atom, Comparison, Fluent, Number, Numeric, Special
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 
 _COMPARISONS = {
     ">": DomainInequality.GREATER,
@@ -97,13 +97,13 @@ def read_expression(message: ExprComposite) -> Numeric:
 
     Raises
     ------
-    KnowledgeError: the tokens are no prefix notation.
+    UpdateRefused: the tokens are no prefix notation.
     """
     tokens = message.tokens
     if not tokens:
-        raise KnowledgeError("a numeric expression is empty")
+        raise UpdateRefused("a numeric expression is empty")
     if len(tokens) > _MAX_TOKENS:
-        raise KnowledgeError(f"a numeric expression has {len(tokens)} tokens")
+        raise UpdateRefused(f"a numeric expression has {len(tokens)} tokens")
     # from the right every operator finds its operands on the stack: no recursion, whatever a client sends
     stack: List[Numeric] = []
     for token in reversed(tokens):
@@ -112,15 +112,15 @@ def read_expression(message: ExprComposite) -> Numeric:
             continue
         wanted = 1 if token.op == ExprBase.UMINUS else 2
         if len(stack) < wanted:
-            raise KnowledgeError("an operator of a numeric expression lacks an operand")
+            raise UpdateRefused("an operator of a numeric expression lacks an operand")
         parts = tuple(stack.pop() for _ in range(wanted))
         if token.op != ExprBase.UMINUS and token.op not in _OPERATION_NAMES:
-            raise KnowledgeError(f"{token.op} is no operator of numeric expressions")
+            raise UpdateRefused(f"{token.op} is no operator of numeric expressions")
         stack.append(Arithmetic(_OPERATION_NAMES.get(token.op, "-"), parts))
         if _depth_exceeded(len(tokens), stack[-1]):
-            raise KnowledgeError("a numeric expression is nested too deeply")
+            raise UpdateRefused("a numeric expression is nested too deeply")
     if len(stack) != 1:
-        raise KnowledgeError("a numeric expression has operands without an operator")
+        raise UpdateRefused("a numeric expression has operands without an operator")
     return stack[0]
 
 
@@ -146,7 +146,7 @@ def _operand(token: ExprBase) -> Numeric:
         return Special(name, args) if name.lower() in _NAMED_SPECIALS else Fluent(name, args)
     if token.expr_type == ExprBase.SPECIAL and token.special_type in _SPECIAL_NAMES:
         return Special(_SPECIAL_NAMES[token.special_type])
-    raise KnowledgeError(f"a token of a numeric expression has the unknown type {token.expr_type}")
+    raise UpdateRefused(f"a token of a numeric expression has the unknown type {token.expr_type}")
 
 
 def read_comparison(message: DomainInequality) -> Comparison:
@@ -154,9 +154,9 @@ def read_comparison(message: DomainInequality) -> Comparison:
 
     Raises
     ------
-    KnowledgeError: it is malformed.
+    UpdateRefused: it is malformed.
     """
     if message.comparison_type not in _COMPARISON_NAMES:
-        raise KnowledgeError(f"{message.comparison_type} is no comparison")
+        raise UpdateRefused(f"{message.comparison_type} is no comparison")
     name = _COMPARISON_NAMES[message.comparison_type]
     return Comparison(name, read_expression(message.LHS), read_expression(message.RHS))

@@ -23,7 +23,7 @@ from merlin_pddl.knowledge import (
 )
 from merlin_pddl.problem_reader import parse_condition
 from merlin_pddl.text_reader import PddlError
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.transaction import Item
 from merlin_rosplan.messages.expression_messages import FormulaWriter, read_comparison, read_expression
 
@@ -56,7 +56,7 @@ class KnowledgeReader:
 
         Raises
         ------
-        KnowledgeError: it is something else.
+        UpdateRefused: it is something else.
         """
         kind = message.knowledge_type
         if kind == KnowledgeItem.INSTANCE:
@@ -68,19 +68,19 @@ class KnowledgeReader:
             return Fact(message.attribute_name, args, message.is_negative, since, labels)
         if kind == KnowledgeItem.FUNCTION:
             if message.assign_op not in _ASSIGNMENTS:
-                raise KnowledgeError(
+                raise UpdateRefused(
                     f"assign_op {message.assign_op} of '{message.attribute_name}' cannot be applied at once"
                 )
             op = _ASSIGNMENTS[message.assign_op]
             return FunctionValue(message.attribute_name, args, message.function_value, since, op, labels)
-        raise KnowledgeError(f"knowledge_type {kind} is no instance, fact or function value")
+        raise UpdateRefused(f"knowledge_type {kind} is no instance, fact or function value")
 
     def goal(self, message: KnowledgeItem, objects: Objects) -> Goal:
         """A goal: instance, fact, inequality, or an expression with PDDL text in `attribute_name`.
 
         Raises
         ------
-        KnowledgeError: it is none of them, or malformed.
+        UpdateRefused: it is none of them, or malformed.
         """
         since = message.initial_time.to_nsec()
         if message.knowledge_type == KnowledgeItem.INSTANCE:
@@ -92,7 +92,7 @@ class KnowledgeReader:
 
         Raises
         ------
-        KnowledgeError: the item states none, or is malformed.
+        UpdateRefused: the item states none, or is malformed.
         """
         kind = message.knowledge_type
         if kind == KnowledgeItem.FACT:
@@ -105,16 +105,16 @@ class KnowledgeReader:
             try:
                 condition = parse_condition(message.attribute_name, self._domain, objects())
             except PddlError as error:
-                raise KnowledgeError(f"'{message.attribute_name}': {error}") from error
+                raise UpdateRefused(f"'{message.attribute_name}': {error}") from error
             return Not(condition) if message.is_negative else condition
-        raise KnowledgeError(f"an item with knowledge_type {kind} states no condition")
+        raise UpdateRefused(f"an item with knowledge_type {kind} states no condition")
 
     def query(self, message: KnowledgeItem, objects: Objects) -> Union[Item, Condition]:
         """What `query_state` is asked by an item.
 
         Raises
         ------
-        KnowledgeError: it is malformed.
+        UpdateRefused: it is malformed.
         """
         if message.knowledge_type in (KnowledgeItem.INEQUALITY, KnowledgeItem.EXPRESSION):
             return self.condition(message, objects)
@@ -128,7 +128,7 @@ class KnowledgeReader:
 
         Raises
         ------
-        KnowledgeError: it is malformed.
+        UpdateRefused: it is malformed.
         """
         return Metric(message.optimization, read_expression(message.expr))
 

@@ -20,7 +20,7 @@ from merlin_pddl.knowledge import Fact, FunctionValue, Timed
 from merlin_pddl.problem import Problem
 from merlin_pddl.type_hierarchy import TypeCycleError
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.messages.knowledge_messages import KnowledgeReader
 
 LIMIT = 10.0  # s of wall time for one call
@@ -135,7 +135,7 @@ class KnowledgeSnapshots:
             metric = self._ask("state/metric").metric
             if metric.knowledge_type == KnowledgeItem.EXPRESSION:
                 problem.metric = reader.metric(metric)
-        except KnowledgeError as error:
+        except UpdateRefused as error:
             raise KnowledgeBaseError(f"{self.name} holds what cannot be read: {error}") from error
         return domain, problem
 

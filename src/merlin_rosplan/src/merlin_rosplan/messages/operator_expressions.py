@@ -28,11 +28,11 @@ from merlin_pddl.formula import (
     Preference,
     Special,
 )
-from merlin_rosplan.dispatch.operator_model import Conditions, Effects, Expression, Operator
+from merlin_rosplan.dispatch.operator_model import Conditions, TimedEffects, TimedOperator, WatchedCondition
 from merlin_rosplan.messages.domain_messages import literals
 
 
-def with_expressions(operator: Operator, domain: Domain) -> Operator:
+def with_expressions(operator: TimedOperator, domain: Domain) -> TimedOperator:
     """An operator that was read from a message, with the rest of its conditions and effects.
 
     Parameters
@@ -53,7 +53,7 @@ def with_expressions(operator: Operator, domain: Domain) -> Operator:
             positive=tuple(atom for atom in known.positive if atom.name.lower() not in domain.derived),
             negative=tuple(atom for atom in known.negative if atom.name.lower() not in domain.derived),
             expressions=tuple(
-                Expression(part, _names(part, domain.derived)) for part in found if not _special(part)
+                WatchedCondition(part, _names(part, domain.derived)) for part in found if not _special(part)
             ),
         )
 
@@ -68,7 +68,7 @@ def with_expressions(operator: Operator, domain: Domain) -> Operator:
     )
 
 
-def _with_wild(effects: Effects, written: Iterable[Effect], when: str, domain: Domain) -> Effects:
+def _with_wild(effects: TimedEffects, written: Iterable[Effect], when: str, domain: Domain) -> TimedEffects:
     """The effects at one time, with the names that effects change which a message cannot carry.
 
     A continuous effect is applied at the end of its action, with all the time that has passed.

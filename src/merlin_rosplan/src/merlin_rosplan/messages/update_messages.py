@@ -4,7 +4,7 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from rosplan_knowledge_msgs.srv import KnowledgeUpdateServiceRequest as Request
 
 from merlin_pddl.domain import Domain
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.transaction import Transaction
 from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, Objects
 
@@ -31,7 +31,7 @@ class UpdateReader:
 
         Raises
         ------
-        KnowledgeError: it is refused.
+        UpdateRefused: it is refused.
         """
         if kind in (Request.ADD_KNOWLEDGE, Request.REMOVE_KNOWLEDGE):
             adding = kind == Request.ADD_KNOWLEDGE
@@ -49,4 +49,4 @@ class UpdateReader:
         elif kind == Request.REMOVE_METRIC:
             transaction.set_metric(None)
         elif self._strict:
-            raise KnowledgeError(f"there is no update_type {kind}")
+            raise UpdateRefused(f"there is no update_type {kind}")

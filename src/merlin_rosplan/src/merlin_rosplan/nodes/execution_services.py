@@ -15,7 +15,7 @@ from merlin_msgs.srv import (
 from rosplan_knowledge_msgs.msg import StatusUpdate
 
 from merlin_rosplan.knowledge.executions import Executions
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.transport.component import Component, caller
 
@@ -40,7 +40,7 @@ class ExecutionServices:
         try:
             with self._store.transaction(client) as transaction:
                 message = self._change(Executions(transaction), request, client)
-        except KnowledgeError as error:
+        except UpdateRefused as error:
             rospy.logwarn("%s/apply_effects refused what %s sent: %s", self._name, client, error)
             return ApplyEffectsResponse(False, str(error))
         self._status.publish(StatusUpdate(client, rospy.get_rostime()))
@@ -61,7 +61,7 @@ class ExecutionServices:
             return executions.rollback(token, operator)
         if request.phase == ApplyEffectsRequest.INTERRUPT:
             return executions.interrupt(token, operator)
-        raise KnowledgeError(f"there is no phase {request.phase}")
+        raise UpdateRefused(f"there is no phase {request.phase}")
 
     def _list(self, request: ListExecutionsRequest) -> ListExecutionsResponse:
         return ListExecutionsResponse(

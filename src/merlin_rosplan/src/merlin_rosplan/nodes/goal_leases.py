@@ -13,7 +13,7 @@ from rosplan_knowledge_msgs.srv import KnowledgeUpdateServiceRequest
 
 from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.messages.update_messages import UpdateReader
 from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
@@ -54,7 +54,7 @@ class GoalLeases:
                 for item in lost:
                     self._updates.apply(transaction, KnowledgeUpdateServiceRequest.REMOVE_GOAL, item)
                 removed = len(transaction.steps)
-        except (KnowledgeError, OSError) as error:
+        except (UpdateRefused, OSError) as error:
             rospy.logerr("%s: the goals of a client that is lost stay: %s", self._scope, error)
             return
         if removed:

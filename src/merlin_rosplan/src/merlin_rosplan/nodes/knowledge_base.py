@@ -26,7 +26,7 @@ from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import read_problem
 from merlin_pddl.text_reader import PddlError, shortened
 from merlin_ros.health import OK, Health
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.knowledge.transaction import Change
 from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
@@ -157,7 +157,7 @@ class KnowledgeBase(Component):
             if not bool(self.param("problem_goals", True)):
                 problem.goals.clear()  # a file must state one; a mission brings its own
             self.store.load_problem(problem, rospy.get_name())
-        except (PddlError, KnowledgeError) as error:
+        except (PddlError, UpdateRefused) as error:
             if self.strict:
                 raise ComponentError(f"the problem cannot be used: {error}") from error
             rospy.logerr("%s starts with nothing: the problem cannot be used: %s", self.scope, error)
@@ -207,7 +207,7 @@ class KnowledgeBase(Component):
                 for kind, item in zip(kinds, items):
                     self._updates.apply(transaction, kind, item)
                     number += 1
-        except KnowledgeError as error:
+        except UpdateRefused as error:
             place = f"item {number}: " if len(items) > 1 else ""
             self._refused(service, client, f"{place}{error}")
             return False
@@ -221,7 +221,7 @@ class KnowledgeBase(Component):
         try:
             with self.store.transaction(caller(request)) as transaction:
                 transaction.clear()
-        except KnowledgeError as error:
+        except UpdateRefused as error:
             raise rospy.ServiceException(str(error)) from error
         return EmptyResponse()
 
@@ -233,7 +233,7 @@ class KnowledgeBase(Component):
                 items = [self._reader.item(message).text() for message in request.knowledge]
                 state = transaction.state
                 transaction.note(state.oneof, " ".join(items), {"items": items})
-        except KnowledgeError as error:
+        except UpdateRefused as error:
             self._refused("update_constraints_oneof", client, str(error))
             return KnowledgeUpdateServiceArrayResponse(False)
         return KnowledgeUpdateServiceArrayResponse(True)
@@ -247,7 +247,7 @@ class KnowledgeBase(Component):
         try:
             with self.store.transaction(client) as transaction:
                 transaction.note(transaction.state.sensed, name, {} if request.value else None)
-        except KnowledgeError as error:
+        except UpdateRefused as error:
             self._refused("update_sensed_predicates", client, str(error))
             return SetNamedBoolResponse(False)
         return SetNamedBoolResponse(True)

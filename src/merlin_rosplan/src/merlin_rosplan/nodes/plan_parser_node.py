@@ -13,13 +13,15 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_pddl.plan_text import PlanStep, PlanTextError, parse_plan
 from merlin_pddl.text_reader import suggestion
-from merlin_rosplan.dispatch.operator_model import Atom, BindingError, Operator
+from merlin_rosplan.dispatch.operator_model import BindingError, PlanTerm, TimedOperator
 from merlin_rosplan.dispatch.plan_graph import TimedValue
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.messages.plan_graph_messages import graph_to_message
 from merlin_rosplan.transport.component import Component, ComponentError, run_component
 from merlin_rosplan.transport.handover import Handover, digest_service
+
+LiftedAndGround = Tuple[TimedOperator, TimedOperator]
 
 SCOPE = "rosplan_parsing_interface"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
@@ -53,7 +55,7 @@ class PlanParser(Component):
         with self._state:
             self._state.notify_all()
 
-    def message(self, steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> Any:
+    def message(self, steps: List[PlanStep], actions: List[LiftedAndGround]) -> Any:
         """The message for a plan; each action as (operator, ground operator).
 
         Raises
@@ -119,9 +121,9 @@ class PlanParser(Component):
             "%s: %d actions parsed in %.1f ms", self.scope, len(steps), 1e3 * (time.monotonic() - started)
         )
 
-    def _ground(self, steps: List[PlanStep]) -> List[Tuple[Operator, Operator]]:
-        operators: Dict[str, Operator] = {}
-        actions: List[Tuple[Operator, Operator]] = []
+    def _ground(self, steps: List[PlanStep]) -> List[LiftedAndGround]:
+        operators: Dict[str, TimedOperator] = {}
+        actions: List[LiftedAndGround] = []
         objects = self._knowledge.objects() if any(step.arguments for step in steps) else frozenset()
         for step in steps:
             unknown = next((each for each in step.arguments if each.lower() not in objects), None)
@@ -145,7 +147,7 @@ class PlanParser(Component):
 class SimplePlanParser(PlanParser):
     """Publishes a CompletePlan: a list of actions."""
 
-    def message(self, steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> CompletePlan:
+    def message(self, steps: List[PlanStep], actions: List[LiftedAndGround]) -> CompletePlan:
         """The list, in the order of time."""
         return CompletePlan(plan=action_messages(steps, actions))
 
@@ -161,19 +163,19 @@ class EsterelPlanParser(PlanParser):
         self._epsilon = self.number("epsilon_time", 0.01, 0.0)
         self._full_graph_limit = self.number("full_graph_limit", 50, 0)
 
-    def message(self, steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> EsterelPlan:
+    def message(self, steps: List[PlanStep], actions: List[LiftedAndGround]) -> EsterelPlan:
         """The plan graph, with the timed literals that the knowledge base waits for."""
         timed = self._knowledge.timed() if steps else []
         reduce = len(steps) > self._full_graph_limit
         ground = [action for _, action in actions]
-        values: Dict[Atom, float] = {}
+        values: Dict[PlanTerm, float] = {}
         if any(isinstance(entry, TimedValue) for entry in timed):
             values = self._knowledge.values(_compared(ground))
         graph = build_graph(steps, ground, timed, self._epsilon, reduce, values)
         return graph_to_message(graph, action_messages(steps, actions))
 
 
-def _compared(actions: List[Operator]) -> Set[str]:
+def _compared(actions: List[TimedOperator]) -> Set[str]:
     """Names of the functions in the actions' comparisons."""
     return {
         name
@@ -184,7 +186,7 @@ def _compared(actions: List[Operator]) -> Set[str]:
     }
 
 
-def action_messages(steps: List[PlanStep], actions: List[Tuple[Operator, Operator]]) -> List[ActionDispatch]:
+def action_messages(steps: List[PlanStep], actions: List[LiftedAndGround]) -> List[ActionDispatch]:
     """The actions of a plan; ids count from 0, parameters carry the operator's labels."""
     return [
         ActionDispatch(

@@ -15,8 +15,8 @@ KINDS: Dict[str, Tuple[str, str]] = {
     "planner_interface": ("merlin_rosplan.nodes.planner_interface", "PlannerInterface"),
     "simple_plan_parser": ("merlin_rosplan.nodes.plan_parser_node", "SimplePlanParser"),
     "esterel_plan_parser": ("merlin_rosplan.nodes.plan_parser_node", "EsterelPlanParser"),
-    "simple_plan_dispatcher": ("merlin_rosplan.dispatcher.plan_dispatcher", "SimplePlanDispatcher"),
-    "esterel_plan_dispatcher": ("merlin_rosplan.dispatcher.plan_dispatcher", "EsterelPlanDispatcher"),
+    "simple_plan_dispatcher": ("merlin_rosplan.dispatcher.dispatcher_kinds", "SimplePlanDispatcher"),
+    "esterel_plan_dispatcher": ("merlin_rosplan.dispatcher.dispatcher_kinds", "EsterelPlanDispatcher"),
     "simulated_action": ("merlin_rosplan.dispatcher.simulated_action", "SimulatedAction"),
     "sensing_interface": ("merlin_rosplan.nodes.sensing_interface", "SensingInterface"),
 }

@@ -18,7 +18,7 @@ from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_rosplan.knowledge.sensed_facts import facts_of, is_wildcard, parameter_choices
 from merlin_rosplan.transport.component import Component, ComponentError, run_component
 from merlin_rosplan.transport.ros_alarm import RosAlarm
-from merlin_rosplan.transport.sensed_teller import LOG_PERIOD, SensedTeller
+from merlin_rosplan.transport.sensed_updater import LOG_PERIOD, SensedUpdater
 from merlin_sm.knowledge_client import knowledge_client
 
 SCOPE = "rosplan_sensing_interface"
@@ -67,7 +67,7 @@ class SensingInterface(Component):
             raise ComponentError(str(error)) from error
         self._script = self._load_script()
         self._mark_sensed()
-        self._teller = SensedTeller(self._knowledge, period, self.scope)
+        self._teller = SensedUpdater(self._knowledge, period, self.scope)
         self._changes = self.subscriber(
             f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes
         )

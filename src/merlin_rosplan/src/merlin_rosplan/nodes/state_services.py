@@ -16,7 +16,7 @@ from rosplan_knowledge_msgs.srv import (
 )
 
 from merlin_pddl.knowledge import Fact
-from merlin_rosplan.knowledge.knowledge_checks import KnowledgeError
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.messages.wire_items import (
@@ -76,7 +76,7 @@ class StateServices:
     def _asked(self, message: AnyItem) -> Any:
         try:
             item = self._reader.query(message, self._store.objects)
-        except KnowledgeError as error:
+        except UpdateRefused as error:
             rospy.logwarn("%s/query_state: %s", self._name, error)
             return None
         self._warn_unknown(item)

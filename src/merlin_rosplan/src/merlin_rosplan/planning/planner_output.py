@@ -13,7 +13,7 @@ from merlin_rosplan.planning.planning_outcome import PlannerState
 Plan = List[PlanStep]
 
 
-class Verdict(NamedTuple):
+class NoPlan(NamedTuple):
     """Why there is no plan."""
 
     state: PlannerState
@@ -123,7 +123,7 @@ def is_plan_file(name: str) -> bool:
     return name.lower().startswith(_PLAN_FILES) or name.upper().endswith(".SOL")
 
 
-def verdict(output: str, errors: str, returncode: int, name: str = "") -> Optional[Verdict]:
+def verdict(output: str, errors: str, returncode: int, name: str = "") -> Optional[NoPlan]:
     """Why a planner left no plan, as far as it said; None when it just ended.
 
     Parameters
@@ -135,11 +135,11 @@ def verdict(output: str, errors: str, returncode: int, name: str = "") -> Option
     text = output + "\n" + errors
     found = _UNSOLVABLE.search(text)
     if found:
-        return Verdict(PlannerState.UNSOLVABLE, _sentence(found.group(0)))
+        return NoPlan(PlannerState.UNSOLVABLE, _sentence(found.group(0)))
     if "downward" in name.lower() and returncode in _FAST_DOWNWARD_EXIT:
         state, reason = _FAST_DOWNWARD_EXIT[returncode]
         bad = _BAD_INPUT.search(text) if state == PlannerState.INVALID else None
-        return Verdict(state, f"{reason}: {_sentence(bad.group(0))}" if bad else reason)
+        return NoPlan(state, f"{reason}: {_sentence(bad.group(0))}" if bad else reason)
     found = _BAD_INPUT.search(text)
     if found:
         where = text[found.end() :].strip().splitlines()
@@ -147,7 +147,7 @@ def verdict(output: str, errors: str, returncode: int, name: str = "") -> Option
         # FF names what it stumbled over in the line below.
         if detail.endswith(":") and where:
             detail += " " + where[0].strip()
-        return Verdict(PlannerState.INVALID, detail)
+        return NoPlan(PlannerState.INVALID, detail)
     for pattern, state in (
         (_MEMORY, PlannerState.CRASHED),
         (_TIME, PlannerState.TIMEOUT),
@@ -155,7 +155,7 @@ def verdict(output: str, errors: str, returncode: int, name: str = "") -> Option
     ):
         found = pattern.search(text)
         if found:
-            return Verdict(state, _sentence(found.group(0)))
+            return NoPlan(state, _sentence(found.group(0)))
     return None
 
 

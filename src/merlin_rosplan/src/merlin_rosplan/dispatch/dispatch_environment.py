@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple, Union
 
-from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
-from merlin_rosplan.dispatch.operator_model import Conditions, Operator
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
+from merlin_rosplan.dispatch.operator_model import Conditions, TimedOperator
 
 
 class FeedbackStatus(IntEnum):
@@ -59,6 +59,15 @@ class DispatchLimits:
 
 
 @dataclass(frozen=True)
+class DispatchFailure:
+    """Why a dispatch stops before its end: FAILED or CANCELLED, a sentence, and the action that failed."""
+
+    state: DispatchState
+    reason: str
+    action: Optional[PlannedAction] = None
+
+
+@dataclass(frozen=True)
 class DispatchReport:
     """How a dispatch stands, or how it ended.
 
@@ -78,13 +87,46 @@ class DispatchReport:
     goal_achieved: bool = False
     unmet_goals: Tuple[str, ...] = ()
 
+    @staticmethod
+    def of(
+        state: Optional[DispatchState],
+        failure: Optional[DispatchFailure],
+        schedule: Schedule,
+        running: Sequence[PlannedAction],
+        steps_done: int,
+        unanswered: Sequence[PlannedAction],
+    ) -> "DispatchReport":
+        """The report of a dispatch.
+
+        Parameters
+        ----------
+        state: None: what follows from the rest.
+        failure: why it stops; None: it goes on, or every action has ended.
+        unanswered: actions whose interfaces did not answer the cancel.
+        """
+        total = len(schedule.actions)
+        if state is None:
+            if failure is None:
+                state = DispatchState.RUNNING if running or not schedule.finished else DispatchState.SUCCEEDED
+            elif failure.state == DispatchState.CANCELLED and schedule.finished:
+                state = DispatchState.SUCCEEDED
+            else:
+                state = failure.state
+        reason = failure.reason if failure is not None else f"{steps_done} of {total} actions done"
+        if failure is not None and state == DispatchState.SUCCEEDED:
+            reason = "the last action had ended when the cancel came through"
+        if unanswered:
+            reason += f"; no answer to the cancel from {', '.join(map(str, unanswered))}"
+        failed = failure.action if failure is not None else None
+        return DispatchReport(state, reason, tuple(running), steps_done, total, failed, tuple(unanswered))
+
     @property
     def success(self) -> bool:
         """Whether every action of the plan succeeded."""
         return self.state == DispatchState.SUCCEEDED
 
 
-class Outside(abc.ABC):
+class DispatchEnvironment(abc.ABC):
     """What a dispatch needs from the world. Called in the thread that runs the dispatch only."""
 
     @abc.abstractmethod
@@ -112,7 +154,7 @@ class Outside(abc.ABC):
         """Publishes the dispatcher's own feedback, if it publishes any."""
 
     @abc.abstractmethod
-    def operator(self, action: PlannedAction) -> Operator:
+    def operator(self, action: PlannedAction) -> TimedOperator:
         """The ground operator of an action; raises DispatchError when there is none."""
 
     @abc.abstractmethod
@@ -138,11 +180,11 @@ class Outside(abc.ABC):
         return None
 
     @abc.abstractmethod
-    def silence(self, operator: str) -> Optional[float]:
+    def seconds_silent(self, operator: str) -> Optional[float]:
         """Seconds since the operator's interface last announced itself; None when it never has."""
 
     @abc.abstractmethod
-    def young(self, operator: str) -> bool:
+    def just_announced(self, operator: str) -> bool:
         """Whether the operator's interface announced itself for the first time only seconds ago."""
 
     @abc.abstractmethod
@@ -163,7 +205,7 @@ class Feedback(NamedTuple):
     reason: str = ""
 
 
-class Cancel(NamedTuple):
+class CancelRequest(NamedTuple):
     """Somebody wants the dispatch to stop."""
 
     reason: str
@@ -182,4 +224,4 @@ class Tick(NamedTuple):
     """The time asked for by ``wake_at`` has come."""
 
 
-Event = Union[Feedback, Cancel, KnowledgeChanged, Tick]
+Event = Union[Feedback, CancelRequest, KnowledgeChanged, Tick]

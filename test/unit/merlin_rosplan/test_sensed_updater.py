@@ -6,8 +6,8 @@ import pytest
 import rospy
 
 from merlin_ros.service_proxy import ServiceError
-from merlin_rosplan.transport import sensed_teller
-from merlin_rosplan.transport.sensed_teller import SensedTeller
+from merlin_rosplan.transport import sensed_updater
+from merlin_rosplan.transport.sensed_updater import SensedUpdater
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.knowledge_text import to_pddl
 
@@ -48,9 +48,9 @@ def knowledge():
 
 @pytest.fixture
 def teller(knowledge, monkeypatch):
-    monkeypatch.setattr(sensed_teller, "RETRY", 0.02)
+    monkeypatch.setattr(sensed_updater, "RETRY", 0.02)
     monkeypatch.setattr(rospy, "logerr_throttle_identical", lambda period, text: None)
-    made = SensedTeller(knowledge, 0.001, "sensing")
+    made = SensedUpdater(knowledge, 0.001, "sensing")
     yield made
     made.close()
     made._thread.join(LONG)
@@ -65,7 +65,7 @@ def test_what_is_refused_does_not_keep_the_rest(teller, knowledge):
 
 
 def test_what_was_refused_is_told_when_its_object_appears(teller, knowledge, monkeypatch):
-    monkeypatch.setattr(sensed_teller, "LONGEST_RETRY", 3600.0)
+    monkeypatch.setattr(sensed_updater, "LONGEST_RETRY", 3600.0)
     teller.sense({("at", ("ann", "moon")): True})
     knowledge.wait(lambda: knowledge.calls > 5)
     with knowledge.changed:

@@ -15,7 +15,7 @@ LONGEST_RETRY = 32.0  # s; what it refuses again and again, a fact of an object 
 LOG_PERIOD = 5.0  # s between two log lines with the same reason
 
 
-class SensedTeller:
+class SensedUpdater:
     """Keeps what was sensed and tells what of it is news, in a thread of its own.
 
     Parameters

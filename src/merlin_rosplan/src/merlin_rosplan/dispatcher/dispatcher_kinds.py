@@ -1,0 +1,102 @@
+"""ROSPlan's two plan dispatchers: simple and Esterel."""
+
+from typing import Dict, Optional, Type
+
+import rospy
+from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan, EsterelPlan
+
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule, SequentialSchedule
+from merlin_rosplan.dispatcher.plan_dispatcher import SCOPE, PlanDispatcher
+from merlin_rosplan.messages.plan_graph_drawer import PlanGraphDrawer
+from merlin_rosplan.messages.plan_graph_messages import graph_from_message
+from merlin_rosplan.transport.component import ComponentError, run_component
+
+
+class SimplePlanDispatcher(PlanDispatcher):
+    """Runs a CompletePlan, one action after the other."""
+
+    def make_schedule(self, plan: CompletePlan) -> Schedule:
+        """The list, in its order."""
+        return SequentialSchedule(planned_action(message) for message in plan.plan)
+
+
+class EsterelPlanDispatcher(PlanDispatcher):
+    """Runs an EsterelPlan, in parallel where its graph allows; draws the graph on ``plan_graph``."""
+
+    plan_class = EsterelPlan
+    publishes_feedback = False
+
+    def __init__(self, scope: str = SCOPE) -> None:
+        self._drawer: Optional[PlanGraphDrawer] = None  # plans may arrive before the rest is there
+        self._bounds, self._fraction = False, 0.0
+        super().__init__(scope)
+        self._bounds = bool(self.param("timeout_actions", False))
+        self._fraction = self.number("action_timeout_fraction", 0.0, 0.0)
+        self._drawer = self.own(
+            PlanGraphDrawer(
+                self.resolve(str(self.param("plan_graph_topic", "plan_graph"))),
+                bool(self.param("display_edge_type", False)),
+            )
+        )
+        with self._state:
+            plan = self._plan
+        if plan is not None:
+            self.received(plan)
+
+    def make_schedule(self, plan: EsterelPlan) -> Schedule:
+        """The graph; with `~timeout_actions` its time bounds are kept."""
+        graph, messages = graph_from_message(plan)
+        schedule = GraphSchedule(
+            graph,
+            [planned_action(message) for message in messages],
+            self._bounds,
+            self._fraction,
+        )
+        if self._drawer is not None:
+            self._drawer.show(graph, messages, schedule)
+        return schedule
+
+    def received(self, plan: EsterelPlan) -> None:
+        """Has a plan drawn that has just come, unless one runs."""
+        with self._state:
+            idle = self._dispatch is None
+        if idle and self._drawer is not None:
+            self._drawer.show_plan(plan)
+
+    def progressed(self) -> None:
+        """Draws the graph again."""
+        if self._drawer is not None:
+            self._drawer.refresh()
+
+
+def planned_action(message: ActionDispatch) -> PlannedAction:
+    """An action of a plan message."""
+    return PlannedAction(
+        message.action_id,
+        message.name,
+        tuple((entry.key, entry.value) for entry in message.parameters),
+        message.duration,
+        message.dispatch_time,
+    )
+
+
+def dispatcher_class(kind: str) -> Type[PlanDispatcher]:
+    """The dispatcher of a kind, ``simple`` or ``esterel``.
+
+    Raises
+    ------
+    ComponentError: it is neither.
+    """
+    classes: Dict[str, Type[PlanDispatcher]] = {
+        "simple": SimplePlanDispatcher,
+        "esterel": EsterelPlanDispatcher,
+    }
+    if kind not in classes:
+        raise ComponentError(f"~kind is '{kind}', expected 'simple' or 'esterel'")
+    return classes[kind]
+
+
+def main() -> None:
+    """Entry point of the executable ``plan_dispatcher``; `~kind` is ``simple`` or ``esterel`` (default)."""
+    run_component(lambda scope: dispatcher_class(str(rospy.get_param("~kind", "esterel")))(scope), SCOPE)
