@@ -41,7 +41,7 @@ def chain_domain() -> str:
 
 
 def chain_problem() -> str:
-    """Every place is reached already: the conditions of a chain hold although nobody applies effects."""
+    """Every place is reached already: the conditions of a chain hold although no effects are applied."""
     places = [f"p{number}" for number in range(PLACES)]
     return f"""(define (problem chained) (:domain chain) (:objects {" ".join(places)} - place)
       (:init (powered) {" ".join(f"(at {place})" for place in places)}) (:goal (and)))"""

@@ -16,7 +16,7 @@ STOP_LIMIT = 25.0  # s of wall time between SIGINT and SIGKILL; roslaunch gives 
 
 
 def free_port() -> int:
-    """A TCP port nobody listens on now."""
+    """A TCP port on which no process listens now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

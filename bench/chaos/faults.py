@@ -15,7 +15,7 @@ CHAIN: FrozenSet[str] = frozenset(
         "master",
     }
 )
-"""Whoever of these is lost, a drive has lost an owner, or the server that carries it out."""
+"""When one of these nodes is lost, a drive has lost an owner, or the server that carries it out."""
 NODES: Tuple[str, ...] = (
     "merlin_executor",
     "planning_system",

@@ -124,7 +124,7 @@ class Injector:
                 system.start_master_again()
                 helped.append("master started again")
             elif target == CLIENT and fault.lasts is None:
-                system.start_client()  # the next client is another one; that is no help
+                system.start_client()  # the next client is another one; that is not help
             elif target in self._respawners and fault.lasts is None:
                 helped.append(f"{target} started again")
         self._let_respawn()

@@ -224,7 +224,7 @@ class _Course:
     # ------------------------------------------------------------------------------------ after the fault
 
     def _follow_request(self, fault_at: float) -> None:
-        """Until the request has ended; one that nobody cancelled is cancelled when it goes on too long."""
+        """Until the request has ended; one without a cancel is cancelled when it goes on too long."""
         trial = self._trial
         if REQUESTS[trial.moment] is None and not trial.goals:
             self._pause(SETTLE)
@@ -254,7 +254,7 @@ class _Course:
         lasting = trial.fault.lasts is None and trial.fault.kind not in (NONE, SECOND_NODE)
         helped = injector.help() if lasting else []
         if MASTER in trial.fault.targets and helped:
-            self._report(events.HELPED, what="a new master knows nobody")
+            self._report(events.HELPED, what="a new master knows no node")
         return helped
 
     def _restart_knowledge(self) -> None:

@@ -31,7 +31,7 @@ def commands_motion(command: Event) -> bool:
 
 
 class Scene:
-    """The present, as far as events have told it."""
+    """The present state, from the events so far."""
 
     def __init__(self) -> None:
         self.truth: Optional[Event] = None

@@ -179,7 +179,7 @@ class System:
         return [node for node in self.nodes if node in NODES and self.pid(node) is None]
 
     def stop(self, keep: bool = False) -> None:
-        """Ends everything, at once: what a crash leaves behind is no concern of the next system.
+        """Ends everything, at once: what a crash leaves behind does not affect the next system.
 
         :param keep: the folder of the logs.
         """

@@ -42,7 +42,7 @@ class GoalMissed(Exception):
 class Follower:
     """A particle filter beside a simulated robot: told the truth, it scans and answers what it believes.
 
-    :param believed: where it is told that the robot starts; None: nobody knows.
+    :param believed: where the filter believes that the robot starts; None: not known.
     :param leads: the robot drives by this belief; otherwise by the truth.
     """
 

@@ -1,6 +1,6 @@
 """Drives a simulated robot with the navigation of this package, without ROS and as fast as it computes.
 
-For tests, for figures, and for whoever changes worlds or navigation and wants to see what becomes of it.
+For tests, for figures, and for engineers who change worlds or navigation and want to see the effect.
 """
 
 import argparse
@@ -31,7 +31,7 @@ def trials(text: str) -> int:
     :raises argparse.ArgumentTypeError: it is no such number.
     """
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of trials: give 1 or more")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of trials: give 1 or more")
     return int(text)
 
 

@@ -96,8 +96,8 @@ class Guests(unittest.TestCase):
 
     def test_nonsense_is_refused_with_a_sentence(self):
         for answer, words in (
-            (self.tell(person="nobody"), "nobody here is called 'nobody'"),
-            (self.tell(person=""), "nobody here is called ''"),
+            (self.tell(person="nobody"), "there is no person 'nobody'"),
+            (self.tell(person=""), "there is no person ''"),
             (self.tell(person="guest_1", patterns=["(a"], answers=["b"]), "no regular expression"),
         ):
             self.assertFalse(answer.success)

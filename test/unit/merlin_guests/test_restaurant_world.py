@@ -16,7 +16,7 @@ def test_another_world_is_refused_with_what_it_lacks() -> None:
     with pytest.raises(WorldError) as refusal:
         restaurant_world("apartment")
     text = str(refusal.value)
-    assert "apartment.yaml is no restaurant" in text
+    assert "apartment.yaml is not a restaurant" in text
     for lack in ("door 'entrance_door'", "furniture 'bar_counter'", "person 'barman'", "interest 'table_6'"):
         assert lack in text
 
@@ -35,5 +35,5 @@ def test_what_is_missing_alone_is_named(tmp_path: Path, old: str, new: str, lack
     assert old in text
     world = tmp_path / "cafe.yaml"
     world.write_text(text.replace(old, new))
-    with pytest.raises(WorldError, match=rf"cafe.yaml is no restaurant: it has no {lack}$"):
+    with pytest.raises(WorldError, match=rf"cafe.yaml is not a restaurant: it has no {lack}$"):
         restaurant_world(str(world))

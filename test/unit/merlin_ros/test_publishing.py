@@ -6,16 +6,24 @@ from merlin_ros.publishing import publish
 
 
 class Closed:
-    def publish(self, _):
+    """A publisher whose topic is closed."""
+
+    def __init__(self):
+        self.published = []
+
+    def publish(self, message):
+        self.published.append(message)
         raise rospy.ROSException("publish() to a closed topic")
 
 
-def test_a_closed_topic_of_a_node_that_goes_down_is_nobodys_concern(monkeypatch):
+def test_a_node_that_goes_down_tries_to_publish_and_ignores_a_closed_topic(monkeypatch):
     monkeypatch.setattr(core, "_in_shutdown", True)
-    publish(Closed(), None)
+    topic = Closed()
+    publish(topic, "last words")
+    assert topic.published == ["last words"]
 
 
 def test_a_closed_topic_of_a_running_node_is_reported(monkeypatch):
     monkeypatch.setattr(core, "_in_shutdown", False)
-    with pytest.raises(rospy.ROSException):
-        publish(Closed(), None)
+    with pytest.raises(rospy.ROSException, match="closed topic"):
+        publish(Closed(), "a message")

@@ -216,7 +216,7 @@ def test_instances_by_type(store):
     assert store.instances("nothing") == []
     add(store, Instance("robot", "KITCHEN"), Instance("place", "anywhere"))
     assert store.instances("robot") == ["r1", "kitchen"]  # one object, spelled as at first
-    assert store.instances("place") == []  # a constant is no instance
+    assert store.instances("place") == []  # a constant is not an instance
 
 
 def test_goals(store):

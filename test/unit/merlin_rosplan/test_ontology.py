@@ -60,7 +60,7 @@ def test_only_the_chosen_properties(files):
 @pytest.mark.parametrize(
     "file, text, reason",
     [
-        ("house.ttl", "nonsense", "is no ontology"),
+        ("house.ttl", "nonsense", "is not an ontology"),
         ("house.ttl", HOUSE + ":Kitchen a owl:Class .", "have the same name in PDDL"),
         ("domain.pddl", "(define (domain", "never closed"),
     ],

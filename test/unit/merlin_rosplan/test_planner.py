@@ -156,7 +156,7 @@ def test_a_plan_file_beside_the_planner_is_found(problem, script):
         "fast-downward",
     )
     outcome = plan(problem("(checked kitchen)"), f"{command} DOMAIN PROBLEM")
-    # durative actions without durations are no plan, which shows that it was read
+    # durative actions without durations are not a plan, which shows that it was read
     assert outcome.state in (PlannerState.INVALID, PlannerState.SOLVED)
     assert "without a plan" not in outcome.reason
 

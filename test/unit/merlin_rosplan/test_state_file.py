@@ -206,7 +206,7 @@ def test_file_in_use_is_refused(path):
 
 def test_damaged_file_is_refused(path):
     path.parent.mkdir()
-    path.write_text("this is no database" * 100)
+    path.write_text("this is not a database" * 100)
     with pytest.raises(StateFileError, match="cannot be used: file is not a database"):
         open_store(path)
     open_store(path, reset=True).close()

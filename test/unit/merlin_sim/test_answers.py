@@ -22,7 +22,7 @@ def test_next_answers_come_first_then_patterns_then_chance():
 
 @pytest.mark.parametrize(
     ("patterns", "answers", "words"),
-    [(["a"], [], "1 patterns and 0 answers"), (["(a"], ["b"], "'(a' is no regular expression")],
+    [(["a"], [], "1 patterns and 0 answers"), (["(a"], ["b"], "'(a' is not a regular expression")],
 )
 def test_what_does_not_go_together_is_refused(patterns, answers, words):
     with pytest.raises(ValueError) as error:

@@ -42,7 +42,7 @@ def test_a_known_class_brings_its_size_and_colour():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"support": "shelf"}, "red_cup stands on shelf, which is no furniture"),
+        ({"support": "shelf"}, "red_cup stands on shelf, which is not furniture"),
         ({"support": "table", "at": [0.6, 0]}, "red_cup stands beside table"),
         ({"at": [5, 1]}, "outside the walls"),
         ({"at": [1, 1, -0.2]}, "0.2 m below the floor"),

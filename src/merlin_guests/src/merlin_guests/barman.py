@@ -29,7 +29,7 @@ class Barman:
     """Serves the robot until the evening is over.
 
     :param wrong_share: of the orders that are wrong at first, 0..1.
-    :param guest_of: tells who sits at a table, and whether the order has to go wrong.
+    :param guest_of: returns the guest at a table; None: the table is free.
     """
 
     def __init__(

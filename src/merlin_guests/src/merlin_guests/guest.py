@@ -16,16 +16,16 @@ from merlin_restaurant.menu import call_from, listed
 
 CALL_EVERY = 25.0  # s between two calls for the robot
 PATIENCE = 900.0  # s that a guest waits for a table, for the waiter or for the order
-KEPT = 0.9  # m that who follows keeps from the robot
+KEPT = 0.9  # m that a following guest keeps from the robot
 LOOK = 0.6  # s between two looks at where the robot is now
-SAID_AGAIN = 30.0  # s after which it is said again that somebody cannot come in
-STRANDED = 40.0  # s without the robot moving on after which who follows goes back to the entrance
+SAID_AGAIN = 30.0  # s after which a guest says again that it cannot come in
+STRANDED = 40.0  # s without the robot moving on, after which a following guest goes back to the entrance
 FAR, LEFT_BEHIND = 4.0, 15.0  # m from the robot, and s of it, after which the same holds
-HELD_UP = 3.0  # s after which who cannot walk on looks for another way
-SEAT, LOST = "please take a seat", "have lost you"  # what the robot says to who follows
+HELD_UP = 3.0  # s after which a guest that cannot walk on looks for another way
+SEAT, LOST = "please take a seat", "have lost you"  # what the robot says to a following guest
 MUMBLED = ("the weather was lovely by the lake", "my uncle has seven little dogs")
 ASKED = "what would you like"
-TALKING = 90.0  # s after a question in which a guest does not call for who has asked it
+TALKING = 90.0  # s after a question in which a guest does not call the robot
 CHAIR_NAME = "chair_5"
 BLOCKED = (1.6, 1.2, 1.4)  # m before the table where the chair may stand
 GOES_AFTER = 12.0  # s after ordering in which an impatient guest leaves
@@ -223,7 +223,7 @@ class Guest:
 
     def _block_the_way(self) -> None:
         for distance in BLOCKED:
-            with contextlib.suppress(PlayError):  # somebody stands there: somewhere else then
+            with contextlib.suppress(PlayError):  # a person stands there: the next place then
                 self._stage.move_furniture(CHAIR_NAME, self._places.on_the_way(self.table, "bar", distance))
                 return
 
@@ -280,7 +280,7 @@ class Guest:
 
 
 def _not_yet_walked(steps: Sequence[Point], here: Point) -> List[Point]:
-    """The part of a trail that lies ahead of its place nearest to somebody."""
+    """The part of a trail that lies ahead of its place nearest to a point."""
     if not steps:
         return []
     nearest = min(range(len(steps)), key=lambda number: math.dist(steps[number], here))

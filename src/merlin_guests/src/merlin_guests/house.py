@@ -33,7 +33,7 @@ class House:
         self._dishes: Dict[str, Dict[str, str]] = {}  # where → name in the world → kind
 
     def join_queue(self, name: str) -> Point:
-        """The place at the entrance where somebody waits."""
+        """The place at the entrance where a guest waits."""
         with self._lock:
             if name not in self._queue:
                 free = self._queue.index("") if "" in self._queue else len(self._queue)

@@ -15,7 +15,7 @@ from merlin_sim.world.world_places import ROBOT_RADIUS
 Point = Tuple[float, float]
 
 ENTRANCE_DOOR = "entrance_door"
-BODY, ROOM = 0.25, 0.05  # m, radius of who walks and what is kept free besides
+BODY, ROOM = 0.25, 0.05  # m, radius of a walking person, and what it keeps free besides
 SEAT = 0.85  # m from the middle of a table, on the side away from its point of interest
 DOOR_STEP = 0.45  # m from the door's middle to where people come in
 WAITING = 1.5  # m ahead of the entrance's point of interest
@@ -24,7 +24,7 @@ QUEUE = (
     (1.75, -0.5),
     (1.75, 0.5),
     (1.15, 0.62),
-)  # m ahead and to the left of it: who waits where
+)  # m ahead and to the left of it: the waiting places
 THING = 0.25  # m, radius of what people find in their way
 TABLE_AHEAD = 0.9  # m ahead of a table's point of interest
 

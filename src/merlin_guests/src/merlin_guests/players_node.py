@@ -1,4 +1,4 @@
-"""Node `players`: guests and barman of the simulated restaurant, who live by a seeded schedule."""
+"""Node `players`: guests and barman of the simulated restaurant, which follow a seeded schedule."""
 
 import math
 import sys
@@ -25,11 +25,11 @@ from merlin_sim.world.world_file import WorldError
 from merlin_sim.world.world_model import World
 
 STARTUP = 60.0  # s of wall time for the simulator and the voices
-LISTENED = 20.0  # s of running time for who keeps the books
+LISTENED = 20.0  # s of running time to wait for a subscriber of the events
 
 
 class Players:
-    """Everybody who is not the robot.
+    """All persons of the restaurant.
 
     :param world: of the restaurant.
     :param plans: of the guests.
@@ -56,7 +56,7 @@ class Players:
                 raise PlayError(missing)
             if not self._stage.heard_of(LISTENED):
                 rospy.logwarn(
-                    f"players: nobody listens to restaurant/guests after {LISTENED:g} s; begins anyway"
+                    f"players: restaurant/guests has no subscriber after {LISTENED:g} s; begins anyway"
                 )
             self._clear_the_room()
         except (PlayError, ServiceError) as error:
@@ -84,7 +84,7 @@ class Players:
                 pass
             except Exception as error:  # a play that goes on without one of its players would never end well
                 if is_shutdown_requested():
-                    return  # who ends the evening takes services and topics away
+                    return  # the shutdown takes services and topics away
                 self._failure = f"{name}: {error}"
                 why = error if isinstance(error, PlayError) else traceback.format_exc()
                 rospy.logfatal(f"players: {name} cannot go on: {why}")
@@ -95,7 +95,7 @@ class Players:
         return thread
 
     def _clear_the_room(self) -> None:
-        """Takes away who and what the world file shows for other purposes."""
+        """Removes the persons and objects that the world file has for other purposes."""
         for name in self._stage.people():
             if name != BARMAN:
                 self._stage.remove(name)

@@ -1,7 +1,7 @@
 """Tells when it is quiet enough to call across the room."""
 
-QUIET = 6.0  # s that nobody has spoken
-ANSWER_DUE = 20.0  # s in which who was asked begins to answer
+QUIET = 6.0  # s without speech
+ANSWER_DUE = 20.0  # s in which a person that was asked begins to answer
 
 
 class QuietRoom:
@@ -13,7 +13,7 @@ class QuietRoom:
         self._answer_due = 0.0
 
     def sound(self, now: float) -> None:
-        """Somebody in the room speaks: an answer that was due has begun."""
+        """A person in the room speaks: an answer that was due has begun."""
         self._last_sound, self._answer_due = now, 0.0
 
     def robot(self, now: float, speaking: bool) -> None:
@@ -21,9 +21,9 @@ class QuietRoom:
         self._robot_speaks, self._last_sound = speaking, now
 
     def asked(self, now: float) -> None:
-        """The robot has asked somebody who will answer; nobody else speaks first."""
+        """The robot has asked a person that will answer; no other person speaks first."""
         self._answer_due = now + ANSWER_DUE
 
     def quiet(self, now: float) -> bool:
-        """Whether somebody may call."""
+        """Whether a guest may call."""
         return not self._robot_speaks and now - self._last_sound > QUIET and now > self._answer_due

@@ -21,7 +21,7 @@ def restaurant_world(name: str) -> World:
     world = load_world(path)
     missing = _missing(world)
     if missing:
-        raise WorldError(f"{path} is no restaurant: it has no {', no '.join(missing)}")
+        raise WorldError(f"{path} is not a restaurant: it has no {', no '.join(missing)}")
     return world
 
 

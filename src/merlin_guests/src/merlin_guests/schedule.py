@@ -1,4 +1,4 @@
-"""Who comes when, orders what, and what goes wrong: from the seed alone."""
+"""When each guest comes, what it orders, and what goes wrong: from the seed alone."""
 
 from dataclasses import dataclass
 from random import Random
@@ -68,7 +68,7 @@ def make_schedule(
         raise ScheduleError(f"a haste of {haste:g} cannot be; 0.1 to 100")
     random = Random(f"evening {guests} {seed}")
     kinds = _kinds(disturbances, guests, random)
-    # Who walks off has to be on the way to a table; guests who sit already are not.
+    # A guest that walks off has to be on the way to a table; guests who sit already are not.
     seated = min(max(1, guests // 3), guests - (WALKS_OFF in kinds))
     tables = random.sample(TABLES, seated)
     disturbed = _who_is_disturbed(kinds, guests, seated, random)
@@ -123,7 +123,7 @@ def _who_is_disturbed(
         found[walker] = (WALKS_OFF,)
     others = [kind for kind in DISTURBANCES if kind in kinds and kind not in (WALKS_OFF, LEAVES)]
     if LEAVES in kinds and free:
-        # Who leaves gets nothing from the bar, but can be hard to understand.
+        # A guest that leaves gets nothing from the bar, but can be hard to understand.
         leaver = free.pop()
         found[leaver] = (LEAVES,)
         if UNCLEAR in kinds and not free:
@@ -133,8 +133,8 @@ def _who_is_disturbed(
         others.append(LEAVES)
     if others and not free:
         raise ScheduleError(
-            f"{others[0]} cannot be with {guests} guests, because who leaves or walks off gets nothing; "
-            "more guests are needed"
+            f"{others[0]} cannot be with {guests} guests, because a guest that leaves or walks off gets "
+            "nothing; more guests are needed"
         )
     for number, kind in enumerate(others):
         guest = free[number % len(free)]

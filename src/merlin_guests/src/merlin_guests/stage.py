@@ -1,4 +1,4 @@
-"""What those who play the people can do in the simulated world, and what they notice there."""
+"""What guests and barman can do in the simulated world, and what they notice there."""
 
 import math
 import threading
@@ -32,8 +32,8 @@ from merlin_ros.service_proxy import ServiceProxy
 
 CHUNK = 0.2  # s of sound per message
 CALL_WAITS = 60.0  # s until a guest gives up calling, because it is never quiet
-APPEARS = 10.0  # s until who was placed is seen
-AHEAD = 0.5  # m from the middle of somebody to the middle of what holds them up
+APPEARS = 10.0  # s until a placed person is published
+AHEAD = 0.5  # m from the middle of a person to the middle of what is in the way
 TRAIL = 0.15  # m between the remembered places of the robot
 HEARD = 200.0  # RMS, of 32767, of a voice
 CALL_LIMIT = 10.0  # s of wall time for a service of the simulator
@@ -44,7 +44,7 @@ class PlayError(RuntimeError):
 
 
 class Closed(Exception):
-    """The evening is over, or ROS shuts down: whoever waits goes home."""
+    """The evening is over, or ROS shuts down; ends all waits."""
 
 
 class Stage:
@@ -84,11 +84,11 @@ class Stage:
                 return f"no service {proxy.name} after {timeout:.0f} s"
         with self._changed:
             if not self._changed.wait_for(lambda: bool(self._people) and self._robot is not None, timeout):
-                return f"nobody on /merlin_sim/people, or no ground_truth, after {timeout:.0f} s"
+                return f"no /merlin_sim/people, or no ground_truth, after {timeout:.0f} s"
         return ""
 
     def heard_of(self, timeout: float) -> bool:
-        """Waits until somebody listens to what happens, who would miss what was told before.
+        """Waits for a subscriber of the events, which would miss earlier ones.
 
         :param timeout: s of running time.
         """
@@ -122,7 +122,7 @@ class Stage:
         return True
 
     def close(self) -> None:
-        """Ends the evening for everybody who waits."""
+        """Ends the evening and all waits."""
         self._over.set()
         self._clock.wake()
         with self._changed:
@@ -131,12 +131,12 @@ class Stage:
     # --- people and things ---------------------------------------------------------------------------------
 
     def put_person(self, name: str, at: Point, yaw: float = 0.0, sit: bool = False) -> None:
-        """Makes somebody appear.
+        """Makes a person appear.
 
         :raises PlayError: something is in the way.
         """
         self._demand(self._place(name=name, kind=self._kind(name), x=at[0], y=at[1], yaw=yaw, sit=sit), name)
-        # The simulator answers before it tells who is where; from here on everybody may rely on that.
+        # The simulator answers before it publishes the new place; from here on all may rely on it.
         if not self.wait_until(lambda: name in self._people, APPEARS):
             raise PlayError(f"{name} was placed, but did not appear on /merlin_sim/people in {APPEARS:g} s")
 
@@ -149,7 +149,7 @@ class Stage:
         self._demand(self._place(name=name, x=to[0], y=to[1]), name)
 
     def remove(self, name: str) -> None:
-        """Takes somebody or something out of the world."""
+        """Takes a person or an object out of the world."""
         self._demand(self._place(name=name, absent=True), name)
 
     def walk(
@@ -160,7 +160,7 @@ class Stage:
         sit: bool = False,
         yaw: Optional[float] = None,
     ) -> int:
-        """Lets somebody walk; returns the number of the walk."""
+        """Lets a person walk; returns the number of the walk."""
         points = [PointMessage(x, y, 0.0) for x, y in path]
         answer = self._walk(
             name=name, path=points, speed=speed, sit=sit, turn=yaw is not None, yaw=yaw if yaw else 0.0
@@ -178,7 +178,7 @@ class Stage:
         return self.wait_until(there, limit)
 
     def in_the_way(self, name: str) -> Optional[Point]:
-        """Where the thing stands that holds up somebody who walks, m; None: nothing does."""
+        """The place of the thing in the way of a walking person, m; None: the way is free."""
         with self._changed:
             person = self._people[name]
         if not person.waits_for:
@@ -186,13 +186,13 @@ class Stage:
         return person.x + AHEAD * math.cos(person.yaw), person.y + AHEAD * math.sin(person.yaw)
 
     def position(self, name: str) -> Point:
-        """Where somebody is, m."""
+        """Where a person is, m."""
         with self._changed:
             person = self._people[name]
             return person.x, person.y
 
     def people(self) -> List[str]:
-        """Everybody who is there."""
+        """The names of all present persons."""
         with self._changed:
             return [name for name, person in self._people.items() if person.state != SimPerson.ABSENT]
 
@@ -218,7 +218,7 @@ class Stage:
     # --- speech --------------------------------------------------------------------------------------------
 
     def answer(self, name: str, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
-        """Sets what somebody answers: pattern of what the robot says → answer.
+        """Sets what a person answers: pattern of what the robot says → answer.
 
         :param then: answers to the next questions, whatever they are.
         """
@@ -228,12 +228,12 @@ class Stage:
         self._demand(reply, name)
 
     def forget(self, name: str) -> None:
-        """Forgets what somebody heard so far."""
+        """Forgets what a person heard so far."""
         with self._changed:
             self._heard[name] = deque()
 
     def hear(self, name: str, text: Union[str, Tuple[str, ...]], seconds: float) -> str:
-        """Waits until the robot says something to somebody that contains a text (one of some); returns it."""
+        """Waits until the robot says a sentence with one of some texts to a person; returns it."""
         wanted = (text,) if isinstance(text, str) else text
         found: List[str] = []
 
@@ -251,7 +251,7 @@ class Stage:
     def call(self, text: str, name: str = "") -> bool:
         """Says something aloud as soon as it is quiet.
 
-        :param name: of who calls, and does not when the robot has said something to them before it was quiet.
+        :param name: of the caller; it stays silent when the robot spoke to it before the room was quiet.
         :return: False: it never was quiet, or the robot came first.
         """
 
@@ -265,7 +265,7 @@ class Stage:
             with self._voices:
                 with self._changed:
                     if not self._quiet_room.quiet(self.now()):
-                        continue  # somebody else was faster
+                        continue  # another guest was faster
                     self._quiet_room.sound(self.now())
                 self._say(text)
                 return True

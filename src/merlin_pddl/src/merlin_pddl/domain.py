@@ -67,7 +67,7 @@ class Domain:
     functions: Dict[str, Signature] = field(default_factory=dict)
     operators: Dict[str, Operator] = field(default_factory=dict)
     derived: Dict[str, List[Derived]] = field(default_factory=dict)
-    digest: str = ""  # of the file's content: tells whether stored knowledge belongs to this domain
+    digest: str = ""  # of the file's content: shows whether stored knowledge belongs to this domain
 
     def constants_of(self, type_name: str, subtypes: bool = True) -> List[str]:
         """Constants of a type, in the order of their declaration; with `subtypes` also of types below it."""

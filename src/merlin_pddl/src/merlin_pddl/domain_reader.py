@@ -1,4 +1,4 @@
-"""Reads a PDDL domain (PDDL 2.1 to 3.1 as far as a knowledge base needs it) into a :class:`Domain`."""
+"""Reads a PDDL domain (the parts of PDDL 2.1 to 3.1 that a knowledge base needs) into a :class:`Domain`."""
 
 import hashlib
 from pathlib import Path

@@ -50,7 +50,7 @@ class Arithmetic:
 
 @dataclass(frozen=True)
 class Special:
-    """``#t``, ``?duration``, ``total-time``, ``(is-violated x)``; ``total-cost`` where it is no function."""
+    """``#t``, ``?duration``, ``total-time``, ``(is-violated x)``; ``total-cost`` unless it is a function."""
 
     name: str
     args: Tuple[str, ...] = ()

@@ -58,7 +58,7 @@ def typed_list(nodes: Sequence[Node], domain: Domain, variables: bool) -> List[T
 
     Raises
     ------
-    PddlError: a word is no name (or no variable, when those are asked for), or a type is unknown.
+    PddlError: a word is not a name (or no variable, when those are asked for), or a type is unknown.
     """
     found: List[Tuple[Word, Tuple[str, ...]]] = []
     waiting: List[Word] = []

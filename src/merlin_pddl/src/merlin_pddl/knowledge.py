@@ -18,12 +18,12 @@ DECREASE = "decrease"
 SCALE_UP = "scale-up"
 SCALE_DOWN = "scale-down"
 
-#: Arithmetic of the changes that are no assignment.
+#: Arithmetic of the changes that are not assignment.
 OPERATIONS = {INCREASE: "+", DECREASE: "-", SCALE_UP: "*", SCALE_DOWN: "/"}
 
 
 class Row:
-    """Something stored. `order` tells which of two came first; `wire` is a cache of who serialises it."""
+    """Something stored. `order` says which of two came first; `wire` is a cache of the serialiser."""
 
     __slots__ = ("order", "wire")
 

@@ -45,7 +45,7 @@ class PlanStep:
 
 
 def is_action_line(line: str) -> bool:
-    """Whether a line of a plan is meant as an action: it has all of ``[ ] ( ) :`` and is no comment."""
+    """Whether a line of a plan is meant as an action: it has all of ``[ ] ( ) :`` and is not a comment."""
     return all(sign in line for sign in "[]():") and not line.lstrip().startswith(";")
 
 

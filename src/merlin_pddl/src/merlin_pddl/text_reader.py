@@ -178,7 +178,7 @@ def shortened(text: str, limit: int = 500) -> str:
 
 def suggestion(name: str, known: Iterable[str]) -> str:
     """`` (did you mean 'x'?)`` or nothing."""
-    if len(name) > 200:  # nobody mistyped that, and comparing takes seconds
+    if len(name) > 200:  # not a typing error, and comparing takes seconds
         return ""
     close: Optional[List[str]] = difflib.get_close_matches(name, list(known), n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""

@@ -23,7 +23,7 @@ class TypeHierarchy:
         self._below.clear()
 
     def complete(self) -> None:
-        """Declares parents that nobody declared and checks that no type is its own ancestor.
+        """Adds parents that were not declared and checks that no type is its own ancestor.
 
         Raises
         ------

@@ -30,7 +30,7 @@ class PromptPublisher(rospy.Publisher):
 
     @property
     def wanted(self) -> bool:
-        """Whether anybody listens."""
+        """Whether there is a subscriber."""
         return self.get_num_connections() > 0
 
 

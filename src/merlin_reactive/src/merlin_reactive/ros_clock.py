@@ -1,4 +1,4 @@
-"""Waits for ROS time without polling, and without sleeping past whoever wants it to stop."""
+"""Waits for ROS time without polling, and ends a wait at once when its stop event is set."""
 
 import threading
 
@@ -25,7 +25,7 @@ class RosClock:
             while left > ROUNDING:
                 if stop.is_set() or rospy.is_shutdown():
                     return False
-                # The slice is for shutdown, which notifies nobody.
+                # The slice is for shutdown, which does not notify this condition.
                 self._ticked.wait(1.0 if self._simulated else min(left, 1.0))
                 before, now = now, rospy.get_time()
                 left -= max(0.0, now - before)  # time that jumps back takes nothing away

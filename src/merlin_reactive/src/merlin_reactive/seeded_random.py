@@ -1,7 +1,7 @@
 """Random numbers as a function of seed, name and simulated time, never of the order of calls.
 
-Two runs with the same seed draw the same numbers at the same simulated time, whoever else drew in between,
-whether somebody subscribed or not, and at whatever real-time factor.
+Two runs with the same seed draw the same numbers at the same simulated time: other draws in between,
+subscribers and the real-time factor do not matter.
 """
 
 import hashlib

@@ -1,7 +1,7 @@
 """Deadlines on software: they run on the monotonic clock and stand still while the simulator is paused.
 
 A paused simulator stops ``/clock``: servers that time themselves by ROS time fall silent and look dead. So
-whoever waits for software counts *running time*, the monotonic time less the time spent paused.
+waits for software count *running time*, the monotonic time less the time spent paused.
 """
 
 import math
@@ -46,7 +46,7 @@ class _PauseWatch:
                 return
             self._started = True
         # Not under the lock: where the topic is subscribed already, rospy calls `_update` within this.
-        # Without a simulator nobody publishes here, and the time simply runs.
+        # Without a simulator there is no publisher here, and the time simply runs.
         self._subscriber = rospy.Subscriber(SIM_STATUS_TOPIC, SimStatus, self._update, queue_size=10)
 
     def _update(self, status: SimStatus) -> None:
@@ -100,7 +100,7 @@ class Deadline:
             left = self.remaining()
             if left <= 0.0 or rospy.is_shutdown():
                 return False
-            # A bounded slice, because shutdown and a pause that ends notify nobody.
+            # A bounded slice, because shutdown and the end of a pause do not notify this condition.
             condition.wait(min(left, 1.0))
         return True
 

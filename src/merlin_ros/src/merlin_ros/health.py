@@ -19,7 +19,7 @@ ERROR = DiagnosticStatus.ERROR
 
 
 class Health(NamedTuple):
-    """How a part does: `OK`, `WARN` or `ERROR`, a sentence, and figures for who looks closer."""
+    """How a part does: `OK`, `WARN` or `ERROR`, a sentence, and figures for diagnosis."""
 
     level: int = OK
     message: str = "ready"

@@ -183,8 +183,8 @@ def run_node(
         if not is_shutdown_requested():
             return _give_up(error, CANNOT_BEGIN)
     except Exception:
-        # rospy closes topics and sockets, and interrupts who waits, before `rospy.is_shutdown` says so. What
-        # is being made or called at that moment fails in many ways.
+        # rospy closes topics and sockets, and interrupts waiting threads, before `rospy.is_shutdown` says so.
+        # What is being made or called at that moment fails in many ways.
         if not is_shutdown_requested():
             raise
         rospy.logdebug(f"{rospy.get_name()}: interrupted by the end:\n{traceback.format_exc()}")
@@ -229,7 +229,7 @@ def on_master_replaced(callback: Callable[[], None]) -> None:
 
 
 def master_is_lost() -> bool:
-    """Whether the master does not answer, as far as this node knows."""
+    """Whether the last call of the master from this node got no answer."""
     return master_link.lost.is_set()
 
 

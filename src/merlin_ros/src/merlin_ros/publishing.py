@@ -1,4 +1,4 @@
-"""Publishing: to who has subscribed, and while the node goes down."""
+"""Publishing: whether there are subscribers, and publishing while the node goes down."""
 
 import threading
 from typing import Any

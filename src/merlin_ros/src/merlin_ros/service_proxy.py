@@ -154,7 +154,7 @@ class ServiceProxy:
                 return True
             if end is not None and time.monotonic() >= end:
                 return False
-            # The master tells nobody of a new service; asking is all there is, at start-up only.
+            # The master does not announce a new service; the proxy asks again, at start-up only.
             time.sleep(0.02)
         return False
 

@@ -47,7 +47,7 @@ class ExecutorRobot(MerlinROSPlanAssistant):
     def __init__(self, trajectory: Trajectory, on_action: Callable[[str], None], on_lost: str = END) -> None:
         """
         Parameters:
-            trajectory: filled by somebody else.
+            trajectory: filled by the subscriber of the ground truth.
             on_action: called with its operator when an action was dispatched.
             on_lost: END or RESEND, what happens to a task during which the Executor is lost.
         """

@@ -95,8 +95,8 @@ class MeasuredMission:
             cancel_after: s of ROS time between sending and cancelling a marked task.
             before_cancel: seconds before the cancel, and what to do then.
             on_change: called when a task begins, is cancelled and has ended.
-            wait_turn: called before each task with what tells whether the mission was stopped; a paused
-                mission waits there.
+            wait_turn: called before each task; a paused mission waits in it. Its argument is a function that
+                returns whether the mission was stopped.
         """
         self.records: List[TaskRecord] = []
         self.start: Optional[float] = None
@@ -126,7 +126,7 @@ class MeasuredMission:
                 self._carry_out(record)
             except Exception:
                 if record in self.records:
-                    self.records.remove(record)  # half a task is no data
+                    self.records.remove(record)  # half a task is not data
                 raise
         return self.records
 

@@ -206,7 +206,7 @@ class MeasuredMissionNode(MissionNode):
     def _judge_factor(self, status: SimStatus) -> None:
         self._spoken = self._spoken + 1 if status.requested_factor == self._requested else 1
         self._requested = status.requested_factor
-        # The first message tells of the change, the second of a second with both factors in it.
+        # The first message reports the change, the second a second with both factors in it.
         if self._spoken > 2 and not status.paused:
             self._factor.reached(status.requested_factor, status.achieved_factor)
 

@@ -44,8 +44,8 @@ class RealTimeFactor:
         Parameters:
             policy: one of POLICIES.
             factor: simulated seconds per second; 0: as fast as possible.
-            set_factor: tells the simulator; returns whether it took the factor. One that it did not take is
-                set again at the next moment that wants it.
+            set_factor: sets it in the simulator; returns whether the simulator took it. A refused factor
+                is set again at the next moment that wants it.
             call_after: the timer.
 
         Raises:
@@ -109,7 +109,7 @@ class RealTimeFactor:
         """What the simulator says that the machine made of a factor, over about a second of wall time.
 
         Parameters:
-            requested: by whoever set it, all that time.
+            requested: by the last call that set it, all that time.
             achieved: simulated seconds per second.
         """
         with self._lock:

@@ -25,7 +25,7 @@ class Profile:
 
     def __post_init__(self) -> None:
         if not (self.way >= 0 and self.speed > 0 and self.acceleration > 0):
-            raise ValueError(f"{self} is no motion: the way must be ≥ 0, the limits > 0")
+            raise ValueError(f"{self} is not a motion: the way must be ≥ 0, the limits > 0")
 
     @property
     def peak(self) -> float:

@@ -73,7 +73,7 @@ class Oracle:
         if length == 0.0:
             return OracleResult(min(self._speech, cancel_after), 0.0)
         turn = angle_between(heading, route.direction)
-        # Turning away helps nobody.
+        # Turning away never helps.
         turning = max(0.0, motion[1] * math.copysign(1.0, turn))
         drive = self._limits.set_off(turn, length, (max(0.0, motion[0]), turning))
         whole = drive.duration + self._speech

@@ -80,7 +80,7 @@ class Outlines:
 
 
 def outlines_of_world(world: World) -> Outlines:
-    """What of a world always stands where it stands: walls, and the furniture that nobody pushes or moves.
+    """The parts of a world that never move: walls, and furniture that is not pushed or moved.
 
     Doors count as long as they never open; people, things with a mass and what is moved by an event do not
     count: a yardstick may have it too easy, never too hard.

@@ -73,7 +73,7 @@ class ShortestPaths:
         free = self._free_points(rims.reshape(-1, 2)).reshape(-1, SAMPLES)
         used = free.any(axis=1)
         self._circles = circles[used]
-        # Number of blocked samples before each, twice round: tells in one step whether an arc is free.
+        # Number of blocked samples before each, twice round: shows in one step whether an arc is free.
         blocked = np.concatenate([~free[used], ~free[used]], axis=1)
         self._blocked = np.concatenate(
             [np.zeros((len(blocked), 1), dtype=int), blocked.cumsum(axis=1)], axis=1
@@ -85,7 +85,7 @@ class ShortestPaths:
     def path(self, start: Point, goal: Point) -> Route:
         """The shortest path.
 
-        Who stands inside an obstacle (by as little as a map is off) is moved out of it for nothing.
+        A point inside an obstacle (by as little as a map is off) is moved out of it at no cost.
 
         Parameters:
             start: m.

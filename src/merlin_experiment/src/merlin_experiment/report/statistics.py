@@ -72,7 +72,7 @@ class Ratio:
         """
         count = len(first)
         if count != len(second) or not count:
-            raise ValueError(f"{count} and {len(second)} values are no pairs")
+            raise ValueError(f"{count} and {len(second)} values are not pairs")
         below = statistics.fmean(second)
         ratio = statistics.fmean(first) / below
         each = tuple(a / b for a, b in zip(first, second))

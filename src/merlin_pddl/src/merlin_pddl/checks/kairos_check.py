@@ -15,7 +15,7 @@ from merlin_pddl.formula_reader import IN_CONSTRAINTS, TRAJECTORY
 from merlin_pddl.plan_text import NO_DURATION, PlanStep
 from merlin_pddl.text_reader import PddlError, read_expression
 
-# What kairos lets pass with a warning and what makes a plan impossible for a reason nobody would find.
+# What kairos accepts with a warning, and what makes a plan impossible for a reason that is hard to find.
 _FATAL_WARNINGS = ("dialect.undeclared_predicate", "dialect.undeclared_function")
 
 

@@ -190,7 +190,7 @@ def run_limited(
 def _child(
     files: Tuple[str, Optional[str], Optional[str]], time_limit: float, max_size: float, pipe: int
 ) -> None:
-    """Checks, tells the parent by the pipe, ends."""
+    """Checks, writes the result into the pipe to the parent, ends."""
 
     def tell(**message: Any) -> None:
         data = json.dumps(message).encode() + b"\n"

@@ -20,7 +20,7 @@ from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_ros.parameters import number
 
-BROKEN_OFF = 1.0  # s without sound, both of ROS time and of running time, after which who spoke has stopped
+BROKEN_OFF = 1.0  # s without sound, both of ROS time and of running time, after which the speaker has stopped
 
 
 class ListenNode:
@@ -34,10 +34,10 @@ class ListenNode:
         self._loud = number("~loudness", 400.0, 1.0)
         self._timeout = number("~timeout", 8.0, 0.1)
         self._clock = RosClock()
-        self._news = threading.Event()  # sound came, or somebody wants it to stop
+        self._news = threading.Event()  # sound came, or a cancel was requested
         self._sound: Deque[np.ndarray] = deque(maxlen=1000)
         self._listening = False
-        self._spoke = False  # somebody, since the goal began
+        self._spoke = False  # a person, since the goal began
         self._heard = self._understood = 0  # utterances
         self._trouble = ""  # what became of the recogniser in the last goal
         self._server = SerialActionServer("listen", ListenAction, self._execute, self._cancel)
@@ -96,8 +96,8 @@ class ListenNode:
         speaking = False
         utterance: Optional[np.ndarray] = None
         while utterance is None:
-            # Who has begun to speak may finish; and fast simulated time gives a busy machine no time to
-            # deliver what was said in it.
+            # A person that has begun to speak may finish; and in fast simulated time a busy machine delivers
+            # the sound late.
             patience = Deadline(BROKEN_OFF if detector.speaking else 0.0)
             left = BROKEN_OFF if detector.speaking else end - rospy.get_time()
             if left > 0.0 and self._clock.wait(left, self._news):

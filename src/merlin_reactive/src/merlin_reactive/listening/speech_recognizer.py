@@ -162,7 +162,7 @@ class UtteranceDetector:
         return None
 
     def finish(self) -> Optional[np.ndarray]:
-        """Ends the utterance now; None when nobody speaks."""
+        """Ends the utterance now; None when there is no speech."""
         frames, self._frames = self._frames, []
         self.speaking, self._quiet = False, 0
         return np.concatenate(frames) if frames else None

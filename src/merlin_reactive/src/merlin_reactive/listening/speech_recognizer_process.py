@@ -81,7 +81,7 @@ class SpeechRecognizerProcess:
             "merlin_reactive.listening.speech_recognizer_process",
             str(self._threshold),
         ]
-        # In a session of its own, where no Ctrl-C reaches it: whoever started it ends it.
+        # In a session of its own, where no Ctrl-C reaches it: the node that started it ends it.
         return subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
@@ -128,13 +128,13 @@ def serve(requests: BinaryIO, answers: BinaryIO, recognizer: SpeechRecognizer) -
         try:
             _write(answers, answer)
         except BrokenPipeError:
-            return  # nobody waits for it any more
+            return  # the node has closed its end
 
 
 def main() -> None:
     """The process: serves its standard input and output."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is not an answer
     serve(sys.stdin.buffer, answers, SpeechRecognizer(float(sys.argv[1])))
 
 

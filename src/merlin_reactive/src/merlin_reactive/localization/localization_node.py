@@ -33,7 +33,7 @@ from merlin_ros.parameters import number
 SILENCE = 3.0  # s of ROS time without a scan after which something is wrong
 UNSURE = 0.5  # m of standard deviation of the position from which it does not know where it is
 SURE_OF_NOTHING = 100.0  # m², rad²: more than any variance of an initial pose
-START_SPREAD = (0.15, 0.10)  # m, rad: how well somebody who switches a robot on knows where it stands
+START_SPREAD = (0.15, 0.10)  # m, rad: how well the start pose of a robot is known
 
 
 class LocalizationNode:

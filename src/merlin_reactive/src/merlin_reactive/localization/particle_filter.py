@@ -26,7 +26,7 @@ class FilterSettings:
     beams: int = 48  # of a scan that are looked at
     sigma: float = 0.10  # of a hit beside an obstacle of the map
     outliers: float = 0.15  # part of the beams that hit what is not on the map
-    informative: float = 0.4  # weight of one beam: they are no independent witnesses
+    informative: float = 0.4  # weight of one beam: they are not independent witnesses
     distance_noise: float = 0.08  # per metre driven
     turn_noise: float = 0.08  # per radian turned
     turn_per_metre: float = 0.04  # rad per metre driven
@@ -159,7 +159,7 @@ class ParticleFilter:
         outliers = self._settings.outliers
         likelihood = (1 - outliers) * np.exp(-((distance / self._settings.sigma) ** 2) / 2) + outliers
         fits = np.log(likelihood).mean(axis=1)
-        # Nobody stands in a wall.
+        # The robot cannot stand in a wall.
         own = np.clip(((poses[:, 1] - self.grid.origin[1]) / self.grid.resolution).astype(int), 0, height - 1)
         across = np.clip(
             ((poses[:, 0] - self.grid.origin[0]) / self.grid.resolution).astype(int), 0, width - 1

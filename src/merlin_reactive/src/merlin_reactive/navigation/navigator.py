@@ -27,7 +27,7 @@ STOP_GAP = 0.25  # m before the place where an obstacle would be too close at wh
 STANDING = 0.02  # m/s and rad/s below which the robot counts as standing
 CREEP = 0.03  # m/s below which it rather stands
 HERE = 0.7  # m within which waiting goes on and does not begin anew
-GIVE_WAY = 0.5  # m that it backs off for somebody who waits for it
+GIVE_WAY = 0.5  # m that it backs off for a person who waits for it
 RECOVERY_WAY = 0.15  # m that it backs off when it does not get away
 BACK_SPEED = 0.1  # m/s
 STOP_RESERVE = 0.01  # m inside the tolerance of the goal that stopping is aimed at
@@ -55,7 +55,7 @@ class NavigationSettings:
     cruise: Cruise = field(default_factory=Cruise)
     xy_goal_tolerance: float = 0.10
     yaw_goal_tolerance: float = 0.10  # pi or more: any final yaw
-    replan_after: float = 1.0  # waited for somebody to go away before a way round is looked for
+    replan_after: float = 1.0  # s to wait for a person to go away before it plans a detour
     patience: float = 20.0  # waited in all before it gives up
     recover_after: float = 4.0  # without movement, though nothing blocks the path
     recoveries: int = 3
@@ -162,7 +162,7 @@ class Navigator:
             return DriveStep(0.0, 0.0, DriveOutcome.NO_PLAN, f"{NO_PLAN_TEXT} {why}")
         self._moved_at, self._moved_from = now, pose  # standing is right here
         if waited >= self.settings.patience / 2 and not self._gave_way:
-            # Two who wait for each other in a doorway wait for ever.
+            # A robot and a person that wait for each other in a doorway wait for ever.
             self._gave_way = True
             self._backing, self._backing_way, self._backing_since = pose, GIVE_WAY, now
         return DriveStep(0.0, 0.0, DriveOutcome.WAITING, "something is in the way")

@@ -47,7 +47,7 @@ class VelocityGate:
                 publish(self._publisher, Twist())
 
     def stop(self) -> None:
-        """Stops the robot, whoever owns the gate."""
+        """Stops the robot, also when another goal owns the gate."""
         with self._lock:
             self._owner = None
             with contextlib.suppress(rospy.ROSException):  # the topic may have closed before

@@ -16,11 +16,11 @@ TOLERANCE = (
 
 
 class NotPlaced(Exception):
-    """Nobody says where the camera was; the text says what is missing."""
+    """It is not known where the camera was; the text says what is missing."""
 
 
 class CameraPlacement(tf2_ros.Buffer):
-    """A transform buffer that wakes who waits for a transform.
+    """A transform buffer that wakes the waiters for a transform.
 
     :param frame: that poses are wanted in.
     """

@@ -35,7 +35,7 @@ class CameraView:
         return flat[:, :2] / flat[:, 2:]
 
     def box(self, points: np.ndarray) -> Optional[Box]:
-        """The rectangle around points of the map, as far as it lies in the picture; None: nothing does."""
+        """The part of the rectangle around points of the map that lies in the picture, or None."""
         pixels = self.project(points)
         if pixels is None:
             return None

@@ -12,7 +12,7 @@ PERSON = "person"
 TAG = "tag"  # followed by _ and its number in results
 PERSON_RADIUS = 0.22  # m, of the body
 PERSON_HEIGHT = 1.7  # m
-SEAT = 0.45  # m that somebody who sits is shorter
+SEAT = 0.45  # m by which a sitting person is shorter
 SHOULDERS = 1.44  # m above the floor: the body ends here
 HEAD_RADIUS = 0.13  # m
 CLOTHES = "#b04a7a"
@@ -29,7 +29,7 @@ class ObjectClass:
 
     :param color: of the whole, or of what the dark part leaves.
     :param dark_height: share of the height, from the top, that is dark: a full cup.
-    :param dark_radius: share of the radius that is dark on the top: a plate somebody ate from.
+    :param dark_radius: share of the radius that is dark on the top: a used plate.
     :param meaning: what it stands for, in a few words.
     """
 

@@ -18,7 +18,7 @@ LEAST_SCORE = 0.5
 
 
 class UnknownClass(ValueError):
-    """A class that nobody here can recognise; the text names those that can be."""
+    """A class that cannot be recognised; the text names the known ones."""
 
 
 class Detector(Protocol):
@@ -60,7 +60,7 @@ class ObjectRecognizer:
         :param picture: height x width x 3, RGB, 0..255.
         :param classes: what to report; empty: everything.
         :param stop: asked between the detectors; when it says yes, what has been seen so far is returned.
-        :raises UnknownClass: for a name that is none.
+        :raises UnknownClass: for a name that is not a class.
         """
         check_classes(classes)
         sightings: List[Sighting] = []

@@ -23,7 +23,7 @@ from merlin_reactive.recognition.sighting import Sighting
 LEAST_PIXELS = 150
 LEAST_WIDTH = 10  # pixels
 LEAST_WHOLE = 0.2  # share of a body's rows that the picture's edge must not cut
-STANDS = 0.8  # likeness to somebody seen down to the feet from which on the feet tell the distance
+STANDS = 0.8  # likeness to a person seen down to the feet, above which the distance follows from the feet
 _RING = np.linspace(0.0, 2 * math.pi, 24, endpoint=False)
 
 
@@ -66,7 +66,7 @@ class PersonDetector:
             return None
         filled = min(1.0, float(rows.mean()) / 0.9)
         head = _head(place, skin, view)
-        if head is not None:  # somebody who sits is as good a person
+        if head is not None:  # a sitting person is one too
             head = max(head, _head(place, skin, view, PERSON_HEIGHT - SEAT) or 0.0)
         distance = float(np.linalg.norm(place[:2] - view.position[:2]))
         pixel = distance / view.matrix[0, 0]
@@ -104,7 +104,7 @@ def _sides(rows: np.ndarray, cut_left: bool, cut_right: bool) -> Optional[Tuple[
 
 
 def _by_width(middle: Tuple[float, float], width: float, view: CameraView) -> Optional[np.ndarray]:
-    """Where somebody stands who appears that wide."""
+    """Where a person stands that appears that wide."""
     ahead = view.ray(*middle)
     level = math.hypot(ahead[0], ahead[1])
     if level < 0.1:
@@ -146,7 +146,7 @@ def _width_at(place: np.ndarray, view: CameraView, row: float) -> float:
 
 
 def _by_feet(box: Box, view: CameraView) -> Optional[np.ndarray]:
-    """Where somebody stands whose clothes end at the bottom of a rectangle."""
+    """Where a person stands whose clothes end at the bottom of a rectangle."""
     u, v = (box[0] + box[2]) / 2 - 0.5, box[3] - 0.5
     place = None
     for _ in range(4):

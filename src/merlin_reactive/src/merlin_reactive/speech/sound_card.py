@@ -33,7 +33,7 @@ class SoundCard:
         if self._device:
             command += ["-D", self._device]
         try:
-            # A file instead of a pipe: nobody has to feed it while it plays.
+            # A file instead of a pipe: no thread has to feed it while it plays.
             with tempfile.TemporaryFile() as file:
                 file.write(sound.samples.astype("<i2").tobytes())
                 file.seek(0)

@@ -39,7 +39,7 @@ CHUNK = 0.2  # s of sound per message and per feedback
 
 
 class Speaker:
-    """Plays one sound after the other, in ROS time; who waits for its turn is stopped as who plays."""
+    """Plays one sound after the other, in ROS time; a sound that waits for its turn can be stopped too."""
 
     def __init__(self, clock: RosClock, card: SoundCard) -> None:
         self._clock = clock
@@ -74,7 +74,7 @@ class Speaker:
                 self._turn.notify_all()
 
     def wake(self) -> None:
-        """Lets who plays and who waits look at its stop event."""
+        """Wakes the goals that play or wait so that they re-check their stop events."""
         self._clock.wake()
         with self._turn:
             self._turn.notify_all()
@@ -236,7 +236,7 @@ class SpeechNode:
         if request.command not in (SoundRequest.PLAY_ONCE, SoundRequest.PLAY_START):
             raise SoundError(f"unknown command {request.command}")
         if not math.isfinite(request.volume):
-            raise SoundError(f"the volume {request.volume} is no number from 0 to 1")
+            raise SoundError(f"the volume {request.volume} is not a number from 0 to 1")
         if request.sound == SoundRequest.SAY:
             sound = self._synthesizer.say(request.arg, request.arg2, stop)
         elif request.sound == SoundRequest.PLAY_FILE:

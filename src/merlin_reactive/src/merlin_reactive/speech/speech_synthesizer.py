@@ -21,11 +21,11 @@ class SoundError(Exception):
 
 
 class SoundStopped(SoundError):
-    """A sound that nobody wants any more."""
+    """A synthesis that was stopped."""
 
 
 class StopSound(threading.Event):
-    """Set from another thread, it ends a synthesis that runs, and whoever waits for it."""
+    """Set from another thread, it ends a running synthesis and all waits for it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -86,7 +86,7 @@ class SpeechSynthesizer:
         if not key[0]:
             raise SoundError("there is no text to say")
         if "\0" in key[1]:
-            raise SoundError(f"{key[1]!r} is no name of a voice")
+            raise SoundError(f"{key[1]!r} is not a name of a voice")
         with self._lock:
             if key in self._cache:
                 self._cache.move_to_end(key)
@@ -101,7 +101,7 @@ class SpeechSynthesizer:
     def _synthesize(self, text: str, voice: str, stop: StopSound) -> Sound:
         handle, path = tempfile.mkstemp(suffix=".wav")
         os.close(handle)
-        # --stdin: a text that begins with a dash is no option.
+        # --stdin: a text that begins with a dash is not an option.
         command = ["espeak-ng", "-v", voice, "-s", str(self._speed), "-w", path, "--stdin"]
         try:
             code, said = _run(command, text.encode(), stop)

@@ -370,7 +370,7 @@ class ActionClient:
 
 
 class _Connected(rospy.SubscribeListener):
-    """Wakes who waits for a server when one connects."""
+    """Wakes the waiters for a server when one connects."""
 
     def __init__(self, changed: threading.Condition) -> None:
         super().__init__()

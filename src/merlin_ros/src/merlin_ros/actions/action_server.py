@@ -33,7 +33,7 @@ class ServerGoal:
     """A goal that a server received, and what becomes of it.
 
     The verbs that end it (:meth:`succeed`, :meth:`abort`, :meth:`cancelled`, :meth:`reject`) return False,
-    and do nothing, when it has ended already: whoever comes first decides.
+    and do nothing, when it has ended already: the first call decides.
     """
 
     def __init__(self, server: "ActionServer", goal_id: GoalID, goal: Any) -> None:
@@ -62,7 +62,7 @@ class ServerGoal:
 
     @property
     def cancel_requested(self) -> bool:
-        """Whether somebody wants it to stop."""
+        """Whether its cancel was requested."""
         return self.cancel_event.is_set()
 
     @property
@@ -101,7 +101,7 @@ class ServerGoal:
         )
 
     def feedback(self, feedback: Any) -> None:
-        """Tells the client how it goes; nothing is sent after the end."""
+        """Publishes feedback to the client; nothing is sent after the end."""
         with self._server.lock:
             if not self.done:
                 self._server.publish_feedback(self._status, feedback)

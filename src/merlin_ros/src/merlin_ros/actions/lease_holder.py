@@ -122,7 +122,7 @@ class _Lease:
             self._publisher.unregister()
 
     def advertise(self) -> None:
-        """Tells the master, before the first goal: servers connect meanwhile."""
+        """Registers with the master before the first goal, so that servers connect meanwhile."""
         if self._publisher is None:
             self._publisher = rospy.Publisher(self.topic, Lease, queue_size=10)
 

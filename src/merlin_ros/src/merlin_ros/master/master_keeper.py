@@ -1,4 +1,4 @@
-"""Keeps a node registered with its master, and tells when the master is lost and when it is back."""
+"""Keeps a node registered with its master, and reports when the master is lost and when it is back."""
 
 import queue
 import threading
@@ -130,7 +130,7 @@ class MasterKeeper:
         try:
             self._parameters.look(master_link.bounded_master(PING_TIMEOUT))
         except ERRORS:
-            return  # the next question tells whether the master is lost
+            return  # the next call shows whether the master is lost
 
     def _lose(self) -> None:
         master_link.lost.set()

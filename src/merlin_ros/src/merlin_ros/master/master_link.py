@@ -185,8 +185,8 @@ _known = _Known()
 def get_param(name: str, default: Any = _NO_DEFAULT) -> Any:
     """A parameter, while the robot works: `rospy.get_param` that ends.
 
-    A master that does not answer is no reason to stop: the value that was read last is given then. A master
-    that was started anew gets it back (see `merlin_ros.master.registration`).
+    A master that does not answer does not end the node: the value that was read last is returned then.
+    A master that was started anew gets it back (see `merlin_ros.master.registration`).
 
     :param name: relative and private names allowed.
     :param default: when it is not set.

@@ -22,7 +22,7 @@ class Namesake(NamedTuple):
     """Its process id; 0: it does not answer."""
 
     def refusal(self) -> str:
-        """The sentence for the one who starts a second node of the name."""
+        """The error message for a second node of the name."""
         if self.process:
             which = f"process {self.process} at {self.uri}"
             remedy = "end that one first"

@@ -67,7 +67,7 @@ class KeptParameters:
 
 
 def _leaves(name: str, value: Any) -> List[Any]:
-    """A parameter's parts that are no mappings: one of them may have been set anew, the others not."""
+    """A parameter's parts that are not mappings: one of them may have been set anew, the others not."""
     if not isinstance(value, dict) or not value:
         return [(name, value)]
     return [leaf for key, part in value.items() for leaf in _leaves(f"{name}/{key}", part)]

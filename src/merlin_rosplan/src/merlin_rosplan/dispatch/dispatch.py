@@ -1,7 +1,7 @@
 """Dispatching one plan: starts what the schedule allows, watches what runs, stops at the first failure.
 
-One thread runs a dispatch and decides; everybody else only puts events into its queue. So nothing polls, and
-no decision is made with a lock held. Whatever waits in the queue is taken in before anything is judged.
+One thread runs a dispatch and decides; all other threads only put events into its queue. So nothing polls,
+and no decision is made with a lock held. All events in the queue are handled before conditions are checked.
 """
 
 import logging
@@ -78,7 +78,7 @@ class PlanDispatch:
     # --- from any thread --------------------------------------------------------------------------
 
     def put(self, event: Event) -> None:
-        """Tells the dispatch that something has happened."""
+        """Passes an event to the dispatch."""
         self._events.put(event)
 
     def cancel(self, reason: str = "cancelled") -> None:
@@ -150,7 +150,7 @@ class PlanDispatch:
                 first = record.acknowledge.remaining()
                 patience = min(patience, first if first > 0 else min(record.accept.remaining(), 1.0))
             else:
-                patience = min(patience, 1.0)  # its interface may die in silence
+                patience = min(patience, 1.0)  # its interface may die without an answer
             if record.grace is not None:
                 patience = min(patience, record.grace.remaining())
         patience = min([patience, *self._coming.time_left(self._running.values())])
@@ -335,7 +335,7 @@ class PlanDispatch:
     # --- stopping -----------------------------------------------------------------------------------
 
     def _stop_running(self) -> None:
-        """Tells the running interfaces to stop and waits for their answers."""
+        """Sends cancels to the running interfaces and waits for their answers."""
         while self._taken_in:
             self._answer(self._taken_in.popleft())
         if not self._running:
@@ -348,7 +348,7 @@ class PlanDispatch:
             left = deadline.remaining()
             if left <= 0:
                 break
-            self._take_in(min(left, 1.0))  # who dies in silence is noticed every second
+            self._take_in(min(left, 1.0))  # an interface that died is noticed within a second
             answered = len(self._running)
             while self._taken_in:
                 self._answer(self._taken_in.popleft())

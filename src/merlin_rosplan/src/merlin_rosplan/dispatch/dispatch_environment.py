@@ -1,4 +1,4 @@
-"""What a dispatch tells and needs: states, report, the events it reacts to, and the world outside it."""
+"""What a dispatch reports and needs: states, report, the events that it reacts to, and its environment."""
 
 import abc
 from dataclasses import dataclass
@@ -143,11 +143,11 @@ class DispatchEnvironment(abc.ABC):
 
     @abc.abstractmethod
     def send_cancel(self, action: PlannedAction) -> None:
-        """Tells the action's interface to stop."""
+        """Sends a cancel to the action's interface."""
 
     @abc.abstractmethod
     def close(self, action: PlannedAction) -> None:
-        """Publishes the tombstone, so that nobody who subscribes later executes the last action."""
+        """Publishes the tombstone, so that a late subscriber does not execute the last action."""
 
     @abc.abstractmethod
     def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
@@ -206,7 +206,7 @@ class Feedback(NamedTuple):
 
 
 class CancelRequest(NamedTuple):
-    """Somebody wants the dispatch to stop."""
+    """A request to stop the dispatch."""
 
     reason: str
 

@@ -63,7 +63,7 @@ class GraphSchedule(Schedule):
         """Edges whose source has happened and whose sink has not."""
         return {
             edge
-            for node in list(self._time)  # a copy: whoever draws reads while the dispatch goes on
+            for node in list(self._time)  # a copy: the drawing thread reads while the dispatch goes on
             for edge in self._graph.nodes[node].edges_out
             if self._graph.edges[edge].sink not in self._time
         }

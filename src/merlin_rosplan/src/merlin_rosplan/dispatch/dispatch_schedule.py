@@ -19,7 +19,7 @@ class PlannedAction:
     name: PDDL operator.
     parameters: (label, object), in the order of the operator's parameters.
     duration, time: planned, s.
-    message: what the plan had it from, for whoever publishes it.
+    message: the message of the plan that it came from, for publishing.
     """
 
     id: int

@@ -19,14 +19,14 @@ class PlanTerm(NamedTuple):
     arguments: Tuple[str, ...] = ()
 
     def ground(self, binding: Dict[str, str]) -> "PlanTerm":
-        """Variables replaced; what is no variable is a constant and stands for itself."""
+        """Variables replaced; what is not a variable is a constant and stands for itself."""
         return PlanTerm(self.name, tuple([binding.get(argument, argument) for argument in self.arguments]))
 
     @property
     def key(self) -> "PlanTerm":
         """The atom for comparing: names in PDDL do not depend on case."""
         lower = PlanTerm(self.name.lower(), tuple([argument.lower() for argument in self.arguments]))
-        return self if lower == self else lower  # most are: one object for all who keep it
+        return self if lower == self else lower  # most are: one shared object
 
     def __str__(self) -> str:
         return "(" + " ".join((self.name,) + self.arguments) + ")"

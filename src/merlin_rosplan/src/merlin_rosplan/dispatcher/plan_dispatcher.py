@@ -42,7 +42,7 @@ from merlin_rosplan.transport.handover import Handover
 
 SCOPE = "rosplan_plan_dispatcher"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
-SLACK = 1.0  # s beyond the cancel deadline that the dispatch of an owner who is gone gets to end
+SLACK = 1.0  # s beyond the cancel deadline for the dispatch of a lost owner to end
 
 
 class PlanDispatcher(Component):
@@ -105,7 +105,7 @@ class PlanDispatcher(Component):
         self.service("cancel_dispatch", Empty, self._serve_cancel)
 
     def on_shutdown(self) -> None:
-        """Tells running interfaces to stop and gives them a moment to answer."""
+        """Cancels the dispatch and waits a moment for its end."""
         with self._state:
             dispatch = self._dispatch
             self._state.notify_all()
@@ -154,7 +154,7 @@ class PlanDispatcher(Component):
         if dispatch is None:
             rospy.loginfo("%s: cancel_dispatch: nothing is dispatched", self.scope)
         else:
-            # As in ROSPlan the answer is no news of the end: that comes from dispatch_plan.
+            # As in ROSPlan the answer is not news of the end: that comes from dispatch_plan.
             dispatch.cancel("cancelled by cancel_dispatch")
         return EmptyResponse()
 
@@ -195,7 +195,7 @@ class PlanDispatcher(Component):
     def _goal_owner_changed(self, goal: ServerGoal, state: LeaseState, reason: str) -> None:
         with self._state:
             mine = self._goal is goal
-        if mine and state is not LeaseState.LOST:  # the server cancels the goal of an owner who is gone
+        if mine and state is not LeaseState.LOST:  # the server cancels the goal of a lost owner
             self._owner.changed(state, reason)
 
     # --- one dispatch -------------------------------------------------------------------------------

@@ -54,7 +54,7 @@ class PlanKnowledge:
         local = Component.in_process(self._client.name)
         if local is None:
             return self._ask_operator(name)
-        # A knowledge base keeps its domain as long as it lives; how long another process lives nobody knows.
+        # A knowledge base keeps its domain as long as it lives; how long another process lives is not known.
         with self._lock:
             if self._operators_of is not local:
                 self._operators_of = local

@@ -196,7 +196,7 @@ class EffectApplier:
         current = self._state.value((target.name, *[arg.lower() for arg in args]))
         if effect.op != ASSIGN and current is None:
             if target == TOTAL_COST:
-                return  # it only judges plans; nobody gave it a value, so nobody asks for it
+                return  # it only rates plans; it has no value, so no condition reads it
             raise UpdateRefused(f"({' '.join((target.name, *args))}) has no value that could {effect.op}")
         values.append((FunctionValue(target.name, args, operand), effect.op))
 
@@ -209,7 +209,7 @@ class EffectApplier:
         if op != ASSIGN:
             result = arithmetic(OPERATIONS[op], (before, value.value))
         if result is None:
-            raise UpdateRefused(f"{value.text()}: {before} {op} {value.value} is no number")
+            raise UpdateRefused(f"{value.text()}: {before} {op} {value.value} is not a number")
         changes.set(FunctionValue(value.name, value.args, result), op)
 
 

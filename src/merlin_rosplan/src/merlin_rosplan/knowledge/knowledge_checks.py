@@ -63,7 +63,7 @@ class KnowledgeChecks:
             raise UpdateRefused(f"the name of the new {kind} is empty")
         if not is_name(item.name):
             raise UpdateRefused(
-                f"'{item.name}' is no name in PDDL: a letter first, then letters, digits, '-' and '_'"
+                f"'{item.name}' is not a name in PDDL: a letter first, then letters, digits, '-' and '_'"
             )
         return Instance(kind, self._state.spelling(item.name) or item.name)
 
@@ -82,7 +82,7 @@ class KnowledgeChecks:
 
         Raises
         ------
-        UpdateRefused: as for a fact, or the value is no finite number.
+        UpdateRefused: as for a fact, or the value is not a finite number.
         """
         signature = self._signature(item.name, self._domain.functions, "function")
         args = self._arguments(signature, item.args)
@@ -168,5 +168,5 @@ class KnowledgeChecks:
         if isinstance(value, Arithmetic):
             return Arithmetic(value.op, tuple(self._numeric(part) for part in value.parts))
         if isinstance(value, Number) and not math.isfinite(value.value):
-            raise UpdateRefused(f"{value.value} is no finite number")
+            raise UpdateRefused(f"{value.value} is not a finite number")
         return value

@@ -93,7 +93,7 @@ class KnowledgeTables(WorldState):
         for type_name in types:
             for name in self.domain.constants_of(type_name):
                 found[name] = None
-            # types nobody declared can only be stored when not strict: they are objects
+            # undeclared types can only be stored when not strict: they are objects
             below = self.domain.types.subtypes(type_name)
             listed = self.instances.types() if type_name == "object" else below
             for kind in listed:

@@ -82,7 +82,7 @@ class KnowledgeStore:
         self._due: List[Tuple[int, int]] = []  # heap of (time, key) of timed items, some of them gone
         self._listeners: List[Callable[[Change], None]] = []
         self._undelivered: Deque[Change] = deque()
-        self._delivery = threading.Lock()  # owned by who tells the listeners: keeps versions in order
+        self._delivery = threading.Lock()  # held while the listeners are called: keeps versions in order
         if journal is not None:
             try:
                 self._load(journal)

@@ -61,7 +61,7 @@ def read_ontology(path: str, properties: Optional[Iterable[str]] = None) -> Onto
 
     Raises
     ------
-    OntologyError: rdflib is missing, the file is no ontology, or two names become one in PDDL.
+    OntologyError: rdflib is missing, the file is not an ontology, or two names become one in PDDL.
     """
     try:
         rdflib = importlib.import_module("rdflib")
@@ -75,7 +75,7 @@ def read_ontology(path: str, properties: Optional[Iterable[str]] = None) -> Onto
     except OSError as error:
         raise OntologyError(f"{path} cannot be read: {error.strerror or error}") from error
     except Exception as error:  # each of rdflib's parsers has exceptions of its own
-        raise OntologyError(f"{path} is no ontology: {str(error)[:200]}") from error
+        raise OntologyError(f"{path} is not an ontology: {str(error)[:200]}") from error
     return _Reader(rdflib, graph).read(None if properties is None else {name.lower() for name in properties})
 
 

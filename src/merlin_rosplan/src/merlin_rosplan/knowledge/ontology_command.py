@@ -16,7 +16,7 @@ def add_to_domain(text: str, source: str, ontology: Ontology) -> str:
 
     Raises
     ------
-    PddlError: it is no domain.
+    PddlError: it is not a domain.
     """
     _, sections = open_definition(read_expression(text, source), "domain")
     additions = {":types": ontology.type_lines(), ":predicates": ontology.predicate_lines()}

@@ -69,7 +69,7 @@ def facts_of(predicate: str, result: Any, choices: Sequence[Sequence[str]]) -> D
     facts: Dict[Fact, Value] = {}
     for entry in result:
         if not isinstance(entry, (list, tuple)) or len(entry) != 2:
-            raise SensingError(f"{entry!r} in the result is no pair ('object:object', value)")
+            raise SensingError(f"{entry!r} in the result is not a pair ('object:object', value)")
         names, value = entry[0], _plain(entry[1])
         arguments = tuple(str(names).split(":")) if str(names) else ()
         if len(arguments) != len(choices):
@@ -102,7 +102,7 @@ class SensedFacts:
         return bool(self._news)
 
     def forget_told(self, names: Iterable[str] = ()) -> bool:
-        """Somebody else changed these predicates (none: all): they are told again, if there are any."""
+        """Another client changed these predicates (none: all): they are sent again, if there are any."""
         wanted = {name.lower() for name in names}
         self._news |= {fact for fact in self._values if not wanted or fact[0].lower() in wanted}
         return bool(self._news)

@@ -25,7 +25,7 @@ Item = Union[Instance, Fact, FunctionValue]
 
 @dataclass
 class Change:
-    """What one transaction changed, for those who watch. Facts that turned round are removed and added."""
+    """What one transaction changed, for listeners. Facts that turned round are removed and added."""
 
     version: int
     client: str
@@ -42,7 +42,7 @@ Step = Tuple["Table[Any]", Any, Any, Any]
 
 
 class Transaction:
-    """Changes a state step by step and can take all of it back. Who makes one holds the store's lock.
+    """Changes a state step by step and can take all of it back. The caller holds the store's lock.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ class Transaction:
 
         Raises
         ------
-        UpdateRefused: there is no value to change, or the result is no number.
+        UpdateRefused: there is no value to change, or the result is not a number.
         """
         key = item.key
         known_key = key if "" not in key else next(self.state.values.match(key[0], key[1:]), None)
@@ -168,7 +168,7 @@ class Transaction:
                 raise UpdateRefused(f"{item.text()} has no value yet that could {item.op}")
             value = arithmetic(OPERATIONS[item.op], (known.value, item.value))
             if value is None:
-                raise UpdateRefused(f"{item.text()}: {known.value} {item.op} {item.value} is no number")
+                raise UpdateRefused(f"{item.text()}: {known.value} {item.op} {item.value} is not a number")
         assert value is not None
         if known is None:
             self.put(

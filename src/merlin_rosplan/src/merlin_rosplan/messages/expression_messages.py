@@ -97,7 +97,7 @@ def read_expression(message: ExprComposite) -> Numeric:
 
     Raises
     ------
-    UpdateRefused: the tokens are no prefix notation.
+    UpdateRefused: the tokens are not prefix notation.
     """
     tokens = message.tokens
     if not tokens:
@@ -115,7 +115,7 @@ def read_expression(message: ExprComposite) -> Numeric:
             raise UpdateRefused("an operator of a numeric expression lacks an operand")
         parts = tuple(stack.pop() for _ in range(wanted))
         if token.op != ExprBase.UMINUS and token.op not in _OPERATION_NAMES:
-            raise UpdateRefused(f"{token.op} is no operator of numeric expressions")
+            raise UpdateRefused(f"{token.op} is not an operator of numeric expressions")
         stack.append(Arithmetic(_OPERATION_NAMES.get(token.op, "-"), parts))
         if _depth_exceeded(len(tokens), stack[-1]):
             raise UpdateRefused("a numeric expression is nested too deeply")
@@ -157,6 +157,6 @@ def read_comparison(message: DomainInequality) -> Comparison:
     UpdateRefused: it is malformed.
     """
     if message.comparison_type not in _COMPARISON_NAMES:
-        raise UpdateRefused(f"{message.comparison_type} is no comparison")
+        raise UpdateRefused(f"{message.comparison_type} is not a comparison")
     name = _COMPARISON_NAMES[message.comparison_type]
     return Comparison(name, read_expression(message.LHS), read_expression(message.RHS))

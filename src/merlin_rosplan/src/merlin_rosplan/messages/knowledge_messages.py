@@ -73,7 +73,7 @@ class KnowledgeReader:
                 )
             op = _ASSIGNMENTS[message.assign_op]
             return FunctionValue(message.attribute_name, args, message.function_value, since, op, labels)
-        raise UpdateRefused(f"knowledge_type {kind} is no instance, fact or function value")
+        raise UpdateRefused(f"knowledge_type {kind} is not an instance, fact or function value")
 
     def goal(self, message: KnowledgeItem, objects: Objects) -> Goal:
         """A goal: instance, fact, inequality, or an expression with PDDL text in `attribute_name`.

@@ -89,7 +89,7 @@ def _with_wild(effects: TimedEffects, written: Iterable[Effect], when: str, doma
 
 
 def _rest(condition: Condition, domain: Domain) -> List[Condition]:
-    """The conjuncts that are no list of literals, and the derived ones among the literals."""
+    """The conjuncts that are not lists of literals, and the derived ones among the literals."""
     if isinstance(condition, And):
         return [found for part in condition.parts for found in _rest(part, domain)]
     if isinstance(condition, Not) and isinstance(condition.part, Or):

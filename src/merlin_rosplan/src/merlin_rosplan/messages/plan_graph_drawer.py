@@ -1,4 +1,4 @@
-"""Draws the plan graph for whoever looks at it, beside the dispatch and never in its way."""
+"""Draws the plan graph for its subscribers, beside the dispatch and never in its way."""
 
 import threading
 from typing import List, Optional, Set
@@ -13,13 +13,13 @@ from merlin_rosplan.dispatch.dispatch_schedule import PlanError
 from merlin_rosplan.dispatch.plan_graph import Node, NodeType, PlanGraph
 from merlin_rosplan.messages.plan_graph_messages import graph_from_message, graph_to_dot
 
-SMALL = 500  # edges: such a graph is drawn at every change, a larger one only when somebody subscribes
+SMALL = 500  # edges: such a graph is drawn at every change, a larger one only when there is a subscriber
 
 
 class PlanGraphDrawer(rospy.SubscribeListener):
     """Publishes the graph of the current plan as DOT text, latched.
 
-    Changes that come faster than it draws are drawn once. A large graph is not drawn while nobody looks:
+    Changes that come faster than it draws are drawn once. A large graph is not drawn without subscribers:
     its text grows with the plan, and so would the cost of every step.
 
     Parameters
@@ -66,7 +66,7 @@ class PlanGraphDrawer(rospy.SubscribeListener):
             self._changed.notify()
 
     def peer_subscribe(self, topic_name: str, topic_publish: object, peer_publish: object) -> None:
-        """Somebody looks: what is latched may be old."""
+        """A subscriber has come: the latched drawing may be old."""
         self.refresh()
 
     def shutdown(self) -> None:

@@ -36,7 +36,7 @@ class UpdateReader:
         if kind in (Request.ADD_KNOWLEDGE, Request.REMOVE_KNOWLEDGE):
             adding = kind == Request.ADD_KNOWLEDGE
             if message.knowledge_type in _CONDITIONS and not (adding and self._strict):
-                return  # a condition is no knowledge: ROSPlan does nothing with it
+                return  # a condition is not knowledge: ROSPlan does nothing with it
             item = self._reader.item(message)
             at = message.initial_time.to_nsec()
             (transaction.add if adding else transaction.remove)(item, at)

@@ -1,8 +1,8 @@
 """Long lists of knowledge items on the wire, without the cost of generated code.
 
 The generated classes need some 25 µs for one item in each direction: seconds for a large knowledge base, in
-which nobody else is served. Here an answer is joined from bytes that are kept with the rows, and a request is
-read into plain objects.
+which no other client is served. Here an answer is joined from bytes that are kept with the rows, and a
+request is read into plain objects.
 """
 
 import io
@@ -240,13 +240,13 @@ def _read_item(data: bytes, position: int) -> Tuple[WireItem, int]:
 
 
 class UpdateArray(KnowledgeUpdateServiceArray):
-    """KnowledgeUpdateServiceArray for who serves it; its clients use the generated class."""
+    """KnowledgeUpdateServiceArray for its server; the clients use the generated class."""
 
     _request_class = UpdateArrayRequest
 
 
 class Query(KnowledgeQueryService):
-    """KnowledgeQueryService for who serves it."""
+    """KnowledgeQueryService for its server."""
 
     _request_class = QueryRequest
 

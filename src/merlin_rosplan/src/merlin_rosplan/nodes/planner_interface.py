@@ -253,7 +253,7 @@ class PlannerInterface(Component):
             return None
         if not os.path.isdir(data_path):
             rospy.logwarn(
-                "%s: data_path %s is no folder: the planner's output is not kept", self.scope, data_path
+                "%s: data_path %s is not a folder: the planner's output is not kept", self.scope, data_path
             )
             return None
         return data_path

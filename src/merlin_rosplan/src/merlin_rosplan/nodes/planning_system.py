@@ -46,7 +46,7 @@ def component_class(kind: str) -> Any:
     ComponentError: there is no such kind.
     """
     if kind not in KINDS:
-        raise ComponentError(f"'{kind}' is no kind of component; there are {', '.join(sorted(KINDS))}")
+        raise ComponentError(f"'{kind}' is not a kind of component; there are {', '.join(sorted(KINDS))}")
     module, name = KINDS[kind]
     return getattr(importlib.import_module(module), name)
 
@@ -58,7 +58,7 @@ def make_components(_scope: str) -> None:
         raise ComponentError("~components must map scopes to kinds of component")
     order = list(KINDS)
     classes = [(scope, kind, component_class(kind)) for scope, kind in components.items()]
-    # the parameter server does not keep the order of a mapping: who is asked starts before who asks
+    # the parameter server does not keep the order of a mapping: a server starts before its clients
     for scope, _, make in sorted(classes, key=lambda entry: (order.index(entry[1]), entry[0])):
         component: Component = make(scope)
         rospy.logdebug("%s started", component.scope)

@@ -35,7 +35,9 @@ class ProblemInterface(Component):
         extension = os.path.splitext(self._path(""))[1].lower()
         if extension in (".rddl", ".hddl") or (not extension and language not in ("", "pddl")):
             raise ComponentError(f"only PDDL problems can be written, not {language or extension}")
-        self._generating = threading.Lock()  # owned by who generates: file and topic tell the same problem
+        self._generating = (
+            threading.Lock()
+        )  # held while a problem is generated: file and topic show the same problem
         self._knowledge_base = self.knowledge_base  # asking the master each time costs as much as the problem
         self._client: Optional[KnowledgeSnapshots] = None
         topic = self.resolve(str(self.param("problem_topic", "problem_instance")))

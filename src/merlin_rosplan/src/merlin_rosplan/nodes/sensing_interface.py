@@ -80,7 +80,7 @@ class SensingInterface(Component):
                 self._add_service(predicate, entry)
 
     def on_shutdown(self) -> None:
-        """Ends the thread that tells."""
+        """Ends the thread that updates the knowledge base."""
         self._teller.close()
 
     # --- configuration ------------------------------------------------------------------------------

@@ -20,13 +20,13 @@ class TimedKnowledge:
     Parameters
     ----------
     store: holds the items.
-    client: who is named as the author of the changes.
+    client: the name that is reported as the author of the changes.
     """
 
     def __init__(self, store: KnowledgeStore, client: str) -> None:
         self._store = store
         self._client = client
-        # rospy wakes everybody on this condition when /clock moves; it guards the two flags below
+        # rospy wakes all waiters on this condition when /clock moves; it guards the two flags below
         self._time = get_rostime_cond()
         self._ended = False
         self._changed = False

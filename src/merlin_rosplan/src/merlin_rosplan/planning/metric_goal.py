@@ -5,7 +5,7 @@ from typing import NamedTuple, Optional
 
 from merlin_pddl.text_reader import Expression, Node, PddlError, read_expression
 
-#: What is no function of the last state, so that no goal can speak of it.
+#: What is not a function of the last state, so that no goal can speak of it.
 _OF_THE_PLAN = ("total-time", "is-violated")
 _METRIC = re.compile(r"\(\s*:metric\b(\s+minimize\s*\(\s*total-(?:cost|time)\s*\))?", re.IGNORECASE)
 #: By how much, and by which part of its value, a metric has to be better to count.

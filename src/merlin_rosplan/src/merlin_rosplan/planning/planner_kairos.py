@@ -30,7 +30,7 @@ _ENDED = {
     "UNSOLVABLE": (PlannerState.UNSOLVABLE, "the problem has no plan"),
     "NO_PLAN_FOUND": (
         PlannerState.NO_PLAN,
-        "the search ended without a plan; this is no proof that there is none",
+        "the search ended without a plan; this is not a proof that there is none",
     ),
     "TIMEOUT": (PlannerState.TIMEOUT, "kairos found no plan within the time limit"),
     "CANCELLED": (PlannerState.TIMEOUT, "kairos was stopped before it found a plan"),

@@ -68,7 +68,7 @@ _PLAN_FILES = ("sas_plan", "fdplan", "tfdplan", "lpgplan", "plan", "found_plan",
 _FAST_DOWNWARD_EXIT = {
     10: (PlannerState.UNSOLVABLE, "the translator proved that the problem has no plan"),
     11: (PlannerState.UNSOLVABLE, "the search proved that the problem has no plan"),
-    12: (PlannerState.NO_PLAN, "the search ended without a plan; this is no proof that there is none"),
+    12: (PlannerState.NO_PLAN, "the search ended without a plan; this is not a proof that there is none"),
     20: (PlannerState.CRASHED, "the translator ran out of memory"),
     21: (PlannerState.TIMEOUT, "the translator ran out of time"),
     22: (PlannerState.CRASHED, "the search ran out of memory"),
@@ -124,7 +124,7 @@ def is_plan_file(name: str) -> bool:
 
 
 def verdict(output: str, errors: str, returncode: int, name: str = "") -> Optional[NoPlan]:
-    """Why a planner left no plan, as far as it said; None when it just ended.
+    """The reason that a planner gave for leaving no plan; None when it gave none.
 
     Parameters
     ----------

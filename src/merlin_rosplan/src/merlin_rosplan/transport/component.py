@@ -96,7 +96,7 @@ class Component(metaclass=_ComponentType):
 
         Raises
         ------
-        ComponentError: it is no number, or too small.
+        ComponentError: it is not a number, or too small.
         """
         value = self.param(name, default)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= minimum:

@@ -21,11 +21,11 @@ from merlin_ros.service_proxy import ServiceError, ServiceProxy
 Receiver = Callable[[Any], None]
 
 IN_FLIGHT = 2.0  # s of wall time for a message that was sent and has not arrived
-RECENT = 8  # messages that a receiver remembers: somebody else may publish on the topic too
+RECENT = 8  # messages that a receiver remembers: another node may publish on the topic too
 
 
 def digest_service(topic: str) -> str:
-    """The service that tells the digest of a sender's last message."""
+    """The service that returns the digest of a sender's last message."""
     return f"{topic}/digest"
 
 

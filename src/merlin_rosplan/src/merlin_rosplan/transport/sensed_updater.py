@@ -1,4 +1,4 @@
-"""Tells a knowledge base what was sensed: at once, in batches, and again when that did not work."""
+"""Writes what was sensed into a knowledge base: at once, in batches, with retries."""
 
 import threading
 import time
@@ -16,7 +16,7 @@ LOG_PERIOD = 5.0  # s between two log lines with the same reason
 
 
 class SensedUpdater:
-    """Keeps what was sensed and tells what of it is news, in a thread of its own.
+    """Keeps what was sensed and sends what is new to the knowledge base, in a thread of its own.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class SensedUpdater:
                 self._wake()
 
     def tell_again(self, names: Sequence[str] = ()) -> None:
-        """Somebody else changed these predicates; none: all of them."""
+        """Another client changed these predicates; none: all of them."""
         with self._changed:
             if self._facts.forget_told(names):
                 self._wake()
@@ -90,7 +90,7 @@ class SensedUpdater:
         return bool(self._refused) and time.monotonic() >= self._retry_at
 
     def _wait(self) -> float:
-        """Seconds until something may be due; bounded, because a shutdown notifies nobody."""
+        """Seconds until something may be due; bounded, because a shutdown does not notify this condition."""
         return min(1.0, max(0.001, self._retry_at - time.monotonic())) if self._refused else 1.0
 
     def _note(self, news: Dict[Fact, Value], left: Dict[Fact, Value]) -> None:
@@ -103,7 +103,7 @@ class SensedUpdater:
                 self._patience = RETRY
 
     def _tell(self, news: Dict[Fact, Value]) -> Dict[Fact, Value]:
-        """Tells facts, one by one when they are refused together; returns those that were not taken."""
+        """Sends facts, one by one when they are refused together; returns those that were refused."""
         try:
             self._knowledge.update([_update(sensed, value) for sensed, value in news.items()])
             return {}

@@ -182,7 +182,7 @@ class Physics:
     def put(self, thing: WorldObject, there: bool, touchable: bool) -> None:
         """Moves an object to where it stands, or out of the world; a new one comes into it.
 
-        :param touchable: nothing passes through it. What is carried must not hold back who carries it.
+        :param touchable: nothing passes through it. A carried thing must not hold back its carrier.
         """
         name = thing.name
         if name not in self._solids:
@@ -194,7 +194,7 @@ class Physics:
             self._untouchable ^= {name}
 
     def let_pass(self, one: str, other: str, free: bool) -> None:
-        """Whether two things may be in the same place, as somebody and the chair they sit on."""
+        """Whether two things may be in the same place, as a person and the chair under it."""
         self._engine.setCollisionFilterPair(self._solids[one], self._solids[other], -1, -1, int(not free))
 
     def place_of(self, name: str) -> Pose:

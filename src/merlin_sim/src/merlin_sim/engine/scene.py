@@ -13,7 +13,7 @@ from merlin_sim.robot.ray_casting import ScanOutlines
 from merlin_sim.world.world_model import Solid, World, WorldObject
 from merlin_sim.world.world_places import ROBOT_RADIUS
 
-PUSHED = 0.002  # m and rad that a thing has to move before anybody sees it elsewhere
+PUSHED = 0.002  # m and rad that a thing has to move before its new place is published
 ROBOT_HEIGHT = 1.42  # m, to the top of its camera
 LASER_HEIGHT = 0.33  # m
 ROBOT = "robot"  # what a robot without a namespace is called
@@ -89,7 +89,7 @@ class Scene:
         self._settle(thing.thing.name)
 
     def add_person(self, solid: Solid) -> None:
-        """A body for somebody new, who is not there yet."""
+        """A body for a new person, which is not in the world yet."""
         self.physics.add(solid, kind=PERSON)
         self.put_solid(solid, False)
 

@@ -54,7 +54,7 @@ class WorldControl:
 
     @property
     def people(self) -> List[Walker]:
-        """Everybody, in the order of the world file, then of coming."""
+        """All persons, in the order of the world file, then of their first placing."""
         return list(self._people.values())
 
     def step(self, now: float, elapsed: float) -> None:
@@ -77,7 +77,7 @@ class WorldControl:
             what = replace(what, on="", pose=NOWHERE, z=0.0)
         for value in (what.pose.x, what.pose.y, what.pose.yaw, what.z):
             if not math.isfinite(value):
-                raise ChangeRefused(f"{what.name}: {value} is no place")
+                raise ChangeRefused(f"{what.name}: {value} is not a place")
         name = what.name
         if name in self._people or (what.kind == PERSON and self._is_new(name)):
             self._expect_kind(what, PERSON)
@@ -118,7 +118,7 @@ class WorldControl:
             raise ChangeRefused(f"{name} is absent and cannot walk")
         for value in [speed, yaw or 0.0, *(value for point in path for value in point)]:
             if not math.isfinite(value):
-                raise ChangeRefused(f"{name} cannot walk: {value} is no number to use")
+                raise ChangeRefused(f"{name} cannot walk: {value} is not a number to use")
         if not 0.0 <= speed <= MAX_SPEED:
             raise ChangeRefused(f"{name} cannot walk at {speed:g} m/s; 0 (their own speed) to {MAX_SPEED:g}")
         for point in path:
@@ -223,24 +223,24 @@ class WorldControl:
 
     def _expect_room(self, solid: Solid, passable: Sequence[str]) -> None:
         self._expect_inside(solid.name, solid.pose)
-        clash = self._clash(solid, passable, everybody=True)
+        clash = self._clash(solid, passable, movable=True)
         if clash:
             where = f"({solid.pose.x:g}, {solid.pose.y:g})"
             raise ChangeRefused(f"{solid.name} cannot be at {where}: {clash} is there")
 
-    def _clash(self, solid: Solid, passable: Sequence[str], everybody: bool = False) -> str:
+    def _clash(self, solid: Solid, passable: Sequence[str], movable: bool = False) -> str:
         """What a body that stands on the floor would be in.
 
-        :param everybody: people, robots and objects, which may go away, count as well.
+        :param movable: people, robots and objects, which may go away, count as well.
         """
         others = list(self._scene.standing())
-        if everybody:
+        if movable:
             others += self._scene.robot_solids()
         for other in others:
             skip = other.name == solid.name or other.name in passable
-            if not skip and (everybody or other.name not in self._people) and collide(solid, other):
+            if not skip and (movable or other.name not in self._people) and collide(solid, other):
                 return other.name
-        if everybody:
+        if movable:
             own = {solid.name, *passable, *self._scene.robots}
             for placed in self._scene.objects.values():
                 thing = placed.thing
@@ -253,7 +253,7 @@ class WorldControl:
         return ""
 
     def _seats(self, place: Pose) -> List[str]:
-        """The furniture that somebody at a place sits on."""
+        """The furniture that a person at a place sits on."""
         return [
             solid.name
             for solid in self._scene.standing()
@@ -294,7 +294,7 @@ class WorldControl:
     def _is_new(self, name: str) -> bool:
         """Whether nothing has this name; a name that could not be one is refused."""
         if not NAME.match(name):
-            raise ChangeRefused(f"{name!r} is no name: a letter, then letters, digits, _ and -")
+            raise ChangeRefused(f"{name!r} is not a name: a letter, then letters, digits, _ and -")
         scene = self._scene
         taken = {solid.name for solid in scene.standing()} | {door.name for door in self._world.doors}
         if name in taken or name in scene.robots:

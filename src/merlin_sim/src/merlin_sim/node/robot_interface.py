@@ -26,7 +26,7 @@ class RobotInterface:
     """Topics and frames of one robot, below its namespace.
 
     :param localization: makes map→odom; None when something else does.
-    :param camera_rate: pictures per s of simulated time, while somebody subscribes.
+    :param camera_rate: pictures per s of simulated time, while there is a subscriber.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class RobotInterface:
         return transforms
 
     def picture(self, stamp: rospy.Time) -> Tuple[Image, CameraInfo, List[TransformStamped]]:
-        """What the camera sees now, and the transforms that place it, as far as nobody has broadcast them.
+        """What the camera sees now, and the transforms that place it, without those broadcast already.
 
         :raises CameraError: the robot has no camera.
         """
@@ -94,7 +94,7 @@ class RobotInterface:
         return image_message(pixels, frame, stamp), info, transforms
 
     def _publish_picture(self, stamp: rospy.Time) -> List[TransformStamped]:
-        """Publishes it when somebody looks; returns the transforms that nobody has broadcast yet."""
+        """Publishes it when there is a subscriber; returns the transforms that are not broadcast yet."""
         if not self._image.get_num_connections():
             return []
         try:
@@ -123,7 +123,7 @@ class RobotInterface:
             self._truth.publish(_odometry(truth, *self._robot.body.velocity(), "map", base_frame, stamp))
 
     def _transforms(self, stamp: rospy.Time) -> List[TransformStamped]:
-        """Where the robot is now, as far as the simulator knows."""
+        """Where the robot is now, in the simulated world."""
         tick = self._placed_at = self._simulation.tick
         speed, turn = self._robot.odometry.velocity
         late = tick % ODOMETRY_EVERY / PHYSICS_RATE  # s since the encoders were read

@@ -121,7 +121,7 @@ def _placed(item: Any, starts: Any, world: World) -> Any:
     fields = item if isinstance(item, dict) else {"namespace": item}
     name = fields.get("namespace", "")
     if not isinstance(name, str) or not re.match(r"^([A-Za-z][A-Za-z0-9_]*)?$", name.strip("/")):
-        raise ParameterError(f"parameter ~robots: {name!r} is no namespace")
+        raise ParameterError(f"parameter ~robots: {name!r} is not a namespace")
     unknown = set(fields) - {"namespace", "x", "y", "yaw"}
     if unknown:
         raise ParameterError(f"parameter ~robots: unknown field {sorted(unknown)[0]} of robot {name!r}")

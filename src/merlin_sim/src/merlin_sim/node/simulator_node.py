@@ -74,19 +74,19 @@ class SimulatorNode:
         self._robot_urdf = Path(urdf)
         self._seed = self._parameters.seed
         self._world = world
-        self._world_lock = threading.Lock()  # held by whoever lets the world go on, or begin anew
+        self._world_lock = threading.Lock()  # held for each step of the world and its reset
         self._begun = 0  # physics steps on the clock when this world began
         specs = read_robots(world)
         try:
             self.simulation = Simulation(world, specs, self._robot_urdf, self._seed)
         except (ParseError, KeyError, PhysicsError) as error:
             raise ParameterError(
-                f"parameter ~urdf: {urdf} is no robot that can be driven: {error}"
+                f"parameter ~urdf: {urdf} is not a robot that can be driven: {error}"
             ) from error
         self._robots: Dict[str, RobotInterface] = {}
         for robot in self.simulation.robots.values():
             start = robot.spec.start
-            # For a particle filter: where somebody switched the robot on.
+            # For a particle filter: where the robot was switched on.
             rospy.set_param(
                 f"/{robot.spec.name}/start_pose".replace("//", "/"),
                 {"x": start.x, "y": start.y, "yaw": start.yaw},
@@ -99,7 +99,7 @@ class SimulatorNode:
         self._map.publish(grid_message(self._grid, "map", _time(1)))
         self._stopped = threading.Event()
         rospy.on_shutdown(self._stop)
-        # Services come last: whoever waited for one may call it at once.
+        # Services come last: a client that waited for one may call it at once.
         self._world_services = WorldServices(self._world_lock, self._now, self.simulation)
         self._services = [
             rospy.Service("~set_real_time_factor", SetRealTimeFactor, self._set_factor),
@@ -133,7 +133,7 @@ class SimulatorNode:
         return TruthLocalization(self._parameters.pose_noise, self._seed, robot)
 
     def _begin_anew(self, seed: int) -> None:
-        """The world as its file describes it; time goes on, so that nobody's timers or transforms break."""
+        """Resets the world to its file; time goes on, so that timers and transforms of nodes stay valid."""
         with self._world_lock:
             old = self.simulation
             specs = [robot.spec for robot in old.robots.values()]
@@ -145,7 +145,7 @@ class SimulatorNode:
                 self._robots[name].attach(self.simulation, robot, self._localization(name))
             self._world_services.attach(self.simulation)
             old.close()
-            # Who localises or plans on a map forgets what it believed of the old world.
+            # Nodes that localise or plan on a map forget the old world.
             self._map.publish(grid_message(self._grid, "map", _time(self._begun)))
         self._publish_status()
 

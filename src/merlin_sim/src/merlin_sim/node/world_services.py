@@ -19,14 +19,14 @@ from merlin_sim.engine.simulation import Simulation
 from merlin_sim.engine.world_control import ChangeRefused, Placing
 from merlin_sim.people.walkers import Walker, WalkState
 
-WALKING_PERIOD = 20  # physics steps: 5 Hz while somebody walks
+WALKING_PERIOD = 20  # physics steps: 5 Hz while a person walks
 STANDING_PERIOD = 100  # otherwise
 
 
 class WorldServices:
     """Serves one simulator.
 
-    :param lock: held while the world goes on; the services take it, who calls the methods holds it.
+    :param lock: held while the world goes on; the services take it, callers of the methods hold it.
     :param now: the time on the clock.
     :param simulation: of the world as it begins.
     """

@@ -1,4 +1,4 @@
-"""Somebody who hears a robot, and where they do."""
+"""Persons that hear a robot, and where they are."""
 
 import math
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ KEYS = ("voice", "answers", "hearing", "position")
 
 @dataclass
 class Listener:
-    """A person who hears and answers.
+    """A person that hears and answers.
 
-    :param name: empty: nobody in particular.
+    :param name: of the person in the world; empty: none of them.
     :param hearing: distance to which the robot is heard, m.
-    :param place: where the person is; None: wherever the world says that somebody of this name is.
+    :param place: where the person is; None: where the world says that the person of this name is.
     :param anywhere: hears the robot wherever it is.
     """
 
@@ -33,9 +33,9 @@ class Listener:
     anywhere: bool = False
 
     def distance(self, robot: Optional[Point], people: Mapping[str, Point]) -> float:
-        """How far the robot is, m; infinite when it is too far to be heard, or nobody is there.
+        """How far the robot is, m; infinite when it is too far to be heard, or the person is absent.
 
-        :param people: where everybody is who is in the world.
+        :param people: where the persons of the world are.
         """
         if self.anywhere:
             return 0.0
@@ -49,18 +49,18 @@ class Listener:
 def nearest(
     listeners: Iterable[Listener], robot: Optional[Point], people: Mapping[str, Point]
 ) -> Optional[Listener]:
-    """Who answers: the nearest of those who hear the robot."""
+    """The listener that answers: the nearest one that hears the robot; None: none hears it."""
     hearing = [(listener.distance(robot, people), listener.name, listener) for listener in listeners]
     distance, _, listener = min(hearing, key=lambda item: item[:2])
     return listener if math.isfinite(distance) else None
 
 
 def read_listeners() -> List[Listener]:
-    """The people of the parameters: those of ``~people``, or the one whom the other parameters describe.
+    """The people of the parameters: those of ``~people``, or the one that the other parameters describe.
 
     :raises ParameterError: a parameter cannot be used.
     """
-    everybody: Dict[str, Any] = {
+    shared: Dict[str, Any] = {
         "voice": rospy.get_param("~voice", VOICE),
         "answers": rospy.get_param("~answers", ["no thank you"]),
         "hearing": number("~hearing", HEARING, 0.1),
@@ -71,11 +71,9 @@ def read_listeners() -> List[Listener]:
     if not people:
         position = rospy.get_param("~position", None)
         if isinstance(position, str) and position:
-            return [_listener("~", position, everybody)]
-        return [_listener("~", "", {**everybody, "position": position or None})]
-    return [
-        _listener(f"~people/{name}/", name, {**everybody, **_keys(name, people[name])}) for name in people
-    ]
+            return [_listener("~", position, shared)]
+        return [_listener("~", "", {**shared, "position": position or None})]
+    return [_listener(f"~people/{name}/", name, {**shared, **_keys(name, people[name])}) for name in people]
 
 
 def _keys(name: str, fields: Any) -> Dict[str, Any]:

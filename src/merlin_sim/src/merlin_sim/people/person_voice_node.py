@@ -1,4 +1,4 @@
-"""The node ``person_voice``: people who hear the robot speak and answer with a voice, not with text."""
+"""The node ``person_voice``: persons that hear the robot speak and answer with a voice, not with text."""
 
 import math
 import threading
@@ -45,11 +45,11 @@ class PersonVoice:
         self._clock = RosClock()
         self._stopped = threading.Event()
         self._changed = threading.Condition()  # guards the fields below and the listeners' answers
-        self._hearer: Optional[Listener] = None  # who heard the last sound of the robot
+        self._hearer: Optional[Listener] = None  # the one that heard the last sound of the robot
         self._question = self._saying = ""  # the last that was requested, and that was begun
         self._asked: Deque[Tuple[Listener, str]] = deque()  # what is still to be answered
         self._robot: Optional[Point] = None
-        self._people: Optional[Dict[str, Point]] = None  # who is there, by name
+        self._people: Optional[Dict[str, Point]] = None  # where the present persons are, by name
         self._known: Tuple[str, ...] = ()  # to the world, there or not
         self._trouble = ""
         self._given = 0  # answers
@@ -89,7 +89,7 @@ class PersonVoice:
             self._changed.notify_all()
 
     def health(self) -> Health:
-        """Whether those who should answer are there and can speak."""
+        """Whether the persons that should answer are present and can speak."""
         with self._changed:
             values = {"people": ", ".join(self._listeners), "answers given": self._given}
             missing = [
@@ -179,7 +179,7 @@ class PersonVoice:
             name = next(iter(self._listeners))
         if name not in self._listeners:
             names = ", ".join(self._listeners)
-            return SetAnswersResponse(False, f"nobody here is called {name!r}; known are {names}")
+            return SetAnswersResponse(False, f"there is no person {name!r}; known are {names}")
         try:
             answers = Answers(request.otherwise, request.next, request.patterns, request.answers)
         except ValueError as error:

@@ -26,7 +26,7 @@ class WalkState(enum.IntEnum):
 
 
 class Way(Protocol):
-    """How somebody gets along: from a file, or as told at run time."""
+    """A walk of a person: from a world file, or started at run time."""
 
     def next(self, now: float, elapsed: float) -> Optional[Pose]:
         """Where the next step leads; None while there is no step to take."""
@@ -54,7 +54,7 @@ class Patrol:
         return self._at(self._walked + elapsed)
 
     def blocker(self, here: Point, there: Point) -> str:
-        """A robot, for somebody polite."""
+        """A robot, for a polite person."""
         return self._robots(here, there) if self._person.polite else ""
 
     def go(self, elapsed: float) -> bool:
@@ -121,7 +121,7 @@ class Walker:
 
     @property
     def bottom(self) -> float:
-        """The height of its lower end, m: who sits is shorter, the legs are in the floor."""
+        """The height of its lower end, m: a sitting person is shorter, the legs are in the floor."""
         return -SEAT if self.state is WalkState.SITTING else 0.0
 
     def place(self, pose: Pose, state: WalkState) -> None:

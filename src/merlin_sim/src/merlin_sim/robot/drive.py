@@ -7,7 +7,7 @@ from typing import Tuple
 from merlin_reactive.pose import Pose, wrap
 from merlin_reactive.seeded_random import draw
 
-LATE = 0.15  # s; who drives by odometry commands 20 times a second
+LATE = 0.15  # s; a navigation that follows odometry sends 20 commands a second
 GIVEN_UP = 1.0  # s after which a late command is no longer waited for
 
 
@@ -55,7 +55,7 @@ class BaseController:
         )
 
     def neglected(self, now: float) -> bool:
-        """Whether who drives the robot is late with the next command, and may still come."""
+        """Whether the next command for a moving robot is overdue and still awaited."""
         return self._target != (0.0, 0.0) and LATE < now - self._commanded_at < LATE + GIVEN_UP
 
     def wheel_speeds(self, now: float, step: float) -> Tuple[float, float]:

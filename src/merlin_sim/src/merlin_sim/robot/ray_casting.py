@@ -47,7 +47,7 @@ class ScanOutlines:
         edges = self._outline()
         directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         found = np.full(len(angles), np.inf)
-        # A counter-clockwise outline shows its front to whoever stands on the right of an edge.
+        # A counter-clockwise outline shows its front to a viewer on the right of an edge.
         ahead = edges[:, :2] - np.asarray(origin)
         front = edges[:, 2] * ahead[:, 1] - edges[:, 3] * ahead[:, 0] > 0
         edges, ahead = edges[front], ahead[front]

@@ -85,7 +85,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody who stands somewhere, or walks a path there and back again.
+    """A person that stands, or walks a path there and back again.
 
     :param speed: m/s.
     :param delay: s of simulated time before the first step.

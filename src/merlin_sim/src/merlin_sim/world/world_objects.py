@@ -29,7 +29,7 @@ def misplaced(world: World) -> Iterator[str]:
                 f"(those that have: {', '.join(OBJECT_CLASSES)})"
             )
         if thing.support is not None and thing.support not in supports:
-            yield f"objects: {thing.name} stands on {thing.support}, which is no furniture"
+            yield f"objects: {thing.name} stands on {thing.support}, which is not furniture"
         elif thing.support is not None and not _holds(supports[thing.support], pose):
             yield f"objects: {thing.name} stands beside {thing.support}, not on it"
         elif not (left < pose.x < right and bottom < pose.y < top):
@@ -56,7 +56,7 @@ def _object(item: Dict[str, Any], supports: Dict[str, Solid]) -> WorldObject:
 
 
 def _shape(item: Dict[str, Any]) -> Tuple[Optional[Tuple[float, float]], Optional[float], float]:
-    """Size and radius (one of them None) and height; a height of 0 when nobody says them."""
+    """Size and radius (one of them None) and height; a height of 0 when it is not given."""
     if "box" in item:
         x, y, height = map(float, item["box"])
         return (x, y), None, height
