@@ -36,12 +36,11 @@ AT_CRUISE = 0.97  # part of the cruising speed from which it counts as driving a
 class Leg:
     """One drive: s and m, and where the time beyond the oracle's went (s; the parts sum up to the loss).
 
-    Attributes:
-        start: before the first motion.
-        turn: until the first full speed, beyond what the oracle needs to turn and to set off.
-        way: driven beyond the shortest path.
-        curve: slower than full speed between the first and the last of it.
-        end: after the last full speed, beyond the oracle's braking.
+    :ivar start: before the first motion.
+    :ivar turn: until the first full speed, beyond what the oracle needs to turn and to set off.
+    :ivar way: driven beyond the shortest path.
+    :ivar curve: slower than full speed between the first and the last of it.
+    :ivar end: after the last full speed, beyond the oracle's braking.
     """
 
     time: float

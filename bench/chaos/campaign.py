@@ -14,10 +14,10 @@ from chaos.runner import Runner
 from chaos.system import StartError, System
 from chaos.trials import Trial
 
+#: How often in a row a system may fail to come up.
 STARTS = 2
-"""How often in a row a system may fail to come up."""
+#: Trials that are looked at together, so that those of one variant share a system.
 BATCH = 24
-"""Trials that are looked at together, so that those of one variant share a system."""
 
 
 class Campaign:

@@ -11,8 +11,8 @@ from typing import IO, Any, Callable, Dict, List, Optional
 
 from chaos.events import GONE, Event
 
+#: s that a process may take to end after its input was closed.
 END_LIMIT = 5.0
-"""s that a process may take to end after its input was closed."""
 
 
 class Child:

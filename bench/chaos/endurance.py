@@ -11,14 +11,14 @@ from chaos.scene import scene_at
 from chaos.system import System
 from chaos.trials import Variant
 
+#: How often it looks.
 SAMPLES = 20
-"""How often it looks."""
+#: Share of the goals after which every connection has been made.
 WARM_UP = 0.1
-"""Share of the goals after which every connection has been made."""
+#: s for a goal to begin, and to end after its cancel.
 GOAL_LIMIT = 30.0
-"""s for a goal to begin, and to end after its cancel."""
+#: What a process may grow by between the warm-up and the end.
 ALLOWED = Usage(memory_mb=40.0, threads=3, descriptors=8, sockets=6)
-"""What a process may grow by between the warm-up and the end."""
 
 
 def leaks(samples: List[Tuple[int, Dict[str, Usage]]]) -> List[str]:

@@ -7,14 +7,14 @@ from chaos.events import Event
 from chaos.scene import commands_motion, scene_at, stands
 from chaos.trials import Trial
 
+#: s that the base has to stand to count as standing.
 STANDING_FOR = 0.2
-"""s that the base has to stand to count as standing."""
+#: Share of a sample from which on the machine counts as starving the system.
 STARVED = 0.5
-"""Share of a sample from which on the machine counts as starving the system."""
+#: How many times a limit a starved machine may make of it: what never ends is seen on any machine.
 PATIENCE = 2.0
-"""How many times a limit a starved machine may make of it: what never ends is seen on any machine."""
+#: Labels of the request that the fault strikes, and of the one after it.
 REQUEST, NEXT = "request", "next"
-"""Labels of the request that the fault strikes, and of the one after it."""
 
 
 class Evidence:

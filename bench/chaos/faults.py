@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Dict, FrozenSet, List, Optional, Tuple
 
+#: When one of these nodes is lost, a drive has lost an owner, or the server that carries it out.
 CHAIN: FrozenSet[str] = frozenset(
     {
         "client",
@@ -15,7 +16,7 @@ CHAIN: FrozenSet[str] = frozenset(
         "master",
     }
 )
-"""When one of these nodes is lost, a drive has lost an owner, or the server that carries it out."""
+#: Every node of the robot; the simulator is its world and its body, and is left alone.
 NODES: Tuple[str, ...] = (
     "merlin_executor",
     "planning_system",
@@ -26,7 +27,6 @@ NODES: Tuple[str, ...] = (
     "listen",
     "merlin_guard",
 )
-"""Every node of the robot; the simulator is its world and its body, and is left alone."""
 MASTER = "master"
 CLIENT = "client"
 GUARD = "merlin_guard"
@@ -40,10 +40,10 @@ SECOND_NODE = "second_node"
 START = "start"
 NONE = "none"
 
+#: s that a SIGSTOP lasts that is not for ever.
 HANG = 10.0
-"""s that a SIGSTOP lasts that is not for ever."""
+#: s that a link is cut.
 CUTS = (1.0, 5.0, 30.0)
-"""s that a link is cut."""
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,11 @@ from chaos.faults import (
 from chaos.system import System
 
 SIGNALS = {"KILL": signal.SIGKILL, "STOP": signal.SIGSTOP, "TERM": signal.SIGTERM}
+#: The file that fills the disk.
 BALLAST = "ballast"
-"""The file that fills the disk."""
 CHUNK = b"\0" * 4096
+#: Facts that the client tells the knowledge base while its disk is full, until one is refused.
 WRITTEN_FACTS = tuple(f"(noted f{number})" for number in range(20))
-"""Facts that the client tells the knowledge base while its disk is full, until one is refused."""
 
 
 class Injector:

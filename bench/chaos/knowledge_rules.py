@@ -7,12 +7,12 @@ from chaos.events import Event
 from chaos.evidence import Evidence, settled
 from chaos.scene import scene_at
 
+#: s from the first look until the knowledge is as it is between two requests.
 FACTS_LIMIT = 5.0
-"""s from the first look until the knowledge is as it is between two requests."""
+#: m within which the robot is at a point of interest.
 NEAR = 0.5
-"""m within which the robot is at a point of interest."""
+#: The file that the knowledge base keeps its facts in.
 STATE_FILE = "knowledge.sqlite"
-"""The file that the knowledge base keeps its facts in."""
 
 
 def one_true_place(evidence: Evidence) -> List[str]:

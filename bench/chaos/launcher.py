@@ -22,11 +22,11 @@ from roslaunch.core import Node, Param
 
 from chaos.child import Reporter
 
+#: s between SIGINT and SIGTERM, and between that and SIGKILL.
 END_LIMITS = (2.0, 1.0)
-"""s between SIGINT and SIGTERM, and between that and SIGKILL."""
 WORLD = "merlin_sim"
+#: s within which nodes are started that start at random times.
 SPREAD = 10.0
-"""s within which nodes are started that start at random times."""
 
 
 class Launcher(roslaunch.parent.ROSLaunchParent):

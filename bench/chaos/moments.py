@@ -7,8 +7,8 @@ from chaos import events
 from chaos.events import Event
 from chaos.scene import DRIVING_SPEED, IDLE, PLANNING_STAGES, Scene
 
+#: Status of action_feedback: the action has reached its goal state.
 ACTION_SUCCEEDED = 2
-"""Status of action_feedback: the action has reached its goal state."""
 
 
 class Moment(Enum):

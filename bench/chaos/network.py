@@ -11,9 +11,9 @@ from chaos.child import Child
 from chaos.events import Event
 
 ROBOT, MIND = "robot", "mind"
+#: What docs/real-robot.md asks of a robot's computers: a connection that stalled in a cut goes on within 2 s
+#: after it. Without, TCP waits as long again as the cut has lasted.
 TCP_SETTINGS = {"tcp_rto_max_ms": "2000", "tcp_retries2": "255"}
-"""What docs/real-robot.md asks of a robot's computers: a connection that stalled in a cut goes on within 2 s
-after it. Without, TCP waits as long again as the cut has lasted."""
 ADDRESSES = {ROBOT: "10.213.7.1", MIND: "10.213.7.2"}
 
 

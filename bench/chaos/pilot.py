@@ -27,16 +27,16 @@ from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import KnowledgeError, knowledge_client
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
+#: s for a system to be up.
 READY_LIMIT = 60.0
-"""s for a system to be up."""
+#: s within which the knowledge base has to answer, a respawn included.
 ANSWER_LIMIT = 10.0
-"""s within which the knowledge base has to answer, a respawn included."""
+#: s between two attempts to reach a knowledge base that is being started.
 RETRY = 0.1
-"""s between two attempts to reach a knowledge base that is being started."""
+#: s by which a second clock is late, and how many messages it sends.
 OLD_CLOCK = (5.0, 10)
-"""s by which a second clock is late, and how many messages it sends."""
+#: s of wall time for which the second clock is there.
 CLOCK_LASTS = 1.0
-"""s of wall time for which the second clock is there."""
 
 
 class Pilot:

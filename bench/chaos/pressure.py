@@ -14,10 +14,10 @@ from typing import Callable, Dict, Set, Tuple
 from chaos import events, processes
 from chaos.events import Event
 
+#: s between two samples.
 PERIOD = 0.25
-"""s between two samples."""
+#: Field of /proc/stat's first line: time that a hypervisor gave to others.
 STOLEN = 8
-"""Field of /proc/stat's first line: time that a hypervisor gave to others."""
 
 Delays = Dict[Tuple[int, str], int]
 

@@ -10,10 +10,10 @@ import time
 from pathlib import Path
 from typing import List, NamedTuple, Optional, Sequence
 
+#: Environment variable with the name of the run.
 MARK = "MERLIN_CHAOS_RUN"
-"""Environment variable with the name of the run."""
+#: s that a killed process may take to disappear.
 END_LIMIT = 5.0
-"""s that a killed process may take to disappear."""
 
 
 class Usage(NamedTuple):

@@ -15,27 +15,27 @@ from chaos.knowledge_rules import nothing_is_lost, one_true_place, what_is_full_
 from chaos.moments import Moment
 from chaos.scene import CANCEL_ACTION, IDLE, commands_motion, scene_at, stands
 
+#: s from the loss of an owner until the base stands.
 STAND_LIMIT = 1.0
-"""s from the loss of an owner until the base stands."""
+#: The same when the owner is not dead, but hung or cut off.
 STAND_LIMIT_HUNG = 1.5
-"""The same when the owner is not dead, but hung or cut off."""
+#: The same without a master: 5 s to notice, and a second.
 STAND_LIMIT_MASTER = 6.0
-"""The same without a master: 5 s to notice, and a second."""
+#: s after a request's end in which messages of before may still arrive.
 END_GRACE = 0.25
-"""s after a request's end in which messages of before may still arrive."""
+#: s of simulated time after a request's end in which a base that was commanded to stop may brake: 0.3 m/s at
+#: 1 m/s².
 BRAKING = 0.5
-"""s of simulated time after a request's end in which a base that was commanded to stop may brake: 0.3 m/s at
-1 m/s²."""
+#: s from a cancel, or from a fault that ends the request, until the client is told.
 ANSWER_LIMIT = 10.0
-"""s from a cancel, or from a fault that ends the request, until the client is told."""
+#: The same when only a planner has to end, whatever it does: nothing it writes delays a cancel.
 ANSWER_LIMIT_PLANNER = 2.0
-"""The same when only a planner has to end, whatever it does: nothing it writes delays a cancel."""
+#: s from an end until the first action of the next goal begins.
 NEXT_LIMIT = 5.0
-"""s from an end until the first action of the next goal begins."""
+#: The same when a process had to be started by hand first.
 NEXT_LIMIT_HELPED = 10.0
-"""The same when a process had to be started by hand first."""
+#: s without anything that runs after which a request hangs.
 SILENT = 5.0
-"""s without anything that runs after which a request hangs."""
 #: Outcomes that need no reason.
 GOOD = ("SUCCEEDED", "ALREADY_TRUE")
 

@@ -18,29 +18,29 @@ from chaos.scene import DRIVING_SPEED, Scene, scene_at
 from chaos.system import StartError, System
 from chaos.trials import DRIVE, LISTEN, REQUESTS, SPEAK, Trial
 
+#: s for a moment to come; the longest way to one is a plan and a turn on the spot.
 MOMENT_LIMIT = 40.0
-"""s for a moment to come; the longest way to one is a plan and a turn on the spot."""
+#: s that an answer is waited for: twice what it may take, so that it is measured.
 ANSWER_WATCH = 20.0
-"""s that an answer is waited for: twice what it may take, so that it is measured."""
+#: s after which a request that was not cancelled is cancelled.
 UNTOLD_WATCH = 10.5
-"""s after which a request that was not cancelled is cancelled."""
+#: s after a fault, or after its end, from which on a request that drives is known to go on.
 GOES_ON = 4.0
-"""s after a fault, or after its end, from which on a request that drives is known to go on."""
+#: The same without a master, which is missed later.
 GOES_ON_MASTER = 7.0
-"""The same without a master, which is missed later."""
+#: s; longer than a starved machine may make the limit.
 NEXT_WATCH = 21.0
-"""s; longer than a starved machine may make the limit."""
+#: s watched after an end, for what must not move any more.
 SETTLE = 1.5
-"""s watched after an end, for what must not move any more."""
 LOOK_WATCH = 12.0
+#: s between two looks at knowledge that is not settled.
 LOOK_PERIOD = 0.3
-"""s between two looks at knowledge that is not settled."""
+#: s after which the watchdog ends a trial with everything that it runs.
 TRIAL_LIMIT = 180.0
-"""s after which the watchdog ends a trial with everything that it runs."""
+#: Last word of the command line of what the campaign's planner leaves behind.
 PLANNER_CHILD = "planner_child"
-"""Last word of the command line of what the campaign's planner leaves behind."""
+#: m that a place to drive to is away at least.
 FAR = 2.0
-"""m that a place to drive to is away at least."""
 
 
 class Missed(Exception):

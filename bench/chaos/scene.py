@@ -5,14 +5,14 @@ from typing import Dict, FrozenSet, List, Optional
 from chaos import events
 from chaos.events import Event
 
+#: m/s below which the base stands.
 STANDING_SPEED = 0.01
-"""m/s below which the base stands."""
+#: rad/s below which it does not turn.
 STANDING_TURN = 0.05
-"""rad/s below which it does not turn."""
+#: m/s from which it counts as driving, for the moment of a fault.
 DRIVING_SPEED = 0.1
-"""m/s from which it counts as driving, for the moment of a fault."""
+#: Commands below this are zero.
 ZERO = 1e-6
-"""Commands below this are zero."""
 MOVING_SERVERS = ("move_base",)
 SERVERS = ("move_base", "sound_play", "listen")
 PLANNING_STAGES = ("GENERATE_PROBLEM", "PLAN", "PARSE_PLAN")

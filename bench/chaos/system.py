@@ -25,24 +25,24 @@ from chaos.trials import Variant
 
 HERE = Path(__file__).resolve().parent
 APPLICATION = HERE / "application"
+#: Nodes on the robot's side of the link; the others, and the master, are on the other one.
 ROBOT_SIDE = ("merlin_sim", "robot_state_publisher", "navigation", "soundplay_node", "listen", "merlin_guard")
-"""Nodes on the robot's side of the link; the others, and the master, are on the other one."""
+#: s for a system to be up on a busy machine.
 START_LIMIT = 90.0
-"""s for a system to be up on a busy machine."""
+#: s; a base that keeps its last command.
 BASE_WITHOUT_TIMEOUT = 1e6
-"""s; a base that keeps its last command."""
+#: s that planning goes on after the first plan, so that a fault can strike while it plans.
 ANYTIME = 0.5
-"""s that planning goes on after the first plan, so that a fault can strike while it plans."""
+#: s that a planner of the campaign's own gets.
 PLANNER_LIMIT = 8.0
-"""s that a planner of the campaign's own gets."""
 ACTIONS = [
     "merlin_actions.actions.navigate:Navigate",
     *(f"chaos_actions:{name}" for name in ("Say", "Hear", "DriveDeaf", "DriveTouchy", "Quit")),
 ]
 LAUNCHER = "launcher"
 SMALL_DISK = "2m"
+#: The simulator whose clock can be set back, in the place of the other one.
 SIMULATOR = {"merlin_sim": "clock_simulator"}
-"""The simulator whose clock can be set back, in the place of the other one."""
 
 
 class StartError(RuntimeError):

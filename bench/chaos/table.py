@@ -30,8 +30,8 @@ COLUMNS = (
     "violations",
     "note",
 )
+#: Lines of a page between which the table is written.
 BEGIN, END = "<!-- campaign's table: begin -->", "<!-- campaign's table: end -->"
-"""Lines of a page between which the table is written."""
 HEADS = (
     "fault",
     "moment",

@@ -21,8 +21,9 @@ from chaos.faults import (
 from chaos.moments import WINDOWS, Moment
 
 DRIVE, SPEAK, LISTEN, SPEAK_AND_LISTEN = "drive", "speak", "listen", "speak_and_listen"
+#: s that a planner of the campaign's own gets to misbehave.
 PLANNER_TIME = 3.0
-"""s that a planner of the campaign's own gets to misbehave."""
+#: What the client asks for, so that the moment comes.
 REQUESTS: Dict[Moment, Optional[str]] = {
     Moment.DRIVING: DRIVE,
     Moment.SPEAKING: SPEAK,
@@ -32,7 +33,6 @@ REQUESTS: Dict[Moment, Optional[str]] = {
     Moment.IDLE: None,
     Moment.CANCELLING: DRIVE,
 }
-"""What the client asks for, so that the moment comes."""
 
 
 @dataclass(frozen=True)

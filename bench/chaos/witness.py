@@ -25,8 +25,8 @@ from chaos.scene import SERVERS
 
 LIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 ROBOT, MIND = "robot", "mind"
+#: Characters of a node's message that are kept.
 LONGEST = 500
-"""Characters of a node's message that are kept."""
 
 
 class Witness:

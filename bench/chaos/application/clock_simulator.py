@@ -15,10 +15,10 @@ from merlin_sim.node import simulator_node
 from merlin_sim.node.simulator_node import SimulatorNode
 from merlin_sim.world.world_file import WorldError
 
+#: s on the clock when the world begins, so that there is time to go back to.
 FIRST = 1000
-"""s on the clock when the world begins, so that there is time to go back to."""
+#: s by which the clock is set back.
 BACK = 30
-"""s by which the clock is set back."""
 
 
 class ClockSimulator(SimulatorNode):

@@ -10,6 +10,7 @@ NAMES = ("ann", "ben", "carla", "dan", "eva", "finn", "gina", "hugo")
 TABLES = tuple(f"table_{number}" for number in range(1, 7))
 
 UNCLEAR, MISSING, CHAIR, LEAVES, WALKS_OFF = "unclear", "missing", "chair", "leaves", "walks_off"
+#: What can go wrong on purpose: its name, and what it is.
 DISTURBANCES = {
     UNCLEAR: "is not understood twice",
     MISSING: "an item is missing at the bar",
@@ -17,7 +18,6 @@ DISTURBANCES = {
     LEAVES: "leaves while the order is under way",
     WALKS_OFF: "walks off on the way to the table",
 }
-"""What can go wrong on purpose: its name, and what it is."""
 
 
 class ScheduleError(ValueError):
@@ -28,16 +28,15 @@ class ScheduleError(ValueError):
 class GuestPlan:
     """What one guest means to do. Times are s of simulated time.
 
-    Attributes:
-        name: of the person in the simulated world.
-        table: where the guest sits when the evening begins; empty: comes to the entrance.
-        comes: after the beginning.
-        order: items of the menu.
-        thinking: from sitting down to calling the robot.
-        eating: from being served to leaving.
-        cleared: from leaving to the clearing of the table; 0: it stays as it is.
-        pace: m/s.
-        disturbances: names out of DISTURBANCES.
+    :ivar name: of the person in the simulated world.
+    :ivar table: where the guest sits when the evening begins; empty: comes to the entrance.
+    :ivar comes: after the beginning.
+    :ivar order: items of the menu.
+    :ivar thinking: from sitting down to calling the robot.
+    :ivar eating: from being served to leaving.
+    :ivar cleared: from leaving to the clearing of the table; 0: it stays as it is.
+    :ivar pace: m/s.
+    :ivar disturbances: names out of DISTURBANCES.
     """
 
     name: str

@@ -20,9 +20,7 @@ ASSIGNMENTS = ("assign", "increase", "decrease", "scale-up", "scale-down")
 def read_domain(path: Union[str, Path]) -> Domain:
     """Reads a domain file.
 
-    Raises
-    ------
-    PddlError: with file, line and column.
+    :raises PddlError: with file, line and column.
     """
     return DomainReader(read_file(path)).read()
 
@@ -30,9 +28,7 @@ def read_domain(path: Union[str, Path]) -> Domain:
 def parse_domain(text: str, source: str = "domain") -> Domain:
     """Reads a domain from text.
 
-    Raises
-    ------
-    PddlError: with `source`, line and column.
+    :raises PddlError: with `source`, line and column.
     """
     return DomainReader(read_expression(text, source)).read()
 
@@ -40,9 +36,7 @@ def parse_domain(text: str, source: str = "domain") -> Domain:
 def open_definition(node: Expression, kind: str) -> Tuple[Word, List[Expression]]:
     """Name and sections of ``(define (domain x) ...)`` or ``(define (problem x) ...)``.
 
-    Raises
-    ------
-    PddlError: it is something else.
+    :raises PddlError: it is something else.
     """
     if node.head != "define" or len(node) < 2:
         raise node.error(f"expected (define ({kind} <name>) ...)")
@@ -70,9 +64,7 @@ class DomainReader:
     def read(self) -> Domain:
         """The domain.
 
-        Raises
-        ------
-        PddlError: the first thing that is wrong.
+        :raises PddlError: the first thing that is wrong.
         """
         readers: Dict[str, Callable[[Expression], None]] = {
             ":requirements": self._requirements,

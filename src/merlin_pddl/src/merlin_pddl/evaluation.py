@@ -59,11 +59,9 @@ class WorldState:
 class Evaluator:
     """Evaluates formulas of a domain in a state.
 
-    Parameters
-    ----------
-    domain: knows which predicates are derived and how.
-    state: what holds; must not change during a call.
-    specials: values of ``?duration``, ``#t`` and so on; one that is missing has no value.
+    :param domain: knows which predicates are derived and how.
+    :param state: what holds; must not change during a call.
+    :param specials: values of ``?duration``, ``#t`` and so on; one that is missing has no value.
     """
 
     def __init__(

@@ -226,8 +226,6 @@ def ground(formula: Any, bindings: Mapping[str, str]) -> Any:
 def bind(term: str, bindings: Mapping[str, str]) -> str:
     """The object a term stands for.
 
-    Raises
-    ------
-    KeyError: the term is a variable without a value.
+    :raises KeyError: the term is a variable without a value.
     """
     return bindings[term] if term.startswith("?") else term

@@ -56,9 +56,7 @@ Scope = Dict[str, Tuple[str, ...]]
 def typed_list(nodes: Sequence[Node], domain: Domain, variables: bool) -> List[Tuple[Word, Tuple[str, ...]]]:
     """Reads ``a b - type c - (either d e) f``.
 
-    Raises
-    ------
-    PddlError: a word is not a name (or no variable, when those are asked for), or a type is unknown.
+    :raises PddlError: a word is not a name (or no variable, when those are asked for), or a type is unknown.
     """
     found: List[Tuple[Word, Tuple[str, ...]]] = []
     waiting: List[Word] = []
@@ -97,9 +95,7 @@ def _types(node: Node, domain: Domain) -> Tuple[str, ...]:
 def parameters(node: Node, domain: Domain, what: str) -> Tuple[Variable, ...]:
     """Reads a list of typed variables in parentheses.
 
-    Raises
-    ------
-    PddlError: it is none, or a variable stands there twice.
+    :raises PddlError: it is none, or a variable stands there twice.
     """
     if not isinstance(node, Expression):
         raise node.error(f"expected the parameters of {what} in parentheses, found '{node}'")
@@ -114,10 +110,8 @@ def parameters(node: Node, domain: Domain, what: str) -> Tuple[Variable, ...]:
 class FormulaReader:
     """Reads formulas over a domain.
 
-    Parameters
-    ----------
-    domain: knows the predicates, functions and constants.
-    objects: further objects that may be named (those of a problem), with their types.
+    :param domain: knows the predicates, functions and constants.
+    :param objects: further objects that may be named (those of a problem), with their types.
     """
 
     def __init__(self, domain: Domain, objects: Union[Scope, None] = None) -> None:
@@ -127,9 +121,7 @@ class FormulaReader:
     def condition(self, node: Node, scope: Scope) -> Condition:
         """Reads a condition; `scope` holds the variables that may stand in it.
 
-        Raises
-        ------
-        PddlError: it is malformed or names something unknown.
+        :raises PddlError: it is malformed or names something unknown.
         """
         if not isinstance(node, Expression):
             raise node.error(f"expected a condition in parentheses, found '{node}'")
@@ -159,9 +151,7 @@ class FormulaReader:
     def timed_condition(self, node: Node, scope: Scope) -> List[TimedCondition]:
         """Reads the condition of a durative action; a quantifier may stand outside of the time.
 
-        Raises
-        ------
-        PddlError: as `condition`, or a part has no time.
+        :raises PddlError: as `condition`, or a part has no time.
         """
         if not isinstance(node, Expression):
             raise node.error(f"expected a condition in parentheses, found '{node}'")
@@ -204,9 +194,7 @@ class FormulaReader:
     def atom(self, node: Node, scope: Scope) -> Atom:
         """Reads a predicate with its arguments.
 
-        Raises
-        ------
-        PddlError: the predicate is unknown, or its arguments do not fit.
+        :raises PddlError: the predicate is unknown, or its arguments do not fit.
         """
         if not isinstance(node, Expression) or not node:
             raise node.error("expected a predicate in parentheses")
@@ -224,9 +212,7 @@ class FormulaReader:
     def fluent(self, node: Node, scope: Scope) -> Fluent:
         """Reads a numeric function with its arguments.
 
-        Raises
-        ------
-        PddlError: the function is unknown, or its arguments do not fit.
+        :raises PddlError: the function is unknown, or its arguments do not fit.
         """
         parts = node if isinstance(node, Expression) else [node]
         if not parts:
@@ -244,9 +230,7 @@ class FormulaReader:
     def numeric(self, node: Node, scope: Scope) -> Numeric:
         """Reads a numeric expression.
 
-        Raises
-        ------
-        PddlError: it is malformed or names something unknown.
+        :raises PddlError: it is malformed or names something unknown.
         """
         if isinstance(node, Word):
             value = number_of(node)
@@ -269,9 +253,7 @@ class FormulaReader:
     def term(self, node: Node, scope: Scope) -> str:
         """Reads a variable or the name of an object.
 
-        Raises
-        ------
-        PddlError: it is unknown.
+        :raises PddlError: it is unknown.
         """
         if not isinstance(node, Word):
             raise node.error(f"expected a variable or an object, found '{node.text()[:40]}'")

@@ -25,13 +25,11 @@ class PlanTextError(ValueError):
 class PlanStep:
     """One action of a plan.
 
-    Parameters
-    ----------
-    time: when it starts, s from the start of the plan.
-    name: PDDL operator.
-    arguments: objects, in the order of the operator's parameters.
-    duration: planned, s.
-    line: in the text it was read from, from 1; 0 when it was not read.
+    :param time: when it starts, s from the start of the plan.
+    :param name: PDDL operator.
+    :param arguments: objects, in the order of the operator's parameters.
+    :param duration: planned, s.
+    :param line: in the text it was read from, from 1; 0 when it was not read.
     """
 
     time: float
@@ -93,10 +91,8 @@ def parse_plan(text: str) -> List[PlanStep]:
     Planners write other lines around a plan: they are skipped. The first empty line after an action ends the
     plan. A text without any action is a plan only when it has nothing but comments.
 
-    Raises
-    ------
-    PlanTextError: a line is meant as an action and cannot be read, its time or duration is negative or too
-        large, or there is text and no action in it.
+    :raises PlanTextError: a line is meant as an action and cannot be read, its time or duration is negative
+        or too large, or there is text and no action in it.
     """
     steps: List[PlanStep] = []
     other = ""  # the first line that is neither an action nor a comment

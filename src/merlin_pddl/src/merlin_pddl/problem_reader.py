@@ -27,9 +27,7 @@ NO_TRAJECTORY = (
 def read_problem(path: Union[str, Path], domain: Domain) -> Problem:
     """Reads a problem file for a knowledge base.
 
-    Raises
-    ------
-    PddlError: with file, line and column; also for trajectory constraints, which it cannot keep.
+    :raises PddlError: with file, line and column; also for trajectory constraints, which it cannot keep.
     """
     return ProblemReader(read_file(path), domain).read()
 
@@ -37,9 +35,7 @@ def read_problem(path: Union[str, Path], domain: Domain) -> Problem:
 def parse_problem(text: str, domain: Domain, source: str = "problem", constraints: bool = False) -> Problem:
     """Reads a problem from text; with `constraints` one that is planned for as it is.
 
-    Raises
-    ------
-    PddlError: with `source`, line and column.
+    :raises PddlError: with `source`, line and column.
     """
     return ProblemReader(read_expression(text, source), domain, constraints).read()
 
@@ -49,9 +45,7 @@ def parse_condition(
 ) -> Condition:
     """Reads a ground condition, as a goal is one.
 
-    Raises
-    ------
-    PddlError: it is malformed, or names something that neither the domain nor `objects` knows.
+    :raises PddlError: it is malformed, or names something that neither the domain nor `objects` knows.
     """
     return FormulaReader(domain, dict(objects)).condition(read_expression(text, source), {})
 
@@ -73,9 +67,7 @@ class ProblemReader:
     def read(self) -> Problem:
         """The problem.
 
-        Raises
-        ------
-        PddlError: the first thing that is wrong.
+        :raises PddlError: the first thing that is wrong.
         """
         readers = {
             ":domain": self._check_domain,

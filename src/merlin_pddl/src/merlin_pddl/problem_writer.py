@@ -20,9 +20,7 @@ class ProblemWriteError(Exception):
 def write_problem(problem: Problem, domain: Domain) -> str:
     """A problem as PDDL text.
 
-    Raises
-    ------
-    ProblemWriteError: a timed item is an instance, which PDDL cannot add later.
+    :raises ProblemWriteError: a timed item is an instance, which PDDL cannot add later.
     """
     lines = [f"(define (problem {problem.name})", f"(:domain {problem.domain_name})", "(:objects"]
     lines.extend(f"    {line}" for line in object_lines(problem, domain))

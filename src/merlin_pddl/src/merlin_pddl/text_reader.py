@@ -80,9 +80,7 @@ Node = Union[Word, Expression]
 def read_text(text: str, source: str = "") -> List[Node]:
     """Reads all expressions of a text.
 
-    Raises
-    ------
-    PddlError: a parenthesis is missing or too many, or the nesting is absurd.
+    :raises PddlError: a parenthesis is missing or too many, or the nesting is absurd.
     """
     lines = [0] + [match.end() for match in re.finditer("\n", text)]
     found: List[Node] = []
@@ -117,9 +115,7 @@ def read_text(text: str, source: str = "") -> List[Node]:
 def read_expression(text: str, source: str = "") -> Expression:
     """Reads a text that must be exactly one expression in parentheses.
 
-    Raises
-    ------
-    PddlError: it is something else.
+    :raises PddlError: it is something else.
     """
     nodes = read_text(text, source)
     if not nodes:
@@ -134,9 +130,7 @@ def read_expression(text: str, source: str = "") -> Expression:
 def read_file(path: Union[str, Path]) -> Expression:
     """Reads a file that holds one expression.
 
-    Raises
-    ------
-    PddlError: the file cannot be read, or holds something else.
+    :raises PddlError: the file cannot be read, or holds something else.
     """
     try:
         text = Path(path).read_bytes().decode("utf-8-sig")
@@ -155,9 +149,7 @@ def is_name(text: str) -> bool:
 def name_of(node: Node, what: str) -> Word:
     """The node as a name.
 
-    Raises
-    ------
-    PddlError: it is none; `what` says what was expected.
+    :raises PddlError: it is none; `what` says what was expected.
     """
     if not isinstance(node, Word):
         raise node.error(f"expected {what}, found '{node.text()[:40]}'")

@@ -25,9 +25,7 @@ class TypeHierarchy:
     def complete(self) -> None:
         """Adds parents that were not declared and checks that no type is its own ancestor.
 
-        Raises
-        ------
-        TypeCycleError: one is.
+        :raises TypeCycleError: one is.
         """
         for parents in list(self._parents.values()):
             for parent in parents:

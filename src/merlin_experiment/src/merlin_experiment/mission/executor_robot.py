@@ -13,8 +13,8 @@ from merlin_experiment.records.trajectory import Trajectory
 from merlin_ros.deadline import Deadline
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
+#: Running time within which the Executor is idle after it has answered, s.
 IDLE_TIMEOUT = 30.0
-"""Running time within which the Executor is idle after it has answered, s."""
 
 
 class _Request:
@@ -38,18 +38,15 @@ class _Request:
 class ExecutorRobot(MerlinROSPlanAssistant):
     """What a mission needs, over the Executor.
 
-    Attributes:
-        trajectory: where the robot was.
-        doing: what it does now, for people.
-        client: of the Executor.
+    :ivar trajectory: where the robot was.
+    :ivar doing: what it does now, for people.
+    :ivar client: of the Executor.
     """
 
     def __init__(self, trajectory: Trajectory, on_action: Callable[[str], None], on_lost: str = END) -> None:
-        """
-        Parameters:
-            trajectory: filled by the subscriber of the ground truth.
-            on_action: called with its operator when an action was dispatched.
-            on_lost: END or RESEND, what happens to a task during which the Executor is lost.
+        """:param trajectory: filled by the subscriber of the ground truth.
+        :param on_action: called with its operator when an action was dispatched.
+        :param on_lost: END or RESEND, what happens to a task during which the Executor is lost.
         """
         self.trajectory = trajectory
         self.doing = ""
@@ -83,8 +80,7 @@ class ExecutorRobot(MerlinROSPlanAssistant):
     def wait_idle(self) -> None:
         """Waits until the Executor says that it is idle.
 
-        Raises:
-            MissionStopped: it does not within IDLE_TIMEOUT.
+        :raises MissionStopped: it does not within IDLE_TIMEOUT.
         """
         with self._changed:
             if not Deadline(IDLE_TIMEOUT).wait(self._changed, self._idle):

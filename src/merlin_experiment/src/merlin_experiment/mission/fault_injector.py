@@ -21,11 +21,9 @@ class FaultInjector:
     """Kills one node once."""
 
     def __init__(self, node: str, task: int, delay: float) -> None:
-        """
-        Parameters:
-            node: its name, relative names allowed.
-            task: number of the mission's task in which it is killed.
-            delay: s of ROS time after the beginning of that task.
+        """:param node: its name, relative names allowed.
+        :param task: number of the mission's task in which it is killed.
+        :param delay: s of ROS time after the beginning of that task.
         """
         self._node = rospy.resolve_name(node)
         self._task = task

@@ -10,8 +10,8 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 
 from merlin_experiment.records.trajectory import Sample, Trajectory
 
+#: Occupancy (%) from which a cell counts as an obstacle.
 OCCUPIED = 50
-"""Occupancy (%) from which a cell counts as an obstacle."""
 
 
 class GroundTruth:
@@ -40,9 +40,8 @@ class GroundTruth:
 def receive_one(topic: str, message_class: Any, timeout: float) -> Any:
     """The first message of a topic; None when none comes.
 
-    Parameters:
-        topic: a latched one, or one that is published often.
-        timeout: wall seconds; rospy's own wait counts ROS time, which may stand still.
+    :param topic: a latched one, or one that is published often.
+    :param timeout: wall seconds; rospy's own wait counts ROS time, which may stand still.
     """
     arrived = threading.Event()
     messages: List[Any] = []

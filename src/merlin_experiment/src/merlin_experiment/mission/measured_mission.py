@@ -10,21 +10,20 @@ from merlin_experiment.records.task_record import TaskRecord
 from merlin_experiment.records.trajectory import Trajectory
 from merlin_home.mission_list import MissionTask
 
+#: By how much the clocks of two nodes may differ in a simulation, s: they learn of the time by messages.
 CLOCK_TICK = 0.05
-"""By how much the clocks of two nodes may differ in a simulation, s: they learn of the time by messages."""
 
+#: Time after the next task's first action in which a standstill still belongs to the task before, s.
 BRAKING = 1.0
-"""Time after the next task's first action in which a standstill still belongs to the task before, s."""
 
 
 class RequestEnding(NamedTuple):
     """How a request ended.
 
-    Attributes:
-        name: as in Execute.action: SUCCEEDED, CANCELLED, …
-        stage: of the Executor in which it ended.
-        reason: a sentence; empty after a success.
-        replans: how often its plan was replaced.
+    :ivar name: as in Execute.action: SUCCEEDED, CANCELLED, …
+    :ivar stage: of the Executor in which it ended.
+    :ivar reason: a sentence; empty after a success.
+    :ivar replans: how often its plan was replaced.
     """
 
     name: str
@@ -74,9 +73,8 @@ class MissionStopped(Exception):
 class MeasuredMission:
     """One run through a list of tasks.
 
-    Attributes:
-        records: of the tasks done so far, and of the one under way.
-        start: ROS time of the first goal, s; the times of the records count from it.
+    :ivar records: of the tasks done so far, and of the one under way.
+    :ivar start: ROS time of the first goal, s; the times of the records count from it.
     """
 
     def __init__(
@@ -88,15 +86,13 @@ class MeasuredMission:
         on_change: Callable[[TaskRecord], None] = lambda record: None,
         wait_turn: Callable[[Callable[[], bool]], None] = lambda stopped: None,
     ) -> None:
-        """
-        Parameters:
-            tasks: the list.
-            robot: what carries them out.
-            cancel_after: s of ROS time between sending and cancelling a marked task.
-            before_cancel: seconds before the cancel, and what to do then.
-            on_change: called when a task begins, is cancelled and has ended.
-            wait_turn: called before each task; a paused mission waits in it. Its argument is a function that
-                returns whether the mission was stopped.
+        """:param tasks: the list.
+        :param robot: what carries them out.
+        :param cancel_after: s of ROS time between sending and cancelling a marked task.
+        :param before_cancel: seconds before the cancel, and what to do then.
+        :param on_change: called when a task begins, is cancelled and has ended.
+        :param wait_turn: called before each task; a paused mission waits in it. Its argument is a function
+            that returns whether the mission was stopped.
         """
         self.records: List[TaskRecord] = []
         self.start: Optional[float] = None
@@ -113,8 +109,7 @@ class MeasuredMission:
     def run(self) -> List[TaskRecord]:
         """Carries the tasks out; returns their records.
 
-        Raises:
-            MissionStopped: `stop` was called, or the robot is gone.
+        :raises MissionStopped: `stop` was called, or the robot is gone.
         """
         for task in self._tasks:
             self._wait_turn(lambda: self._stopped)

@@ -34,10 +34,10 @@ from merlin_ros.node import init_node
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import KnowledgeError
 
+#: ROS time in which the robot comes to its last standstill, s.
 AFTERWARDS = 0.5
-"""ROS time in which the robot comes to its last standstill, s."""
+#: Wall seconds to wait for that.
 SETTLE = 2.0
-"""Wall seconds to wait for that."""
 
 
 class MeasuredMissionNode(MissionNode):

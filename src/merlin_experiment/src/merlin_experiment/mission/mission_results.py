@@ -31,11 +31,10 @@ class MissionResults:
     def add_map(self, occupied: np.ndarray, resolution: float, origin: Point, way: Sequence[Sample]) -> None:
         """Adds the oracle's figures to the records, and makes the plot possible.
 
-        Parameters:
-            occupied: obstacles of the map; row = y, column = x.
-            resolution: edge of a cell, m.
-            origin: map coordinates of the outer corner of cell (0, 0), m.
-            way: where the robot was from the first goal on.
+        :param occupied: obstacles of the map; row = y, column = x.
+        :param resolution: edge of a cell, m.
+        :param origin: map coordinates of the outer corner of cell (0, 0), m.
+        :param way: where the robot was from the first goal on.
         """
         self._picture = MapPicture(occupied, resolution, origin)
         self._way = way
@@ -64,8 +63,7 @@ class MissionResults:
     def write(self) -> List[str]:
         """Writes the files; returns the lines for the screen.
 
-        Raises:
-            OSError: the folder of the results cannot be written.
+        :raises OSError: the folder of the results cannot be written.
         """
         paths = write_run(self._settings.results, self._run)
         if self._picture is not None:

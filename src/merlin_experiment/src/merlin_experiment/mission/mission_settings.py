@@ -22,22 +22,21 @@ class SettingsError(ValueError):
 class MissionSettings:
     """What a mission is to do.
 
-    Attributes:
-        mission: 1, 2 or 3.
-        approach: merlin or naive, for the records; what runs is decided by the launch file.
-        seed: of the list.
-        cancel_after: s of ROS time.
-        tasks: length of the list; 0: the mission's own.
-        marked_share: of the tasks, 0 to 1.
-        factor: real-time factor asked for.
-        policy: of the factor.
-        results: folder.
-        points: points of interest that the mission visits, frame map, m.
-        limits: of the robot, for the oracle.
-        goal_tolerance: m by which a drive may end before a point of interest.
-        speech_length: s; 0: measured.
-        world_file: of the simulated world, whose exact shapes the oracle uses; None: it uses the map.
-        on_lost: what happens to a task during which the Executor is lost: end, or resend when it is back.
+    :ivar mission: 1, 2 or 3.
+    :ivar approach: merlin or naive, for the records; what runs is decided by the launch file.
+    :ivar seed: of the list.
+    :ivar cancel_after: s of ROS time.
+    :ivar tasks: length of the list; 0: the mission's own.
+    :ivar marked_share: of the tasks, 0 to 1.
+    :ivar factor: real-time factor asked for.
+    :ivar policy: of the factor.
+    :ivar results: folder.
+    :ivar points: points of interest that the mission visits, frame map, m.
+    :ivar limits: of the robot, for the oracle.
+    :ivar goal_tolerance: m by which a drive may end before a point of interest.
+    :ivar speech_length: s; 0: measured.
+    :ivar world_file: of the simulated world, whose exact shapes the oracle uses; None: it uses the map.
+    :ivar on_lost: what happens to a task during which the Executor is lost: end, or resend when it is back.
     """
 
     mission: int
@@ -60,12 +59,9 @@ class MissionSettings:
     def read(cls, get: Callable[[str, Any], Any], points: Any) -> "MissionSettings":
         """Reads the parameters.
 
-        Parameters:
-            get: returns a parameter by name, or the default.
-            points: `world/points_of_interest`.
-
-        Raises:
-            SettingsError: a parameter is wrong.
+        :param get: returns a parameter by name, or the default.
+        :param points: `world/points_of_interest`.
+        :raises SettingsError: a parameter is wrong.
         """
         defaults = MotionLimits()
         settings = cls(

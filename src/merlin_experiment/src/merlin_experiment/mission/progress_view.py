@@ -8,8 +8,8 @@ from typing import Iterable, List, Optional, Sequence, TextIO
 
 from merlin_experiment.records.task_record import RunRecord, TaskRecord, efficiency, total
 
+#: Shortest wall time between two rewritings of the live line, s.
 REFRESH = 0.25
-"""Shortest wall time between two rewritings of the live line, s."""
 
 
 class ProgressView:

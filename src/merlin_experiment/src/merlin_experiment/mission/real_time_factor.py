@@ -13,43 +13,38 @@ import threading
 from typing import Callable
 
 POLICIES = ("constant", "adaptive")
+#: ROS time before a cancel from which on the factor is 1, s.
 CANCEL_AHEAD = 1.0
-"""ROS time before a cancel from which on the factor is 1, s."""
+#: Distance to the point of interest from which on the factor is 1, m.
 ARRIVAL_AHEAD = 0.5
-"""Distance to the point of interest from which on the factor is 1, m."""
+#: ROS time before the end of the question from which on the factor is 1, s.
 SPEECH_AHEAD = 0.7
-"""ROS time before the end of the question from which on the factor is 1, s."""
+#: ROS time after a dispatch in which the factor is 1, s.
 REACTION = 1.0
-"""ROS time after a dispatch in which the factor is 1, s."""
+#: Share of the factor asked for below which the machine does not keep up.
 KEPT_UP = 0.9
-"""Share of the factor asked for below which the machine does not keep up."""
+#: By how much a lowered factor rises again with each second in which the machine keeps up.
 RAISED = 1.1
-"""By how much a lowered factor rises again with each second in which the machine keeps up."""
 
+#: Calls a function after some ROS time (s) in another thread; returns what prevents that.
 CallAfter = Callable[[float, Callable[[], None]], Callable[[], None]]
-"""Calls a function after some ROS time (s) in another thread; returns what prevents that."""
 
 
 class RealTimeFactor:
     """Sets the simulator's factor at the moments of a task; any thread may tell of them.
 
-    Attributes:
-        lowest: the lowest factor that the machine forced upon the fast parts of the mission.
+    :ivar lowest: the lowest factor that the machine forced upon the fast parts of the mission.
     """
 
     def __init__(
         self, policy: str, factor: float, set_factor: Callable[[float], bool], call_after: CallAfter
     ) -> None:
-        """
-        Parameters:
-            policy: one of POLICIES.
-            factor: simulated seconds per second; 0: as fast as possible.
-            set_factor: sets it in the simulator; returns whether the simulator took it. A refused factor
-                is set again at the next moment that wants it.
-            call_after: the timer.
-
-        Raises:
-            ValueError: an unknown policy or a negative factor.
+        """:param policy: one of POLICIES.
+        :param factor: simulated seconds per second; 0: as fast as possible.
+        :param set_factor: sets it in the simulator; returns whether the simulator took it. A refused factor
+            is set again at the next moment that wants it.
+        :param call_after: the timer.
+        :raises ValueError: an unknown policy or a negative factor.
         """
         if policy not in POLICIES:
             raise ValueError(f"rtf_policy '{policy}' is not one of {', '.join(POLICIES)}")
@@ -78,8 +73,7 @@ class RealTimeFactor:
     def action_starts(self, duration: float = 0.0) -> None:
         """An action was dispatched.
 
-        Parameters:
-            duration: s of ROS time that it will take, if that is known; else 0.
+        :param duration: s of ROS time that it will take, if that is known; else 0.
         """
         if not self._adaptive:
             return
@@ -108,9 +102,8 @@ class RealTimeFactor:
     def reached(self, requested: float, achieved: float) -> None:
         """What the simulator says that the machine made of a factor, over about a second of wall time.
 
-        Parameters:
-            requested: by the last call that set it, all that time.
-            achieved: simulated seconds per second.
+        :param requested: by the last call that set it, all that time.
+        :param achieved: simulated seconds per second.
         """
         with self._lock:
             if not self._adaptive or self._factor == 0.0 or requested != self._current or requested == 1.0:

@@ -11,8 +11,7 @@ class SpeechLengthError(RuntimeError):
 def speech_length(text: str = QUESTION) -> float:
     """Length of a sentence, s, measured on the sound that the simulated robot plays.
 
-    Raises:
-        SpeechLengthError: it cannot be synthesised.
+    :raises SpeechLengthError: it cannot be synthesised.
     """
     try:
         return SpeechSynthesizer().say(text).duration

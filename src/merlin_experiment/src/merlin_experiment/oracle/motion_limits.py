@@ -13,10 +13,9 @@ from typing import Tuple
 class Profile:
     """Fastest motion from rest to rest.
 
-    Attributes:
-        way: length, m or rad.
-        speed: limit of the speed, m/s or rad/s.
-        acceleration: limit of the acceleration and of the braking, m/s² or rad/s².
+    :ivar way: length, m or rad.
+    :ivar speed: limit of the speed, m/s or rad/s.
+    :ivar acceleration: limit of the acceleration and of the braking, m/s² or rad/s².
     """
 
     way: float
@@ -60,12 +59,11 @@ class Profile:
 class MotionLimits:
     """Limits of a differential-drive robot.
 
-    Attributes:
-        speed: m/s.
-        acceleration: m/s².
-        turn_rate: rad/s.
-        turn_acceleration: rad/s².
-        radius: of the disc that holds the robot, m.
+    :ivar speed: m/s.
+    :ivar acceleration: m/s².
+    :ivar turn_rate: rad/s.
+    :ivar turn_acceleration: rad/s².
+    :ivar radius: of the disc that holds the robot, m.
     """
 
     speed: float = 0.30
@@ -85,10 +83,9 @@ class MotionLimits:
     def set_off(self, angle: float, distance: float, motion: Tuple[float, float] = (0.0, 0.0)) -> "SetOff":
         """The fastest drive of a distance (m) in a direction that is off the heading by an angle (rad).
 
-        Parameters:
-            angle: rad, either direction.
-            distance: m.
-            motion: speed (m/s) and turning speed towards the direction (rad/s) at the start, ≥ 0.
+        :param angle: rad, either direction.
+        :param distance: m.
+        :param motion: speed (m/s) and turning speed towards the direction (rad/s) at the start, ≥ 0.
         """
         return SetOff(self, abs(angle), distance, motion)
 
@@ -101,8 +98,7 @@ class SetOff:
     moves sideways meanwhile is counted as free, as are corners of the path (rounding one at full speed, on an
     arc of speed / turn_rate, costs centimetres).
 
-    Attributes:
-        duration: s, until it stands again.
+    :ivar duration: s, until it stands again.
     """
 
     STEP = 0.002  # s, of the numerical integration over the turn
@@ -114,13 +110,11 @@ class SetOff:
         distance: float,
         motion: Tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """
-        Parameters:
-            limits: of the robot.
-            angle: between heading and path at the start, rad, ≥ 0.
-            distance: to cover, m.
-            motion: speed (m/s) and turning speed (rad/s) at the start, ≥ 0; what is beyond the limits, or too
-                fast to stop within the way, is taken as what just is not.
+        """:param limits: of the robot.
+        :param angle: between heading and path at the start, rad, ≥ 0.
+        :param distance: to cover, m.
+        :param motion: speed (m/s) and turning speed (rad/s) at the start, ≥ 0; what is beyond the limits, or
+            too fast to stop within the way, is taken as what just is not.
         """
         self._limits, self._distance = limits, distance
         self._gains = [0.0]

@@ -20,9 +20,8 @@ from merlin_experiment.oracle.shortest_path import ShortestPaths, angle_between
 class OracleResult:
     """What the best possible execution of a task takes.
 
-    Attributes:
-        time: s, from sending to the end.
-        distance: m.
+    :ivar time: s, from sending to the end.
+    :ivar distance: m.
     """
 
     time: float
@@ -35,12 +34,10 @@ class Oracle:
     def __init__(
         self, paths: ShortestPaths, limits: MotionLimits, speech: float, goal_tolerance: float = 0.0
     ) -> None:
-        """
-        Parameters:
-            paths: shortest paths of the robot's disc.
-            limits: of the robot.
-            speech: true length of the spoken question, s.
-            goal_tolerance: distance from a point at which a drive to it may end, m.
+        """:param paths: shortest paths of the robot's disc.
+        :param limits: of the robot.
+        :param speech: true length of the spoken question, s.
+        :param goal_tolerance: distance from a point at which a drive to it may end, m.
         """
         self._paths = paths
         self._limits = limits
@@ -57,16 +54,13 @@ class Oracle:
     ) -> OracleResult:
         """The best execution of one task.
 
-        Parameters:
-            start: where the robot is when the task is sent, frame map, m.
-            heading: its heading there, rad.
-            goal: the point of interest, frame map, m.
-            cancel_after: when the task is cancelled, s after sending; infinite: never.
-            motion: speed (m/s) and turning speed (rad/s) that it still has there; a robot sent on while it
-                brakes does not begin from rest.
-
-        Raises:
-            NoPathError: there is no way.
+        :param start: where the robot is when the task is sent, frame map, m.
+        :param heading: its heading there, rad.
+        :param goal: the point of interest, frame map, m.
+        :param cancel_after: when the task is cancelled, s after sending; infinite: never.
+        :param motion: speed (m/s) and turning speed (rad/s) that it still has there; a robot sent on while it
+            brakes does not begin from rest.
+        :raises NoPathError: there is no way.
         """
         route = self._paths.path(start, goal)
         length = max(0.0, route.length - self._tolerance)

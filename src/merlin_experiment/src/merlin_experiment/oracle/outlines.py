@@ -18,9 +18,8 @@ Point = Tuple[float, float]
 class Outline:
     """A convex polygon grown by a radius.
 
-    Attributes:
-        corners: counter-clockwise, m; one: a disc, two: a rod.
-        radius: m.
+    :ivar corners: counter-clockwise, m; one: a disc, two: a rod.
+    :ivar radius: m.
     """
 
     corners: Tuple[Point, ...]
@@ -107,10 +106,9 @@ def outlines_of_map(occupied: np.ndarray, resolution: float, origin: Point) -> O
     The squares of the cells reach up to half a cell beyond the true obstacle, and would make the yardstick
     too hard. No disc wider than a cell passes between neighbouring centres.
 
-    Parameters:
-        occupied: row = y, column = x.
-        resolution: edge of a cell, m.
-        origin: map coordinates of the outer corner of cell (0, 0), m.
+    :param occupied: row = y, column = x.
+    :param resolution: edge of a cell, m.
+    :param origin: map coordinates of the outer corner of cell (0, 0), m.
     """
     shapes = []
     for first_row, last_row, first, last in _rectangles(occupied):

@@ -14,14 +14,14 @@ from scipy.sparse.csgraph import dijkstra
 
 from merlin_experiment.oracle.outlines import Outlines, Point
 
+#: By which a line may seem to enter what it touches, m.
 TOUCH = 1e-7
-"""By which a line may seem to enter what it touches, m."""
+#: Points of a circle at which an arc is tested; a gap too narrow by 0.01 mm is found.
 SAMPLES = 720
-"""Points of a circle at which an arc is tested; a gap too narrow by 0.01 mm is found."""
+#: Lines tested at once.
 BATCH = 4000
-"""Lines tested at once."""
+#: Farthest that a point inside an obstacle is moved, m.
 AWAY = 1.0
-"""Farthest that a point inside an obstacle is moved, m."""
 
 
 class NoPathError(ValueError):
@@ -59,10 +59,8 @@ class ShortestPaths:
     """Shortest paths in one place."""
 
     def __init__(self, outlines: Outlines, radius: float) -> None:
-        """
-        Parameters:
-            outlines: the obstacles.
-            radius: of the robot, m.
+        """:param outlines: the obstacles.
+        :param radius: of the robot, m.
         """
         self._outlines = outlines
         self._least = radius - TOUCH
@@ -87,12 +85,9 @@ class ShortestPaths:
 
         A point inside an obstacle (by as little as a map is off) is moved out of it at no cost.
 
-        Parameters:
-            start: m.
-            goal: m.
-
-        Raises:
-            NoPathError: there is none.
+        :param start: m.
+        :param goal: m.
+        :raises NoPathError: there is none.
         """
         begin, end = (
             self._outside(np.asarray(start, dtype=float)),

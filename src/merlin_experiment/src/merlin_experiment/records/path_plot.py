@@ -17,10 +17,9 @@ Point = Tuple[float, float]
 class MapPicture:
     """An occupancy grid ready to be drawn.
 
-    Attributes:
-        occupied: true where there is an obstacle; row = y, column = x.
-        resolution: edge of a cell, m.
-        origin: map coordinates of the outer corner of cell (0, 0), m.
+    :ivar occupied: true where there is an obstacle; row = y, column = x.
+    :ivar resolution: edge of a cell, m.
+    :ivar origin: map coordinates of the outer corner of cell (0, 0), m.
     """
 
     def __init__(self, occupied: np.ndarray, resolution: float, origin: Point) -> None:
@@ -52,13 +51,12 @@ def plot_path(
 ) -> None:
     """Writes a PNG of one run.
 
-    Parameters:
-        path: the file.
-        picture: the map.
-        points: points of interest, m.
-        way: positions of the robot in their order, m.
-        stops: where tasks were cancelled, m.
-        title: of the figure.
+    :param path: the file.
+    :param picture: the map.
+    :param points: points of interest, m.
+    :param way: positions of the robot in their order, m.
+    :param stops: where tasks were cancelled, m.
+    :param title: of the figure.
     """
     figure, axes = plt.subplots(figsize=(8, 6.5))
     picture.draw(axes, points)

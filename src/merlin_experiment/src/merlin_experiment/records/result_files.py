@@ -13,11 +13,8 @@ DECIMALS = 4
 def write_run(folder: Path, run: RunRecord) -> Dict[str, Path]:
     """Writes the two tables of one run into a folder, which is made if it is missing.
 
-    Returns:
-        The paths written, by file name.
-
-    Raises:
-        OSError: the folder cannot be written.
+    :return: The paths written, by file name.
+    :raises OSError: the folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     paths = {name: folder / name for name in ("runs.csv", "tasks.csv")}

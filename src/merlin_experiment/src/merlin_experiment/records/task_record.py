@@ -5,8 +5,8 @@ from typing import Any, Dict, List, Optional, Tuple
 
 from merlin_home.mission_list import MissionTask
 
+#: A success this soon after the cancel (s of ROS time) crossed it on the way, and counts as before it.
 CROSSING = 0.25
-"""A success this soon after the cancel (s of ROS time) crossed it on the way, and counts as before it."""
 
 TASK_COLUMNS = (
     "mission",
@@ -71,24 +71,25 @@ RUN_COLUMNS = (
 class TaskRecord:
     """One task. Times are s of ROS time since the mission's first goal.
 
-    Attributes:
-        task: from the list.
-        start: x, y (m) and yaw (rad) of the robot when the task was sent, frame map.
-        motion: speed (m/s) and turning speed (rad/s) at that moment: it may still brake for the task before.
-        sent: when its goal was sent.
-        first_dispatch: when its first action was dispatched; None: never.
-        cancel_sent: when it was cancelled; None: never.
-        robot_stopped: when the robot stood still after that (for a task that was not cancelled: at its end).
-        idle: when the Executor was idle again.
-        outcome: name of the outcome, as in Execute.action.
-        stage: of the Executor in which it ended.
-        reason: why, one sentence; empty when it succeeded.
-        replans: plans beyond the first.
-        distance: m.
-        navigating: s in which the navigate action ran.
-        speaking: s in which the ask action ran.
-        oracle_time: s; None: not computed.
-        oracle_distance: m.
+    :ivar task: from the list.
+    :ivar start: x, y (m) and yaw (rad) of the robot when the task was sent, frame map.
+    :ivar motion: speed (m/s) and turning speed (rad/s) at that moment: it may still brake for the task
+        before.
+    :ivar sent: when its goal was sent.
+    :ivar first_dispatch: when its first action was dispatched; None: never.
+    :ivar cancel_sent: when it was cancelled; None: never.
+    :ivar robot_stopped: when the robot stood still after that (for a task that was not cancelled: at its
+        end).
+    :ivar idle: when the Executor was idle again.
+    :ivar outcome: name of the outcome, as in Execute.action.
+    :ivar stage: of the Executor in which it ended.
+    :ivar reason: why, one sentence; empty when it succeeded.
+    :ivar replans: plans beyond the first.
+    :ivar distance: m.
+    :ivar navigating: s in which the navigate action ran.
+    :ivar speaking: s in which the ask action ran.
+    :ivar oracle_time: s; None: not computed.
+    :ivar oracle_distance: m.
     """
 
     task: MissionTask
@@ -152,12 +153,11 @@ class TaskRecord:
 class RunRecord:
     """One run of a mission.
 
-    Attributes:
-        settings: the columns that were given: mission, approach, seed, real_time_factor, rtf_policy, …
-        tasks: its tasks, in their order.
-        wall: s of wall time.
-        ended: `complete`, or why it ended early.
-        versions: of the software that ran, one line.
+    :ivar settings: the columns that were given: mission, approach, seed, real_time_factor, rtf_policy, …
+    :ivar tasks: its tasks, in their order.
+    :ivar wall: s of wall time.
+    :ivar ended: `complete`, or why it ended early.
+    :ivar versions: of the software that ran, one line.
     """
 
     settings: Dict[str, Any]

@@ -5,8 +5,8 @@ import math
 import threading
 from typing import List, NamedTuple, Optional
 
+#: Speed below which the robot counts as standing, m/s; it may turn on the spot for its next task by then.
 STANDSTILL = 0.01
-"""Speed below which the robot counts as standing, m/s; it may turn on the spot for its next task by then."""
 
 
 class Sample(NamedTuple):
@@ -63,12 +63,9 @@ class Trajectory:
     def wait_until(self, time: float, timeout: float) -> bool:
         """Waits for a sample at or after a time.
 
-        Parameters:
-            time: s of ROS time.
-            timeout: wall seconds.
-
-        Returns:
-            False when none came.
+        :param time: s of ROS time.
+        :param timeout: wall seconds.
+        :return: False when none came.
         """
         with self._changed:
             return self._changed.wait_for(lambda: bool(self._times) and self._times[-1] >= time, timeout)

@@ -27,10 +27,9 @@ PHASES = (
 def draw_paths(path: Path, tracks: Dict[str, Path], title: str) -> None:
     """Figure 9: the ways of two runs on the map, side by side.
 
-    Parameters:
-        path: the PNG.
-        tracks: approach → track.npz.
-        title: of the figure.
+    :param path: the PNG.
+    :param tracks: approach → track.npz.
+    :param title: of the figure.
     """
     figure, all_axes = plt.subplots(1, len(tracks), figsize=(6.5 * len(tracks), 5.4), squeeze=False)
     for axes, (approach, file) in zip(all_axes[0], tracks.items()):
@@ -74,10 +73,9 @@ def draw_bars(
 def draw_timeline(path: Path, runs: Dict[str, List[Row]], title: str) -> None:
     """What each task of a pair of runs spent its time on, with the moments of the cancels.
 
-    Parameters:
-        path: the PNG.
-        runs: approach → rows of tasks.csv of one run.
-        title: of the figure.
+    :param path: the PNG.
+    :param runs: approach → rows of tasks.csv of one run.
+    :param title: of the figure.
     """
     figure, all_axes = plt.subplots(
         len(runs), 1, figsize=(10, 1.6 + 1.3 * len(runs)), sharex=True, squeeze=False
@@ -107,9 +105,8 @@ def draw_timeline(path: Path, runs: Dict[str, List[Row]], title: str) -> None:
 def draw_cancelled_task(path: Path, tracks: Dict[str, Tuple[Path, Row]]) -> None:
     """The speed of the robot around the cancel of one task, in each approach.
 
-    Parameters:
-        path: the PNG.
-        tracks: approach → track.npz and the row of the task.
+    :param path: the PNG.
+    :param tracks: approach → track.npz and the row of the task.
     """
     figure, axes = plt.subplots(figsize=(8, 3.2))
     for approach, (file, task) in tracks.items():
@@ -131,11 +128,10 @@ def draw_sweep(
 ) -> None:
     """Ratios MERLIN / Naive over a setting, with those of the single pairs.
 
-    Parameters:
-        path: the PNG.
-        points: `time` and `distance` → value of the setting and the ratio there.
-        oracle: value of the setting and the oracle's ratio of times.
-        label: of the setting.
+    :param path: the PNG.
+    :param points: `time` and `distance` → value of the setting and the ratio there.
+    :param oracle: value of the setting and the oracle's ratio of times.
+    :param label: of the setting.
     """
     figure, axes = plt.subplots(figsize=(6, 4))
     for (name, entries), color in zip(points.items(), ("tab:blue", "tab:purple")):

@@ -13,6 +13,7 @@ class PaperFigure(NamedTuple):
 
 _NONE = float("nan")
 
+#: Time of a mission, s.
 TIME: Dict[Tuple[int, str], PaperFigure] = {
     (1, "naive"): PaperFigure(178.20, 178.19, 6.03),
     (1, "merlin"): PaperFigure(104.46, 110.66, 12.30),
@@ -21,8 +22,8 @@ TIME: Dict[Tuple[int, str], PaperFigure] = {
     (3, "naive"): PaperFigure(3379.0, _NONE, _NONE),
     (3, "merlin"): PaperFigure(2154.0, _NONE, _NONE),
 }
-"""Time of a mission, s."""
 
+#: Distance of a mission, m.
 DISTANCE: Dict[Tuple[int, str], PaperFigure] = {
     (1, "naive"): PaperFigure(46.65, 46.92, 2.05),
     (1, "merlin"): PaperFigure(21.72, 23.64, 3.94),
@@ -31,7 +32,6 @@ DISTANCE: Dict[Tuple[int, str], PaperFigure] = {
     (3, "naive"): PaperFigure(844.0, _NONE, _NONE),
     (3, "merlin"): PaperFigure(475.0, _NONE, _NONE),
 }
-"""Distance of a mission, m."""
 
 
 def paper_ratio(table: Dict[Tuple[int, str], PaperFigure], mission: int) -> float:

@@ -10,12 +10,9 @@ NAME = "experiment"
 def publish(results: Path, docs: Path) -> List[Path]:
     """Writes `<docs>/experiment.md` and `<docs>/experiment/`.
 
-    Parameters:
-        results: folder of the experiment, with report.md, runs.csv and figures/.
-        docs: folder of the documentation.
-
-    Returns:
-        The paths written.
+    :param results: folder of the experiment, with report.md, runs.csv and figures/.
+    :param docs: folder of the documentation.
+    :return: The paths written.
     """
     folder = docs / NAME
     folder.mkdir(parents=True, exist_ok=True)

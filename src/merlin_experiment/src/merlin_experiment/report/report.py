@@ -44,16 +44,13 @@ def write_report(
 ) -> Path:
     """Writes the report and its figures.
 
-    Parameters:
-        results: folder; what its file ``note.md`` says of the conditions, if there is one, is part of the
-            report.
-        planned: the runs that were asked for.
-        run_rows: of the finished ones; at least one.
-        task_rows: of their tasks.
-        command: that made it.
-
-    Returns:
-        The path of report.md.
+    :param results: folder; what its file ``note.md`` says of the conditions, if there is one, is part of the
+        report.
+    :param planned: the runs that were asked for.
+    :param run_rows: of the finished ones; at least one.
+    :param task_rows: of their tasks.
+    :param command: that made it.
+    :return: The path of report.md.
     """
     everything = Analysis(run_rows, task_rows)
     main = everything.only(set="main")

@@ -9,8 +9,8 @@ from merlin_experiment.report.markdown import section
 from merlin_experiment.report.paper_results import DISTANCE, TIME
 from merlin_experiment.runs.run_table import Row
 
+#: Whose paths are drawn, as in the paper's Figure 9; the first there is when it was not run.
 SHOWN_MISSION = 2
-"""Whose paths are drawn, as in the paper's Figure 9; the first there is when it was not run."""
 SHOWN_TASKS = 10
 
 

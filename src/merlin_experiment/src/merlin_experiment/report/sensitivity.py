@@ -35,12 +35,11 @@ def check_section(analysis: Analysis) -> str:
 def sweep_section(results: Path, analysis: Analysis, name: str, column: str, label: str) -> str:
     """Ratios over a setting, with a figure; empty without runs.
 
-    Parameters:
-        results: folder.
-        analysis: everything.
-        name: of the set of runs, and of the figure.
-        column: of the runs that holds the setting.
-        label: of the setting, for people.
+    :param results: folder.
+    :param analysis: everything.
+    :param name: of the set of runs, and of the figure.
+    :param column: of the runs that holds the setting.
+    :param label: of the setting, for people.
     """
     part = analysis.only(set=name)
     points: Dict[str, List[Tuple[float, Ratio]]] = {"time": [], "distance": []}

@@ -14,11 +14,10 @@ CONFIDENCE = 0.95
 class Summary:
     """A sample.
 
-    Attributes:
-        n: how many.
-        mean: arithmetic mean.
-        median: median.
-        sd: standard deviation of the sample (n - 1); None for one value.
+    :ivar n: how many.
+    :ivar mean: arithmetic mean.
+    :ivar median: median.
+    :ivar sd: standard deviation of the sample (n - 1); None for one value.
     """
 
     n: int
@@ -42,11 +41,10 @@ class Summary:
 class Ratio:
     """The ratio of two means over paired runs.
 
-    Attributes:
-        value: mean of the first over mean of the second.
-        low: lower end of the confidence interval; None: fewer than two pairs.
-        high: its upper end.
-        each: the ratio of every pair.
+    :ivar value: mean of the first over mean of the second.
+    :ivar low: lower end of the confidence interval; None: fewer than two pairs.
+    :ivar high: its upper end.
+    :ivar each: the ratio of every pair.
     """
 
     value: float
@@ -63,12 +61,9 @@ class Ratio:
     def of(cls, first: Sequence[float], second: Sequence[float]) -> "Ratio":
         """The ratio estimator for paired samples, with Student's t on its residuals.
 
-        Parameters:
-            first: the measurements of one approach.
-            second: those of the other on the same lists, in the same order.
-
-        Raises:
-            ValueError: no pairs, or unequal numbers.
+        :param first: the measurements of one approach.
+        :param second: those of the other on the same lists, in the same order.
+        :raises ValueError: no pairs, or unequal numbers.
         """
         count = len(first)
         if count != len(second) or not count:

@@ -15,10 +15,10 @@ from merlin_experiment.runs.run_plan import ExperimentRun
 from merlin_experiment.runs.run_table import Row, finished
 
 LAUNCH_FILE = "experiment.launch"
+#: First guess of the wall time that a run needs besides its simulated time, s.
 OVERHEAD = 15.0
-"""First guess of the wall time that a run needs besides its simulated time, s."""
+#: First guess of the simulated time of a task, s.
 TASK_TIME = {"naive": 30.0, "merlin": 20.0}
-"""First guess of the simulated time of a task, s."""
 
 
 class ExperimentInterrupted(Exception):
@@ -29,10 +29,8 @@ class ExperimentRunner:
     """Runs into folders below `<results>/runs`, which other processes may fill at the same time."""
 
     def __init__(self, results: Path, record: bool = False) -> None:
-        """
-        Parameters:
-            results: folder of the experiment.
-            record: whether each run records a bag.
+        """:param results: folder of the experiment.
+        :param record: whether each run records a bag.
         """
         self._folder = results / "runs"
         self._record = record
@@ -41,11 +39,8 @@ class ExperimentRunner:
     def run_all(self, runs: Sequence[ExperimentRun]) -> List[ExperimentRun]:
         """Carries out what is not done.
 
-        Returns:
-            Runs that did not come to their end.
-
-        Raises:
-            ExperimentInterrupted: on SIGINT and SIGTERM.
+        :return: Runs that did not come to their end.
+        :raises ExperimentInterrupted: on SIGINT and SIGTERM.
         """
         todo = [run for run in runs if finished(self._folder / run.name) is None]
         say(f"{len(runs)} runs, {len(runs) - len(todo)} done before")

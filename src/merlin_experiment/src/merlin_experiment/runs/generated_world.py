@@ -7,16 +7,16 @@ from merlin_sim.world.floor_plan import FloorPlan, write_plan
 from merlin_sim.world.poi_distances import pddl_values
 from merlin_sim.world.world_file import load_world
 
+#: One point of interest each: as many as the apartment has.
 ROOMS = 4
-"""One point of interest each: as many as the apartment has."""
+#: Size of the floor, m: the ways are about as long as those of the apartment.
 WIDTH, HEIGHT = 12.0, 9.0
-"""Size of the floor, m: the ways are about as long as those of the apartment."""
+#: Pieces of furniture per room at most.
 PIECES = 3
-"""Pieces of furniture per room at most."""
+#: Cruising speed of the robot, m/s.
 SPEED = 0.30
-"""Cruising speed of the robot, m/s."""
+#: Time for the turns of a drive, s, as in the problem of the apartment.
 TURNING = 3.0
-"""Time for the turns of a drive, s, as in the problem of the apartment."""
 
 
 class WorldFiles(NamedTuple):
@@ -29,13 +29,10 @@ class WorldFiles(NamedTuple):
 def write_world(folder: Path, seed: int) -> WorldFiles:
     """Generates a world and measures the durations of its drives; the same seed gives the same files.
 
-    Parameters:
-        folder: an existing one.
-        seed: of the floor plan.
-
-    Raises:
-        OSError: a file cannot be written.
-        NoPath: two points of interest are not connected.
+    :param folder: an existing one.
+    :param seed: of the floor plan.
+    :raises OSError: a file cannot be written.
+    :raises NoPath: two points of interest are not connected.
     """
     files = WorldFiles(folder / f"world_{seed}.yaml", folder / f"world_{seed}.pddl")
     plan = FloorPlan(ROOMS, WIDTH, HEIGHT, seed)

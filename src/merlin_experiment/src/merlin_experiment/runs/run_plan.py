@@ -6,36 +6,35 @@ from typing import Dict, Iterable, List, Sequence, Tuple
 from merlin_home.mission_list import mission_tasks
 
 APPROACHES = ("naive", "merlin")
+#: Pairs of runs of each mission, as in the paper.
 DEFAULT_RUNS = {1: 5, 2: 5, 3: 1}
-"""Pairs of runs of each mission, as in the paper."""
+#: Of the sensitivity to `cancel_after`, s.
 CANCEL_TIMES = (1.0, 2.0, 5.0, 8.0, 10.0, 12.0, 15.0, 20.0)
-"""Of the sensitivity to `cancel_after`, s."""
+#: Of the sensitivity to the share of cancelled tasks; Mission 1 has six.
 SHARES = (0.0, 1 / 6, 1 / 3, 1 / 2, 2 / 3, 5 / 6, 1.0)
-"""Of the sensitivity to the share of cancelled tasks; Mission 1 has six."""
+#: Pairs at factor 1 throughout, which check the adaptive factor.
 CHECK_PAIRS = {1: 3, 2: 1}
-"""Pairs at factor 1 throughout, which check the adaptive factor."""
+#: Cancel times of two more arms, s: before the Executor has begun, and before it dispatches.
 AT_ONCE, WHILE_PLANNING = 0.001, 0.03
-"""Cancel times of two more arms, s: before the Executor has begun, and before it dispatches."""
 
+#: Task in which navigation is killed, in the arm that does so.
 KILLED_IN = 2
-"""Task in which navigation is killed, in the arm that does so."""
 
 
 @dataclass(frozen=True)
 class ExperimentRun:
     """One run.
 
-    Attributes:
-        set: what it is for: main, check, cancel_after, share, or an arm's name.
-        mission: 1, 2 or 3.
-        approach: naive or merlin.
-        seed: of the list; the pair has the same.
-        factor: real-time factor.
-        policy: of the factor.
-        cancel_after: s of ROS time.
-        share: of the tasks that are cancelled.
-        killed_in: task in which navigation is killed; 0: none.
-        world: seed of the generated world; 0: the apartment.
+    :ivar set: what it is for: main, check, cancel_after, share, or an arm's name.
+    :ivar mission: 1, 2 or 3.
+    :ivar approach: naive or merlin.
+    :ivar seed: of the list; the pair has the same.
+    :ivar factor: real-time factor.
+    :ivar policy: of the factor.
+    :ivar cancel_after: s of ROS time.
+    :ivar share: of the tasks that are cancelled.
+    :ivar killed_in: task in which navigation is killed; 0: none.
+    :ivar world: seed of the generated world; 0: the apartment.
     """
 
     set: str
@@ -84,12 +83,11 @@ def main_runs(
 ) -> List[ExperimentRun]:
     """The runs of the paper's Table 1; pairs stand together, so that a part of it has whole pairs.
 
-    Parameters:
-        missions: 1, 2, 3.
-        approaches: naive, merlin.
-        runs: pairs of each mission.
-        seed: of the first pair; the others count on from it.
-        factor: real-time factor.
+    :param missions: 1, 2, 3.
+    :param approaches: naive, merlin.
+    :param runs: pairs of each mission.
+    :param seed: of the first pair; the others count on from it.
+    :param factor: real-time factor.
     """
     return [
         ExperimentRun("main", mission, approach, seed + index, factor)
@@ -130,11 +128,10 @@ def sweep_runs(approaches: Sequence[str], pairs: int, seed: int, factor: float) 
 def world_runs(approaches: Sequence[str], worlds: int, seed: int, factor: float) -> List[ExperimentRun]:
     """Mission 1 in generated worlds: a pair in each, with the world's seed as the seed of the list.
 
-    Parameters:
-        approaches: naive, merlin.
-        worlds: how many.
-        seed: of the first world; the others count on from it.
-        factor: real-time factor.
+    :param approaches: naive, merlin.
+    :param worlds: how many.
+    :param seed: of the first world; the others count on from it.
+    :param factor: real-time factor.
     """
     return [
         ExperimentRun("worlds", 1, approach, number, factor, world=number)

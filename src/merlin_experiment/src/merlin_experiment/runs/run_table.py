@@ -14,8 +14,7 @@ Row = Dict[str, Any]
 def read_table(path: Path) -> List[Row]:
     """Rows of a table; numbers as float, empty cells as None.
 
-    Raises:
-        OSError: there is no such file.
+    :raises OSError: there is no such file.
     """
     with path.open(newline="") as file:
         return [{name: _value(text) for name, text in row.items()} for row in csv.DictReader(file)]

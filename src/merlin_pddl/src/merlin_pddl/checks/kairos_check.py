@@ -39,10 +39,8 @@ def load() -> Optional[ModuleType]:
 def check_input(domain: str, problem: str, domain_name: str, problem_name: str) -> Optional[str]:
     """Checks a domain and a problem for it.
 
-    Parameters
-    ----------
-    domain, problem: PDDL text.
-    domain_name, problem_name: file names for the messages.
+    :param domain, problem: PDDL text.
+    :param domain_name, problem_name: file names for the messages.
 
     Returns ``file:line:column: what is wrong``, or None when nothing is.
     """
@@ -86,11 +84,10 @@ def _misplaced_constraint(domain: str, problem: str, name: str) -> Optional[str]
 class PlanQuality:
     """How good a plan is.
 
-    Parameters
-    ----------
-    metric: its value of the problem's metric, negative where that is to be maximized; None without one.
-    makespan: s.
-    actions: how many.
+    :param metric: its value of the problem's metric, negative where that is to be maximized; None without
+        one.
+    :param makespan: s.
+    :param actions: how many.
     """
 
     metric: Optional[float]
@@ -105,13 +102,8 @@ class PlanQuality:
 class PlanValidator:
     """Says whether plans solve one problem, and how good they are; reads the problem once.
 
-    Parameters
-    ----------
-    domain, problem: PDDL text.
-
-    Raises
-    ------
-    ValueError: they cannot be read.
+    :param domain, problem: PDDL text.
+    :raises ValueError: they cannot be read.
     """
 
     #: s by which a planner's durations may be off; POPF and LPG print three or four digits

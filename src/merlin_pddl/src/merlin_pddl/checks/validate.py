@@ -44,11 +44,9 @@ def kairos() -> Optional[Any]:
 class Validation:
     """Checks a domain, then a problem, then a goal; collects what there is to tell.
 
-    Parameters
-    ----------
-    time_limit: s for the search for a plan.
-    max_size: MB that a file may have.
-    on_stage: called with what is done next.
+    :param time_limit: s for the search for a plan.
+    :param max_size: MB that a file may have.
+    :param on_stage: called with what is done next.
     """
 
     def __init__(

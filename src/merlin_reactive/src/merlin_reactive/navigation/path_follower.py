@@ -8,8 +8,8 @@ import numpy as np
 
 from merlin_reactive.pose import Point, Pose, wrap
 
+#: m along the path to the point that is steered for: the first that it can go straight to.
 LOOKAHEADS = (1.5, 1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12)
-"""m along the path to the point that is steered for: the first that it can go straight to."""
 SHORTEST = 0.25  # m within which the end of the path is approached without turning for it sharply
 GAIN = 3.5  # rad/s of turning per radian of heading error
 FULL_SPEED_ERROR = 0.8  # rad of heading error up to which it drives at full speed

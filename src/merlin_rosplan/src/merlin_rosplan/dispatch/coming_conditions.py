@@ -11,9 +11,7 @@ from merlin_rosplan.dispatch.operator_model import Conditions
 class ComingConditions:
     """The actions of one dispatch whose conditions a timed change or start effects may make true.
 
-    Parameters
-    ----------
-    settle: s within which start effects and timed changes are applied.
+    :param settle: s within which start effects and timed changes are applied.
     """
 
     def __init__(self, environment: DispatchEnvironment, schedule: Schedule, settle: float) -> None:
@@ -34,10 +32,8 @@ class ComingConditions:
     ) -> bool:
         """Whether the conditions that an action lacks may still come true.
 
-        Parameters
-        ----------
-        began: ROS time, s, of the begin of the dispatch.
-        running: the actions whose start effects may make them true.
+        :param began: ROS time, s, of the begin of the dispatch.
+        :param running: the actions whose start effects may make them true.
         """
         due = self._environment.next_change(unmet.names, began + action.time + self._settle)
         if due is not None:

@@ -37,14 +37,12 @@ _NOTHING: FrozenSet[str] = frozenset()
 class PlanDispatch:
     """One run of a plan.
 
-    Parameters
-    ----------
-    schedule: the plan.
-    environment: what it acts on and asks.
-    limits: patience.
-    plan_id: number of this run; feedback about another run is ignored. Feedback with plan id 0 is from
+    :param schedule: the plan.
+    :param environment: what it acts on and asks.
+    :param limits: patience.
+    :param plan_id: number of this run; feedback about another run is ignored. Feedback with plan id 0 is from
         ROSPlan's own interfaces, which do not set it: it counts once the interface has taken the action.
-    events: where events come from, for a simulation that keeps its own time; None: a queue of its own.
+    :param events: where events come from, for a simulation that keeps its own time; None: a queue of its own.
     """
 
     def __init__(

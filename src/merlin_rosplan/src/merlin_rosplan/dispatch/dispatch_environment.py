@@ -39,15 +39,15 @@ class DispatchError(Exception):
 class DispatchLimits:
     """Patience of a dispatcher, s, on the monotonic clock less the simulator's pauses; None: no limit.
 
-    Parameters
-    ----------
-    acknowledge: an action whose interface has never been heard of must be taken within this time.
-    accept: an action whose interface is alive must be taken within this time.
-    liveness: an interface that announced itself regularly and has been silent this long is dead.
-    cancel: how long a cancelled action's interface may take to answer.
-    over_all_grace: an action whose own end effects break its over-all condition reports its end within it.
-    settle: within it an interface has applied the start effects of an action it was given, and a knowledge
-        base a timed literal whose time has come; until then an action that needs them is not refused.
+    :param acknowledge: an action whose interface has never been heard of must be taken within this time.
+    :param accept: an action whose interface is alive must be taken within this time.
+    :param liveness: an interface that announced itself regularly and has been silent this long is dead.
+    :param cancel: how long a cancelled action's interface may take to answer.
+    :param over_all_grace: an action whose own end effects break its over-all condition reports its end within
+        it.
+    :param settle: within it an interface has applied the start effects of an action it was given, and a
+        knowledge base a timed literal whose time has come; until then an action that needs them is not
+        refused.
     """
 
     acknowledge: Optional[float] = 2.0
@@ -71,10 +71,8 @@ class DispatchFailure:
 class DispatchReport:
     """How a dispatch stands, or how it ended.
 
-    Parameters
-    ----------
-    goal_achieved: whether every goal held at its end.
-    unmet_goals: those that did not, as PDDL text.
+    :param goal_achieved: whether every goal held at its end.
+    :param unmet_goals: those that did not, as PDDL text.
     """
 
     state: DispatchState
@@ -98,11 +96,9 @@ class DispatchReport:
     ) -> "DispatchReport":
         """The report of a dispatch.
 
-        Parameters
-        ----------
-        state: None: what follows from the rest.
-        failure: why it stops; None: it goes on, or every action has ended.
-        unanswered: actions whose interfaces did not answer the cancel.
+        :param state: None: what follows from the rest.
+        :param failure: why it stops; None: it goes on, or every action has ended.
+        :param unanswered: actions whose interfaces did not answer the cancel.
         """
         total = len(schedule.actions)
         if state is None:

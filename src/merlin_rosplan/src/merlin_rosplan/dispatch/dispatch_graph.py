@@ -11,17 +11,12 @@ _PAST = 1e-6  # s after a latest time at which it has passed
 class GraphSchedule(Schedule):
     """As the edges of a plan graph allow; actions run in parallel.
 
-    Parameters
-    ----------
-    graph: ids of nodes and edges are their indices.
-    actions: by index, as `Node.action` counts.
-    bounds: whether all time bounds of edges are kept. Without, only the earliest times of starts are: before
-        a timed literal the world is not ready, and the plan needs two starts separated.
-    fraction: by which bounds are widened.
-
-    Raises
-    ------
-    PlanError: the graph is not one that can be run.
+    :param graph: ids of nodes and edges are their indices.
+    :param actions: by index, as `Node.action` counts.
+    :param bounds: whether all time bounds of edges are kept. Without, only the earliest times of starts are:
+        before a timed literal the world is not ready, and the plan needs two starts separated.
+    :param fraction: by which bounds are widened.
+    :raises PlanError: the graph is not one that can be run.
     """
 
     def __init__(

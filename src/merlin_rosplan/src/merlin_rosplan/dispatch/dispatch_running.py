@@ -24,12 +24,10 @@ class Fault(NamedTuple):
 class Running:
     """One running action.
 
-    Parameters
-    ----------
-    acknowledge, accept, settle: deadlines, from when it was sent.
-    watched: over-all conditions that hold and have to go on holding.
-    pending: over-all conditions that the start effects bring about; watched once seen true.
-    names: what the over-all conditions depend on.
+    :param acknowledge, accept, settle: deadlines, from when it was sent.
+    :param watched: over-all conditions that hold and have to go on holding.
+    :param pending: over-all conditions that the start effects bring about; watched once seen true.
+    :param names: what the over-all conditions depend on.
     """
 
     action: PlannedAction

@@ -13,13 +13,11 @@ class PlanError(ValueError):
 class PlannedAction:
     """A ground action of a plan.
 
-    Parameters
-    ----------
-    id: unique in its plan.
-    name: PDDL operator.
-    parameters: (label, object), in the order of the operator's parameters.
-    duration, time: planned, s.
-    message: the message of the plan that it came from, for publishing.
+    :param id: unique in its plan.
+    :param name: PDDL operator.
+    :param parameters: (label, object), in the order of the operator's parameters.
+    :param duration, time: planned, s.
+    :param message: the message of the plan that it came from, for publishing.
     """
 
     id: int
@@ -36,11 +34,9 @@ class PlannedAction:
 class Overtaken(NamedTuple):
     """An action that has ended before something that has to come first.
 
-    Parameters
-    ----------
-    action_id: it.
-    text: one sentence.
-    certain: False where the news of the other may only be late.
+    :param action_id: it.
+    :param text: one sentence.
+    :param certain: False where the news of the other may only be late.
     """
 
     action_id: int

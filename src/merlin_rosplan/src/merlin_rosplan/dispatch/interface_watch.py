@@ -10,9 +10,7 @@ YOUNG = 5.0  # s
 class InterfaceWatch:
     """Remembers when each operator's interface was last heard of; thread-safe.
 
-    Parameters
-    ----------
-    clock: s, monotonic; should stand still while the simulator is paused.
+    :param clock: s, monotonic; should stand still while the simulator is paused.
     """
 
     def __init__(self, clock: Callable[[], float]) -> None:

@@ -36,10 +36,8 @@ class PlanTerm(NamedTuple):
 class Inequality:
     """A numeric condition.
 
-    Parameters
-    ----------
-    message: the DomainInequality it came from, not grounded.
-    reads: function terms in it.
+    :param message: the DomainInequality it came from, not grounded.
+    :param reads: function terms in it.
     """
 
     message: Any
@@ -55,10 +53,8 @@ class Inequality:
 class WatchedCondition:
     """A condition that is neither literal nor comparison.
 
-    Parameters
-    ----------
-    condition: it; operator variables before grounding, objects after it.
-    reads: names of the predicates and functions that it depends on.
+    :param condition: it; operator variables before grounding, objects after it.
+    :param reads: names of the predicates and functions that it depends on.
     """
 
     condition: formula.Condition
@@ -135,10 +131,8 @@ class Conditions:
 class TimedEffects:
     """TimedEffects of one time label; of numeric ones only which function terms they change and read.
 
-    Parameters
-    ----------
-    additive: those of `writes` that are only increased or decreased; such changes commute.
-    wild, wild_reads: names that conditional, quantified and continuous effects change and read.
+    :param additive: those of `writes` that are only increased or decreased; such changes commute.
+    :param wild, wild_reads: names that conditional, quantified and continuous effects change and read.
     """
 
     add: Tuple[PlanTerm, ...] = ()
@@ -227,9 +221,7 @@ class TimedOperator:
     def bind(self, arguments: Sequence[str]) -> Dict[str, str]:
         """Objects by parameter, from a plan's list of arguments.
 
-        Raises
-        ------
-        BindingError: the number of arguments is not the number of parameters.
+        :raises BindingError: the number of arguments is not the number of parameters.
         """
         if len(arguments) != len(self.parameters):
             raise BindingError(

@@ -33,15 +33,13 @@ def build_graph(
 ) -> PlanGraph:
     """Makes the graph of a plan.
 
-    Parameters
-    ----------
-    steps: the plan.
-    actions: its ground actions, one for each step.
-    timed: timed literals and function values, times from the start of the plan.
-    epsilon: s by which a condition must be used before a timed literal breaks it.
-    reduce: leave out interference edges that follow from others. ROSPlan draws them all, and their number
-        grows with the square of the plan's length.
-    values: what function terms are worth now, for conditions on timed values; terms as `PlanTerm.key`.
+    :param steps: the plan.
+    :param actions: its ground actions, one for each step.
+    :param timed: timed literals and function values, times from the start of the plan.
+    :param epsilon: s by which a condition must be used before a timed literal breaks it.
+    :param reduce: leave out interference edges that follow from others. ROSPlan draws them all, and their
+        number grows with the square of the plan's length.
+    :param values: what function terms are worth now, for conditions on timed values; terms as `PlanTerm.key`.
     """
     return _Builder(steps, actions, list(timed), epsilon, reduce, values or {}).build()
 

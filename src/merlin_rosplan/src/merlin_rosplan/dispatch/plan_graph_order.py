@@ -15,9 +15,7 @@ def plan_order(nodes: Sequence[Node], times: Sequence[float], happenings: Sequen
     Rounded plans put an end and the start that it makes possible on the same time, and PDDL lets two actions
     start together of which one brings about the other's over-all condition.
 
-    Parameters
-    ----------
-    nodes: all of the graph; times and happenings by id. The start of the plan is left out.
+    :param nodes: all of the graph; times and happenings by id. The start of the plan is left out.
     """
     ordered: List[Node] = []
     by_time = sorted(nodes[1:], key=lambda node: (times[node.id], node.id))

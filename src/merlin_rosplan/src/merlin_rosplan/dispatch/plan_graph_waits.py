@@ -31,13 +31,11 @@ def add_waits(
 ) -> None:
     """Adds the edges to starts that keep the orders into ends; see above.
 
-    Parameters
-    ----------
-    graph: with all orders that the plan needs; every edge goes forward in `order`.
-    order: of the plan; without its start.
-    times: planned, by node id.
-    durations: planned, by action.
-    deadlines: by node id, times until which a node has to happen, besides the upper bounds of edges.
+    :param graph: with all orders that the plan needs; every edge goes forward in `order`.
+    :param order: of the plan; without its start.
+    :param times: planned, by node id.
+    :param durations: planned, by action.
+    :param deadlines: by node id, times until which a node has to happen, besides the upper bounds of edges.
     """
     before = graph.snapshot()
     if not _Waits(graph, order, times, durations, deadlines, planned=False).add():

@@ -10,11 +10,9 @@ from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 class TimedNumbers:
     """The timed values of a plan, and from when on a condition holds because of them.
 
-    Parameters
-    ----------
-    timed: literals count for expressions, of which only the names are known here.
-    values: what function terms are worth before, by `PlanTerm.key`.
-    epsilon: s by which times may be off.
+    :param timed: literals count for expressions, of which only the names are known here.
+    :param values: what function terms are worth before, by `PlanTerm.key`.
+    :param epsilon: s by which times may be off.
     """
 
     def __init__(
@@ -33,10 +31,8 @@ class TimedNumbers:
     def since(self, conditions: Conditions, now: float, changed: Mapping[PlanTerm, float]) -> Optional[float]:
         """The time, s, that the conditions of a node have to wait for; None when there is none.
 
-        Parameters
-        ----------
-        now: planned time of the node, s.
-        changed: when actions of the plan changed a term last; what it is worth then is not known.
+        :param now: planned time of the node, s.
+        :param changed: when actions of the plan changed a term last; what it is worth then is not known.
         """
         found: List[float] = []
         for entry in conditions.comparisons:

@@ -39,14 +39,12 @@ _WIRE_STATES = {
 class DispatchTopics(DispatchEnvironment):
     """Publishes for one dispatcher and answers its dispatches.
 
-    Parameters
-    ----------
-    component: whose names and parameters these are.
-    knowledge: to ask.
-    publishes_feedback: whether the dispatcher publishes feedback of its own (the simple one does).
-    on_tick: called when a time asked for has come.
-    on_feedback: called with each feedback the dispatcher publishes.
-    on_change: called at each change of a dispatch.
+    :param component: whose names and parameters these are.
+    :param knowledge: to ask.
+    :param publishes_feedback: whether the dispatcher publishes feedback of its own (the simple one does).
+    :param on_tick: called when a time asked for has come.
+    :param on_feedback: called with each feedback the dispatcher publishes.
+    :param on_change: called at each change of a dispatch.
     """
 
     def __init__(

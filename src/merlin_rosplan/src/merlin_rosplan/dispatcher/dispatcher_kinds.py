@@ -84,9 +84,7 @@ def planned_action(message: ActionDispatch) -> PlannedAction:
 def dispatcher_class(kind: str) -> Type[PlanDispatcher]:
     """The dispatcher of a kind, ``simple`` or ``esterel``.
 
-    Raises
-    ------
-    ComponentError: it is neither.
+    :raises ComponentError: it is neither.
     """
     classes: Dict[str, Type[PlanDispatcher]] = {
         "simple": SimplePlanDispatcher,

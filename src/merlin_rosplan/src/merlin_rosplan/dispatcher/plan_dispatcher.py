@@ -126,9 +126,7 @@ class PlanDispatcher(Component):
     def make_schedule(self, plan: Any) -> Schedule:
         """The schedule of a plan message.
 
-        Raises
-        ------
-        PlanError: the plan cannot be dispatched.
+        :raises PlanError: the plan cannot be dispatched.
         """
         raise NotImplementedError
 

@@ -32,9 +32,7 @@ class PlanKnowledge:
 
     Every method raises :class:`PlanKnowledgeError` when there is no answer.
 
-    Parameters
-    ----------
-    knowledge_base: its global name.
+    :param knowledge_base: its global name.
     """
 
     def __init__(self, knowledge_base: str) -> None:
@@ -85,10 +83,8 @@ class PlanKnowledge:
         A negative one holds when the positive fact is absent: ROSPlan's own knowledge base answers true for
         a negative query only when an explicit negative fact is stored.
 
-        Parameters
-        ----------
-        conditions: ground atoms; comparisons are grounded here.
-        binding: objects by operator variable.
+        :param conditions: ground atoms; comparisons are grounded here.
+        :param binding: objects by operator variable.
         """
         return self.false_of_each([(conditions, binding)])[0]
 

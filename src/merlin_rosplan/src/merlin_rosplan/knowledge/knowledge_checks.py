@@ -37,10 +37,8 @@ class UpdateRefused(Exception):
 class KnowledgeChecks:
     """Checks updates against a domain and the objects that exist.
 
-    Parameters
-    ----------
-    state: knows the domain and the objects.
-    warn: is told what is accepted and looks wrong: an object of another type than the domain declares.
+    :param state: knows the domain and the objects.
+    :param warn: is told what is accepted and looks wrong: an object of another type than the domain declares.
     """
 
     def __init__(self, state: KnowledgeTables, warn: Callable[[str], None] = lambda text: None) -> None:
@@ -51,9 +49,7 @@ class KnowledgeChecks:
     def instance(self, item: Instance) -> Instance:
         """An instance that may be added.
 
-        Raises
-        ------
-        UpdateRefused: its type is unknown, or its name empty or no name in PDDL.
+        :raises UpdateRefused: its type is unknown, or its name empty or no name in PDDL.
         """
         kind = item.type_name.lower()
         if kind not in self._domain.types:
@@ -70,9 +66,8 @@ class KnowledgeChecks:
     def fact(self, item: Fact) -> Fact:
         """A fact that may be added, or be a goal.
 
-        Raises
-        ------
-        UpdateRefused: predicate or object is unknown, or the arguments are too many, too few or empty.
+        :raises UpdateRefused: predicate or object is unknown, or the arguments are too many, too few or
+            empty.
         """
         signature = self._signature(item.name, self._domain.predicates, "predicate")
         return Fact(signature.name, self._arguments(signature, item.args), item.negative, item.since)
@@ -80,9 +75,7 @@ class KnowledgeChecks:
     def value(self, item: FunctionValue) -> FunctionValue:
         """A function value that may be added.
 
-        Raises
-        ------
-        UpdateRefused: as for a fact, or the value is not a finite number.
+        :raises UpdateRefused: as for a fact, or the value is not a finite number.
         """
         signature = self._signature(item.name, self._domain.functions, "function")
         args = self._arguments(signature, item.args)
@@ -93,9 +86,7 @@ class KnowledgeChecks:
     def goal(self, item: Goal) -> Goal:
         """A goal that may be added.
 
-        Raises
-        ------
-        UpdateRefused: it names something unknown.
+        :raises UpdateRefused: it names something unknown.
         """
         if item.instance is not None:
             return Goal(None, self.instance(item.instance), item.since)
@@ -105,9 +96,7 @@ class KnowledgeChecks:
     def metric(self, item: Metric) -> Metric:
         """A metric that may be set.
 
-        Raises
-        ------
-        UpdateRefused: it names something unknown.
+        :raises UpdateRefused: it names something unknown.
         """
         if item.optimization.lower() not in ("minimize", "maximize"):
             raise UpdateRefused(f"a metric is to 'minimize' or 'maximize', not to '{item.optimization}'")

@@ -38,9 +38,7 @@ class Journal:
     def commit(self, steps: Sequence[Step], version: int) -> None:
         """Writes a transaction; when this returns, a killed process finds it again.
 
-        Raises
-        ------
-        OSError: it could not be written.
+        :raises OSError: it could not be written.
         """
         raise NotImplementedError
 
@@ -51,13 +49,12 @@ class Journal:
 class KnowledgeStore:
     """Knowledge over a domain.
 
-    Parameters
-    ----------
-    domain: what may be said.
-    strict: refuse what the domain does not know (see :class:`KnowledgeChecks`); else accept everything.
-    clock: now, in nanoseconds of ROS time.
-    journal: where every transaction is written before it counts; its content is loaded first.
-    warn: is told what a strict store accepts although it looks wrong; must not block.
+    :param domain: what may be said.
+    :param strict: refuse what the domain does not know (see :class:`KnowledgeChecks`); else accept
+        everything.
+    :param clock: now, in nanoseconds of ROS time.
+    :param journal: where every transaction is written before it counts; its content is loaded first.
+    :param warn: is told what a strict store accepts although it looks wrong; must not block.
 
     What the journal raises when it cannot be read is passed on.
     """
@@ -120,10 +117,8 @@ class KnowledgeStore:
     def transaction(self, client: str = "") -> Iterator[Transaction]:
         """All that is done with the transaction counts together, or not at all when the body raises.
 
-        Raises
-        ------
-        UpdateRefused: an update is refused; nothing is changed.
-        JournalError: the journal cannot be written; nothing is changed.
+        :raises UpdateRefused: an update is refused; nothing is changed.
+        :raises JournalError: the journal cannot be written; nothing is changed.
         """
         with self._lock:
             transaction = Transaction(self._state, self._checks, self._clock(), self._next_order)
@@ -158,9 +153,7 @@ class KnowledgeStore:
     def load_problem(self, problem: Problem, client: str = "") -> None:
         """Adds everything a problem states. Its timed facts count from now.
 
-        Raises
-        ------
-        UpdateRefused: it does not fit the domain; nothing is changed.
+        :raises UpdateRefused: it does not fit the domain; nothing is changed.
         """
         with self.transaction(client) as transaction:
             for name, types in problem.objects.items():
@@ -193,9 +186,7 @@ class KnowledgeStore:
     def fire_due(self, client: str = "") -> List[str]:
         """Lets every timed item become true whose time has come; returns why some could not.
 
-        Raises
-        ------
-        JournalError: the journal cannot be written; what is due stays due.
+        :raises JournalError: the journal cannot be written; what is due stays due.
         """
         refused: List[str] = []
         while True:

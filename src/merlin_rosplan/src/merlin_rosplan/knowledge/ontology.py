@@ -55,13 +55,8 @@ class Ontology:
 def read_ontology(path: str, properties: Optional[Iterable[str]] = None) -> Ontology:
     """Reads an ontology (RDF/XML, Turtle, N-Triples, by the file's extension).
 
-    Parameters
-    ----------
-    properties: names of the object properties that become predicates; None: all.
-
-    Raises
-    ------
-    OntologyError: rdflib is missing, the file is not an ontology, or two names become one in PDDL.
+    :param properties: names of the object properties that become predicates; None: all.
+    :raises OntologyError: rdflib is missing, the file is not an ontology, or two names become one in PDDL.
     """
     try:
         rdflib = importlib.import_module("rdflib")

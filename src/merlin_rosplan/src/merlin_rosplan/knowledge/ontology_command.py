@@ -14,9 +14,7 @@ from merlin_rosplan.knowledge.ontology import Ontology, OntologyError, read_onto
 def add_to_domain(text: str, source: str, ontology: Ontology) -> str:
     """A domain's text with the ontology's types and predicates before its own.
 
-    Raises
-    ------
-    PddlError: it is not a domain.
+    :raises PddlError: it is not a domain.
     """
     _, sections = open_definition(read_expression(text, source), "domain")
     additions = {":types": ontology.type_lines(), ":predicates": ontology.predicate_lines()}

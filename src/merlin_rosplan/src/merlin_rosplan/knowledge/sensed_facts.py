@@ -16,15 +16,10 @@ class SensingError(ValueError):
 def parameter_choices(given: Sequence[Any], instances: Sequence[Sequence[str]]) -> List[List[str]]:
     """The objects that each parameter may stand for.
 
-    Parameters
-    ----------
-    given: from the configuration: an object's name, a list of names, or ``*`` (``_``) for all instances; when
-        empty every parameter is a wildcard.
-    instances: the instances of each parameter's type.
-
-    Raises
-    ------
-    SensingError: their numbers differ.
+    :param given: from the configuration: an object's name, a list of names, or ``*`` (``_``) for all
+        instances; when empty every parameter is a wildcard.
+    :param instances: the instances of each parameter's type.
+    :raises SensingError: their numbers differ.
     """
     if not given:
         return [list(objects) for objects in instances]
@@ -47,15 +42,10 @@ def is_wildcard(given: Sequence[Any], index: int) -> bool:
 def facts_of(predicate: str, result: Any, choices: Sequence[Sequence[str]]) -> Dict[Fact, Value]:
     """A sensing function's result as facts.
 
-    Parameters
-    ----------
-    result: a bool or a number, numpy's too, for the only possible combination of objects, or for all of them;
-        a list of ``("arg1:arg2", value)``; None for nothing.
-    choices: of :func:`parameter_choices`.
-
-    Raises
-    ------
-    SensingError: the result is something else, or names the wrong number of objects.
+    :param result: a bool or a number, numpy's too, for the only possible combination of objects, or for all
+        of them; a list of ``("arg1:arg2", value)``; None for nothing.
+    :param choices: of :func:`parameter_choices`.
+    :raises SensingError: the result is something else, or names the wrong number of objects.
     """
     if result is None:
         return {}

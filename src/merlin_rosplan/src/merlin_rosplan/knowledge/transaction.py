@@ -44,12 +44,10 @@ Step = Tuple["Table[Any]", Any, Any, Any]
 class Transaction:
     """Changes a state step by step and can take all of it back. The caller holds the store's lock.
 
-    Parameters
-    ----------
-    state: is changed at once, so that later steps see the earlier ones.
-    checks: refuses what does not fit the domain; None accepts everything, as ROSPlan does.
-    now: time of the changes, ns.
-    next_order: the order of the next row; rows added later have higher ones.
+    :param state: is changed at once, so that later steps see the earlier ones.
+    :param checks: refuses what does not fit the domain; None accepts everything, as ROSPlan does.
+    :param now: time of the changes, ns.
+    :param next_order: the order of the next row; rows added later have higher ones.
     """
 
     def __init__(
@@ -102,9 +100,7 @@ class Transaction:
     def add(self, item: Item, at: int = 0) -> None:
         """Adds knowledge; with a time that is still to come, when that time comes.
 
-        Raises
-        ------
-        UpdateRefused: it is refused.
+        :raises UpdateRefused: it is refused.
         """
         checked = self.checked(item)
         if at > self.now:
@@ -119,9 +115,7 @@ class Transaction:
     def checked(self, item: Item) -> Item:
         """The item with the domain's spelling, if it may be added.
 
-        Raises
-        ------
-        UpdateRefused: it may not.
+        :raises UpdateRefused: it may not.
         """
         if self._checks is None:
             return item
@@ -153,9 +147,7 @@ class Transaction:
     def add_value(self, item: FunctionValue) -> None:
         """Sets or changes a checked function value.
 
-        Raises
-        ------
-        UpdateRefused: there is no value to change, or the result is not a number.
+        :raises UpdateRefused: there is no value to change, or the result is not a number.
         """
         key = item.key
         known_key = key if "" not in key else next(self.state.values.match(key[0], key[1:]), None)
@@ -219,9 +211,7 @@ class Transaction:
     def add_goal(self, goal: Goal) -> None:
         """Adds a goal unless it is there.
 
-        Raises
-        ------
-        UpdateRefused: it names something unknown.
+        :raises UpdateRefused: it names something unknown.
         """
         checked = self._checks.goal(goal) if self._checks is not None else goal
         checked.since = goal.since or self.now
@@ -240,9 +230,7 @@ class Transaction:
     def set_metric(self, metric: Optional[Metric]) -> None:
         """Replaces the metric; None drops it.
 
-        Raises
-        ------
-        UpdateRefused: it names something unknown.
+        :raises UpdateRefused: it names something unknown.
         """
         known = self.state.metric.get("metric")
         if metric is None:
@@ -269,9 +257,7 @@ class Transaction:
     def fire(self, row: Timed) -> None:
         """Lets a timed item become true now. A negative fact takes the positive one away, as in ROSPlan.
 
-        Raises
-        ------
-        UpdateRefused: it no longer fits: its objects are gone.
+        :raises UpdateRefused: it no longer fits: its objects are gone.
         """
         self.drop(self.state.timed, row.key)
         if isinstance(row.item, Fact) and row.item.negative:

@@ -17,9 +17,7 @@ class DomainFile:
 
     Only ours evaluates whole conditions for others; of the original's domain nothing is read.
 
-    Parameters
-    ----------
-    knowledge_base: its global name.
+    :param knowledge_base: its global name.
     """
 
     def __init__(self, knowledge_base: str) -> None:

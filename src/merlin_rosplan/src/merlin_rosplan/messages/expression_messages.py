@@ -28,11 +28,9 @@ _MAX_TOKENS = 10_000
 class FormulaWriter:
     """Writes applied predicates and functions as DomainFormula.
 
-    Parameters
-    ----------
-    domain: knows the declared labels.
-    variables: types of the operator variables that may be named; None for ground formulas, whose keys are
-        the declared labels and whose values are the objects.
+    :param domain: knows the declared labels.
+    :param variables: types of the operator variables that may be named; None for ground formulas, whose keys
+        are the declared labels and whose values are the objects.
     """
 
     def __init__(self, domain: Domain, variables: Union[Dict[str, Tuple[str, ...]], None] = None) -> None:
@@ -95,9 +93,7 @@ class FormulaWriter:
 def read_expression(message: ExprComposite) -> Numeric:
     """The expression in a message.
 
-    Raises
-    ------
-    UpdateRefused: the tokens are not prefix notation.
+    :raises UpdateRefused: the tokens are not prefix notation.
     """
     tokens = message.tokens
     if not tokens:
@@ -152,9 +148,7 @@ def _operand(token: ExprBase) -> Numeric:
 def read_comparison(message: DomainInequality) -> Comparison:
     """The comparison in a message.
 
-    Raises
-    ------
-    UpdateRefused: it is malformed.
+    :raises UpdateRefused: it is malformed.
     """
     if message.comparison_type not in _COMPARISON_NAMES:
         raise UpdateRefused(f"{message.comparison_type} is not a comparison")

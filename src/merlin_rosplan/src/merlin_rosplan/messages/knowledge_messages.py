@@ -43,9 +43,7 @@ Objects = Callable[[], Mapping[str, Tuple[str, ...]]]
 class KnowledgeReader:
     """Reads the knowledge items of requests.
 
-    Parameters
-    ----------
-    domain: for goals and queries that come as PDDL text.
+    :param domain: for goals and queries that come as PDDL text.
     """
 
     def __init__(self, domain: Domain) -> None:
@@ -54,9 +52,7 @@ class KnowledgeReader:
     def item(self, message: KnowledgeItem) -> Item:
         """An instance, fact or function value.
 
-        Raises
-        ------
-        UpdateRefused: it is something else.
+        :raises UpdateRefused: it is something else.
         """
         kind = message.knowledge_type
         if kind == KnowledgeItem.INSTANCE:
@@ -78,9 +74,7 @@ class KnowledgeReader:
     def goal(self, message: KnowledgeItem, objects: Objects) -> Goal:
         """A goal: instance, fact, inequality, or an expression with PDDL text in `attribute_name`.
 
-        Raises
-        ------
-        UpdateRefused: it is none of them, or malformed.
+        :raises UpdateRefused: it is none of them, or malformed.
         """
         since = message.initial_time.to_nsec()
         if message.knowledge_type == KnowledgeItem.INSTANCE:
@@ -90,9 +84,7 @@ class KnowledgeReader:
     def condition(self, message: KnowledgeItem, objects: Objects) -> Condition:
         """The condition that a fact, inequality or expression item states.
 
-        Raises
-        ------
-        UpdateRefused: the item states none, or is malformed.
+        :raises UpdateRefused: the item states none, or is malformed.
         """
         kind = message.knowledge_type
         if kind == KnowledgeItem.FACT:
@@ -112,9 +104,7 @@ class KnowledgeReader:
     def query(self, message: KnowledgeItem, objects: Objects) -> Union[Item, Condition]:
         """What `query_state` is asked by an item.
 
-        Raises
-        ------
-        UpdateRefused: it is malformed.
+        :raises UpdateRefused: it is malformed.
         """
         if message.knowledge_type in (KnowledgeItem.INEQUALITY, KnowledgeItem.EXPRESSION):
             return self.condition(message, objects)
@@ -126,9 +116,7 @@ class KnowledgeReader:
     def metric(message: KnowledgeItem) -> Metric:
         """A metric.
 
-        Raises
-        ------
-        UpdateRefused: it is malformed.
+        :raises UpdateRefused: it is malformed.
         """
         return Metric(message.optimization, read_expression(message.expr))
 

@@ -33,9 +33,7 @@ class KnowledgeBaseError(Exception):
 class KnowledgeSnapshots:
     """Reads domain and state of a knowledge base. Thread-safe.
 
-    Parameters
-    ----------
-    name: global name of the knowledge base.
+    :param name: global name of the knowledge base.
     """
 
     def __init__(self, name: str) -> None:
@@ -72,9 +70,7 @@ class KnowledgeSnapshots:
     def domain(self) -> Domain:
         """Types, predicates and functions; operators stay where they are.
 
-        Raises
-        ------
-        KnowledgeBaseError: there is no usable answer.
+        :raises KnowledgeBaseError: there is no usable answer.
         """
         name = self._ask("domain/name").domain_name
         with self._lock:
@@ -103,9 +99,7 @@ class KnowledgeSnapshots:
     def snapshot(self) -> Tuple[Domain, Problem]:
         """Domain and everything that is stored. Several calls: a change in between may be half in it.
 
-        Raises
-        ------
-        KnowledgeBaseError: there is no usable answer.
+        :raises KnowledgeBaseError: there is no usable answer.
         """
         domain = self.domain()
         problem = Problem("task", domain.name)

@@ -35,10 +35,8 @@ from merlin_rosplan.messages.domain_messages import literals
 def with_expressions(operator: TimedOperator, domain: Domain) -> TimedOperator:
     """An operator that was read from a message, with the rest of its conditions and effects.
 
-    Parameters
-    ----------
-    operator: not grounded.
-    domain: it is one of this domain's.
+    :param operator: not grounded.
+    :param domain: it is one of this domain's.
     """
     known_operator = domain.operators[operator.name.lower()]
     conditions = known_operator.conditions

@@ -22,10 +22,8 @@ class PlanGraphDrawer(rospy.SubscribeListener):
     Changes that come faster than it draws are drawn once. A large graph is not drawn without subscribers:
     its text grows with the plan, and so would the cost of every step.
 
-    Parameters
-    ----------
-    topic: global name.
-    display_edge_type: colour edges by type.
+    :param topic: global name.
+    :param display_edge_type: colour edges by type.
     """
 
     def __init__(self, topic: str, display_edge_type: bool = False) -> None:

@@ -49,9 +49,7 @@ def graph_to_message(graph: PlanGraph, actions: Sequence[ActionDispatch]) -> Est
 def graph_from_message(plan: EsterelPlan) -> Tuple[PlanGraph, List[ActionDispatch]]:
     """A graph from the wire, and its actions by index.
 
-    Raises
-    ------
-    PlanError: ids are not unique, or an edge ends nowhere.
+    :raises PlanError: ids are not unique, or an edge ends nowhere.
     """
     position = {node.node_id: index for index, node in enumerate(plan.nodes)}
     if len(position) < len(plan.nodes):
@@ -101,11 +99,9 @@ def graph_to_dot(
 ) -> str:
     """The graph as ROSPlan draws it.
 
-    Parameters
-    ----------
-    state: of a node: ``plan_start``, ``waiting``, ``dispatched`` or ``completed``.
-    active: of an edge id.
-    display_edge_type: colour edges by their type and not by whether they are active.
+    :param state: of a node: ``plan_start``, ``waiting``, ``dispatched`` or ``completed``.
+    :param active: of an edge id.
+    :param display_edge_type: colour edges by their type and not by whether they are active.
     """
     lines = ["digraph plan {"]
     for node in graph.nodes:

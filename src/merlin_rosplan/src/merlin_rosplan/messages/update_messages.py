@@ -14,11 +14,9 @@ _CONDITIONS = (KnowledgeItem.EXPRESSION, KnowledgeItem.INEQUALITY)
 class UpdateReader:
     """Applies updates, one by one, inside a transaction.
 
-    Parameters
-    ----------
-    domain: for items that come as PDDL text.
-    objects: gives all objects with their types.
-    strict: refuse what means nothing; else pass over it, as ROSPlan does.
+    :param domain: for items that come as PDDL text.
+    :param objects: gives all objects with their types.
+    :param strict: refuse what means nothing; else pass over it, as ROSPlan does.
     """
 
     def __init__(self, domain: Domain, objects: Objects, strict: bool) -> None:
@@ -29,9 +27,7 @@ class UpdateReader:
     def apply(self, transaction: Transaction, kind: int, message: KnowledgeItem) -> None:
         """Applies one update.
 
-        Raises
-        ------
-        UpdateRefused: it is refused.
+        :raises UpdateRefused: it is refused.
         """
         if kind in (Request.ADD_KNOWLEDGE, Request.REMOVE_KNOWLEDGE):
             adding = kind == Request.ADD_KNOWLEDGE

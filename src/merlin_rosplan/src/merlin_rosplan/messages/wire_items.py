@@ -123,9 +123,7 @@ class UpdateArrayRequest(KnowledgeUpdateServiceArrayRequest):
     def deserialize(self, data: bytes) -> "UpdateArrayRequest":
         """Reads the request.
 
-        Raises
-        ------
-        genpy.DeserializationError: the bytes end too early.
+        :raises genpy.DeserializationError: the bytes end too early.
         """
         try:
             (count,) = _LENGTH.unpack_from(data, 0)
@@ -147,9 +145,7 @@ class QueryRequest(KnowledgeQueryServiceRequest):
     def deserialize(self, data: bytes) -> "QueryRequest":
         """Reads the request.
 
-        Raises
-        ------
-        genpy.DeserializationError: the bytes end too early.
+        :raises genpy.DeserializationError: the bytes end too early.
         """
         try:
             self.too_many, self.knowledge = _read_items(data, 0, self.max_items)
@@ -261,9 +257,7 @@ def bounded(service_class: Type[Any], max_items: int) -> Type[Any]:
 def refuse_too_many(request: Any) -> None:
     """Lets the call of a request fail that was too long to be read.
 
-    Raises
-    ------
-    rospy.ServiceException: it was.
+    :raises rospy.ServiceException: it was.
     """
     if request.too_many:
         raise rospy.ServiceException(

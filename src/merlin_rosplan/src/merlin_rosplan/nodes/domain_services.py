@@ -34,11 +34,9 @@ from merlin_rosplan.transport.component import Component
 class DomainServices:
     """Offers ``domain/...`` below a component. The answers never change, so they are made once.
 
-    Parameters
-    ----------
-    component: offers the services.
-    domain: is told.
-    sensed: whether a predicate is kept by the sensing interface.
+    :param component: offers the services.
+    :param domain: is told.
+    :param sensed: whether a predicate is kept by the sensing interface.
     """
 
     def __init__(self, component: Component, domain: Domain, sensed: Callable[[str], bool]) -> None:

@@ -62,9 +62,7 @@ def ros_nanoseconds() -> int:
 class KnowledgeBase(Component):
     """The knowledge base as a component. See the README for its names and parameters.
 
-    Raises
-    ------
-    ComponentError: no domain, or the state file cannot be used.
+    :raises ComponentError: no domain, or the state file cannot be used.
     """
 
     def __init__(self, scope: str = KNOWLEDGE_BASE) -> None:

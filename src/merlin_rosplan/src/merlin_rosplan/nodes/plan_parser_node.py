@@ -58,9 +58,7 @@ class PlanParser(Component):
     def message(self, steps: List[PlanStep], actions: List[LiftedAndGround]) -> Any:
         """The message for a plan; each action as (operator, ground operator).
 
-        Raises
-        ------
-        PlanKnowledgeError: the knowledge base does not answer.
+        :raises PlanKnowledgeError: the knowledge base does not answer.
         """
         raise NotImplementedError
 
@@ -102,9 +100,7 @@ class PlanParser(Component):
     def _parse(self, text: str, source: str) -> None:
         """Reads a plan and publishes it.
 
-        Raises
-        ------
-        rospy.ServiceException: it cannot be read or does not fit the domain.
+        :raises rospy.ServiceException: it cannot be read or does not fit the domain.
         """
         with self._parsing:
             started = time.monotonic()
@@ -205,9 +201,7 @@ def action_messages(steps: List[PlanStep], actions: List[LiftedAndGround]) -> Li
 def parser_class(kind: str) -> Type[PlanParser]:
     """The parser of a kind, ``simple`` or ``esterel``.
 
-    Raises
-    ------
-    ComponentError: it is neither.
+    :raises ComponentError: it is neither.
     """
     classes = {"simple": SimplePlanParser, "esterel": EsterelPlanParser}
     if kind not in classes:

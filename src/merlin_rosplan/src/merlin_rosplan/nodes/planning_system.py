@@ -41,9 +41,7 @@ DEFAULT_SCOPES: Dict[str, str] = {
 def component_class(kind: str) -> Any:
     """The class of a kind of component.
 
-    Raises
-    ------
-    ComponentError: there is no such kind.
+    :raises ComponentError: there is no such kind.
     """
     if kind not in KINDS:
         raise ComponentError(f"'{kind}' is not a kind of component; there are {', '.join(sorted(KINDS))}")

@@ -24,9 +24,7 @@ PROBLEM_INTERFACE = "rosplan_problem_interface"
 class ProblemInterface(Component):
     """The problem interface as a component. See the README for its names and parameters.
 
-    Raises
-    ------
-    ComponentError: another planning language than PDDL is asked for.
+    :raises ComponentError: another planning language than PDDL is asked for.
     """
 
     def __init__(self, scope: str = PROBLEM_INTERFACE) -> None:
@@ -74,9 +72,7 @@ class ProblemInterface(Component):
     def generate(self, path: str = "") -> str:
         """Writes the problem to a file (none when the path is empty), publishes it and returns it.
 
-        Raises
-        ------
-        ProblemWriteError: the knowledge base does not answer, or the file cannot be written.
+        :raises ProblemWriteError: the knowledge base does not answer, or the file cannot be written.
         """
         with self._generating:
             domain, problem = self._snapshot()

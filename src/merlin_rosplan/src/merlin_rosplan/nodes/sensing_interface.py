@@ -28,12 +28,10 @@ KNOWLEDGE_BASE_WAIT = 30.0  # s of wall time
 class Sensor:
     """One way to sense one predicate or function.
 
-    Parameters
-    ----------
-    predicate: name in the domain.
-    given: its ``params``.
-    evaluate: (message or response, choices, topic) → result.
-    types: of the predicate's parameters.
+    :param predicate: name in the domain.
+    :param given: its ``params``.
+    :param evaluate: (message or response, choices, topic) → result.
+    :param types: of the predicate's parameters.
     """
 
     def __init__(

@@ -17,10 +17,8 @@ RETRY = 1.0  # s of wall time before a state file that could not be written is t
 class TimedKnowledge:
     """Watches a store's timed items in ROS time. Its thread sleeps until the next one, or until that changes.
 
-    Parameters
-    ----------
-    store: holds the items.
-    client: the name that is reported as the author of the changes.
+    :param store: holds the items.
+    :param client: the name that is reported as the author of the changes.
     """
 
     def __init__(self, store: KnowledgeStore, client: str) -> None:

@@ -15,11 +15,9 @@ _STEP, _PART = 1e-4, 1e-6
 class MetricGoal(NamedTuple):
     """A problem and its metric.
 
-    Parameters
-    ----------
-    head: of the problem, up to its goal.
-    goal, metric: as PDDL.
-    maximize: the sense of the metric.
+    :param head: of the problem, up to its goal.
+    :param goal, metric: as PDDL.
+    :param maximize: the sense of the metric.
     """
 
     head: str

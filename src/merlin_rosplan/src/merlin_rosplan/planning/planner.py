@@ -12,16 +12,15 @@ from merlin_rosplan.planning.planning_outcome import PlannerState
 class PlannerSettings:
     """How to plan.
 
-    Parameters
-    ----------
-    command: external planner with DOMAIN and PROBLEM, the name of an engine, two of them joined by ``+``;
-        empty: kairos.
-    fallback: use kairos when the command's program is missing.
-    time_limit: running time for one planning, s; 0 means none. A ``timeout N`` in the command wins.
-    anytime: s that an engine may go on looking for a better plan after the last one; 0 takes the first.
-    check_input: check domain and problem before planning.
-    memory_limit: MB for the planner and everything it starts, and of addresses for each; 0 means none.
-    output_limit: MB that a planner may write into one file; 0 means none.
+    :param command: external planner with DOMAIN and PROBLEM, the name of an engine, two of them joined by
+        ``+``; empty: kairos.
+    :param fallback: use kairos when the command's program is missing.
+    :param time_limit: running time for one planning, s; 0 means none. A ``timeout N`` in the command wins.
+    :param anytime: s that an engine may go on looking for a better plan after the last one; 0 takes the
+        first.
+    :param check_input: check domain and problem before planning.
+    :param memory_limit: MB for the planner and everything it starts, and of addresses for each; 0 means none.
+    :param output_limit: MB that a planner may write into one file; 0 means none.
     """
 
     command: str = ""
@@ -37,12 +36,10 @@ class PlannerSettings:
 class Task:
     """What an engine is to solve.
 
-    Parameters
-    ----------
-    domain_path, problem_path: absolute paths of the PDDL files.
-    domain, problem: their text.
-    folder: where it may write; other engines have other ones.
-    settings: limits; the command is already the engine's own.
+    :param domain_path, problem_path: absolute paths of the PDDL files.
+    :param domain, problem: their text.
+    :param folder: where it may write; other engines have other ones.
+    :param settings: limits; the command is already the engine's own.
     """
 
     domain_path: Path
@@ -57,12 +54,10 @@ class Task:
 class Attempt:
     """How an engine ended.
 
-    Parameters
-    ----------
-    planner: name of the engine.
-    state: SOLVED with candidate plans, else why there are none.
-    reason: one sentence; empty when SOLVED.
-    plans: the one to prefer first. They may be cut off or wrong: the first that validates counts.
+    :param planner: name of the engine.
+    :param state: SOLVED with candidate plans, else why there are none.
+    :param reason: one sentence; empty when SOLVED.
+    :param plans: the one to prefer first. They may be cut off or wrong: the first that validates counts.
     """
 
     planner: str

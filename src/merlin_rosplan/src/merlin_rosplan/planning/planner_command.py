@@ -22,11 +22,9 @@ class PlannerCommandError(ValueError):
 class PlannerCommand:
     """What a ``planner_command`` says.
 
-    Parameters
-    ----------
-    text: the command as it was given, with the placeholders DOMAIN and PROBLEM.
-    program: the planner itself, behind ``timeout 10``, ``nice`` and settings of variables.
-    limit: s that a leading ``timeout N`` grants, None without one.
+    :param text: the command as it was given, with the placeholders DOMAIN and PROBLEM.
+    :param program: the planner itself, behind ``timeout 10``, ``nice`` and settings of variables.
+    :param limit: s that a leading ``timeout N`` grants, None without one.
     """
 
     text: str
@@ -51,10 +49,8 @@ class PlannerCommand:
     def arguments(self, domain: Path, problem: Path, directory: Path) -> List[str]:
         """The command to start: a shell with all placeholders filled in.
 
-        Parameters
-        ----------
-        domain, problem: absolute paths; they stand for the first DOMAIN and the first PROBLEM.
-        directory: where the planner runs and LPG's ``-out`` goes.
+        :param domain, problem: absolute paths; they stand for the first DOMAIN and the first PROBLEM.
+        :param directory: where the planner runs and LPG's ``-out`` goes.
         """
         paths = {"DOMAIN": str(domain), "PROBLEM": str(problem)}
 
@@ -74,9 +70,7 @@ class PlannerCommand:
 def parse_command(text: str) -> PlannerCommand:
     """Takes a command apart.
 
-    Raises
-    ------
-    PlannerCommandError: quotes do not match, there is no program, or PROBLEM is missing.
+    :raises PlannerCommandError: quotes do not match, there is no program, or PROBLEM is missing.
     """
     try:
         words = shlex.split(text)

@@ -12,12 +12,10 @@ MOST = 2
 class Engines(NamedTuple):
     """What is to plan.
 
-    Parameters
-    ----------
-    commands: ``kairos`` or whole command lines, at most two.
-    name: for messages.
-    limit: the longest time that a ``timeout N`` in a command grants, s; None where there is none.
-    warning: why an engine was left out.
+    :param commands: ``kairos`` or whole command lines, at most two.
+    :param name: for messages.
+    :param limit: the longest time that a ``timeout N`` in a command grants, s; None where there is none.
+    :param warning: why an engine was left out.
     """
 
     commands: List[str]

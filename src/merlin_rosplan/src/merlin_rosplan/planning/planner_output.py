@@ -86,10 +86,8 @@ def candidate_plans(output: str, files: Iterable[Tuple[str, str]] = ()) -> List[
     An anytime planner that was stopped may have been printing: its last plan can be cut off. So there are
     several candidates, and the first one that validates is the plan.
 
-    Parameters
-    ----------
-    output: what it printed.
-    files: (name, content) of the files it wrote.
+    :param output: what it printed.
+    :param files: (name, content) of the files it wrote.
     """
     plans: List[Plan] = []
     for _, content in sorted(
@@ -126,11 +124,9 @@ def is_plan_file(name: str) -> bool:
 def verdict(output: str, errors: str, returncode: int, name: str = "") -> Optional[NoPlan]:
     """The reason that a planner gave for leaving no plan; None when it gave none.
 
-    Parameters
-    ----------
-    output, errors: what it printed.
-    returncode: its exit code, minus a signal's number.
-    name: of the program; only Fast Downward's exit codes say more than that it failed.
+    :param output, errors: what it printed.
+    :param returncode: its exit code, minus a signal's number.
+    :param name: of the program; only Fast Downward's exit codes say more than that it failed.
     """
     text = output + "\n" + errors
     found = _UNSOLVABLE.search(text)

@@ -17,13 +17,11 @@ from merlin_rosplan.planning.planner_files import STDERR, STDOUT
 class ProcessResult:
     """How a process ended.
 
-    Parameters
-    ----------
-    returncode: exit code, or minus the signal that killed it.
-    stdout, stderr: what it printed.
-    timed_out: it was killed because its time was over.
-    stopped: it was killed by :meth:`PlannerProcess.stop`.
-    seconds: of running time.
+    :param returncode: exit code, or minus the signal that killed it.
+    :param stdout, stderr: what it printed.
+    :param timed_out: it was killed because its time was over.
+    :param stopped: it was killed by :meth:`PlannerProcess.stop`.
+    :param seconds: of running time.
     """
 
     returncode: int

@@ -25,11 +25,9 @@ _TOLD_FIRST = (
 class Entry:
     """An engine's attempt, judged.
 
-    Parameters
-    ----------
-    attempt: how it ended; SOLVED only with a plan that validated.
-    plan: that plan.
-    quality: of the plan.
+    :param attempt: how it ended; SOLVED only with a plan that validated.
+    :param plan: that plan.
+    :param quality: of the plan.
     """
 
     attempt: Attempt

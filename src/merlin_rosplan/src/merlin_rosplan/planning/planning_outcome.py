@@ -22,13 +22,11 @@ class PlannerState(IntEnum):
 class PlanningOutcome:
     """The end of one planning.
 
-    Parameters
-    ----------
-    state: how it ended.
-    reason: one sentence; for SOLVED the size of the plan.
-    plan: text in POPF's form, empty unless SOLVED (and when the empty plan solves the problem).
-    planner: which program planned.
-    seconds: of wall time.
+    :param state: how it ended.
+    :param reason: one sentence; for SOLVED the size of the plan.
+    :param plan: text in POPF's form, empty unless SOLVED (and when the empty plan solves the problem).
+    :param planner: which program planned.
+    :param seconds: of wall time.
     """
 
     state: PlannerState

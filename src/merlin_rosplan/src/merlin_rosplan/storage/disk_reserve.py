@@ -4,8 +4,8 @@ import contextlib
 import os
 from typing import Optional
 
+#: bytes; a closed execution takes about 20 thousand.
 SIZE = 256 * 1024
-"""bytes; a closed execution takes about 20 thousand."""
 
 
 class DiskReserve:

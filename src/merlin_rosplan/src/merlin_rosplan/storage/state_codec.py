@@ -41,9 +41,7 @@ def encode_formula(value: Any) -> Any:
 def decode_formula(data: Any) -> Any:
     """What :func:`encode_formula` made.
 
-    Raises
-    ------
-    ValueError, KeyError, TypeError: the data is something else.
+    :raises ValueError, KeyError, TypeError: the data is something else.
     """
     if isinstance(data, list):
         return tuple(decode_formula(part) for part in data)

@@ -22,15 +22,13 @@ from merlin_rosplan.planning.planning_outcome import PlannerState
 class PlannerJob(NamedTuple):
     """What a planning needs to know; travels as JSON.
 
-    Parameters
-    ----------
-    domain_path, problem_path: absolute paths of the PDDL files.
-    engines: ``kairos`` or whole command lines.
-    name: of the engines, for messages.
-    data_path: folder for the planner's output and the plan (``plan.pddl``); empty keeps nothing.
-    planning_limit: running time for the engines, s; 0 means none.
-    time_limit: running time for everything, reading and validating included, s; 0 means none.
-    anytime, check_input, memory_limit, output_limit: see :class:`.planner.PlannerSettings`.
+    :param domain_path, problem_path: absolute paths of the PDDL files.
+    :param engines: ``kairos`` or whole command lines.
+    :param name: of the engines, for messages.
+    :param data_path: folder for the planner's output and the plan (``plan.pddl``); empty keeps nothing.
+    :param planning_limit: running time for the engines, s; 0 means none.
+    :param time_limit: running time for everything, reading and validating included, s; 0 means none.
+    :param anytime, check_input, memory_limit, output_limit: see :class:`.planner.PlannerSettings`.
     """
 
     domain_path: str

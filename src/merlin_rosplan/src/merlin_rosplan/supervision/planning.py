@@ -19,12 +19,10 @@ READING = 5.0
 class Planning:
     """One planning of one problem. :meth:`cancel` ends it from any thread.
 
-    Parameters
-    ----------
-    settings: how.
-    domain_path, problem_path: PDDL files.
-    data_path: folder for the planner's output and the plan (``plan.pddl``); None keeps nothing.
-    hosts: the supervising processes that may be used.
+    :param settings: how.
+    :param domain_path, problem_path: PDDL files.
+    :param data_path: folder for the planner's output and the plan (``plan.pddl``); None keeps nothing.
+    :param hosts: the supervising processes that may be used.
     """
 
     def __init__(

@@ -45,9 +45,7 @@ class _ComponentType(type):
 class Component(metaclass=_ComponentType):
     """Base of all parts of the planning system.
 
-    Parameters
-    ----------
-    scope: namespace of this component's names and parameters, relative to the node's namespace or
+    :param scope: namespace of this component's names and parameters, relative to the node's namespace or
         absolute. A component that has a node of its own takes the name of that node.
 
     A subclass makes its publishers, services and subscribers in ``__init__`` (in this order: whoever is
@@ -79,9 +77,7 @@ class Component(metaclass=_ComponentType):
     def param(self, name: str, default: Any = _NO_DEFAULT) -> Any:
         """The value of ``<scope>/<name>``.
 
-        Raises
-        ------
-        ComponentError: the parameter is not set and there is no default.
+        :raises ComponentError: the parameter is not set and there is no default.
         """
         full = self.resolve(name)
         try:
@@ -94,9 +90,7 @@ class Component(metaclass=_ComponentType):
     def number(self, name: str, default: float, minimum: float = float("-inf")) -> float:
         """A parameter that must be a number of at least `minimum`.
 
-        Raises
-        ------
-        ComponentError: it is not a number, or too small.
+        :raises ComponentError: it is not a number, or too small.
         """
         value = self.param(name, default)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= minimum:
@@ -220,10 +214,8 @@ class Component(metaclass=_ComponentType):
 def run_components(node_name: str, make: Callable[[str], Any]) -> int:
     """Runs components as a node until it is told to end.
 
-    Parameters
-    ----------
-    node_name: default name of the node.
-    make: gets the node's base name and makes the components; what it raises ends the node.
+    :param node_name: default name of the node.
+    :param make: gets the node's base name and makes the components; what it raises ends the node.
 
     Returns the exit code of :func:`merlin_ros.node.run_node`; 2 when a component cannot start.
     """

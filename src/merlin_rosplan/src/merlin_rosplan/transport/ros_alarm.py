@@ -10,10 +10,8 @@ import rospy
 class RosAlarm:
     """Calls back once when a ROS time has come; setting it again moves it.
 
-    Parameters
-    ----------
-    callback: called in the alarm's own thread.
-    name: of that thread.
+    :param callback: called in the alarm's own thread.
+    :param name: of that thread.
     """
 
     def __init__(self, callback: Callable[[], None], name: str) -> None:

@@ -18,11 +18,9 @@ LOG_PERIOD = 5.0  # s between two log lines with the same reason
 class SensedUpdater:
     """Keeps what was sensed and sends what is new to the knowledge base, in a thread of its own.
 
-    Parameters
-    ----------
-    knowledge: the client of the knowledge base.
-    period: s of wall time between two batches.
-    name: of the thread, and in the log.
+    :param knowledge: the client of the knowledge base.
+    :param period: s of wall time between two batches.
+    :param name: of the thread, and in the log.
     """
 
     def __init__(self, knowledge: Any, period: float, name: str) -> None:
