@@ -98,7 +98,7 @@ class Guests(unittest.TestCase):
         for answer, words in (
             (self.tell(person="nobody"), "there is no person 'nobody'"),
             (self.tell(person=""), "there is no person ''"),
-            (self.tell(person="guest_1", patterns=["(a"], answers=["b"]), "no regular expression"),
+            (self.tell(person="guest_1", patterns=["(a"], answers=["b"]), "not a regular expression"),
         ):
             self.assertFalse(answer.success)
             self.assertIn(words, answer.message)

@@ -104,7 +104,7 @@ class WorldControl(unittest.TestCase):
             (self.place(name="nobody"), "no person, object or furniture 'nobody'"),
             (self.place(name="guest_1", x=0.0, y=4.0), "outside the walls"),
             (self.place(name="guest_1", x=1.6, y=1.8), "table_1 is there"),
-            (self.place(name="guest_1", x=float("nan")), "nan is no place"),
+            (self.place(name="guest_1", x=float("nan")), "nan is not a place"),
             (self.walk(name="guest_1", path=[Point(7.6, 1.0, 0.0)]), "wall_"),
             (self.walk(name="nobody", path=[Point(3.0, 3.0, 0.0)]), "no person 'nobody'"),
         ):

@@ -138,7 +138,7 @@ def test_ratio_by_hand() -> None:
     assert ratio.value == 0.5
     assert ratio.high - ratio.value == pytest.approx(4.3027 / 3**0.5 / 6, rel=1e-3)
     assert Ratio.of([1.0], [2.0]).low is None
-    with pytest.raises(ValueError, match="no pairs"):
+    with pytest.raises(ValueError, match="not pairs"):
         Ratio.of([1.0], [1.0, 2.0])
 
 

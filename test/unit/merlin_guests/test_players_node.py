@@ -141,7 +141,7 @@ def test_an_evening_of_which_nobody_keeps_the_books_begins_with_a_warning(log: L
     players = evening()
     players._stage.listened = False
     assert players.run() == 0
-    assert "nobody listens to restaurant/guests" in log.lines["logwarn"][0]
+    assert "restaurant/guests has no subscriber" in log.lines["logwarn"][0]
 
 
 def test_a_player_who_fails_ends_the_evening_with_the_reason(log: Log) -> None:

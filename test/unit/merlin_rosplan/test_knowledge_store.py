@@ -84,7 +84,7 @@ def test_opposite_fact_turns_the_stored_one_round_in_place(store):
         (FunctionValue("battery", ("r1",), 1.0, op="increase"), "has no value yet"),
         (Instance("table", "t1"), "unknown type 'table'"),
         (Instance("poi", ""), "is empty"),
-        (Instance("poi", "living room"), "no name in PDDL"),
+        (Instance("poi", "living room"), "not a name in PDDL"),
     ],
 )
 def test_strict_store_refuses_and_stays_untouched(store, item, reason):
