@@ -110,7 +110,7 @@ def test_unsolvable_needs_a_proof(tmp_path):
     assert kairos_check.PlanValidator(WINDOW, WINDOW_PROBLEM).fault(steps) is None
     outcome = Planning(PlannerSettings(), str(domain), str(problem)).run()
     assert outcome.state == PlannerState.NO_PLAN
-    assert "no proof" in outcome.reason and "steps of time" in outcome.reason
+    assert "not a proof" in outcome.reason and "steps of time" in outcome.reason
 
 
 @needs_kairos

@@ -244,7 +244,7 @@ def test_nothing_is_no_plan(output):
             12,
             "fast-downward",
             PlannerState.NO_PLAN,
-            "no proof",
+            "not a proof",
         ),
         (
             "[t=0.004s, 9 KB] Search terminated -- no plan exists!\n[t=0.1s, 9 KB] Actual search time: 0s\n",
@@ -332,7 +332,7 @@ def test_nothing_is_no_plan(output):
             PlannerState.UNSOLVABLE,
             "No relaxed solution",
         ),
-        ("Search stopped without finding a solution.\n", 12, "downward", PlannerState.NO_PLAN, "no proof"),
+        ("Search stopped without finding a solution.\n", 12, "downward", PlannerState.NO_PLAN, "not a proof"),
         ("Task is provably unsolvable.\n", 11, "downward", PlannerState.UNSOLVABLE, "provably"),
         ("Time limit has been reached.\n", 23, "downward", PlannerState.TIMEOUT, "time"),
         # Temporal Fast Downward tells of its search only.
