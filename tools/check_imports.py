@@ -40,7 +40,7 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
         "merlin_executor",
         "merlin_home",
     ),
-    "merlin": (),
+    "merlin": ("merlin_pddl",),
     # The underlay's nodes of these names are those of merlin_rosplan.
     "rosplan_knowledge_base": ("merlin_ros", "merlin_sm", "merlin_rosplan"),
     "rosplan_planning_system": ("merlin_ros", "merlin_sm", "merlin_rosplan"),
@@ -63,6 +63,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_actions": ("core", ".", "actions nodes testing"),
     "merlin_executor": ("core", ".", "mission node testing"),
     "merlin_monitor": ("text drawing", "state", "listeners", "web terminal"),
+    "merlin": ("new", "."),
     "merlin_home": (".", "actions"),
     "merlin_restaurant": (".", "actions"),
     "merlin_experiment": ("records oracle", "mission runs", "report", "."),
@@ -84,6 +85,7 @@ MAY_BE_FULL = ("smach",)
 KEYS = {
     "aiohttp": "python3-aiohttp",
     "cv2": "python3-opencv",
+    "jinja2": "python3-jinja2",
     "jsonschema": "python3-jsonschema",
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",

@@ -1,4 +1,10 @@
 from catkin_pkg.python_setup import generate_distutils_setup
-from setuptools import setup
+from setuptools import find_packages, setup
 
-setup(**generate_distutils_setup(packages=["merlin"], package_dir={"": "src"}))
+setup(
+    **generate_distutils_setup(
+        packages=find_packages("src"),
+        package_dir={"": "src"},
+        package_data={"merlin.new": ["templates/*.j2", "templates/actions/*.j2"]},
+    )
+)

@@ -74,7 +74,9 @@ def test_ends_with_the_missions_exit_code_and_shows_only_its_lines(tmp_path: Pat
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ((), "name one launch file"),
+        ((), "name a launch file"),
+        (("nowhere", "x.launch"), "no package 'nowhere'"),
+        (("merlin", "nowhere.launch"), "package merlin has no files 'nowhere.launch'; its launch files are: act"),
         (("nowhere.launch",), "no launch file 'nowhere.launch'"),
         ((str(LAUNCH_FILE), "misson:=exit 0"), "did you mean 'mission'?"),
         ((str(LAUNCH_FILE), "port:=eleven"), "not a TCP port"),
@@ -171,3 +173,8 @@ def test_another_node_that_dies_is_only_reported(tmp_path: Path) -> None:
     assert "node 'other' died" in started.process.stderr.readline()
     started.process.send_signal(signal.SIGINT)
     assert started.end()[0] == 130
+
+
+def test_a_launch_file_is_found_in_its_package() -> None:
+    request = LaunchRequest.from_command_line(["merlin", "monitor.launch", "history:="])
+    assert request.launch_file.name == "monitor.launch" and request.arguments == {"history": ""}

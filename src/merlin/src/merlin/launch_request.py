@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Dict, Iterable, List, Optional
 
 import roslaunch.arg_dump
+import roslib.packages
 import rospkg
 from roslaunch.core import RLException
 
@@ -35,7 +36,7 @@ class LaunchRequest:
 
     @classmethod
     def from_command_line(cls, words: Iterable[str]) -> "LaunchRequest":
-        """Reads `<launch file> name:=value …`.
+        """Reads `[package] <launch file> name:=value …`.
 
         Raises:
             LaunchError: no such launch file, no such argument, a required argument is missing, a bad port.
@@ -47,12 +48,13 @@ class LaunchRequest:
                 pairs[name] = value
             else:
                 files.append(word)
-        if len(files) != 1:
+        if len(files) not in (1, 2):
             raise LaunchError(
-                "name one launch file, e.g. 'rosrun merlin run home.launch mission:=1'; there are: "
+                "name a launch file, or a package and a launch file, "
+                "e.g. 'rosrun merlin run home.launch mission:=1'; there are: "
                 + ", ".join(application_names())
             )
-        launch_file = find_launch_file(files[0])
+        launch_file = find_launch_file(files[0]) if len(files) == 1 else file_of_package(*files)
         declared = declared_arguments(launch_file)
         port = None
         if PORT_ARGUMENT in pairs and PORT_ARGUMENT not in declared:
@@ -86,6 +88,26 @@ def find_launch_file(name: str) -> Path:
             return path.resolve()
     raise LaunchError(
         f"there is no launch file '{name}'; give a path or one of: {', '.join(application_names())}"
+    )
+
+
+def file_of_package(package: str, name: str) -> Path:
+    """A launch file by its name alone, anywhere in a package, as roslaunch finds it.
+
+    :raises LaunchError: when there is no such package, or not exactly one such file in it.
+    """
+    try:
+        folder = Path(rospkg.RosPack().get_path(package))
+        found = roslib.packages.find_resource(package, name)
+    except rospkg.ResourceNotFound:
+        raise LaunchError(
+            f"there is no package '{package}'; build it, and source its workspace's devel/setup.bash"
+        ) from None
+    if len(found) == 1:
+        return Path(found[0]).resolve()
+    names = ", ".join(sorted(path.name for path in folder.glob("launch/**/*.launch"))) or "none"
+    raise LaunchError(
+        f"package {package} has {len(found) or 'no'} files '{name}'; its launch files are: {names}"
     )
 
 

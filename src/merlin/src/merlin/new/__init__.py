@@ -1,0 +1,1 @@
+"""Writes the package of a new application: `rosrun merlin new`. Without ROS."""

@@ -1,0 +1,305 @@
+"""What is written of a new application: its actions, places, goals and PDDL. Without ROS."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Dict, List, Sequence, Tuple
+
+from merlin.new.names import (
+    MOST_PARAMETERS,
+    NameRefused,
+    check_operator,
+    check_symbol,
+    class_name,
+    module_name,
+    needs_operator,
+)
+from merlin_pddl.domain import Domain, Signature
+from merlin_pddl.domain_reader import read_domain
+from merlin_pddl.formula import Atom, Comparison, Not, to_pddl
+from merlin_pddl.formula_reader import parameters, typed_list
+from merlin_pddl.problem_reader import read_problem
+from merlin_pddl.text_reader import Expression, PddlError, Word, read_expression, read_text
+
+#: Points of interest of a new domain.
+POINTS = ("hall", "kitchen")
+#: Types of a new domain, and their parents.
+TYPES = {"place": "object", "poi": "place"}
+#: What is written when no action is named.
+DEFAULT_ACTION = "greet ?p - poi"
+#: m between two points of interest, and between them and the walls.
+SPACING, MARGIN = 2.5, 1.5
+#: m/s and s: how a drive's time is estimated, as `poi_distances --speed 0.3 --turning 3` does.
+SPEED, TURNING = 0.3, 3.0
+
+_SENTENCE = 70  # characters of what a new action says
+
+
+class Refused(ValueError):
+    """The application cannot be written; the text says why and what to do."""
+
+
+@dataclass(frozen=True)
+class Action:
+    """One operator and its class.
+
+    :param at: the variable of the place where it happens; empty: anywhere.
+    """
+
+    operator: str
+    parameters: Tuple[str, ...]
+    types: Tuple[str, ...]
+    at: str = ""
+
+    @property
+    def module(self) -> str:
+        """Its module."""
+        return module_name(self.operator)
+
+    @property
+    def class_name(self) -> str:
+        """Its class."""
+        return class_name(self.operator)
+
+    @property
+    def names_operator(self) -> bool:
+        """Whether the class has to say which operator it runs."""
+        return needs_operator(self.operator)
+
+    @property
+    def done(self) -> str:
+        """The predicate that it makes true."""
+        return f"{self.operator}_done"
+
+    @property
+    def typed(self) -> str:
+        """Its parameters as PDDL."""
+        return " ".join(f"?{name} - {kind}" for name, kind in zip(self.parameters, self.types))
+
+    @property
+    def sentence(self) -> str:
+        """What it says until its author has written it."""
+        text = self.operator.replace("_", " ").replace("-", " ").capitalize()
+        for name in self.parameters:
+            if len(text) + len(name) < _SENTENCE:
+                text += f" {{{name}}}"
+        return text + "."
+
+    @property
+    def effect(self) -> str:
+        """What it makes true, with its variables."""
+        return f"({' '.join([self.done, *(f'?{name}' for name in self.parameters)])})"
+
+
+@dataclass
+class Application:
+    """A new application; the templates read its fields.
+
+    :param domain_text: a domain that exists; empty: one is written. Likewise `problem_text`.
+    """
+
+    package: str
+    actions: List[Action]
+    points: List[str] = field(default_factory=lambda: list(POINTS))
+    objects: Dict[str, str] = field(default_factory=dict)
+    types: Dict[str, str] = field(default_factory=dict)
+    goals: List[str] = field(default_factory=list)
+    navigates: bool = True
+    domain_text: str = ""
+    problem_text: str = ""
+
+    @property
+    def mission(self) -> str:
+        """The class of the mission."""
+        return f"{class_name(self.package)}Mission"
+
+    @property
+    def columns(self) -> int:
+        """Points of interest in one row of the world."""
+        return max(2, round(len(self.points) ** 0.5))
+
+    @property
+    def places(self) -> Dict[str, Tuple[float, float]]:
+        """Point of interest → x, y, m."""
+        return {
+            name: (MARGIN + SPACING * (i % self.columns), MARGIN + SPACING * (i // self.columns))
+            for i, name in enumerate(self.points)
+        }
+
+    @property
+    def size(self) -> Tuple[float, float]:
+        """Width and depth of the room, m."""
+        rows = -(-len(self.points) // self.columns)
+        return 2 * MARGIN + SPACING * (self.columns - 1), 2 * MARGIN + SPACING * max(1, rows)
+
+    @property
+    def start(self) -> Tuple[float, float]:
+        """Where the robot begins: between the last row and the wall, m."""
+        return self.size[0] / 2, self.size[1] - MARGIN
+
+    def times(self) -> List[Tuple[str, str, float]]:
+        """From, to and time of each drive, s."""
+        places, (x, y) = self.places, self.start
+        starts = {"anywhere": (x, y), **places}
+        return [
+            (start, end, round(((a - c) ** 2 + (b - d) ** 2) ** 0.5 / SPEED + TURNING, 1))
+            for start, (a, b) in starts.items()
+            for end, (c, d) in places.items()
+            if start != end
+        ]
+
+
+def new_application(package: str, specs: Sequence[str], kinds: Sequence[str] = ()) -> Application:
+    """An application with a domain of its own.
+
+    :param specs: the actions, ``fetch ?o - object ?from ?to - place`` each.
+    :param kinds: further types, ``box tray - object`` each.
+    :raises NameRefused: for names that cannot be used.
+    :raises Refused: for text that is not an action or a list of types.
+    """
+    domain = Domain(package)
+    for name, parent in TYPES.items():
+        domain.types.declare(name, [parent])
+    types = _new_types(domain, kinds)
+    actions = [_read_action(spec, domain) for spec in specs or [DEFAULT_ACTION]]
+    _check_modules(actions)
+    application = Application(package, actions, types=types)
+    _add_objects(application, domain)
+    application.goals = [_goal(action, application, domain) for action in actions]
+    return application
+
+
+def application_of(package: str, domain_file: Path, problem_file: Path) -> Application:
+    """An application around a domain and a problem that exist; its goals are those of the problem.
+
+    :raises PddlError: when one of the files is not PDDL.
+    :raises NameRefused: when an operator cannot be a class.
+    :raises Refused: when the problem has no goals that a mission can send.
+    """
+    domain = read_domain(domain_file)
+    problem = read_problem(problem_file, domain)
+    navigate = domain.operators.get("navigate")
+    navigates = navigate is not None and _is_ready_navigate(navigate, domain)
+    actions = []
+    for operator in domain.operators.values():
+        if operator is navigate and navigates:
+            continue
+        check_operator(operator.name)
+        variables = tuple(parameter.label for parameter in operator.parameters)
+        actions.append(Action(operator.name, variables, ()))
+    _check_modules(actions)
+    application = Application(package, actions, navigates=navigates)
+    application.domain_text = domain_file.read_text(encoding="utf-8-sig")
+    application.problem_text = problem_file.read_text(encoding="utf-8-sig")
+    application.goals = [_sendable(goal, problem_file) for goal in problem.goals]
+    if not application.goals:
+        raise Refused(f"{problem_file} has no goal; write the one that the mission shall send")
+    if navigates and navigate is not None:
+        wanted = navigate.parameters[1].types
+        application.points = [
+            name
+            for name, types in problem.objects.items()
+            if any(domain.types.is_a(own, kind) for own in types for kind in wanted)
+        ] or list(POINTS)
+    return application
+
+
+def _is_ready_navigate(operator: Signature, domain: Domain) -> bool:
+    """Whether MERLIN's own Navigate runs this operator."""
+    labels = [parameter.label for parameter in operator.parameters]
+    return labels == ["from", "to"] and "robot_at" in domain.predicates and "anywhere" in domain.constants
+
+
+def _sendable(goal: object, file: Path) -> str:
+    inner = goal.part if isinstance(goal, Not) else goal
+    text = to_pddl(goal)  # type: ignore[arg-type]
+    if not isinstance(inner, (Atom, Comparison)):
+        raise Refused(f"{file}: a mission sends facts and comparisons; the goal {text} is neither")
+    return text
+
+
+def _new_types(domain: Domain, kinds: Sequence[str]) -> Dict[str, str]:
+    found: Dict[str, str] = {}
+    for text in kinds:
+        try:
+            listed = typed_list(read_text(text.lower(), "--type"), domain, variables=False)
+        except PddlError as error:
+            raise Refused(f"--type '{text}': {error.message}; write e.g. 'box tray - object'") from error
+        for word, parents in listed:
+            check_symbol("type", word)
+            if word in domain.types:
+                raise Refused(f"--type '{text}': there is a type '{word}' already")
+            if "place" in parents or len(parents) > 1:
+                raise Refused(f"--type '{text}': a place that the robot can drive to is a poi; write '- poi'")
+            domain.types.declare(str(word), parents)
+            found[str(word)] = parents[0]
+    return found
+
+
+def _read_action(spec: str, domain: Domain) -> Action:
+    """Reads ``fetch ?o - object ?from ?to - place``, in parentheses or not.
+
+    :raises NameRefused: for names that cannot be used.
+    :raises Refused: when it is something else.
+    """
+    text = spec.strip()
+    try:
+        node = read_expression(text if text.startswith("(") else f"({text})", "--action")
+        if not node or not isinstance(node[0], Word):
+            raise node.error("an action begins with its name")
+        operator = node[0].written
+        listed = Expression("--action", node.line, node.column)
+        listed.extend(node[1:])
+        variables = parameters(listed, domain, operator)
+    except PddlError as error:
+        hint = "" if "unknown type" not in error.message else "; --type 'box - object' declares one"
+        raise Refused(f"--action '{spec}': {error.message}{hint}") from error
+    check_operator(operator)
+    if len(variables) > MOST_PARAMETERS:
+        raise NameRefused(
+            f"action '{operator}' has {len(variables)} parameters; the most is {MOST_PARAMETERS}"
+        )
+    for variable in variables:
+        check_symbol("parameter", variable.label)
+        if len(variable.types) > 1:
+            raise Refused(f"--action '{spec}': give {variable.name} one type, not (either …)")
+    places = [v.name for v in variables if domain.types.is_a(v.types[0], "place")]
+    return Action(
+        operator,
+        tuple(v.label for v in variables),
+        tuple(v.types[0] for v in variables),
+        places[0] if places else "",
+    )
+
+
+def _check_modules(actions: Sequence[Action]) -> None:
+    seen: Dict[str, str] = {}
+    for action in actions:
+        other = seen.setdefault(action.module, action.operator)
+        if other != action.operator or [a.operator for a in actions].count(other) > 1:
+            raise NameRefused(f"the actions '{other}' and '{action.operator}' would be one class; rename one")
+        if action.done in (a.operator for a in actions):
+            raise NameRefused(f"action '{action.done}': the predicate of '{action.operator}' has this name")
+
+
+def _add_objects(application: Application, domain: Domain) -> None:
+    """As many objects of each type as one action asks for at once; the points of interest are there."""
+    for action in application.actions:
+        for kind in action.types:
+            if kind in TYPES:
+                continue
+            names = [f"{kind}_{i + 1}" for i in range(action.types.count(kind))]
+            application.objects.update((name, kind) for name in names)
+            if domain.types.is_a(kind, "poi"):
+                application.points.extend(name for name in names if name not in application.points)
+
+
+def _goal(action: Action, application: Application, domain: Domain) -> str:
+    """The action done with the objects of the problem; the places differ where they can."""
+    used: List[str] = []
+    for kind in action.types:
+        fitting = [name for name, own in application.objects.items() if domain.types.is_a(own, kind)]
+        if kind in TYPES:
+            fitting = application.points
+        left = [name for name in fitting if name not in used]
+        used.append((left or fitting)[0])
+    return f"({' '.join([action.done, *used])})"

@@ -1,0 +1,73 @@
+"""The command `rosrun merlin new`."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Collection, List, Optional
+
+import jinja2
+
+from merlin.new.application import DEFAULT_ACTION, Application, Refused, application_of, new_application
+from merlin.new.names import NameRefused, check_package
+from merlin.new.package_writer import write_application
+from merlin_pddl.text_reader import PddlError
+
+EXIT_REFUSED = 2
+
+
+def main(arguments: Optional[List[str]] = None, known: Collection[str] = ()) -> int:
+    """Writes a package; returns the exit code.
+
+    :param known: ROS packages that exist.
+    """
+    options = _options(arguments)
+    try:
+        check_package(options.name, known)
+        application = _application(options)
+        workspace = Path(options.workspace or f"{options.name}_ws").absolute()
+        folder = write_application(application, workspace)
+    except (NameRefused, Refused, PddlError, OSError, jinja2.TemplateError) as error:
+        print(f"merlin new: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+    print(f"{folder}: the package {application.package}, its mission and a test. Next:")
+    print(f"  cd {workspace} && catkin_make -DPYTHON_EXECUTABLE={sys.executable} && . devel/setup.bash")
+    print(f"  rosrun merlin run {application.package} {application.package}.launch")
+    print(f"  {folder / 'README.md'} says how to go on")
+    return 0
+
+
+def _options(arguments: Optional[List[str]]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="rosrun merlin new",
+        description="Writes the catkin package of a new application into a workspace of its own.",
+    )
+    parser.add_argument("name", help="of the package")
+    parser.add_argument(
+        "--action",
+        action="append",
+        default=[],
+        metavar="TEXT",
+        help=f"an operator with its parameters, as often as wanted (default: '{DEFAULT_ACTION}'); "
+        "types are place, poi (a point of interest), object and those of --type",
+    )
+    parser.add_argument(
+        "--type", action="append", default=[], metavar="TEXT", help="types: 'box tray - object'"
+    )
+    parser.add_argument("--from-domain", type=Path, metavar="FILE", help="a domain that exists")
+    parser.add_argument(
+        "--problem", type=Path, metavar="FILE", help="its problem, whose goals the mission sends"
+    )
+    parser.add_argument("--workspace", metavar="FOLDER", help="default: NAME_ws; made when it does not exist")
+    return parser.parse_args(arguments)
+
+
+def _application(options: argparse.Namespace) -> Application:
+    if options.from_domain is None:
+        if options.problem is not None:
+            raise Refused("--problem belongs to --from-domain; name the domain, too")
+        return new_application(options.name, options.action, options.type)
+    if options.action or options.type:
+        raise Refused("--from-domain has actions and types of its own; leave --action and --type out")
+    if options.problem is None:
+        raise Refused("--from-domain needs --problem FILE too: the mission sends its goals")
+    return application_of(options.name, options.from_domain, options.problem)

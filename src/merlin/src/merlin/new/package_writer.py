@@ -1,0 +1,136 @@
+"""Writes the files of a new application, all of them or none."""
+
+import json
+import shutil
+import stat
+import sys
+import tempfile
+import textwrap
+from pathlib import Path
+from typing import Any, Dict, List, Sequence
+
+import jinja2
+
+from merlin.new.application import Application, Refused
+
+TEMPLATES = Path(__file__).parent / "templates"
+#: Characters of a line of the written Python.
+WIDTH = 110
+
+#: Template → path below the package, with {name}.
+FILES = {
+    "package.xml": "package.xml",
+    "CMakeLists.txt": "CMakeLists.txt",
+    "setup.py": "setup.py",
+    "ruff.toml": "ruff.toml",
+    "README.md": "README.md",
+    "domain.pddl": "pddl/domain.pddl",
+    "problem.pddl": "pddl/problem.pddl",
+    "world.yaml": "worlds/{name}.yaml",
+    "app.launch": "launch/{name}.launch",
+    "mission": "scripts/mission",
+    "init.py": "src/{name}/__init__.py",
+    "mission.py": "src/{name}/mission.py",
+    "actions/init.py": "src/{name}/actions/__init__.py",
+    "app.test": "test/{name}.test",
+    "mission_test.py": "test/mission_test.py",
+}
+EXECUTABLE = ("scripts/mission", "test/mission_test.py")
+
+
+def files_of(application: Application, python: str = sys.executable) -> Dict[str, str]:
+    """The files of a package: path → text.
+
+    :param python: the interpreter for which it is built.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(str(TEMPLATES)),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+
+    def render(template: str, **values: Any) -> str:
+        return str(environment.get_template(f"{template}.j2").render(app=application, **values))
+
+    values: Dict[str, Any] = {
+        "python": python,
+        "classes": _classes(application),
+        "goals": [_literal(goal, 4) for goal in application.goals],
+        "plain_points": [name for name in application.points if name not in application.objects],
+    }
+    found = {
+        path.format(name=application.package): render(template, **values) for template, path in FILES.items()
+    }
+    for action in application.actions:
+        found[f"src/{application.package}/actions/{action.module}.py"] = render(
+            "actions/action.py", action=action, parameters=_list(action.parameters)
+        )
+    if application.domain_text:
+        found.update(
+            {"pddl/domain.pddl": application.domain_text, "pddl/problem.pddl": application.problem_text}
+        )
+    return found
+
+
+def write_application(application: Application, workspace: Path, python: str = sys.executable) -> Path:
+    """Writes a package into a workspace, which is made when it does not exist.
+
+    Everything is written into a temporary folder first and renamed at the end: nothing is ever overwritten,
+    and nothing is left when a step fails.
+
+    :return: the folder of the package.
+    :raises Refused: when something is in the way.
+    :raises OSError: when the folder cannot be written.
+    """
+    target = workspace / "src" / application.package
+    new = not workspace.exists()
+    if not new and not (workspace / "src").is_dir():
+        raise Refused(
+            f"{workspace} exists and is not a catkin workspace (no folder src); take another folder"
+        )
+    if target.exists() or target.is_symlink():
+        raise Refused(f"{target} exists already; nothing is overwritten")
+    if not workspace.parent.is_dir():
+        raise Refused(f"there is no folder {workspace.parent}")
+    folder = Path(tempfile.mkdtemp(prefix=".merlin_new_", dir=str(workspace.parent if new else workspace)))
+    try:
+        package = folder / "src" / application.package
+        for path, text in files_of(application, python).items():
+            file = package / path
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+            if path in EXECUTABLE:
+                file.chmod(file.stat().st_mode | stat.S_IXUSR | stat.S_IXGRP | stat.S_IXOTH)
+        folder.chmod(0o755)
+        # A folder that came meanwhile is not replaced: renaming fails unless it is empty.
+        (folder if new else package).rename(workspace if new else target)
+    finally:
+        shutil.rmtree(str(folder), ignore_errors=True)
+    return target
+
+
+def _classes(application: Application) -> str:
+    """The action classes as a YAML list over as few lines as are needed."""
+    ready = ["merlin_actions.actions.navigate:Navigate"] if application.navigates else []
+    paths = [f"{application.package}.actions.{a.module}:{a.class_name}" for a in application.actions]
+    lines = textwrap.wrap(", ".join([*ready, *paths]), 100, break_long_words=False, break_on_hyphens=False)
+    return "\n      ".join(lines)
+
+
+def _literal(text: str, indent: int) -> str:
+    """A string literal, folded when it is too long for a line."""
+    if len(text) + indent + 3 <= WIDTH:
+        return json.dumps(text)
+    parts = textwrap.wrap(text, WIDTH - indent - 10, drop_whitespace=False, break_long_words=False)
+    folded = "".join(f"\n{' ' * (indent + 4)}{json.dumps(part)}" for part in parts)
+    return f"({folded}\n{' ' * indent})"
+
+
+def _list(names: Sequence[str]) -> str:
+    """A list literal as ruff formats it in a class."""
+    literals: List[str] = [json.dumps(name) for name in names]
+    line = f"[{', '.join(literals)}]"
+    if len("    parameters = ") + len(line) <= WIDTH:
+        return line
+    return "[\n" + "".join(f"        {literal},\n" for literal in literals) + "    ]"

@@ -1,0 +1,65 @@
+"""What `rosrun merlin new` writes builds, runs and passes its test as it is, over devel and install."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+NEW = (
+    "rosrun merlin new my_robot --type 'cup - object' "
+    "--action 'fetch ?o - cup ?from ?to - place' --action 'look-at ?p - poi'"
+)
+
+
+def shell(space: str, commands: str, folder: Path) -> str:
+    """Runs commands in a new shell over one space of MERLIN; returns what they print."""
+    env = {key: os.environ[key] for key in ("PATH", "HOME")}
+    env.update(ROS_HOME=str(folder / "ros"), ROS_LOG_DIR=str(folder / "log"), PYTHONUNBUFFERED="1")
+    done = subprocess.run(
+        ["bash", "-c", f"set -e; . {ROOT}/{space}/setup.bash\n{commands}"],
+        env=env,
+        cwd=str(folder),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=450,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-6000:]
+    return done.stdout
+
+
+def build(target: str) -> str:
+    return f"cd my_robot_ws; catkin_make -DPYTHON_EXECUTABLE={sys.executable} {target}"
+
+
+def test_the_new_package_is_built_and_tested_over_the_devel_space(tmp_path: Path) -> None:
+    shell("devel", NEW, tmp_path)
+    package = tmp_path / "my_robot_ws" / "src" / "my_robot"
+    lint = shell("devel", f"catkin_lint -q -W2 --strict {package}", tmp_path)
+    assert not lint.strip()
+    shell("devel", build(""), tmp_path)
+    overlay = ". my_robot_ws/devel/setup.bash; cd my_robot_ws; "
+    said = shell("devel", f"{overlay} catkin_make run_tests; catkin_test_results", tmp_path)
+    assert "3 tests, 0 errors, 0 failures" in said, said
+    said = shell("devel", f"{overlay} rosrun merlin run my_robot my_robot.launch rtf:=0", tmp_path)
+    assert "next: (look-at_done hall)" in said, said
+
+
+def test_the_new_package_is_installed_and_tested_over_the_install_space(tmp_path: Path) -> None:
+    make = subprocess.run(
+        ["make", "-C", str(ROOT / "build"), "install"],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert make.returncode == 0, make.stderr[-3000:]
+    shell("install", NEW, tmp_path)
+    shell("install", build("install"), tmp_path)
+    overlay = ". my_robot_ws/install/setup.bash; "
+    (tmp_path / "my_robot_ws" / "src").rename(tmp_path / "sources_are_not_used")
+    said = shell("install", f"{overlay} rosrun merlin run my_robot my_robot.launch on:=servers", tmp_path)
+    assert "next: (look-at_done hall)" in said, said
+    shell("install", f"{overlay} rostest my_robot my_robot.test", tmp_path)

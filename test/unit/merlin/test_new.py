@@ -1,0 +1,182 @@
+"""What `rosrun merlin new` writes and refuses, without building it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from merlin.new import command
+from merlin.new.application import SPEED, TURNING, Refused, application_of, new_application
+from merlin.new.names import NameRefused, check_operator, check_package, class_name, needs_operator
+from merlin.new.package_writer import files_of, write_application
+from merlin_actions.names import snake_case
+from merlin_pddl.domain_reader import parse_domain, read_domain
+from merlin_pddl.problem_reader import parse_problem
+from merlin_pddl.text_reader import PddlError
+
+PDDL = Path(__file__).parents[3] / "pddl"
+LONG = "a" * 29
+SPECS = [
+    ["fetch ?o - object ?from ?to - place", "(place ?o - object ?where - poi)"],
+    ["wave"],
+    ["look-at ?p - poi ?q - poi ?r - poi", "load_2 ?my-box - object", "a ?x ?y - place"],
+    [f"{LONG}a " + " ".join(f"?{LONG}{i} - object" for i in range(8))],
+    [],
+]
+
+
+def package_of(folder, *specs, types=()):
+    return write_application(new_application("my_robot", specs, types), folder / "ws", "/usr/bin/python3")
+
+
+@pytest.mark.parametrize("specs", SPECS, ids=str)
+def test_the_written_pddl_is_valid_and_python_passes_ruff(specs, tmp_path):
+    package = package_of(tmp_path, *specs)
+    domain = read_domain(package / "pddl" / "domain.pddl")
+    parse_problem((package / "pddl" / "problem.pddl").read_text(), domain)
+    assert len(domain.operators) == max(1, len(specs)) + 1
+    for words in (["check"], ["format", "--check"]):
+        ruff = subprocess.run(
+            [sys.executable, "-m", "ruff", *words, str(package)], capture_output=True, text=True, check=False
+        )
+        assert ruff.returncode == 0, ruff.stdout + ruff.stderr
+
+
+@pytest.mark.parametrize("specs", SPECS, ids=str)
+def test_each_class_leads_to_its_operator(specs):
+    for action in new_application("my_robot", specs).actions:
+        if not needs_operator(action.operator):
+            assert snake_case(class_name(action.operator)) == action.operator
+
+
+def test_the_launch_file_of_four_actions_has_at_most_fifteen_lines():
+    application = new_application(
+        "hospital_courier", [f"action_{word} ?p - poi" for word in ["one", "two", "six", "ten"]]
+    )
+    assert len(files_of(application)["launch/hospital_courier.launch"].splitlines()) <= 15
+
+
+def test_the_times_of_the_problem_are_those_of_the_world():
+    application = new_application("my_robot", ["greet ?p - poi"])
+    world = yaml.safe_load(files_of(application)["worlds/my_robot.yaml"])
+    points = world["points_of_interest"]
+    distance = points["kitchen"]["x"] - points["hall"]["x"]
+    assert ("hall", "kitchen", round(distance / SPEED + TURNING, 1)) in application.times()
+
+
+def test_types_of_the_user_get_objects_and_places_become_points():
+    application = new_application("my_robot", ["put ?b ?c - box ?s - shelf"], ["box - object", "shelf - poi"])
+    assert application.objects == {"box_1": "box", "box_2": "box", "shelf_1": "shelf"}
+    assert application.goals == ["(put_done box_1 box_2 shelf_1)"]
+    assert "shelf_1" in application.places
+    files = files_of(application)
+    domain = parse_domain(files["pddl/domain.pddl"])
+    assert parse_problem(files["pddl/problem.pddl"], domain).objects["shelf_1"] == ("shelf",)
+
+
+def test_a_domain_that_exists_is_kept_as_it_is(tmp_path):
+    domain, problem = (PDDL / "restaurant" / f"{name}.pddl" for name in ("domain", "problem"))
+    application = application_of("my_cafe", domain, problem)
+    package = write_application(application, tmp_path / "ws", "python3")
+    assert (package / "pddl" / "domain.pddl").read_text() == domain.read_text()
+    operators = {action.operator for action in application.actions}
+    assert operators == set(read_domain(domain).operators) - {"navigate"} and application.navigates
+    assert {"table_1", "table_6"} <= set(application.points)
+    assert (package / "src" / "my_cafe" / "actions" / "order_to_barman.py").is_file()
+
+
+@pytest.mark.parametrize(
+    "name", ["", "a", "My", "2a", "a-b", "a__b", "class", "json", "test", "all", "merlin_sm", "x" * 31]
+)
+def test_names_that_cannot_be_packages_are_refused(name):
+    with pytest.raises(NameRefused):
+        check_package(name, known=["merlin_sm"])
+
+
+@pytest.mark.parametrize(
+    "name", ["", "Fetch", "import", "none", "true", "when", "at", "navigate", "robot_at", "2x", "f?"]
+)
+def test_names_that_cannot_be_actions_are_refused(name):
+    with pytest.raises(NameRefused):
+        check_operator(name)
+
+
+@pytest.mark.parametrize(
+    ("specs", "types", "said"),
+    [
+        (["f ?x ?x"], [], "stands twice"),
+        (["f ?x - bax"], [], "unknown type 'bax'; --type"),
+        (["f x"], [], "expected a variable"),
+        (["(f ?x"], [], "never closed"),
+        ([""], [], "begins with its name"),
+        (["f ?duration"], [], "keyword of PDDL"),
+        (["f ?x - (either poi place)"], [], "one type"),
+        (["f-a", "f_a"], [], "would be one class"),
+        (["f", "f"], [], "would be one class"),
+        (["f", "f_done"], [], "predicate of 'f'"),
+        (["f " + " ".join(f"?p{i}" for i in range(9))], [], "the most is 8"),
+        (["f"], ["poi - object"], "already"),
+        (["f"], ["shelf - place"], "write '- poi'"),
+        (["f"], ["shelf - room"], "unknown type 'room'"),
+        (["f"], ["and - object"], "keyword of PDDL"),
+    ],
+)
+def test_text_that_is_not_an_action_or_a_type_is_refused_with_the_reason(specs, types, said):
+    with pytest.raises((Refused, NameRefused), match=None) as error:
+        new_application("my_robot", specs, types)
+    assert said in str(error.value)
+
+
+def test_nothing_is_overwritten(tmp_path):
+    package = package_of(tmp_path)
+    (package / "README.md").write_text("mine")
+    with pytest.raises(Refused, match="nothing is overwritten"):
+        package_of(tmp_path)
+    assert (package / "README.md").read_text() == "mine"
+    other = write_application(new_application("other", []), tmp_path / "ws")
+    assert other.is_dir() and sorted(path.name for path in (tmp_path / "ws" / "src").iterdir()) == [
+        "my_robot",
+        "other",
+    ]
+    (tmp_path / "taken").mkdir()
+    with pytest.raises(Refused, match="not a catkin workspace"):
+        write_application(new_application("other", []), tmp_path / "taken")
+
+
+def test_nothing_is_left_when_writing_fails(tmp_path, monkeypatch):
+    written = []
+
+    def write(self, text, encoding=None):
+        written.append(self)
+        if len(written) == 9:
+            raise OSError(28, "No space left on device")
+        return len(text)
+
+    monkeypatch.setattr(Path, "chmod", lambda self, mode: None)
+    monkeypatch.setattr(Path, "write_text", write)
+    monkeypatch.chdir(tmp_path)
+    assert command.main(["my_robot"]) == 2
+    assert len(written) == 9 and not list(tmp_path.iterdir())
+
+
+def test_a_goal_that_no_mission_can_send_is_refused(tmp_path):
+    problem = tmp_path / "problem.pddl"
+    text = (PDDL / "home" / "problem.pddl").read_text()
+    problem.write_text(text.replace("(:goal (in_service))", "(:goal (or (in_service) (checked kitchen)))"))
+    with pytest.raises(Refused, match="neither"):
+        application_of("my_home", PDDL / "home" / "domain.pddl", problem)
+    problem.write_text("(define")
+    with pytest.raises(PddlError):
+        application_of("my_home", PDDL / "home" / "domain.pddl", problem)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["--problem", "p"], ["--from-domain", "d"], ["--from-domain", "d", "--problem", "p", "--action", "f"]],
+)
+def test_options_that_do_not_fit_are_refused(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert command.main(["my_robot", *words]) == 2
+    assert capsys.readouterr().err.startswith("merlin new: ") and not list(tmp_path.iterdir())
