@@ -40,7 +40,7 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
         "merlin_executor",
         "merlin_home",
     ),
-    "merlin": ("merlin_pddl",),
+    "merlin": ("merlin_ros", "merlin_pddl", "merlin_actions"),
     # The underlay's nodes of these names are those of merlin_rosplan.
     "rosplan_knowledge_base": ("merlin_ros", "merlin_sm", "merlin_rosplan"),
     "rosplan_planning_system": ("merlin_ros", "merlin_sm", "merlin_rosplan"),

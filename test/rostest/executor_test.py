@@ -175,6 +175,17 @@ class Executor(unittest.TestCase):
         self.assertIn("2 times for the same reason", result.reason)
         self.assertGreater(result.replans, 0)
 
+    def test_a_point_that_does_not_exist_is_not_tried_again_and_moves_nothing(self):
+        self.assertIn(self.client.execute("(robot_at kitchen)", LONG).outcome, ACHIEVED)
+        place = rospy.get_param(DORM_ROOM)
+        rospy.delete_param(DORM_ROOM)
+        self.addCleanup(rospy.set_param, DORM_ROOM, place)
+        result = self.client.execute("(checked dorm_room)", LONG)
+        self.assertOutcome(result, "ACTION_FAILED")
+        self.assertIn("unknown point of interest 'dorm_room'", result.reason)
+        self.assertEqual(result.replans, 0)
+        self.assertEqual(self.knowledge.facts("robot_at"), ["(robot_at kitchen)"])
+
     def test_a_goal_that_was_undone_meanwhile_is_planned_again(self):
         first = self.changes.mark()
         request = self.client.send(["(checked kitchen)", "(checked main_door)"])

@@ -13,6 +13,8 @@ from typing import List, Tuple
 
 import pytest
 
+from merlin.launch_request import LaunchRequest
+
 LAUNCH_FILE = Path(__file__).resolve().parents[2] / "data" / "runner" / "runner.launch"
 RUN = [sys.executable, "-c", "from merlin.launch_runner import main; raise SystemExit(main())"]
 
@@ -76,7 +78,10 @@ def test_ends_with_the_missions_exit_code_and_shows_only_its_lines(tmp_path: Pat
     [
         ((), "name a launch file"),
         (("nowhere", "x.launch"), "no package 'nowhere'"),
-        (("merlin", "nowhere.launch"), "package merlin has no files 'nowhere.launch'; its launch files are: act"),
+        (
+            ("merlin", "nowhere.launch"),
+            "package merlin has no files 'nowhere.launch'; its launch files are: act",
+        ),
         (("nowhere.launch",), "no launch file 'nowhere.launch'"),
         ((str(LAUNCH_FILE), "misson:=exit 0"), "did you mean 'mission'?"),
         ((str(LAUNCH_FILE), "port:=eleven"), "not a TCP port"),

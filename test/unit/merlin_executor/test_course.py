@@ -189,3 +189,14 @@ def test_every_run_ends(limit: int, failures: List[Failure]) -> None:
         same = [other for other in seen if other[:2] == failure[:2]]
         assert failure.gone or len(same) < 2
     assert len(failures) <= limit
+
+
+def test_an_action_that_gave_up_is_not_planned_again() -> None:
+    course = Course(3)
+    course.begin()
+    course.action, course.final = "(prescribe ann)", True
+    run(course, ("DISPATCH_PLAN", "failed", "(prescribe ann): the pharmacist said no"))
+    assert not course.replan().again
+    verdict = course.verdict()
+    assert verdict.outcome is Outcome.ACTION_FAILED
+    assert verdict.reason == "(prescribe ann): the pharmacist said no"

@@ -195,3 +195,11 @@ def test_whatever_is_heard_a_dispatch_that_was_cancelled_hides_nothing(events: L
     expected = {f"(a{number})" for number in stuck | (open_actions & taken)}
     assert expected <= set(progress.result(Reply()).unstopped)
     assert {f"(a{number})" for number in open_actions} <= {*progress.hung("/d", 1.0).unstopped, PART}
+
+
+def test_the_result_says_that_another_try_cannot_help() -> None:
+    for information, final in (({"reason": "no", "final": "yes"}, True), ({"reason": "no"}, False)):
+        progress = DispatchProgress()
+        progress.dispatched(Action(1, 1, "Prescribe", ("Ann",)))
+        progress.answered(1, 1, Answer.FAILED, information)
+        assert progress.result(Reply(), "(prescribe ann)", "no").final is final

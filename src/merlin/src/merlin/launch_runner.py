@@ -178,6 +178,10 @@ class LaunchRun:
             return EXIT_REFUSED
         nodes = self._parent.config.nodes
         self._missions = {node.process_name: None for node in nodes if node.name == MISSION_NODE}
+        if not self._missions:
+            self._say(
+                f"{self._request.launch_file.name} starts no node named 'mission': it runs until Ctrl-C"
+            )
         while True:
             code = self._handle(self._events.get())
             if code is not None:

@@ -1,9 +1,12 @@
 """The action classes of an application, as its launch file names them."""
 
+import traceback
+from pathlib import Path
 from typing import List, Sequence
 
 import rospy
 
+from merlin_actions.core.application_check import ApplicationError
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.class_path import load_class
 
@@ -26,12 +29,27 @@ def make_machines(paths: Sequence[str]) -> List[MerlinActionSM]:
     """Makes a machine of each class.
 
     :param paths: ``package.module:Class`` each.
-    :raises ValueError: when one of them is not a class of actions.
+    :raises ApplicationError: when some are not classes of actions, or cannot be made; it names all of them.
     """
-    machines = []
+    machines: List[MerlinActionSM] = []
+    mistakes: List[str] = []
     for path in paths:
-        action_class = load_class(path)
-        if not issubclass(action_class, MerlinActionSM):
-            raise ValueError(f"{path} is not a MerlinActionSM")
-        machines.append(action_class())
+        try:
+            action_class = load_class(path)
+            if not issubclass(action_class, MerlinActionSM):
+                raise ValueError(f"{path} is not a MerlinActionSM")
+        except ValueError as error:
+            mistakes.append(f"{error}; correct the launch file's 'actions'")
+            continue
+        try:
+            machines.append(action_class())
+        except Exception as error:  # users' code
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            own = next(
+                (f for f in reversed(traceback.extract_tb(error.__traceback__)) if f.name == "build"), where
+            )
+            said = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+            mistakes.append(f"{path} cannot be made: {said} ({Path(own.filename).name}, line {own.lineno})")
+    if mistakes:
+        raise ApplicationError(mistakes)
     return machines

@@ -259,7 +259,11 @@ class ActionInterface:
         else:
             rospy.loginfo(f"{execution.text} did not succeed: {ending.reason}")
             self._answer(
-                execution.dispatch, ActionFeedback.ACTION_FAILED, ending.reason, bool(ending.unstopped)
+                execution.dispatch,
+                ActionFeedback.ACTION_FAILED,
+                ending.reason,
+                bool(ending.unstopped),
+                ending.final,
             )
         with self._changed:
             self._changed.notify_all()
@@ -305,9 +309,16 @@ class ActionInterface:
         return dict(get_param(rospy.resolve_name(action_param(self.operator)), {}))
 
     def _answer(
-        self, dispatch: ActionDispatch, status: int, reason: str = "", unstopped: bool = False
+        self,
+        dispatch: ActionDispatch,
+        status: int,
+        reason: str = "",
+        unstopped: bool = False,
+        final: bool = False,
     ) -> None:
         information = [KeyValue("reason", reason)] if reason else []
+        if final:
+            information.append(KeyValue("final", "yes"))
         if unstopped:
             information.append(KeyValue("stopped", "no"))
         feedback = ActionFeedback(

@@ -9,7 +9,7 @@ from merlin_msgs.msg import DispatchStatus, RunActionAction, RunActionGoal
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_actions.action_interface import ActionInterface
-from merlin_actions.core.ending import Ending
+from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending
 from merlin_actions.core.names import ros_name
 from merlin_actions.execution import Execution
 from merlin_ros.actions.action_client import ActionClient, ClientGoal
@@ -109,7 +109,9 @@ class MerlinAction(ActionInterface):
         if sent.status == GoalStatus.LOST:
             return Ending(False, f"the state machine of {execution.text} is gone: {sent.text}")
         reason = reason or f"{execution.text} ended with status {sent.status}"
-        return Ending(False, reason, begun, _unstopped(sent))
+        outcome = getattr(sent.result, "outcome", "")
+        begun = begun and outcome != NOT_BEGUN
+        return Ending(False, reason, begun, _unstopped(sent), outcome in (GIVEN_UP, NOT_BEGUN))
 
     def start(self) -> None:
         """See :meth:`ActionInterface.start`."""

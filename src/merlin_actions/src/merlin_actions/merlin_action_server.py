@@ -8,6 +8,7 @@ import rospy
 from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
 
 import smach
+from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN
 from merlin_actions.core.machine_slot import Decision, Do, MachineSlot
 from merlin_actions.core.names import DECLARED, action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
@@ -177,6 +178,7 @@ class MerlinActionServer:
         missing = [name for name in machine.parameters if name not in parameters]
         for state in _states(machine):
             state.served_goal = goal.id
+            state.ran = state.given_up = False
         try:
             if missing:
                 outcome, reason = ABORTED, f"{self.operator}: no value for parameter {', '.join(missing)}"
@@ -189,6 +191,8 @@ class MerlinActionServer:
             rospy.logerr(f"{self.operator}: {traceback.format_exc()}")
             crash = f"{type(error).__name__}: {error}"
             outcome, reason = ABORTED, crash
+        if outcome == ABORTED:
+            outcome = given_up(machine) or outcome
         unstopped = ", ".join(state.unstopped for state in _states(machine) if state.unstopped)
         with self._changed:
             if self._goals.get(goal.id) is not goal:  # it was abandoned
@@ -232,6 +236,21 @@ def _states(container: Any) -> Iterator[MerlinState]:
             yield child
         elif isinstance(child, smach.Container):
             yield from _states(child)
+
+
+def given_up(machine: Any) -> str:
+    """What an aborted machine ends with when the state that ran last gave up; empty when none did."""
+    states = list(_states(machine))
+    if not any(state.given_up and state.reason in machine.reason for state in states):
+        return ""
+    # A state that is not one of MERLIN may have done something without a trace.
+    traced = len(states) == _leaves(machine)
+    return NOT_BEGUN if traced and sum(state.ran for state in states) == 1 else GIVEN_UP
+
+
+def _leaves(container: Any) -> int:
+    children = container.get_children().values()
+    return sum(_leaves(child) if isinstance(child, smach.Container) else 1 for child in children)
 
 
 def _active(container: Any) -> Iterator[str]:

@@ -12,6 +12,9 @@ NO_REASON = "no reason given"
 STOPPED = "stopped"
 """Key of an answer's information; its value :data:`NO` says that the action could not be stopped."""
 NO = "no"
+FINAL = "final"
+"""Another key; its value :data:`YES` says that another try of the action cannot help."""
+YES = "yes"
 _CANCELLED = "cancelled"
 _UNANSWERED = "no answer to the cancel from "
 
@@ -40,6 +43,8 @@ class DispatchResult(NamedTuple):
     """The dispatcher is not there, or does not answer."""
     unmet: Tuple[str, ...] = ()
     """Goals that did not hold when it ended, as PDDL text; empty also when the dispatcher does not say."""
+    final: bool = False
+    """Another try of the action that failed cannot help."""
 
 
 class Reply(NamedTuple):
@@ -98,6 +103,7 @@ class DispatchProgress:
         self._stopping = False
         self._taken: Set[int] = set()
         self._unstopped: List[str] = []
+        self._final: Set[str] = set()
 
     @property
     def begun(self) -> bool:
@@ -139,6 +145,8 @@ class DispatchProgress:
         reason = information.get("reason", NO_REASON)
         if information.get(STOPPED, "").lower() == NO:
             self._unstopped.append(action.text)
+        if information.get(FINAL, "").lower() == YES:
+            self._final.add(ground_text(action.text))
         if not self.failed or self.failed_reason == _CANCELLED:
             self.failed, self.failed_reason = action.text, reason
         if not self._stopping and reason != _CANCELLED:
@@ -180,8 +188,10 @@ class DispatchProgress:
         why = reason or self.failed_reason or "the plan ended, but the goal does not hold"
         if reply.refused or reply.gone:
             action, why = self.failed, reply.refused or reply.gone
+        named = action or self.failed
+        final = ground_text(named) in self._final
         return DispatchResult(
-            False, cancelled, False, action or self.failed, why, unstopped, bool(reply.gone), tuple(unmet)
+            False, cancelled, False, named, why, unstopped, bool(reply.gone), tuple(unmet), final
         )
 
     def hung(self, dispatcher: str, deadline: float) -> DispatchResult:
@@ -198,6 +208,11 @@ class DispatchProgress:
         hung = f"{', '.join(names)} did not stop: " if names else ""
         reason = f"{hung}{PART} {dispatcher} did not end its plan within {deadline:g} s"
         return DispatchResult(False, self._stopping, True, ", ".join(names), reason, names or (PART,))
+
+
+def ground_text(text: str) -> str:
+    """PDDL text for comparison: names do not depend on case."""
+    return " ".join(text.lower().split())
 
 
 def _texts(listed: str) -> List[str]:

@@ -1,11 +1,11 @@
 """MerlinSM: a SMACH state machine that knows the planning system (paper, Figure 2)."""
 
-from typing import Any, List, Sequence
+from typing import Any, List, Mapping, Sequence
 
 import rospy
 
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-from smach import StateMachine
+from smach import State, StateMachine
 
 
 class MerlinSM(StateMachine, MerlinROSPlanAssistant):
@@ -28,6 +28,18 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         self.register_start_cb(self.__begin)  # a name that subclasses, users' code, do not override by chance
         self.register_transition_cb(self.__left)
         self.register_termination_cb(self._take_reason)
+
+    @staticmethod
+    def add(label: str, state: State, *args: Any, **options: Any) -> State:
+        """Adds a state to the open machine as ``smach.StateMachine.add`` does, and notes its remapping."""
+        _note(state, args[1:], options)
+        return StateMachine.add(label, state, *args, **options)
+
+    @staticmethod
+    def add_auto(label: str, state: State, *args: Any, **options: Any) -> State:
+        """Adds a state as ``smach.StateMachine.add_auto`` does, and notes its remapping."""
+        _note(state, args[2:], options)
+        return StateMachine.add_auto(label, state, *args, **options)
 
     def prepare(self) -> None:
         """Forgets the cancels of earlier runs. A caller of :meth:`cancel` calls this before each run."""
@@ -57,3 +69,10 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         children = self.get_children()
         reasons = [getattr(children[label], "reason", "") for label in terminal_states if label in children]
         self.reason = "; ".join(filter(None, reasons))
+
+
+def _note(state: Any, args: Sequence[Any], options: Mapping[str, Any]) -> None:
+    """Leaves with a state what SMACH does not give back, for the check of the userdata."""
+    given = dict(zip(("remapping", "constants"), args), **options)
+    state.remapping = dict(given.get("remapping") or {})
+    state.constants = list(given.get("constants") or {})

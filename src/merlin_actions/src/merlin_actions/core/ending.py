@@ -13,6 +13,14 @@ class Ending(NamedTuple):
     """False when nothing was done at all: the world is as it was before the dispatch."""
     unstopped: str = ""
     """Name of the server that did not stop after a cancel; empty when everything has ended."""
+    final: bool = False
+    """Another try cannot help."""
+
+
+GIVEN_UP = "given_up"
+"""Outcome of a machine, one of whose states gave up: another try cannot help."""
+NOT_BEGUN = "not_begun"
+"""The same, and nothing was done before."""
 
 
 class Closing(Enum):

@@ -56,6 +56,8 @@ class Course:
         """The action that failed last, as PDDL text."""
         self.unstopped: Tuple[str, ...] = ()
         """What did not stop, as PDDL text."""
+        self.final = False
+        """Whether another try of that action cannot help."""
         self.timed_out = False
         """Whether the dispatcher itself did not end the plan in time."""
         self.dispatched = False
@@ -86,7 +88,7 @@ class Course:
         self.end = StageEnd()
         self.stage = self.action = ""
         self.unstopped = ()
-        self.dispatched = self.unreachable = self.timed_out = False
+        self.dispatched = self.unreachable = self.timed_out = self.final = False
 
     def enter(self, stage: str, now: float) -> None:
         """A stage begins; the empty name ends the run.
@@ -109,7 +111,7 @@ class Course:
         failed = (end.stage, end.outcome) == (DISPATCH_PLAN, "failed")
         if not failed and not (end.gone and end.outcome == "aborted"):
             return Decision(False, reason=end.reason)
-        decision = self._replanning.failed(Failure(end.reason, self.action, end.gone))
+        decision = self._replanning.failed(Failure(end.reason, self.action, end.gone, self.final))
         if not decision.again:
             self.end = end._replace(reason=decision.reason)
         return decision

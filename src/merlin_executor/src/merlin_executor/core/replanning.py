@@ -18,6 +18,8 @@ class Failure(NamedTuple):
     """The ground action that failed, as PDDL text; empty: none did, as when the goal does not hold."""
     gone: bool = False
     """A part of the planning system is gone."""
+    final: bool = False
+    """Another try of the action cannot help."""
 
 
 class Decision(NamedTuple):
@@ -47,6 +49,8 @@ class Replanning:
     def failed(self, failure: Failure) -> Decision:
         """Decides about a failure."""
         self.last = failure
+        if failure.final:
+            return Decision(False, reason=failure.reason)
         key = (failure.action.lower(), failure.reason)
         same = self._failures[key] = self._failures.get(key, 0) + 1
         if self.count >= self._limit:

@@ -16,6 +16,7 @@ from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.knowledge_text import PDDLSyntaxError
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+from merlin_sm.states.text_keys import keys_of
 
 EXECUTOR_WAIT = 30.0  # s of running time for an Executor that is still starting
 NOTHING = "nothing"
@@ -30,7 +31,7 @@ class GoalState(MerlinState):
 
     :param goals: PDDL text or knowledge items, one or many; ``{key}`` in text is replaced by userdata. Or a
         function from userdata to them, called when the state runs: goals that depend on what is known then.
-    :param keys: the userdata keys that the goals name.
+    :param keys: the userdata keys that the goals may name; None: those that texts name.
     :param priority: higher is more urgent.
     :param on_interrupt: RESUME or DROP.
     :param client: None: one of its own.
@@ -41,16 +42,17 @@ class GoalState(MerlinState):
     def __init__(
         self,
         goals: Union[Goals, Callable[[Any], Goals]],
-        keys: Sequence[str] = (),
+        keys: Optional[Sequence[str]] = None,
         priority: int = 0,
         on_interrupt: int = RESUME,
         client: Optional[MerlinExecutorClient] = None,
         pause: Optional[MissionPause] = None,
         on_lost: Optional[str] = None,
     ) -> None:
-        super().__init__([NOTHING] if callable(goals) else [], keys, ["outcome"])
+        listed = [goals] if callable(goals) or isinstance(goals, str) else list(goals)
+        self._keys = keys_of([goal for goal in listed if isinstance(goal, str)], keys)
+        super().__init__([NOTHING] if callable(goals) else [], self._keys, ["outcome"])
         self._goals = goals
-        self._keys = list(keys)
         self._priority = priority
         self._on_interrupt = on_interrupt
         self._pause = pause

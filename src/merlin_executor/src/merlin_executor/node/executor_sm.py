@@ -111,6 +111,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         """Notes how a dispatch has ended."""
         course = self.course
         course.action, course.unstopped, course.timed_out = result.action, result.unstopped, result.timed_out
+        course.final = result.final
 
     def _enter(self, userdata: Any, states: List[str], *outcome: str) -> None:
         course = self.course

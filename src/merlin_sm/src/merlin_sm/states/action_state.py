@@ -43,7 +43,8 @@ class ActionState(MerlinState):
 
     :param name: of the action.
     :param action_spec: the generated ``...Action`` class.
-    :param goal: the goal, or a function from userdata to the goal; raise ValueError to abort with its text.
+    :param goal: the goal, or a function from userdata to the goal; raise ValueError to abort with its text,
+        GivenUp when another try cannot help.
     :param on_result: called with userdata and the result after SUCCEEDED; may return another outcome.
     :param server_wait: s of running time to wait for the server.
     :param cancel_limit: s of running time for the server to stop after a cancel.
@@ -62,7 +63,7 @@ class ActionState(MerlinState):
         cancel_limit: float = CANCEL_LIMIT,
     ) -> None:
         super().__init__(outcomes, input_keys, output_keys)
-        self._name = name
+        self.action = name
         self._goal = goal
         self._on_result = on_result
         self._server_wait = server_wait
@@ -74,7 +75,7 @@ class ActionState(MerlinState):
         try:
             goal = self._goal(userdata) if callable(self._goal) else self._goal
         except (ValueError, LookupError) as error:
-            return self.fail(str(error))
+            return self.fail_for(error)
         if not self._client.wait_for_server(self._server_wait, self.preempt_requested):
             if self.preempt_requested():
                 return PREEMPTED

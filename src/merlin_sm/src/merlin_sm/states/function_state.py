@@ -10,8 +10,9 @@ from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
 class FunctionState(MerlinState):
     """Calls a function with the userdata. It has to return soon; what waits is a state of its own.
 
-    :param function: returns an outcome, or None for succeeded; raise ValueError to abort with its text. A
-        knowledge base that refuses or does not answer aborts likewise.
+    :param function: returns an outcome, or None for succeeded; raise ValueError to abort with its text,
+        GivenUp when another try cannot help. A knowledge base that refuses or does not answer aborts
+        likewise.
     :param inputs: userdata keys that it reads.
     :param outputs: userdata keys that it sets.
     :param outcomes: that it may return besides succeeded.
@@ -32,4 +33,4 @@ class FunctionState(MerlinState):
         try:
             return self._function(userdata) or SUCCEEDED
         except (ValueError, KnowledgeError, ServiceError) as error:
-            return self.fail(str(error))
+            return self.fail_for(error)

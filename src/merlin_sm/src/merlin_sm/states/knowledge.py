@@ -1,11 +1,12 @@
 """A state that changes what the robot knows."""
 
-from typing import Any, List, Sequence
+from typing import Any, List, Optional, Sequence
 
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
+from merlin_sm.states.text_keys import keys_of
 
 
 class KnowledgeState(MerlinState, MerlinROSPlanAssistant):
@@ -13,14 +14,16 @@ class KnowledgeState(MerlinState, MerlinROSPlanAssistant):
 
     :param add: PDDL facts; ``{key}`` is replaced by the userdata of that name.
     :param remove: likewise.
-    :param keys: the userdata keys that the facts name.
+    :param keys: the userdata keys that the facts may name; None: those that they name.
     """
 
-    def __init__(self, add: Sequence[str] = (), remove: Sequence[str] = (), keys: Sequence[str] = ()) -> None:
-        super().__init__(input_keys=keys)
+    def __init__(
+        self, add: Sequence[str] = (), remove: Sequence[str] = (), keys: Optional[Sequence[str]] = None
+    ) -> None:
+        self._keys = keys_of([*add, *remove], keys)
+        super().__init__(input_keys=self._keys)
         self._add = list(add)
         self._remove = list(remove)
-        self._keys = list(keys)
 
     def run(self, userdata: Any) -> str:
         """Applies the change."""

@@ -10,6 +10,10 @@ ABORTED = "aborted"
 PREEMPTED = "preempted"
 
 
+class GivenUp(ValueError):
+    """What a state tries cannot succeed, however often: :meth:`MerlinState.give_up` with this text."""
+
+
 class MerlinState(smach.State):
     """Base of MERLIN's states, with the outcomes succeeded, aborted and preempted.
 
@@ -29,6 +33,8 @@ class MerlinState(smach.State):
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *outcomes], list(input_keys), list(output_keys))
         self.reason = ""
         self.outcome = ""
+        self.given_up = False  # whether another try cannot help
+        self.ran = False  # whether it was executed in the present run of its action
         self.unstopped = ""  # what did not stop when the state was preempted, by name
         self.served_goal: Optional[str] = None  # of this process's own server, on whose behalf it runs
         self._interrupt_lock = threading.Lock()  # guards _interrupt
@@ -41,6 +47,7 @@ class MerlinState(smach.State):
     def execute(self, userdata: Any) -> str:
         """Runs the state; SMACH calls it."""
         self.reason = self.unstopped = ""
+        self.given_up, self.ran = False, True
         self.outcome = self._execute(userdata)
         return self.outcome
 
@@ -57,6 +64,15 @@ class MerlinState(smach.State):
         """Remembers why and returns the outcome aborted."""
         self.reason = reason
         return ABORTED
+
+    def give_up(self, reason: str) -> str:
+        """As :meth:`fail`, when another try cannot help: the Executor does not plan the goal again."""
+        self.given_up = True
+        return self.fail(reason)
+
+    def fail_for(self, error: Exception) -> str:
+        """Fails with the text of an error; gives up for :class:`GivenUp`."""
+        return self.give_up(str(error)) if isinstance(error, GivenUp) else self.fail(str(error))
 
     def request_preempt(self) -> None:
         """Sets the flag and interrupts what the state waits for, in the caller's thread."""

@@ -10,7 +10,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from merlin_ros.master.master_link import get_param
 from merlin_sm.guard_watch import shared_guard_watch
 from merlin_sm.states.action_state import ActionState
-from merlin_sm.states.merlin_state import PREEMPTED
+from merlin_sm.states.merlin_state import PREEMPTED, GivenUp
 
 POINTS_PARAM = "world/points_of_interest"
 
@@ -19,14 +19,13 @@ def point_of_interest(name: str) -> PoseStamped:
     """The pose of a point of interest, from the parameters below ``world/points_of_interest``.
 
     :return: pose in frame map.
-    :raises ValueError: when the point does not exist; the text names those that do.
+    :raises GivenUp: when there is no such point, naming those there are.
+    :raises ValueError: when the point has no numbers.
     """
     points = get_param(POINTS_PARAM, {})
     if name not in points:
         known = ", ".join(sorted(points)) or "none"
-        raise ValueError(
-            f"unknown point of interest {name!r}; {rospy.resolve_name(POINTS_PARAM)} has: {known}"
-        )
+        raise GivenUp(f"unknown point of interest {name!r}; {rospy.resolve_name(POINTS_PARAM)} has: {known}")
     try:
         x, y, yaw = (float(points[name][key]) for key in ("x", "y", "yaw"))
         if not all(map(math.isfinite, (x, y, yaw))):
@@ -58,6 +57,7 @@ class NavigationState(ActionState):
             input_keys=keys,
             **options,
         )
+        self.target = target
         self._guard = shared_guard_watch()
 
     def run(self, userdata: Any) -> str:

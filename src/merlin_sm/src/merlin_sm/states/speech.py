@@ -1,12 +1,13 @@
 """Speech out and in: sound_play and the listen action."""
 
-from typing import Any, Optional
+from typing import Any, Optional, Sequence
 
 import rospy
 from merlin_msgs.msg import ListenAction, ListenGoal
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
 from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.text_keys import keys_of
 
 MISUNDERSTOOD = "misunderstood"
 
@@ -16,7 +17,7 @@ class SpeakState(ActionState):
 
     :param text: fixed text; ``{key}`` is replaced by the userdata of that name, in which underscores are
         spoken as blanks: PDDL's ``table_4`` is ``table 4``.
-    :param keys: the userdata keys that a fixed text names.
+    :param keys: the userdata keys that a fixed text may name; None: those that it names.
     :param voice: of the synthesis, empty: its default.
     :param volume: 0..1.
     """
@@ -24,16 +25,17 @@ class SpeakState(ActionState):
     def __init__(
         self,
         text: Optional[str] = None,
-        keys: tuple = (),
+        keys: Optional[Sequence[str]] = None,
         voice: str = "",
         volume: float = 1.0,
         action: str = "sound_play",
         **options: Any,
     ) -> None:
-        inputs = list(keys) if text is not None else ["text"]
+        named = keys_of([text], keys) if text is not None else []
+        inputs = named if text is not None else ["text"]
 
         def goal(userdata: Any) -> SoundRequestGoal:
-            spoken = {key: str(userdata[key]).replace("_", " ") for key in keys}
+            spoken = {key: str(userdata[key]).replace("_", " ") for key in named}
             said = userdata.text if text is None else text.format(**spoken)
             if not str(said).strip():
                 raise ValueError("there is no text to say")

@@ -1,0 +1,93 @@
+"""What a launch file starts and sets, read without starting it."""
+
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Tuple
+
+import roslaunch
+import rospkg
+from roslaunch.core import Node, RLException
+from roslaunch.substitution_args import SubstitutionException
+
+from merlin.launch_request import LaunchError, LaunchRequest, one_line
+
+#: Executable → the actions that it serves.
+SERVED = {
+    ("merlin_reactive", "navigation"): "move_base",
+    ("merlin_actions", "simulated_base"): "move_base",
+    ("merlin_reactive", "speech"): "sound_play",
+    ("merlin_reactive", "listen"): "listen",
+    ("merlin_reactive", "recognition"): "recognize",
+}
+#: Executables that stand in for a robot: with one of them the launch file starts every server itself.
+STAND_INS = {("merlin_sim", "merlin_sim"), ("merlin_actions", "simulated_base")}
+HOSTS = {("merlin_actions", "fsm_host"), ("merlin_actions", "naive_actions")}
+
+
+class LaunchConfig:
+    """A launch file as roslaunch reads it.
+
+    :raises LaunchError: when it, or a file it includes, cannot be read.
+    """
+
+    def __init__(self, request: LaunchRequest) -> None:
+        try:
+            config = roslaunch.config.load_config_default(
+                [(str(request.launch_file), request.words())], None, verbose=False
+            )
+        except rospkg.ResourceNotFound as error:
+            raise LaunchError(
+                f"there is no package '{error.args[0]}'; build it, or correct $(find …)"
+            ) from error
+        except (RLException, ValueError, SubstitutionException) as error:
+            raise LaunchError(one_line(error)) from error
+        self.nodes: List[Node] = list(config.nodes)
+        self._params: Dict[str, Any] = {key: param.value for key, param in config.params.items()}
+
+    def param(self, name: str, default: Any = None) -> Any:
+        """The value of a parameter; a folder of parameters becomes a dictionary."""
+        if name in self._params:
+            return self._params[name]
+        found: Dict[str, Any] = {}
+        for key, value in self._params.items():
+            if key.startswith(f"{name}/"):
+                *folders, last = key[len(name) + 1 :].split("/")
+                place = found
+                for folder in folders:
+                    place = place.setdefault(folder, {})
+                place[last] = value
+        return found or default
+
+    def hosts(self) -> Iterator[Tuple[str, Node]]:
+        """The hosts of action classes, with their namespaces, which end in a slash."""
+        for node in self.nodes:
+            if (node.package, node.type) in HOSTS:
+                yield node.namespace, node
+
+    def servers(self, namespace: str) -> Dict[str, str]:
+        """Actions that a namespace's nodes serve → the node."""
+        found: Dict[str, str] = {}
+        for node in self.nodes:
+            if node.namespace != namespace:
+                continue
+            action = SERVED.get((node.package, node.type), "")
+            if (node.package, node.type) == ("merlin_actions", "simulated_action_server"):
+                action = str(self.param(f"{namespace}{node.name}/action", ""))
+            action = dict(node.remap_args).get(action, action)
+            if action:
+                found[action] = node.name
+        return found
+
+    @property
+    def has_robot(self) -> bool:
+        """Whether it starts something that stands in for a robot, so that no server comes from elsewhere."""
+        return any((node.package, node.type) in STAND_INS for node in self.nodes)
+
+    def file(self, name: str) -> Path:
+        """The file that a parameter names.
+
+        :raises LaunchError: when it names none, or the file is missing.
+        """
+        value = str(self.param(name, ""))
+        if not value or not Path(value).is_file():
+            raise LaunchError(f"parameter {name} names no file that exists: '{value}'; give its path")
+        return Path(value)

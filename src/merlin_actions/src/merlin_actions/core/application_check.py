@@ -1,0 +1,122 @@
+"""Compares an application's parts with each other before the robot moves. Pure, as far as its caller is.
+
+Each mistake is one sentence: where it is, what is wrong, what to do.
+"""
+
+import difflib
+from typing import Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+Parameters = Sequence[Tuple[str, str]]  # variable without '?', type
+
+
+class Needs(NamedTuple):
+    """What a class of actions needs."""
+
+    name: str
+    operator: str
+    parameters: Tuple[str, ...] = ()
+    targets: Tuple[str, ...] = ()
+    """Parameters that name points of interest."""
+    points: Tuple[str, ...] = ()
+    """Points of interest that its states name themselves."""
+    servers: Tuple[Tuple[str, str], ...] = ()
+    """Path of a state, and the action whose server it uses."""
+    unset: Tuple[str, ...] = ()
+    """A sentence for each userdata key that is read and never set."""
+
+
+class World(NamedTuple):
+    """What there is to compare with.
+
+    :param operators: of the domain, in its order.
+    :param objects: gives the objects of a type, subtypes included.
+    :param points: names of the points of interest.
+    :param servers: actions that have a server; None: not known.
+    """
+
+    operators: Mapping[str, Parameters]
+    objects: Callable[[str], Collection[str]]
+    points: Collection[str]
+    servers: Optional[Collection[str]] = None
+
+
+class ApplicationError(ValueError):
+    """The parts of an application do not fit; the text has one line for each mistake."""
+
+    def __init__(self, mistakes: Sequence[str]) -> None:
+        one = len(mistakes) == 1
+        head = "" if one else f"{len(mistakes)} mistakes in the application:\n  "
+        super().__init__(head + "\n  ".join(mistakes))
+        self.mistakes = tuple(mistakes)
+
+
+def check_application(classes: Sequence[Needs], world: World, complete: bool = True) -> List[str]:
+    """The mistakes of an application, one sentence each; empty when its parts fit.
+
+    :param complete: every operator of the domain has to have a class.
+    """
+    found: List[str] = []
+    served: Dict[str, str] = {}
+    for needs in classes:
+        found += _operator(needs, world)
+        other = served.setdefault(needs.operator, needs.name)
+        if other != needs.name:
+            found.append(
+                f"{needs.name} and {other} both run operator {needs.operator}; take one out of 'actions'"
+            )
+        found += [f"{needs.name}: {text}" for text in needs.unset]
+        found += _points(needs, world)
+        found += _servers(needs, world)
+    if complete:
+        known = {name.lower() for name in served}
+        found += [
+            f"operator {name} of the domain has no class; write one with parameters = "
+            f"{[label for label, _ in parameters]} and name it in the launch file's 'actions'"
+            for name, parameters in world.operators.items()
+            if name.lower() not in known
+        ]
+    return list(dict.fromkeys(found))
+
+
+def _operator(needs: Needs, world: World) -> Iterator[str]:
+    if needs.operator not in world.operators:
+        names = ", ".join(world.operators) or "none"
+        near = difflib.get_close_matches(needs.operator, list(world.operators), 1)
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        yield (
+            f"{needs.name}: the domain has no operator {needs.operator!r}{hint}, only {names}; "
+            "rename the class, or set its attribute 'operator'"
+        )
+        return
+    variables = [label for label, _ in world.operators[needs.operator]]
+    if list(needs.parameters) != variables:
+        yield (
+            f"{needs.name} declares the parameters {list(needs.parameters)}, but operator "
+            f"{needs.operator} of the domain has {variables}; make them equal"
+        )
+
+
+def _points(needs: Needs, world: World) -> Iterator[str]:
+    there = ", ".join(sorted(world.points)) or "none"
+    add = f"add it to points_of_interest; there are: {there}"
+    for point in needs.points:
+        if point not in world.points:
+            yield f"{needs.name} drives to {point!r}, which is not a point of interest; {add}"
+    types = dict(world.operators.get(needs.operator, ()))
+    for target in needs.targets:
+        for name in sorted(world.objects(types[target])) if target in types else ():
+            if name not in world.points:
+                yield (
+                    f"object {name} of the problem is not a point of interest, and {needs.name} drives to "
+                    f"every {types[target]} (parameter ?{target}); {add}"
+                )
+
+
+def _servers(needs: Needs, world: World) -> Iterator[str]:
+    for path, server in needs.servers:
+        if world.servers is not None and server not in world.servers:
+            there = ", ".join(sorted(world.servers)) or "none"
+            yield (
+                f"state {path} of {needs.name} uses the action server {server!r}, which the launch file "
+                f"does not start; start it, or remap it. It starts: {there}"
+            )

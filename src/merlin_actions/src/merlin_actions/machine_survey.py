@@ -1,0 +1,63 @@
+"""What an action's machine needs: userdata, points of interest and action servers."""
+
+from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
+
+import smach
+from merlin_actions.core.application_check import Needs
+from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.navigation import NavigationState
+
+
+def survey(machine: MerlinActionSM) -> Needs:
+    """Looks at a machine and all nested ones."""
+    states = list(_states(machine, (), {}))
+    drives = [(state, keys) for _, state, keys in states if isinstance(state, NavigationState)]
+    fixed = [state.target for state, _ in drives if isinstance(state.target, str)]
+    read = [keys.get("target", "target") for state, keys in drives if state.target is None]
+    return Needs(
+        type(machine).__name__,
+        machine.operator_name(),
+        tuple(machine.parameters),
+        tuple(dict.fromkeys(key for key in read if key in machine.parameters)),
+        tuple(dict.fromkeys(fixed)),
+        tuple((path, state.action) for path, state, _ in states if isinstance(state, ActionState)),
+        tuple(_unset(machine, ())),
+    )
+
+
+def _states(
+    container: Any, path: Sequence[str], names: Mapping[str, str]
+) -> Iterator[Tuple[str, smach.State, Dict[str, str]]]:
+    """Each innermost state: its path, and its userdata key → key of the outermost machine."""
+    for label, child in container.get_children().items():
+        own = getattr(child, "remapping", {})
+        keys = {key: names.get(own.get(key, key), own.get(key, key)) for key in _keys(child)}
+        if isinstance(child, smach.Container):
+            yield from _states(child, [*path, label], keys)
+        else:
+            yield "/".join([*path, label]), child, keys
+
+
+def _keys(state: smach.State) -> List[str]:
+    return [*state.get_registered_input_keys(), *state.get_registered_output_keys()]
+
+
+def _unset(container: Any, path: Sequence[str]) -> Iterator[str]:
+    """Userdata that states read although nothing sets it."""
+    there = {*container.get_registered_input_keys(), *container.userdata.keys()}
+    children = container.get_children()
+    for child in children.values():
+        own = getattr(child, "remapping", {})
+        there.update(getattr(child, "constants", ()))
+        there.update(own.get(key, key) for key in child.get_registered_output_keys())
+    for label, child in children.items():
+        own = getattr(child, "remapping", {})
+        for key in child.get_registered_input_keys():
+            name = own.get(key, key)
+            if name not in there:
+                has = ", ".join(sorted(there)) or "nothing"
+                state = "/".join([*path, label])
+                yield f"state {state} reads userdata {name!r}, which nothing sets; there is: {has}"
+        if isinstance(child, smach.Container):
+            yield from _unset(child, [*path, label])

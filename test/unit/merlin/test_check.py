@@ -1,0 +1,70 @@
+"""`rosrun merlin check`: what is said of the applications that come with MERLIN, and of a wrong one."""
+
+import os
+import subprocess
+from pathlib import Path
+from typing import Dict
+
+import pytest
+
+APPLICATION = """<launch>
+  <include file="$(find merlin)/launch/include/application.launch">
+    <arg name="on" value="{on}"/>
+    <arg name="domain_path" value="$(find merlin)/pddl/home/domain.pddl"/>
+    <arg name="problem_path" value="$(find merlin)/pddl/home/problem.pddl"/>
+    <arg name="world_file" value="{points}"/>
+    <arg name="actions" value="[{actions}]"/>
+  </include>
+</launch>
+"""
+NAVIGATE, ASK = "merlin_actions.actions.navigate:Navigate", "merlin_home.actions.ask:Ask"
+
+
+def check(tmp_path: Path, *words: str) -> "subprocess.CompletedProcess[str]":
+    env: Dict[str, str] = {**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_HOME": str(tmp_path)}
+    return subprocess.run(
+        ["rosrun", "merlin", "check", *words],
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def application(tmp_path: Path, actions: str, on: str = "simulator", points: str = "kitchen") -> str:
+    world = tmp_path / "points.yaml"
+    listed = "".join(f"  {name}: {{x: 1.0, y: 1.0, yaw: 0.0}}\n" for name in points.split())
+    world.write_text(f"points_of_interest:\n{listed}")
+    file = tmp_path / "my.launch"
+    file.write_text(APPLICATION.format(on=on, points=world, actions=actions))
+    return str(file)
+
+
+@pytest.mark.parametrize("name", ["home.launch", "restaurant.launch"])
+def test_the_applications_of_merlin_fit(tmp_path: Path, name: str) -> None:
+    done = check(tmp_path, name)
+    assert done.returncode == 0, done.stderr
+    assert "points of interest fit; servers: " in done.stdout
+
+
+def test_every_mistake_of_an_application_is_named(tmp_path: Path) -> None:
+    done = check(tmp_path, application(tmp_path, NAVIGATE, points="kitchen bathroom dorm_room"))
+    assert done.returncode == 2
+    missing, operator = done.stderr.splitlines()
+    assert missing.startswith("my.launch: object main_door of the problem is not a point of interest")
+    assert operator.startswith("my.launch: operator ask of the domain has no class")
+
+
+def test_a_misspelt_class_is_named(tmp_path: Path) -> None:
+    done = check(tmp_path, application(tmp_path, f"{NAVIGATE}, {ASK}k"))
+    assert done.returncode == 2
+    assert "merlin_home.actions.ask has no Askk" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_robot_has_to_bring_its_servers(tmp_path: Path) -> None:
+    points = "kitchen bathroom dorm_room main_door"
+    done = check(tmp_path, application(tmp_path, f"{NAVIGATE}, {ASK}", on="robot", points=points))
+    assert done.returncode == 0, done.stderr
+    assert "servers: move_base, sound_play, which the robot has to serve" in done.stdout
+    assert "no node is named 'mission'" in done.stdout

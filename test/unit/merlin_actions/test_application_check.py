@@ -1,0 +1,143 @@
+"""Mistakes of an application are found before the robot moves, and each is one sentence."""
+
+import sys
+import types
+
+import pytest
+
+from merlin_actions.action_classes import make_machines
+from merlin_actions.core.application_check import ApplicationError, Needs, World, check_application
+from merlin_actions.machine_survey import survey
+from merlin_actions.merlin_action_server import given_up
+from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_sm.states.merlin_state import ABORTED, GivenUp
+
+OPERATORS = {"navigate": [("from", "place"), ("to", "poi")], "ask": [("p", "poi")]}
+NAVIGATE = Needs("Navigate", "navigate", ("from", "to"), ("to",), (), (("DRIVE", "move_base"),))
+ASK = Needs("Ask", "ask", ("p",), (), (), (("SPEAK", "sound_play"),))
+
+
+def world(points=("hall", "kitchen"), servers=None):
+    objects = {"poi": ["hall", "kitchen"], "place": ["anywhere", "hall", "kitchen"]}
+    return World(OPERATORS, lambda kind: objects.get(kind, []), list(points), servers)
+
+
+def test_parts_that_fit_have_no_mistakes():
+    assert check_application([NAVIGATE, ASK], world(servers=["move_base", "sound_play"])) == []
+
+
+@pytest.mark.parametrize(
+    ("classes", "there", "said"),
+    [
+        ([NAVIGATE], world(), "operator ask of the domain has no class; write one with parameters = ['p']"),
+        (
+            [NAVIGATE, ASK, Needs("Aks", "aks")],
+            world(),
+            "Aks: the domain has no operator 'aks' (did you mean 'ask'?)",
+        ),
+        (
+            [NAVIGATE, ASK._replace(parameters=("q",))],
+            world(),
+            "Ask declares the parameters ['q'], but operator ask",
+        ),
+        ([NAVIGATE, ASK, ASK._replace(name="Again")], world(), "Again and Ask both run operator ask"),
+        ([NAVIGATE, ASK], world(["hall"]), "object kitchen of the problem is not a point of interest"),
+        ([NAVIGATE, ASK._replace(points=("bar",))], world(), "Ask drives to 'bar', which is not a point"),
+        (
+            [NAVIGATE, ASK],
+            world(servers=["move_base"]),
+            "state SPEAK of Ask uses the action server 'sound_play'",
+        ),
+        ([NAVIGATE, ASK._replace(unset=("state TELL reads x",))], world(), "Ask: state TELL reads x"),
+    ],
+)
+def test_each_mistake_is_one_sentence(classes, there, said):
+    (mistake,) = check_application(classes, there)
+    assert mistake.startswith(said) and "\n" not in mistake
+
+
+def test_a_host_of_one_action_does_not_have_to_run_all():
+    assert check_application([NAVIGATE], world(), complete=False) == []
+
+
+class Serve(MerlinActionSM):
+    parameters = ("o", "t")
+
+    def build(self):
+        self.add("DRIVE", self.state("navigation"), {"succeeded": "BAR"}, remapping={"target": "t"})
+        self.add("BAR", self.state("navigation", "bar"), {"succeeded": "OFFER"})
+        offer = self.state("ask", "Is this {o} right?", "grammar")
+        self.add("OFFER", offer, {"succeeded": "TELL", "misunderstood": "aborted"})
+        self.add("TELL", self.state("speak", "{heard}, {order}."))
+
+
+def test_a_machine_tells_what_it_needs():
+    needs = survey(Serve())
+    assert (needs.name, needs.operator, needs.parameters) == ("Serve", "serve", ("o", "t"))
+    assert needs.targets == ("t",) and needs.points == ("bar",)
+    assert needs.servers == (
+        ("DRIVE", "move_base"),
+        ("BAR", "move_base"),
+        ("OFFER/ASK", "sound_play"),
+        ("OFFER/LISTEN", "listen"),
+        ("OFFER/ASK_AGAIN", "sound_play"),
+        ("TELL", "sound_play"),
+    )
+    assert needs.unset == ("state TELL reads userdata 'order', which nothing sets; there is: heard, o, t",)
+
+
+class Broken(MerlinActionSM):
+    def build(self):
+        self.add("SPEAK", self.state("spaek", "Hello."))
+
+
+class Unnamed(MerlinActionSM):
+    parameters = ("p",)
+
+    def build(self):
+        self.add("SPEAK", self.state("speak", "{p} and {q}.", keys=["p"]))
+
+
+def test_all_classes_that_cannot_be_made_are_named(monkeypatch):
+    module = types.ModuleType("my_actions")
+    module.Broken, module.Unnamed = Broken, Unnamed
+    monkeypatch.setitem(sys.modules, "my_actions", module)
+    with pytest.raises(ApplicationError) as error:
+        make_machines(["my_actions:Broken", "my_actions:Unnamed", "my_actions:Gone"])
+    broken, unnamed, gone = error.value.mistakes
+    assert "my_actions:Broken cannot be made: KeyError" in broken and "no state 'spaek'" in broken
+    assert "test_application_check.py, line" in broken
+    assert "names {q}, which is not among its keys: p" in unnamed
+    assert "has no Gone" in gone
+
+
+class Prescribe(MerlinActionSM):
+    def build(self):
+        self.add("READ", self.state("function", lambda userdata: None), {"succeeded": "DECIDE"})
+        self.add("DECIDE", self.state("function", self._decide))
+
+    def _decide(self, userdata):
+        raise GivenUp("the pharmacist said no")
+
+
+class Refuse(Prescribe):
+    def build(self):
+        self.add("DECIDE", self.state("function", self._decide))
+
+
+@pytest.mark.parametrize(("machine", "outcome"), [(Prescribe, "given_up"), (Refuse, "not_begun")])
+def test_a_state_that_gives_up_says_whether_anything_was_done(machine, outcome):
+    made = machine()
+    assert made.run_once({}) == ABORTED
+    assert made.reason == "the pharmacist said no"
+    assert given_up(made) == outcome
+
+
+class Fails(Refuse):
+    def _decide(self, userdata):
+        raise ValueError("not yet")
+
+
+def test_a_state_that_fails_does_not_give_up():
+    made = Fails()
+    assert made.run_once({}) == ABORTED and given_up(made) == ""
