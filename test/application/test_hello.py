@@ -1,0 +1,55 @@
+"""docs/hello.md, from its first command to its last: all of it is run, in one shell, as a reader would."""
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "hello.md").read_text(encoding="utf-8")
+BLOCK = re.compile(r"(?:<!-- (file|run): (\S+) -->\n)?```(sh|python)\n(.*?)```", re.DOTALL)
+WRITE = "python - <<'END_OF_BLOCK'\n{code}\nEND_OF_BLOCK\n"
+
+
+def step(kind: str, file: str, language: str, text: str) -> str:
+    """The shell's words for one block of the page."""
+    if language == "sh":
+        # The quickest simulation; and what the page shows on a screen is not to wait for a free port.
+        return text.replace("my_robot my_robot.launch\n", "my_robot my_robot.launch rtf:=0\n").replace(
+            "check my_robot my_robot.launch rtf:=0", "check my_robot my_robot.launch"
+        )
+    if kind == "file":
+        return f"cat > {file} <<'END_OF_BLOCK'\n{text}END_OF_BLOCK\n"
+    code = (
+        "import re, pathlib\n"
+        f"file = pathlib.Path({file!r})\n"
+        f"text = {text!r}\n"
+        'old = re.compile(r"    def run\\(self\\).*?\\n(?=\\n\\n)", re.DOTALL)\n'
+        "new, count = old.subn(lambda _: text, file.read_text())\n"
+        "assert count == 1\n"
+        "file.write_text(new)\n"
+    )
+    return WRITE.format(code=code)
+
+
+def test_every_step_of_the_page_works(tmp_path: Path) -> None:
+    blocks = BLOCK.findall(PAGE)
+    assert [language for _, _, language, _ in blocks].count("sh") == 5
+    script = "\n".join(step(*block) for block in blocks)
+    # The reader's terminal is in MERLIN's folder, where the new workspace would stay behind.
+    script = script.replace("rosrun merlin new", f"cd {tmp_path}; rosrun merlin new")
+    env = {key: os.environ[key] for key in ("PATH", "HOME")}
+    env.update(ROS_HOME=str(tmp_path / "ros"), ROS_LOG_DIR=str(tmp_path / "log"), PYTHONUNBUFFERED="1")
+    done = subprocess.run(
+        ["bash", "-e", "-c", script],
+        env=env,
+        cwd=str(ROOT),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=450,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-6000:]
+    assert "I changed my mind" in done.stdout
+    assert "3 tests, 0 errors, 0 failures" in done.stdout

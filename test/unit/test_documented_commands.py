@@ -1,0 +1,76 @@
+"""Every command of the documents can be started: its package, file, executable, arguments and target exist.
+
+What a command does is for the tests of its package; this finds the ones that a rename has left behind.
+"""
+
+import re
+import shlex
+from pathlib import Path
+from typing import Iterator, List, Tuple
+
+import pytest
+import roslaunch.arg_dump
+import roslaunch.rlutil
+import roslib.packages
+import rospkg
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "src").glob("*/README.md")])
+TOOLS = ("roslaunch", "rosrun", "make", "rostest")
+#: Packages that a page makes, or that its reader has.
+OTHERS = ("my_robot", "my_package", "actionlib", "smach_viewer", "rqt_graph", "topic_tools", "tf")
+RUNNERS = (("merlin", "run"), ("merlin", "check"))
+
+
+def commands(page: Path) -> Iterator[str]:
+    """Commands in blocks of shell, and in backticks."""
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    blocks = re.findall(r"```(?:sh|bash|console)\n(.*?)```", text, re.DOTALL)
+    lines = [line for block in blocks for line in block.splitlines()]
+    inline = re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+    for line in [*lines, *inline]:
+        for part in re.split(r"&&|\|\||;|\||&", re.sub(r"(^|\s)#.*", "", line)):
+            yield part.strip()
+
+
+def documented() -> List[Tuple[str, str]]:
+    """Page and command, of the tools that are checked here."""
+    found = []
+    for page in PAGES:
+        for command in commands(page):
+            words = re.sub(r"^([A-Z_]+=\S+\s+)+", "", command).split()
+            if len(words) > 1 and words[0] in TOOLS and not re.search(r"[…<>]|\.\.\.", " ".join(words)):
+                found.append((str(page.relative_to(ROOT)), " ".join(words)))
+    return list(dict.fromkeys(found))
+
+
+@pytest.mark.parametrize(("page", "command"), documented(), ids=lambda text: text[:60])
+def test_the_command_can_be_started(page: str, command: str) -> None:
+    tool, *words = shlex.split(command)
+    if tool == "make":
+        targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        for word in words:
+            assert word in targets or "=" in word or word == "|", f"{page}: no target {word}"
+        return
+    words = [word for word in words if not word.startswith("--")]
+    if words[0] in OTHERS:
+        return
+    if words[0].endswith((".launch", ".test")):
+        check_launch(page, str(ROOT / words[0]), words[1:])
+        return
+    package, name, *arguments = words
+    rospkg.RosPack().get_path(package)
+    if tool == "rosrun":
+        assert roslib.packages.find_node(package, name), f"{page}: no executable {package}/{name}"
+        if (package, name) in RUNNERS and arguments and arguments[0] not in OTHERS:
+            (file,) = roslib.packages.find_resource("merlin", arguments[0])
+            check_launch(page, file, arguments[1:])
+        return
+    (file,) = roslaunch.rlutil.resolve_launch_arguments([package, name])
+    check_launch(page, file, arguments)
+
+
+def check_launch(page: str, file: str, words: List[str]) -> None:
+    declared = roslaunch.arg_dump.get_args([file])
+    given = {word.partition(":=")[0] for word in words if ":=" in word} - {"port"}
+    assert given <= set(declared), f"{page}: {Path(file).name} has no argument {given - set(declared)}"
