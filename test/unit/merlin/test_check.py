@@ -3,7 +3,6 @@
 import os
 import subprocess
 from pathlib import Path
-from typing import Dict
 
 import pytest
 
@@ -20,8 +19,19 @@ APPLICATION = """<launch>
 NAVIGATE, ASK = "merlin_actions.actions.navigate:Navigate", "merlin_home.actions.ask:Ask"
 
 
-def check(tmp_path: Path, *words: str) -> "subprocess.CompletedProcess[str]":
-    env: Dict[str, str] = {**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_HOME": str(tmp_path)}
+ORDERS = """from merlin_actions.merlin_action_sm import MerlinActionSM
+
+
+class TakeOrder(MerlinActionSM):
+    parameters = ["t"]
+
+    def build(self):
+        self.add("ASK", self.state("ask", "What for {t}?", "grammar"), {"misunderstood": "aborted"})
+"""
+
+
+def check(tmp_path: Path, *words: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+    env = {**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_HOME": str(tmp_path), **variables}
     return subprocess.run(
         ["rosrun", "merlin", "check", *words],
         env=env,
@@ -60,6 +70,24 @@ def test_a_misspelt_class_is_named(tmp_path: Path) -> None:
     done = check(tmp_path, application(tmp_path, f"{NAVIGATE}, {ASK}k"))
     assert done.returncode == 2
     assert "merlin_home.actions.ask has no Askk" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_server_that_is_missing_is_named_and_one_with_a_script_is_there(tmp_path: Path) -> None:
+    domain = tmp_path / "order.pddl"
+    domain.write_text("(define (domain order) (:action take_order :parameters (?t - object)))")
+    action = tmp_path / "my_orders.py"
+    action.write_text(ORDERS)
+    launch = Path(application(tmp_path, "my_orders:TakeOrder", on="servers"))
+    text = launch.read_text().replace("$(find merlin)/pddl/home/domain.pddl", str(domain))
+    launch.write_text(text.replace("$(find merlin)/pddl/home/problem.pddl", ""))
+    path = f"{tmp_path}:{os.environ['PYTHONPATH']}"
+    missing = check(tmp_path, str(launch), PYTHONPATH=path)
+    assert missing.returncode == 2
+    assert "state ASK/LISTEN of TakeOrder uses the action server 'listen', which the launch" in missing.stderr
+    launch.write_text(
+        launch.read_text().replace('name="on"', """name="answers" value="['a tea']"/><arg name="on\"""")
+    )
+    assert check(tmp_path, str(launch), PYTHONPATH=path).returncode == 0
 
 
 def test_a_robot_has_to_bring_its_servers(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from merlin_sm.states.planning import (
 from merlin_sm.states.recognition import RecognizeState
 from merlin_sm.states.ros_calls import ServiceCallState, TopicState
 from merlin_sm.states.speech import ListenState, SpeakState
+from merlin_sm.states.wait import WaitState
 from merlin_sm.states.while_state import WhileSM
 
 StateMaker = Callable[..., smach.State]
@@ -42,6 +43,7 @@ class MerlinStateFactory:
     plan              :class:`merlin_sm.states.planning.PlanState`
     parse_plan        :class:`merlin_sm.states.planning.ParsePlanState`
     dispatch_plan     :class:`merlin_sm.states.planning.DispatchPlanState`
+    wait              :class:`merlin_sm.states.wait.WaitState`
     while             :class:`merlin_sm.states.while_state.WhileSM`
     ================  ==================================================================
     """
@@ -90,6 +92,7 @@ for _name, _maker in (
     ("service", ServiceCallState),
     ("speak", SpeakState),
     ("topic", TopicState),
+    ("wait", WaitState),
     ("while", WhileSM),
 ):
     MerlinStateFactory.register(_name, _maker)

@@ -2,12 +2,13 @@
 
 import os
 import threading
-from typing import Callable, Optional
+from typing import Any, Callable, Mapping, Optional
 
 import rospy
 from roslib.message import get_message_class
 
 from merlin_actions.testing.behaviour import Act, Behaviour
+from merlin_actions.testing.scripted_results import ScriptedResults
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.node import run_node
@@ -19,6 +20,7 @@ class SimulatedActionServer:
     :param name: of the action.
     :param action_spec: the generated ``...Action`` class.
     :param behaviour: of its goals.
+    :param script: what it answers, see :class:`ScriptedResults`.
     :param on_start: called when a goal begins.
     :param on_stop: called when it ends or is cancelled, at once, possibly twice.
     """
@@ -30,7 +32,10 @@ class SimulatedActionServer:
         behaviour: Behaviour,
         on_start: Callable[[], None] = lambda: None,
         on_stop: Callable[[], None] = lambda: None,
+        script: Optional[Mapping[str, Any]] = None,
     ) -> None:
+        self._results = ScriptedResults(type(action_spec().action_result.result), script or {})
+        self._succeeded = 0
         self._behaviour = behaviour
         self._on_start = on_start
         self._on_stop = on_stop
@@ -71,7 +76,9 @@ class SimulatedActionServer:
         elif act is Act.FAIL:
             goal.abort(text="failed as its parameters say")
         else:
-            goal.succeed(text="done")
+            result = self._results.result(self._succeeded)
+            self._succeeded += 1
+            goal.succeed(result, text="done")
 
 
 def behaviour_from_params(prefix: str = "~") -> Behaviour:
@@ -88,15 +95,18 @@ def behaviour_from_params(prefix: str = "~") -> Behaviour:
 
 
 def main() -> int:
-    """Runs a node: `~action` (name) and `~type` (``move_base_msgs/MoveBaseAction``), and a behaviour."""
+    """Runs a node: `~action` (name) and `~type` (``move_base_msgs/MoveBase``), a behaviour and a script."""
     return run_node("simulated_action_server", _start, KeyError, ValueError)
 
 
 def _start() -> None:
     name, type_name = rospy.get_param("~action"), rospy.get_param("~type")
+    if not type_name.endswith("Action"):
+        type_name += "Action"
     action_spec: Optional[type] = get_message_class(type_name)
     if action_spec is None:
         raise ValueError(f"there is no message type {type_name!r}")
-    server = SimulatedActionServer(name, action_spec, behaviour_from_params())
+    script = {key: rospy.get_param(f"~{key}", None) for key in ("results", "answers", "sees")}
+    server = SimulatedActionServer(name, action_spec, behaviour_from_params(), script=script)
     rospy.on_shutdown(server.shutdown)
     server.start()
