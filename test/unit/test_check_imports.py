@@ -44,7 +44,12 @@ def test_allowed_imports_pass(tool: ModuleType, tmp_path: Path) -> None:
     [
         ("merlin_home", "question", "import merlin_sim.node\n", "merlin_home may import merlin_msgs, "),
         ("merlin_home", "question", "def f():\n    from merlin_sim import node\n", "question.py:2: imports"),
-        ("merlin", "runner", "import merlin_sm\n", "merlin may import merlin_ros, merlin_pddl, merlin_actions"),
+        (
+            "merlin",
+            "runner",
+            "import merlin_sm\n",
+            "merlin may import merlin_ros, merlin_pddl, merlin_actions",
+        ),
         (
             "merlin_sim",
             "world/survey",
