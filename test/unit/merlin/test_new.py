@@ -11,7 +11,7 @@ from merlin.new import command
 from merlin.new.application import SPEED, TURNING, Refused, application_of, new_application
 from merlin.new.names import NameRefused, check_operator, check_package, class_name, needs_operator
 from merlin.new.package_writer import files_of, write_application
-from merlin_actions.names import snake_case
+from merlin_actions.core.names import snake_case
 from merlin_pddl.domain_reader import parse_domain, read_domain
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import PddlError

@@ -28,14 +28,13 @@ FILES = {
     "problem.pddl": "pddl/problem.pddl",
     "world.yaml": "worlds/{name}.yaml",
     "app.launch": "launch/{name}.launch",
-    "mission": "scripts/mission",
     "init.py": "src/{name}/__init__.py",
     "mission.py": "src/{name}/mission.py",
     "actions/init.py": "src/{name}/actions/__init__.py",
     "app.test": "test/{name}.test",
     "mission_test.py": "test/mission_test.py",
 }
-EXECUTABLE = ("scripts/mission", "test/mission_test.py")
+EXECUTABLE = ("test/mission_test.py",)
 
 
 def files_of(application: Application, python: str = sys.executable) -> Dict[str, str]:
