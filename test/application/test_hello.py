@@ -24,7 +24,7 @@ def step(kind: str, file: str, language: str, text: str) -> str:
         "import re, pathlib\n"
         f"file = pathlib.Path({file!r})\n"
         f"text = {text!r}\n"
-        'old = re.compile(r"    def run\\(self\\).*?\\n(?=\\n\\n)", re.DOTALL)\n'
+        'old = re.compile(r"    def run\\(self\\).*?\\n(?=\\n\\n|\\Z)", re.DOTALL)\n'
         "new, count = old.subn(lambda _: text, file.read_text())\n"
         "assert count == 1\n"
         "file.write_text(new)\n"

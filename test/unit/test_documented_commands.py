@@ -62,7 +62,8 @@ def test_the_command_can_be_started(page: str, command: str) -> None:
     rospkg.RosPack().get_path(package)
     if tool == "rosrun":
         assert roslib.packages.find_node(package, name), f"{page}: no executable {package}/{name}"
-        if (package, name) in RUNNERS and arguments and arguments[0] not in OTHERS:
+        written = arguments and arguments[0].startswith("./")  # by the page, whose own test runs it
+        if (package, name) in RUNNERS and arguments and not written and arguments[0] not in OTHERS:
             (file,) = roslib.packages.find_resource("merlin", arguments[0])
             check_launch(page, file, arguments[1:])
         return
