@@ -49,7 +49,7 @@ class Errors(unittest.TestCase):
         self.refused(["r1", "yaw"], f"_world:={WORLD}", "_robots:=[{namespace: r1, yaw: 1.0}]")
 
     def test_a_description_of_no_robot(self):
-        self.refused(["~urdf", "no robot"], f"_world:={WORLD}", f"_urdf:={WORLD}")
+        self.refused(["~urdf", "not a robot"], f"_world:={WORLD}", f"_urdf:={WORLD}")
 
     def test_a_second_clock(self):
         clock = rospy.Publisher("/clock", Clock, queue_size=1)
