@@ -60,10 +60,11 @@ def _start() -> None:
 def _begin_anew(state: MonitorModel, server: WebServer) -> None:
     """Replaces the process, as the master has been replaced: nothing of the last run is shown in the next."""
     rospy.logwarn("the master was started anew: the monitor begins anew, too")
-    rospy.set_param("~port", server.port)  # open pages look for it there
     server.stop()
     state.stop()
-    os.execv(sys.executable, [sys.executable, *sys.argv])
+    # Open pages look for it at its port; as an argument, because the new master may be gone again.
+    arguments = [word for word in sys.argv if not word.startswith("_port:=")]
+    os.execv(sys.executable, [sys.executable, *arguments, f"_port:={server.port}"])
 
 
 def _whole(name: str, default: int, lowest: int, highest: int) -> int:
