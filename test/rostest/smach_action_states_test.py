@@ -7,11 +7,12 @@ import subprocess
 import sys
 import threading
 import unittest
+from typing import NamedTuple
 
 import actionlib
 import rospy
 from actionlib.msg import TestAction, TestGoal, TestResult
-from actionlib_msgs.msg import GoalID, GoalStatus
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from smach_fixture import LONG, Run
 
 import rostest
@@ -58,6 +59,16 @@ class Server:
     def wait_for_goals(self, count):
         with self.changed:
             assert self.changed.wait_for(lambda: len(self.goals) >= count, LONG)
+
+
+class Link(NamedTuple):
+    """A connection of a subscriber, as rospy keeps it."""
+
+    callerid_pub: str
+    id: int = 0
+
+    def close(self):
+        """Nothing is open."""
 
 
 class ActionStates(unittest.TestCase):
@@ -182,6 +193,22 @@ class ActionStates(unittest.TestCase):
         self.server.server.result_pub.publish = lambda message: None
         self.addCleanup(setattr, self.server.server.result_pub, "publish", publish)
         self.assertEqual(Run(self.action(SUCCEED)).end(), "succeeded")
+
+    def test_b2_link_for_results_counts_when_a_status_came_after_it(self):
+        from smach_ros.action_connection import ActionConnection
+
+        connection = ActionConnection("nowhere", TestAction)
+        self.addCleanup(connection.release)
+        for publisher in (connection._goal_publisher, connection._cancel_publisher):
+            publisher.impl.has_connection = lambda name: True
+        status = GoalStatusArray()
+        status._connection_header = {"callerid": "/server"}
+        connection._status_subscriber.impl.connections = [Link("/server")]
+        connection._receive_status(status)
+        connection._result_subscriber.impl.connections = [Link("/server")]
+        self.assertFalse(connection.ready())
+        connection._receive_status(status)
+        self.assertTrue(connection.ready())
 
     def test_b3_state_whose_result_callback_failed_runs_in_another_thread(self):
         answers = [ZeroDivisionError, "unregistered", None]

@@ -122,7 +122,7 @@ def test_the_request_of_a_lost_client_ends_with_the_reason(agenda: "Agenda[Ticke
     verdict = answers(agenda.client(waiting, Client.GONE, "its client /x is gone"))[waiting]
     assert verdict == Verdict(Outcome.CANCELLED, "cancelled before it began: its client /x is gone")
     assert stops(agenda.client(running, Client.GONE, "its client /x is gone")) == [running]
-    assert answers(agenda.ended(CANCELLED))[running].reason == "its client /x is gone"
+    assert answers(agenda.ended(CANCELLED))[running].reason == "cancelled: its client /x is gone"
 
 
 def test_a_cancelled_request_names_what_did_not_answer(agenda: "Agenda[Ticket]") -> None:

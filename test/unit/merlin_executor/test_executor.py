@@ -286,7 +286,7 @@ def test_a_client_that_dies_takes_its_request_along_unless_that_goes_on(bench: B
         bench.machine.end(Verdict(Outcome.SUCCEEDED))
         assert goal.end()[1] == "SUCCEEDED"
     else:
-        assert goal.end()[1:] == ("CANCELLED", "its client /x is gone")
+        assert goal.end()[1:] == ("CANCELLED", "cancelled: its client /x is gone")
 
 
 def test_the_end_of_the_executor_answers_all(bench: Bench) -> None:

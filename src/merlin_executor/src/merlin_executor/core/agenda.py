@@ -150,7 +150,8 @@ class Agenda(Generic[T]):
         stop = ticket.stop
         if verdict.outcome is not Outcome.CANCELLED or stop is None:
             return [Answer(ticket, verdict)]
-        reason = f"{stop.reason}; {verdict.trouble}" if verdict.trouble else stop.reason
+        reason = f"cancelled: {stop.reason}" if stop.kind is StopKind.CLIENT_LOST else stop.reason
+        reason = f"{reason}; {verdict.trouble}" if verdict.trouble else reason
         if stop.is_final:
             return [Answer(ticket, Verdict(Outcome.CANCELLED, reason))]
         if not ticket.resumes:

@@ -28,7 +28,7 @@ GONE_SILENCE = 1.0  # s of that after which one counts as dead whose process has
 LONGEST_TICK = 0.5  # s of silence that one look may count
 REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
 KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when the server names it again
-LATE_RESULT = 1.0  # s that a result may come behind the status that announces it
+LATE_RESULT = 3.0  # s that a result may come behind the status that announces it
 
 TERMINAL = frozenset(
     (
@@ -120,6 +120,7 @@ class ActionClient:
         self._goals: Dict[str, ClientGoal] = {}
         self._last_status: Optional[float] = None
         self._server = ""  # name of the node that sent the last status
+        self._proved = ""  # the server whose link for results was open when a status came
         self._silence = 0.0  # s since then, as the watchdog counts them
         self._given_up: Dict[str, float] = {}  # goal id -> running time of the last cancel
         self._dead_owners: Set[str] = set()
@@ -149,9 +150,18 @@ class ActionClient:
 
     @property
     def alive(self) -> bool:
-        """Whether a server is connected and not silent."""
+        """Whether a server is connected and not silent.
+
+        Its link for results counts when a status has come after it: rospy's publisher greets a subscriber before
+        it sends to it, so the result of a goal that is sent at once could be lost.
+        """
         last = self._last_status
-        return last is not None and self._connected() and running_time() - last < CONNECTED_SILENCE
+        return (
+            last is not None
+            and self._proved == self._server
+            and self._connected()
+            and running_time() - last < CONNECTED_SILENCE
+        )
 
     def wait_for_server(
         self, timeout: Optional[float] = None, unless: Callable[[], bool] = lambda: False
@@ -275,6 +285,7 @@ class ActionClient:
             now = running_time()
             self._last_status = now
             self._server = message._connection_header["callerid"]
+            self._proved = self._server if self._server in connected_peers(self._subscribers[0]) else ""
             self._silence = 0.0
             left = self._left_running(statuses, now)
             for goal in list(self._goals.values()):

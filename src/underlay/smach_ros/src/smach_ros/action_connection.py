@@ -15,7 +15,7 @@ from smach.log import wake_at_shutdown
 
 GONE = 1.0  # s of wall time without a connection to its status after which a server counts as dead
 SILENCE = 5.0  # s without a status, by the wall and by ROS time, after which a server counts as dead
-LATE_RESULT = 1.0  # s of wall time that a result may come behind the status that announces it
+LATE_RESULT = 3.0  # s of wall time that a result may come behind the status that announces it
 REPEAT_CANCEL = 0.5  # s of wall time after which a cancel without effect is sent again
 TERMINAL = (
     GoalStatus.PREEMPTED,
@@ -62,6 +62,7 @@ class ActionConnection:
         self._goals: Dict[str, SentGoal] = {}
         self._status_at: Optional[Tuple[float, float]] = None  # wall, ROS
         self._server = ""
+        self._proved = ""  # the server whose link for results was open when a status came
         self._connected_at = time.monotonic()
         listener = _Listener(self.changed)
         self._goal_publisher = rospy.Publisher(
@@ -108,12 +109,17 @@ class ActionConnection:
             topic.unregister()
 
     def ready(self) -> bool:
-        """Whether a server is connected in all directions."""
+        """Whether a server is connected in all directions.
+
+        A link for results counts when a status has come after it: rospy's publisher greets a subscriber before
+        it sends to it, so the result of a goal that is sent at once could be lost.
+        """
         server = self._server
         return bool(server) and all(
             (
                 self._goal_publisher.impl.has_connection(server),
                 self._cancel_publisher.impl.has_connection(server),
+                self._proved == server,
                 self._listens_to(self._result_subscriber, server),
                 self._listens_to(self._status_subscriber, server),
             )
@@ -196,6 +202,7 @@ class ActionConnection:
         with self.changed:
             self._server = message._connection_header["callerid"]
             self._status_at = _now()
+            self._proved = self._server if self._listens_to(self._result_subscriber, self._server) else ""
             lost: List[SentGoal] = []
             if self._goals:
                 known = {status.goal_id.id: status for status in message.status_list}
