@@ -1,6 +1,7 @@
 """MerlinStateFactory: makes states by name (paper, section 3.2.1)."""
 
-from typing import Any, Callable, Dict, List
+import contextlib
+from typing import Any, Callable, Dict, Iterator, List
 
 import smach
 from merlin_sm.states.action_state import ActionState
@@ -49,6 +50,7 @@ class MerlinStateFactory:
     """
 
     _makers: Dict[str, StateMaker] = {}
+    _fixed = True  # a registered name keeps its maker
 
     @classmethod
     def register(cls, name: str, maker: StateMaker) -> StateMaker:
@@ -56,7 +58,7 @@ class MerlinStateFactory:
 
         :raises ValueError: when the name is taken by another one.
         """
-        if cls._makers.get(name, maker) is not maker:
+        if cls._fixed and cls._makers.get(name, maker) is not maker:
             raise ValueError(f"the state {name!r} is registered already, as {cls._makers[name]}")
         cls._makers[name] = maker
         return maker
@@ -67,9 +69,31 @@ class MerlinStateFactory:
 
         :raises KeyError: for an unknown name; the text lists those there are.
         """
+        return cls.maker(name)(*args, **options)
+
+    @classmethod
+    def maker(cls, name: str) -> StateMaker:
+        """What makes the state of a name.
+
+        :raises KeyError: for an unknown name; the text lists those there are.
+        """
         if name not in cls._makers:
             raise KeyError(f"no state {name!r}; registered are: {', '.join(cls.names())}")
-        return cls._makers[name](*args, **options)
+        return cls._makers[name]
+
+    @classmethod
+    @contextlib.contextmanager
+    def renewed(cls) -> Iterator[None]:
+        """Within it, names may be registered anew; all is as before when it is left by an error."""
+        kept = dict(cls._makers)
+        cls._fixed = False
+        try:
+            yield
+        except BaseException:
+            cls._makers = kept
+            raise
+        finally:
+            cls._fixed = True
 
     @classmethod
     def names(cls) -> List[str]:

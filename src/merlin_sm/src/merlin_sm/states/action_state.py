@@ -46,6 +46,9 @@ class ActionState(MerlinState):
     :param goal: the goal, or a function from userdata to the goal; raise ValueError to abort with its text,
         GivenUp when another try cannot help.
     :param on_result: called with userdata and the result after SUCCEEDED; may return another outcome.
+    :param outcomes: those that `on_result` may return.
+    :param input_keys: userdata that `goal` reads.
+    :param output_keys: userdata that `on_result` sets.
     :param server_wait: s of running time to wait for the server.
     :param cancel_limit: s of running time for the server to stop after a cancel.
     """

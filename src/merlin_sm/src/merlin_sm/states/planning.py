@@ -64,7 +64,10 @@ class PlanningState(MerlinState):
 
 
 class GenerateProblemState(PlanningState):
-    """Has the problem written from the knowledge base."""
+    """Has the problem written from the knowledge base.
+
+    :param client: of the planning system; None: one with the usual names.
+    """
 
     def __init__(self, client: Optional[PlanningClient] = None) -> None:
         super().__init__()
@@ -83,6 +86,8 @@ class PlanState(PlanningState):
     """Has a plan made. A preempt cancels the planner.
 
     Further outcomes are unsolvable (proven), no_plan (the planner gave up) and timeout.
+
+    :param client: of the planning system; None: one with the usual names.
     """
 
     def __init__(self, client: Optional[PlanningClient] = None) -> None:
@@ -104,6 +109,7 @@ class PlanState(PlanningState):
 class ParsePlanState(PlanningState):
     """Has the plan parsed and puts its actions, as PDDL text, into ``userdata.plan``.
 
+    :param client: of the planning system; None: one with the usual names.
     :param on_plan: called with the actions.
     """
 
@@ -133,6 +139,7 @@ class DispatchPlanState(PlanningState):
     Outcomes: succeeded when the goal holds, failed when an action failed or the goal does not hold (plan
     again), cancel_timeout when something did not stop in time, preempted, aborted.
 
+    :param client: of the dispatcher; None: one with the usual names.
     :param on_result: called with the result.
     :param plan: gives the actions that are meant, see :meth:`DispatchClient.dispatch`.
     :param owner: gives the id of the goal of this process's own server on whose behalf they are dispatched.

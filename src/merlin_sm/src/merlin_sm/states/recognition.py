@@ -33,6 +33,7 @@ class RecognizeState(ActionState):
     success, when nothing was seen.
 
     :param classes: names to look for; empty: all that the recogniser knows.
+    :param action: name of the recognize action.
     :param least_score: of what is kept, 0..1.
     """
 

@@ -19,6 +19,9 @@ class ServiceCallState(MerlinState):
     :param service_class: the generated service type.
     :param request: the request, or a function from userdata to it.
     :param on_response: called with userdata and the response; may return an outcome.
+    :param outcomes: those that `on_response` may return.
+    :param input_keys: userdata that `request` reads.
+    :param output_keys: userdata that `on_response` sets.
     :param wait: s of wall time to wait for the service.
     :param timeout: s of wall time to wait for the answer; None: as long as it takes.
     """
@@ -77,6 +80,9 @@ class TopicState(MerlinState):
     :param message_class: its type.
     :param accept: a function from userdata and message to True (the message is the one), or an outcome.
     :param timeout: s of running time; None: as long as it takes.
+    :param outcomes: those that `accept` may return.
+    :param input_keys: userdata that `accept` reads.
+    :param output_keys: userdata that `accept` sets.
     """
 
     def __init__(

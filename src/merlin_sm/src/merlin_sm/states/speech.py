@@ -20,6 +20,7 @@ class SpeakState(ActionState):
     :param keys: the userdata keys that a fixed text may name; None: those that it names.
     :param voice: of the synthesis, empty: its default.
     :param volume: 0..1.
+    :param action: name of the sound_play action.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class ListenState(ActionState):
 
     :param grammar: JSGF text.
     :param timeout: s of ROS time; 0: the server's default.
+    :param action: name of the listen action.
     """
 
     def __init__(self, grammar: str, timeout: float = 0.0, action: str = "listen", **options: Any) -> None:

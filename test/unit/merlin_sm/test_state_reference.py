@@ -1,0 +1,45 @@
+"""docs/states.md is what the state classes say, of every registered state and of each argument."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from merlin_sm.state_factory import MerlinStateFactory
+from merlin_sm.states.merlin_state import MerlinState
+
+ROOT = Path(__file__).resolve().parents[3]
+_spec = importlib.util.spec_from_file_location("state_reference", ROOT / "tools" / "state_reference.py")
+reference = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(reference)
+
+
+class Mumble(MerlinState):
+    """Says something.
+
+    :param text: it.
+    """
+
+    def __init__(self, text: str, quickly: bool = False) -> None:
+        super().__init__(output_keys=["mumbled"])
+
+
+def test_the_page_is_up_to_date() -> None:
+    assert reference.page() == reference.PAGE.read_text(encoding="utf-8"), (
+        "run: tools/in_workspace.sh python tools/state_reference.py"
+    )
+
+
+def test_a_new_state_has_to_be_entered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(MerlinStateFactory, "_makers", {**MerlinStateFactory._makers, "mumble": Mumble})
+    with pytest.raises(ValueError, match="mumble"):
+        reference.page()
+
+
+def test_each_argument_has_to_be_described(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(MerlinStateFactory, "_makers", {**MerlinStateFactory._makers, "mumble": Mumble})
+    monkeypatch.setitem(reference.WRITTEN, "mumble", ('state("mumble", "hm")',))
+    with pytest.raises(ValueError, match="nothing about the argument 'quickly'"):
+        reference.section("mumble")
+    Mumble.__doc__ += "\n    :param quickly: or slowly.\n"
+    assert '| `state("mumble", "hm")` | – | `mumbled` | – |' in reference.section("mumble")
