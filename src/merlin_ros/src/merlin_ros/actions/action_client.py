@@ -152,8 +152,8 @@ class ActionClient:
     def alive(self) -> bool:
         """Whether a server is connected and not silent.
 
-        Its link for results counts when a status has come after it: rospy's publisher greets a subscriber before
-        it sends to it, so the result of a goal that is sent at once could be lost.
+        Its link for results counts when a status has come after it: rospy's publisher greets a subscriber
+        before it sends to it, so the result of a goal that is sent at once could be lost.
         """
         last = self._last_status
         return (

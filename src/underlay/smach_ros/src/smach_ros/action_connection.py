@@ -111,8 +111,8 @@ class ActionConnection:
     def ready(self) -> bool:
         """Whether a server is connected in all directions.
 
-        A link for results counts when a status has come after it: rospy's publisher greets a subscriber before
-        it sends to it, so the result of a goal that is sent at once could be lost.
+        A link for results counts when a status has come after it: rospy's publisher greets a subscriber
+        before it sends to it, so the result of a goal that is sent at once could be lost.
         """
         server = self._server
         return bool(server) and all(
