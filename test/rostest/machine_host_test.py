@@ -140,6 +140,34 @@ class MachineHost(unittest.TestCase):
                 following = self.finish(client.send(RunActionGoal()))
                 self.assertEqual(following.status, GoalStatus.SUCCEEDED)
 
+    def test_a_goal_that_runs_ends_with_the_class_it_began_with(self):
+        class Asks(smach.State):
+            said = "before"
+            go_on = threading.Event()
+
+            def __init__(self):
+                super().__init__(["aborted"])
+
+            def execute(self, userdata):
+                self.go_on.wait()
+                raise ValueError(self.said)
+
+        class AsksAnew(Asks):
+            said = "after"
+
+        server, client = self.serve(machine("Ask", Asks))
+        shown = server.machine
+        goal = self.start(client)
+        edited = machine("Ask", AsksAnew)
+        self.assertTrue(server.renew(edited), "a goal runs")
+        goals = [goal, client.send(RunActionGoal())]  # the second preempts the first
+        Asks.go_on.set()
+        self.assertIn("before", self.finish(goals[0]).result.reason)
+        self.assertIn("after", self.finish(goals[1]).result.reason)
+        self.assertIsNot(server.machine, shown)
+        self.assertFalse(server.renew(machine("Ask", Asks)), "nothing runs")
+        self.assertIn("before", self.finish(client.send(RunActionGoal())).result.reason)
+
     def test_a_newer_goal_does_not_wait_for_ever(self):
         _, client = self.serve(machine("Busy", Stubborn))
         first = self.start(client)

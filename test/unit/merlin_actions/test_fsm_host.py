@@ -6,6 +6,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.nodes import fsm_host
+from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.function_state import FunctionState
 
 
@@ -25,6 +26,12 @@ class Server:
 
     def __init__(self, machine: MerlinActionSM, cancel_limit: float) -> None:
         self.machine, self.cancel_limit = machine, cancel_limit
+        self.operator = machine.operator_name()
+        self.running = False
+
+    def renew(self, machine: MerlinActionSM) -> bool:
+        self.machine = machine
+        return self.running
 
 
 @pytest.fixture(autouse=True)
@@ -53,3 +60,48 @@ def test_machines_that_do_not_fit_the_domain_are_refused(monkeypatch: pytest.Mon
     monkeypatch.setattr(fsm_host, "get_param", lambda name, default: default)
     with pytest.raises(ValueError, match="CheckTable"):
         fsm_host.check_machines([CheckTable()], "rosplan_knowledge_base", complete=False)
+
+
+@pytest.fixture
+def host(monkeypatch: pytest.MonkeyPatch) -> fsm_host.MachineHost:
+    monkeypatch.setattr(fsm_host.rospy, "get_param", lambda name, default: default)
+    monkeypatch.setattr(fsm_host, "read_machines", lambda: [CheckTable()])
+    monkeypatch.setattr(fsm_host, "wait_for_knowledge_base", lambda name, timeout: None)
+    monkeypatch.setattr(fsm_host, "check_machines", lambda machines, knowledge_base, complete: None)
+    return fsm_host.MachineHost()
+
+
+def test_a_reload_gives_each_server_a_new_machine(host: fsm_host.MachineHost) -> None:
+    (server,) = host.servers
+    old = server.machine
+    assert host.reload() == "reloaded check_table; edited: nothing"
+    assert server.machine is not old
+    server.running = True
+    assert "check_table runs, and is the edited one from its next run on" in host.reload()
+
+
+def test_a_reload_of_wrong_classes_changes_nothing(
+    host: fsm_host.MachineHost, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (server,) = host.servers
+    old = server.machine
+
+    def refuse(machines: list, knowledge_base: str, complete: bool) -> None:
+        MerlinStateFactory.register("speak", CheckTable)  # as the application's modules do
+        raise ValueError("it does not fit")
+
+    monkeypatch.setattr(fsm_host, "check_machines", refuse)
+    with pytest.raises(ValueError, match="does not fit"):
+        host.reload()
+    assert server.machine is old
+    assert MerlinStateFactory.maker("speak") is not CheckTable
+    with pytest.raises(ValueError, match="registered already"):
+        MerlinStateFactory.register("speak", CheckTable)
+
+
+def test_a_reload_cannot_serve_other_operators(
+    host: fsm_host.MachineHost, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fsm_host, "read_machines", lambda: [Look()])
+    with pytest.raises(ValueError, match="the classes are for check-table, but check_table are served"):
+        host.reload()

@@ -25,6 +25,7 @@ from merlin.error_relay import ErrorRelay
 from merlin.launch_request import LaunchError, LaunchRequest, one_line
 from merlin.master import Master
 from merlin.orphans import adopt_orphans, end_children
+from merlin.running import announced
 
 MISSION_NODE = "mission"
 INTERRUPT_TIMEOUT = 15.0
@@ -161,17 +162,18 @@ class LaunchRun:
             stack.enter_context(contextlib.redirect_stderr(log))
             stack.callback(self._stop)
             roslaunch.configure_logging(self._run_id)
-            code = self._start_and_wait()
+            code = self._start_and_wait(stack)
         for number, handler in previous.items():
             signal.signal(number, handler)
         return code
 
-    def _start_and_wait(self) -> int:
+    def _start_and_wait(self, stack: contextlib.ExitStack) -> int:
         try:
             self._master = Master(self._request.port)
-            os.environ["ROS_MASTER_URI"] = f"http://localhost:{self._master.port}"
+            os.environ["ROS_MASTER_URI"] = uri = f"http://localhost:{self._master.port}"
             self._parent = _Parent(self._run_id, self._request, self._master.port, self._events)
             self._parent.load()
+            stack.enter_context(announced(uri, self._request.launch_file, self.log_folder))
             self._parent.start(auto_terminate=False)
         except (RLException, LaunchError) as error:
             self._say(f"{self._request.launch_file.name}: {one_line(error)}")

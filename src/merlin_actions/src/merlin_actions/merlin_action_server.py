@@ -2,7 +2,7 @@
 
 import threading
 import traceback
-from typing import Any, Dict, Iterator, List
+from typing import Any, Dict, Iterator, List, Optional
 
 import rospy
 from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
@@ -42,12 +42,16 @@ class MerlinActionServer:
         self._name = ros_name(self.operator).upper()
         self._cancel_limit = limit(cancel_limit)
         self._changed = threading.Condition()  # guards the fields below
-        self.machine = machine
+        self.machine = machine  # of the next goal
+        self._machines: Dict[str, MerlinActionSM] = {}  # of the goals that were started
         self._slot = MachineSlot()
         self._goals: Dict[str, ServerGoal] = {}  # accepted or waiting, not answered
         self._crash = ""  # what the last run raised
         self._threads: Dict[str, threading.Thread] = {}  # of the goals
         self._abandoned: List[threading.Thread] = []  # of runs that did not stop
+        self._showing = threading.Lock()  # guards the two below
+        self._shown: Optional[MerlinActionSM] = None
+        self._introspection: Any = None
         self._server = ActionServer(
             f"actions/{ros_name(self.operator)}", RunActionAction, self._receive, self._cancel
         )
@@ -55,10 +59,38 @@ class MerlinActionServer:
 
     def start(self) -> None:
         """Declares the action's facts to its bridge, shows the machine and begins to serve."""
+        self._declare()
+        self._show()
+        self._server.start()
+
+    def renew(self, machine: MerlinActionSM) -> bool:
+        """Takes a machine of an edited class for all further goals.
+
+        :param machine: of the same operator.
+        :return: whether a goal runs, which the machine of before brings to its end.
+        """
+        self._prepare(machine)
+        with self._changed:
+            self.machine = machine
+            running = self._slot.running is not None
+        self._declare()
+        if not running:
+            self._show()
+        return running
+
+    def _declare(self) -> None:
+        """Publishes the action's facts; its bridge reads them when an execution begins."""
         for key in DECLARED:
             rospy.set_param(f"{action_param(self.operator)}/{key}", list(getattr(self.machine, key)))
-        self._introspection = show(self._name, self.machine)
-        self._server.start()
+
+    def _show(self) -> None:
+        """Shows the present machine in place of an earlier one."""
+        with self._showing:
+            if self._shown is not self.machine:
+                if self._introspection is not None:
+                    self._introspection.stop()
+                self._shown = self.machine
+                self._introspection = show(self._name, self._shown)
 
     def shutdown(self) -> None:
         """Preempts what runs, waits until it has stopped, at most ``SHUTDOWN_WAIT``, and stops serving."""
@@ -69,7 +101,10 @@ class MerlinActionServer:
         with self._changed:
             self._changed.wait_for(lambda: self._slot.running != running or running is None, SHUTDOWN_WAIT)
         self._server.shutdown()
-        self._introspection.stop()
+        with self._showing:
+            if self._introspection is not None:
+                self._introspection.stop()
+                self._introspection = None
 
     def master_lost(self) -> None:
         """Stops what runs: nothing else of the system can be found any more."""
@@ -106,7 +141,10 @@ class MerlinActionServer:
         """Does what the slot has decided; without the lock."""
         for decision in decisions:
             with self._changed:
-                goal, machine = self._goals[decision.goal], self.machine
+                goal = self._goals[decision.goal]
+                if decision.what is Do.START:
+                    self._machines[goal.id] = self.machine
+                machine = self._machines.get(goal.id, self.machine)
             if decision.what is Do.START:
                 machine.prepare()
                 goal.accept()
@@ -132,6 +170,7 @@ class MerlinActionServer:
     def _forget(self, goal: ServerGoal) -> None:
         with self._changed:
             self._goals.pop(goal.id, None)
+            self._machines.pop(goal.id, None)
             self._threads.pop(goal.id, None)
             self._changed.notify_all()
 
@@ -162,9 +201,9 @@ class MerlinActionServer:
             rospy.logerr(f"{self.operator}: no other instance of {type(machine).__name__}: {error}")
         else:
             with self._changed:
-                self.machine = replaced
-            self._introspection.stop()
-            self._introspection = show(self._name, replaced)
+                if self.machine is machine:  # otherwise one of an edited class has taken its place
+                    self.machine = replaced
+            self._show()
         with self._changed:
             self._abandoned.append(self._threads[goal.id])
         self._forget(goal)
@@ -202,6 +241,7 @@ class MerlinActionServer:
         self._forget(goal)
         self._end(goal, outcome, reason, unstopped)
         self._carry_out(decisions)
+        self._show()  # when its class was edited meanwhile
 
     def _end(self, goal: ServerGoal, outcome: str, reason: str, unstopped: str) -> None:
         if outcome == SUCCEEDED:
@@ -221,7 +261,8 @@ class MerlinActionServer:
 
         def report(userdata: Any, states: List[str]) -> None:
             with self._changed:
-                running = self._goals.get(self._slot.running or "") if self.machine is machine else None
+                identity = self._slot.running or ""
+                running = self._goals.get(identity) if self._machines.get(identity) is machine else None
             if running is not None:
                 running.feedback(RunActionFeedback(state=f"{self._name}/{','.join(states)}"))
 

@@ -1,0 +1,104 @@
+"""The runs of `rosrun merlin run` on this machine, and which of their masters a command means.
+
+Each run has a master of its own. It leaves a note in ROS's folder as long as it lives, so that `rosrun merlin
+reload` and `rosrun merlin send` need no address.
+"""
+
+import contextlib
+import json
+import os
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Tuple
+
+import rosgraph
+import rospkg
+
+from merlin.launch_request import LaunchError
+from merlin_ros.master.master_link import ERRORS, MASTER_TIMEOUT, bounded_proxy
+
+
+class Run(NamedTuple):
+    """A run that lives."""
+
+    pid: int
+    began: str  # of the process, as the kernel counts: a number may be another process's later
+    uri: str  # of its master
+    launch_file: str
+    log_folder: str
+
+
+def folder() -> Path:
+    """Where the notes are."""
+    return Path(rospkg.get_ros_home()) / "merlin" / "runs"
+
+
+@contextlib.contextmanager
+def announced(uri: str, launch_file: Path, log_folder: Path) -> Iterator[None]:
+    """Within it, other processes find this run. A folder that cannot be written keeps no run from going."""
+    run = Run(os.getpid(), _began(os.getpid()), uri, str(launch_file), str(log_folder))
+    note = folder() / f"{run.pid}.json"
+    with contextlib.suppress(OSError):
+        note.parent.mkdir(parents=True, exist_ok=True)
+        note.write_text(json.dumps(run._asdict()), encoding="utf-8")
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            note.unlink()
+
+
+def living() -> List[Run]:
+    """The runs of this machine, oldest first; notes of runs that were killed are removed."""
+    runs = []
+    for note in folder().glob("*.json"):
+        try:
+            run = Run(**json.loads(note.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError):
+            continue  # it ends, or is being written
+        if _began(run.pid) == run.began:
+            runs.append(run)
+        else:
+            with contextlib.suppress(OSError):
+                note.unlink()
+    return sorted(runs, key=lambda run: int(run.began))
+
+
+def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tuple[str, List[str]]:
+    """The master that a command means: that of ROS_MASTER_URI or of a run, whichever has what is wanted.
+
+    :param find: from the nodes and the services of a master to the names that are wanted.
+    :param wanted: the same in words.
+    :return: the master's address, and the names.
+    :raises LaunchError: when no master has it, or several have.
+    """
+    masters = {rosgraph.get_master_uri(): "ROS_MASTER_URI"}
+    masters.update((run.uri, Path(run.launch_file).name) for run in living())
+    found: Dict[str, List[str]] = {}
+    for uri in masters:
+        try:
+            names = find(*_graph(bounded_proxy(uri, MASTER_TIMEOUT)))
+        except ERRORS:
+            continue
+        if names:
+            found[uri] = names
+    if len(found) == 1:
+        return next(iter(found.items()))
+    if found:
+        choice = ", ".join(f"ROS_MASTER_URI={uri} ({masters[uri]})" for uri in found)
+        raise LaunchError(f"several systems have {wanted}; choose one: {choice}")
+    asked = ", ".join(f"{uri} ({name})" for uri, name in masters.items())
+    raise LaunchError(f"nothing that runs has {wanted}; asked: {asked}")
+
+
+def _graph(master: Any) -> Tuple[List[str], List[str]]:
+    publishers, subscribers, services = master.getSystemState("/merlin")[2]
+    nodes = {node for kind in (publishers, subscribers, services) for _, owners in kind for node in owners}
+    return sorted(nodes), sorted(name for name, _ in services)
+
+
+def _began(pid: int) -> str:
+    """When a process began, in ticks since the machine did; empty: there is none."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[19]
+    except OSError:
+        return ""

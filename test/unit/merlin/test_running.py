@@ -1,0 +1,80 @@
+"""A command finds the system that it means, and says so when there is none or more than one."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from merlin import running
+from merlin.launch_request import LaunchError
+from merlin.reload import wanted
+
+
+class Graph:
+    """Stands in for a master."""
+
+    def __init__(self, *services: str) -> None:
+        self.services = services
+
+    def getSystemState(self, _: str) -> tuple:
+        return 1, "", [[["/rosout", ["/talker"]]], [], [[name, ["/host"]] for name in self.services]]
+
+
+class Gone:
+    """Stands in for a master that has ended."""
+
+    def getSystemState(self, _: str) -> tuple:
+        raise ConnectionRefusedError
+
+
+@pytest.fixture
+def masters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict:
+    there: dict = {}
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
+    monkeypatch.setenv("ROS_MASTER_URI", "http://env:1")
+    monkeypatch.setattr(running, "bounded_proxy", lambda uri, timeout: there.get(uri, Gone()))
+    return there
+
+
+def run(uri: str):
+    return running.announced(uri, Path("/there/my.launch"), Path("/log"))
+
+
+def find(nodes: list, services: list) -> list:
+    return wanted(services, [])
+
+
+def test_a_run_is_found_as_long_as_it_lives(masters: dict) -> None:
+    masters["http://run:2"] = Graph("/merlin_fsm_host/reload_actions", "/other")
+    with run("http://run:2"):
+        assert [found.uri for found in running.living()] == ["http://run:2"]
+        assert running.choose(find, "hosts") == ("http://run:2", ["/merlin_fsm_host/reload_actions"])
+    assert running.living() == []
+    with pytest.raises(LaunchError, match=r"nothing that runs has hosts; asked: http://env:1"):
+        running.choose(find, "hosts")
+
+
+def test_the_master_of_the_environment_is_asked_too(masters: dict) -> None:
+    masters["http://env:1"] = Graph("/merlin_fsm_host/reload_actions")
+    masters["http://run:2"] = Graph("/other")
+    with run("http://run:2"):
+        assert running.choose(find, "hosts")[0] == "http://env:1"
+
+
+def test_of_two_systems_none_is_guessed(masters: dict) -> None:
+    masters["http://env:1"] = masters["http://run:2"] = Graph("/merlin_fsm_host/reload_actions")
+    with run("http://run:2"), pytest.raises(LaunchError, match=r"choose one: ROS_MASTER_URI=http://env:1"):
+        running.choose(find, "hosts")
+
+
+def test_the_note_of_a_killed_run_is_removed(masters: dict) -> None:
+    with run("http://run:2"):
+        note = running.folder() / f"{os.getpid()}.json"
+        note.write_text(note.read_text().replace('"began": "', '"began": "9'))
+        assert running.living() == []
+        assert not note.exists()
+
+
+def test_hosts_can_be_named() -> None:
+    services = ["/a/merlin_fsm_host/reload_actions", "/b/merlin_fsm_host/reload_actions"]
+    assert wanted(services, ["b/merlin_fsm_host"]) == services[1:]
