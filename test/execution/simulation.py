@@ -28,12 +28,10 @@ from merlin_rosplan.dispatch.dispatch_environment import (
 )
 from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule, SequentialSchedule
-from merlin_rosplan.dispatch.operator_model import Conditions, PlanTerm, TimedOperator
+from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.dispatch.timed_numbers import comparison_holds
-from merlin_rosplan.messages.domain_messages import operator_message
-from merlin_rosplan.messages.operator_expressions import with_expressions
 
 PLAN_ID = 3
 END_OF_TIME = 1e5  # s of simulated time
@@ -46,7 +44,7 @@ class Planned(NamedTuple):
     domain: Domain
     steps: List[PlanStep]
     actions: List[Ground]
-    operators: List[TimedOperator]
+    operators: List[ActionModel]
 
     @staticmethod
     def make(sections: str, model: Model, steps: Sequence[PlanStep]) -> "Planned":
@@ -54,8 +52,7 @@ class Planned(NamedTuple):
         domain = parse_domain(f"(define (domain d) (:requirements :adl :durative-actions) {sections})")
         operators = []
         for step in steps:
-            message = operator_message(domain, domain.operators[step.name.lower()])
-            operator = with_expressions(TimedOperator.from_message(message), domain)
+            operator = ActionModel.of(domain.operators[step.name.lower()], domain.derived)
             operators.append(operator.ground(operator.bind(step.arguments)))
         actions = [model.ground(step.name, step.arguments) for step in steps]
         return Planned(model, domain, list(steps), actions, operators)
@@ -285,7 +282,7 @@ class World(DispatchEnvironment):
     def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
         pass
 
-    def operator(self, action: PlannedAction) -> TimedOperator:
+    def operator(self, action: PlannedAction) -> ActionModel:
         return self._plan.operators[action.id]
 
     def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:

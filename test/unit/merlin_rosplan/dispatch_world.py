@@ -13,7 +13,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
 )
 from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
-from merlin_rosplan.dispatch.operator_model import Conditions, PlanTerm, TimedEffects, TimedOperator
+from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm, TimedEffects
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 
 LONG = 30.0
@@ -109,15 +109,15 @@ class World(DispatchEnvironment):
             self.changed_event.notify_all()
 
 
-WORK = TimedOperator("work", ("x",))
-GUARDED = TimedOperator(
+WORK = ActionModel("work", ("x",))
+GUARDED = ActionModel(
     "guarded",
     ("x",),
     at_start=Conditions(positive=(PlanTerm("free", ("x",)),), negative=(PlanTerm("blocked", ("x",)),)),
     over_all=Conditions(positive=(PlanTerm("safe", ("x",)),)),
 )
 #: makes its own over-all condition true at its start and false at its end
-LIGHT = TimedOperator(
+LIGHT = ActionModel(
     "light",
     ("x",),
     over_all=Conditions(positive=(PlanTerm("burning", ("x",)),)),

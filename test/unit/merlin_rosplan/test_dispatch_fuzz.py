@@ -21,7 +21,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
 )
 from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
-from merlin_rosplan.dispatch.operator_model import Conditions, TimedOperator
+from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.messages.plan_graph_messages import graph_from_message, graph_to_dot
 from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_command
@@ -94,7 +94,7 @@ class Chaos(DispatchEnvironment):
     def operator(self, action):
         if self.rng.random() < 0.01:
             raise DispatchError("no answer")
-        return TimedOperator(action.name, ())
+        return ActionModel(action.name, ())
 
     def false_of(self, action, conditions):
         self.noise()
@@ -119,7 +119,7 @@ def schedule(rng):
     if rng.random() < 0.5:
         return SequentialSchedule(actions)
     steps = [PlanStep(float(rng.randrange(5)), "work", ()) for _ in range(count)]
-    graph = build_graph(steps, [TimedOperator("work", ())] * count)
+    graph = build_graph(steps, [ActionModel("work", ())] * count)
     return GraphSchedule(graph, actions)
 
 

@@ -5,16 +5,16 @@ import random
 import pytest
 
 from merlin_pddl.formula import Atom as FormulaAtom
-from merlin_pddl.formula import Forall, Or, Variable
+from merlin_pddl.formula import Comparison, Fluent, Forall, Number, Or, Variable
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
 from merlin_rosplan.dispatch.operator_model import (
+    ActionModel,
     Conditions,
     Inequality,
     PlanTerm,
     TimedEffects,
-    TimedOperator,
     WatchedCondition,
     over_all_before_start,
 )
@@ -33,14 +33,14 @@ def at(place):
     return PlanTerm("robot_at", (place,))
 
 
-MOVE = TimedOperator(
+MOVE = ActionModel(
     "move",
     ("from", "to"),
     at_start=Conditions(positive=(at("from"),)),
     start_effects=TimedEffects(delete=(at("from"),)),
     end_effects=TimedEffects(add=(at("to"),)),
 )
-ASK = TimedOperator(
+ASK = ActionModel(
     "ask",
     ("p",),
     over_all=Conditions(positive=(at("p"),)),
@@ -119,17 +119,18 @@ def test_names_do_not_depend_on_case():
 
 
 def test_changes_of_a_number_keep_their_order():
-    battery = PlanTerm("battery", ("r",))
-    paint = TimedOperator(
+    battery = PlanTerm("battery", ("?r",))
+    charged = Conditions(comparisons=(Inequality(Comparison(">", Fluent("battery", ("?r",)), Number(0.0))),))
+    paint = ActionModel(
         "paint",
-        ("r",),
-        at_start=Conditions(comparisons=(Inequality(None, (battery,)),)),
+        ("?r",),
+        at_start=charged,
         start_effects=TimedEffects(writes=(battery,)),
     )
-    look = TimedOperator("look", ("r",), at_start=Conditions(comparisons=(Inequality(None, (battery,)),)))
+    look = ActionModel("look", ("?r",), at_start=charged)
     operators = [paint, look, look, paint]
     steps = [PlanStep(float(i), operator.name, ("ann",), 10.0) for i, operator in enumerate(operators)]
-    found = edges(build_graph(steps, [operator.ground({"r": "ann"}) for operator in operators]))
+    found = edges(build_graph(steps, [operator.ground({"?r": "ann"}) for operator in operators]))
     assert {(1, 3), (1, 5), (3, 7), (5, 7)} <= set(found) and (3, 5) not in found
 
 
@@ -208,7 +209,7 @@ def test_the_graph_starts_what_is_possible_and_no_more():
 def test_random_plans_always_come_to_their_end(seed):
     rng = random.Random(seed)
     where = {"r1": "a", "r2": "b", "r3": "c"}
-    operator = TimedOperator(
+    operator = ActionModel(
         "go",
         ("r", "from", "to"),
         at_start=Conditions(
@@ -252,7 +253,7 @@ def test_a_number_that_a_plain_action_reads_or_changes_waits_for_its_timed_value
     effects = TimedEffects(writes=(y,), reads=(x,)) if read else TimedEffects(writes=(x,))
     steps = [PlanStep(planned_at, "count", (), 0.5)]
     graph = build_graph(
-        steps, [TimedOperator("count", (), start_effects=effects, durative=False)], [TimedValue(3.0, x, 5.0)]
+        steps, [ActionModel("count", (), start_effects=effects, durative=False)], [TimedValue(3.0, x, 5.0)]
     )
     schedule = GraphSchedule(graph, planned(steps))
     schedule.begin(100.0)
@@ -306,7 +307,7 @@ def test_a_graph_without_its_end_nodes_is_refused():
 
 
 def test_over_all_conditions_of_ones_own_start_are_no_preconditions():
-    light = TimedOperator(
+    light = ActionModel(
         "light",
         (),
         over_all=Conditions(positive=(PlanTerm("burning"), PlanTerm("dry")), negative=(PlanTerm("dark"),)),
@@ -318,7 +319,7 @@ def test_over_all_conditions_of_ones_own_start_are_no_preconditions():
 EITHER = WatchedCondition(
     Or((FormulaAtom("robot_at", ("?p",)), FormulaAtom("open", ("?p",)))), frozenset(("robot_at", "open"))
 )
-LOOK = TimedOperator("look", ("p",), at_start=Conditions(expressions=(EITHER,)))
+LOOK = ActionModel("look", ("?p",), at_start=Conditions(expressions=(EITHER,)))
 
 
 def test_expressions_follow_earlier_changes_of_their_names_and_precede_later_ones():
@@ -337,26 +338,26 @@ def test_expressions_follow_earlier_changes_of_their_names_and_precede_later_one
 
 def test_grounding_leaves_quantified_variables_alone():
     inner = Forall((Variable("?p"),), FormulaAtom("near", ("?p", "?q")))
-    assert str(WatchedCondition(inner).ground({"p": "a", "q": "b"})) == "(forall (?p - object) (near ?p b))"
+    assert str(WatchedCondition(inner).ground({"?p": "a", "?q": "b"})) == "(forall (?p - object) (near ?p b))"
 
 
 def test_effects_of_plain_actions_belong_to_their_end():
-    give = TimedOperator("give", (), start_effects=TimedEffects(add=(PlanTerm("a"),)), durative=False)
-    take = TimedOperator("take", (), at_start=Conditions(positive=(PlanTerm("a"),)), durative=False)
+    give = ActionModel("give", (), start_effects=TimedEffects(add=(PlanTerm("a"),)), durative=False)
+    take = ActionModel("take", (), at_start=Conditions(positive=(PlanTerm("a"),)), durative=False)
     steps = [PlanStep(0.0, "give", (), 3.0), PlanStep(0.001, "take", (), 3.0)]
     graph = edges(build_graph(steps, [give, take]))
     assert graph[2, 3].type == EdgeType.CONDITION and (1, 3) not in graph
 
 
 def test_a_window_waits_for_what_its_content_waits_for():
-    light = TimedOperator(
+    light = ActionModel(
         "light",
         (),
         start_effects=TimedEffects(add=(PlanTerm("lit"),)),
         end_effects=TimedEffects(delete=(PlanTerm("lit"),)),
     )
-    fetch = TimedOperator("fetch", (), end_effects=TimedEffects(add=(PlanTerm("free"),)))
-    mend = TimedOperator(
+    fetch = ActionModel("fetch", (), end_effects=TimedEffects(add=(PlanTerm("free"),)))
+    mend = ActionModel(
         "mend",
         (),
         at_start=Conditions(positive=(PlanTerm("free"),)),
@@ -370,8 +371,8 @@ def test_a_window_waits_for_what_its_content_waits_for():
 
 def test_orders_of_what_ends_read_and_write_are_strict():
     set_, read = (
-        TimedOperator("set", (), end_effects=TimedEffects(writes=(PlanTerm("x"),), reads=(PlanTerm("y"),))),
-        TimedOperator("read", (), end_effects=TimedEffects(writes=(PlanTerm("y"),), reads=(PlanTerm("x"),))),
+        ActionModel("set", (), end_effects=TimedEffects(writes=(PlanTerm("x"),), reads=(PlanTerm("y"),))),
+        ActionModel("read", (), end_effects=TimedEffects(writes=(PlanTerm("y"),), reads=(PlanTerm("x"),))),
     )
     steps = [PlanStep(0.0, "set", (), 2.0), PlanStep(0.0, "read", (), 3.0)]
     graph = build_graph(steps, [set_, read])

@@ -1,7 +1,7 @@
 """The planning domain: what can exist, what can be true, what can be done."""
 
 from dataclasses import dataclass, field
-from typing import Dict, List, Mapping, Optional, Set, Tuple
+from typing import Dict, FrozenSet, List, Mapping, Optional, Set, Tuple
 
 from merlin_pddl.formula import (
     And,
@@ -16,6 +16,7 @@ from merlin_pddl.formula import (
     Preference,
     TimedCondition,
     Variable,
+    terms,
 )
 from merlin_pddl.type_hierarchy import OBJECT, TypeHierarchy
 
@@ -53,6 +54,10 @@ class Derived:
 
     head: Signature
     body: Condition
+
+
+#: Derived predicate → its rules.
+Rules = Mapping[str, List[Derived]]
 
 
 @dataclass
@@ -101,7 +106,19 @@ def used_predicates(condition: Condition, negated: bool = False) -> Set[Tuple[st
     return set()
 
 
-def self_negating(derived: Mapping[str, List[Derived]]) -> Optional[str]:
+def depends_on(condition: Condition, derived: Rules) -> FrozenSet[str]:
+    """The predicates and functions that a condition depends on, through rules too."""
+    names: Set[str] = set()
+    waiting = [term.name for term in terms(condition)]
+    while waiting:
+        name = waiting.pop()
+        if name not in names:
+            names.add(name)
+            waiting.extend(term.name for rule in derived.get(name, ()) for term in terms(rule.body))
+    return frozenset(names)
+
+
+def self_negating(derived: Rules) -> Optional[str]:
     """A derived predicate that depends on its own negation, if there is one: it would mean nothing."""
     uses = {
         name: set().union(*(used_predicates(rule.body) for rule in rules)) for name, rules in derived.items()

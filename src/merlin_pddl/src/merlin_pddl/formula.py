@@ -5,7 +5,7 @@ Terms are strings: a variable starts with a question mark, anything else is an o
 
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple, Union
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Union
 
 START = "start"
 OVER_ALL = "over all"
@@ -130,6 +130,10 @@ class Preference:
 
 
 Condition = Union[Atom, Equal, Comparison, Not, And, Or, Forall, Exists, Preference]
+Formula = Union[Condition, Numeric]
+
+#: What holds when a comparison does not.
+_OPPOSITE = {">": "<=", ">=": "<", "<": ">=", "<=": ">"}
 
 
 @dataclass(frozen=True)
@@ -198,7 +202,7 @@ _WRITERS: Dict[type, Callable[..., str]] = {
 }
 
 
-def to_pddl(formula: Union[Numeric, Condition]) -> str:
+def to_pddl(formula: Formula) -> str:
     """A condition or numeric expression as PDDL text."""
     return _WRITERS[type(formula)](formula)
 
@@ -221,6 +225,36 @@ def ground(formula: Any, bindings: Mapping[str, str]) -> Any:
     if isinstance(formula, (Not, Forall, Exists, Preference)):
         return replace(formula, part=ground(formula.part, bindings))
     return formula
+
+
+def terms(formula: Formula) -> List[Union[Atom, Fluent, Special]]:
+    """The predicates, functions and specials that stand in a condition or numeric expression."""
+    if isinstance(formula, (Atom, Fluent, Special)):
+        return [formula]
+    if isinstance(formula, Comparison):
+        return terms(formula.left) + terms(formula.right)
+    if isinstance(formula, (And, Or, Arithmetic)):
+        return [term for part in formula.parts for term in terms(part)]
+    if isinstance(formula, (Not, Forall, Exists, Preference)):
+        return terms(formula.part)
+    return []
+
+
+def conjuncts(condition: Condition) -> List[Condition]:
+    """The conditions that must all hold; negations move inwards, preferences are left out."""
+    if isinstance(condition, And):
+        return [found for part in condition.parts for found in conjuncts(part)]
+    if isinstance(condition, Or) and len(condition.parts) == 1:
+        return conjuncts(condition.parts[0])
+    if isinstance(condition, Not):
+        part = condition.part
+        if isinstance(part, Not):
+            return conjuncts(part.part)
+        if isinstance(part, Or):
+            return [found for inner in part.parts for found in conjuncts(Not(inner))]
+        if isinstance(part, Comparison) and part.op in _OPPOSITE:
+            return [Comparison(_OPPOSITE[part.op], part.left, part.right)]
+    return [] if isinstance(condition, Preference) else [condition]
 
 
 def bind(term: str, bindings: Mapping[str, str]) -> str:

@@ -6,7 +6,7 @@ from enum import IntEnum
 from typing import Any, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
-from merlin_rosplan.dispatch.operator_model import Conditions, TimedOperator
+from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions
 
 
 class FeedbackStatus(IntEnum):
@@ -150,7 +150,7 @@ class DispatchEnvironment(abc.ABC):
         """Publishes the dispatcher's own feedback, if it publishes any."""
 
     @abc.abstractmethod
-    def operator(self, action: PlannedAction) -> TimedOperator:
+    def operator(self, action: PlannedAction) -> ActionModel:
         """The ground operator of an action; raises DispatchError when there is none."""
 
     @abc.abstractmethod

@@ -6,8 +6,8 @@ from typing import Any, FrozenSet, Iterator, NamedTuple, Optional, Sequence, Set
 from merlin_rosplan.dispatch.dispatch_environment import DispatchEnvironment, DispatchLimits
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.operator_model import (
+    ActionModel,
     Conditions,
-    TimedOperator,
     broken_by_own_end,
     over_all_before_start,
 )
@@ -31,7 +31,7 @@ class Running:
     """
 
     action: PlannedAction
-    operator: TimedOperator
+    operator: ActionModel
     acknowledge: Any
     accept: Any
     settle: Any
@@ -54,7 +54,7 @@ class Running:
     @staticmethod
     def make(
         action: PlannedAction,
-        operator: TimedOperator,
+        operator: ActionModel,
         environment: DispatchEnvironment,
         limits: DispatchLimits,
     ) -> "Running":

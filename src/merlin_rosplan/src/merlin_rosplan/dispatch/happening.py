@@ -3,10 +3,10 @@
 from typing import FrozenSet, NamedTuple, Sequence
 
 from merlin_rosplan.dispatch.operator_model import (
+    ActionModel,
     Conditions,
     PlanTerm,
     TimedEffects,
-    TimedOperator,
     over_all_before_start,
 )
 from merlin_rosplan.dispatch.plan_graph import NodeType
@@ -42,7 +42,7 @@ def _keys(*groups: Sequence[PlanTerm]) -> Sequence[PlanTerm]:
     return tuple(dict.fromkeys([atom.key for group in groups for atom in group]))
 
 
-def happening_of(action: TimedOperator, type_: NodeType) -> Happening:
+def happening_of(action: ActionModel, type_: NodeType) -> Happening:
     """The happening at the start or the end of a ground action.
 
     A plain action is one happening in a plan and takes its time when it is carried out: its conditions are

@@ -1,15 +1,11 @@
-"""Operators for parser and dispatcher: conditions and effects sorted by time, ready to be grounded.
-
-:class:`merlin_pddl.domain.Operator` is what a domain says; these are what any ROSPlan knowledge base answers.
-They are read from ``rosplan_knowledge_msgs/DomainOperator`` by attribute, so nothing here needs ROS. What
-that message cannot carry (disjunctions, quantifiers, derived predicates) comes from
-:mod:`merlin_rosplan.messages.operator_expressions`.
-"""
+"""What parser and dispatcher look at of an operator: its conditions and effects, sorted by time."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, FrozenSet, Iterable, NamedTuple, Sequence, Set, Tuple
+from typing import Dict, FrozenSet, Iterable, List, NamedTuple, Sequence, Set, Tuple
 
 from merlin_pddl import formula
+from merlin_pddl.domain import Operator, Rules, depends_on
+from merlin_pddl.formula import END, OVER_ALL, START, Atom, Comparison, Condition, Effect, Equal, Fluent, Not
 
 
 class PlanTerm(NamedTuple):
@@ -34,14 +30,14 @@ class PlanTerm(NamedTuple):
 
 @dataclass(frozen=True)
 class Inequality:
-    """A numeric condition.
+    """A numeric condition; operator variables before grounding, objects after it."""
 
-    :param message: the DomainInequality it came from, not grounded.
-    :param reads: function terms in it.
-    """
+    condition: Comparison
 
-    message: Any
-    reads: Tuple[PlanTerm, ...] = ()
+    @property
+    def reads(self) -> Tuple[PlanTerm, ...]:
+        """The function terms in it, without specials like ``?duration``."""
+        return _fluents(self.condition)
 
     @property
     def functions(self) -> FrozenSet[str]:
@@ -57,13 +53,12 @@ class WatchedCondition:
     :param reads: names of the predicates and functions that it depends on.
     """
 
-    condition: formula.Condition
+    condition: Condition
     reads: FrozenSet[str] = frozenset()
 
     def ground(self, binding: Dict[str, str]) -> "WatchedCondition":
-        """TimedOperator variables replaced."""
-        bindings = {f"?{name}": value for name, value in binding.items()}
-        return WatchedCondition(formula.ground(self.condition, bindings), self.reads)
+        """The operator's variables replaced."""
+        return WatchedCondition(formula.ground(self.condition, binding), self.reads)
 
     def __str__(self) -> str:
         return formula.to_pddl(self.condition)
@@ -102,11 +97,11 @@ class Conditions:
         )
 
     def ground(self, binding: Dict[str, str]) -> "Conditions":
-        """Atoms and terms grounded; a comparison's message is grounded when it is asked."""
+        """The operator's variables replaced."""
         return Conditions(
             _ground(self.positive, binding),
             _ground(self.negative, binding),
-            tuple(Inequality(entry.message, _ground(entry.reads, binding)) for entry in self.comparisons),
+            tuple(Inequality(formula.ground(entry.condition, binding)) for entry in self.comparisons),
             tuple(entry.ground(binding) for entry in self.expressions),
         )
 
@@ -129,7 +124,7 @@ class Conditions:
 
 @dataclass(frozen=True)
 class TimedEffects:
-    """TimedEffects of one time label; of numeric ones only which function terms they change and read.
+    """Effects of one time label; of numeric ones only which function terms they change and read.
 
     :param additive: those of `writes` that are only increased or decreased; such changes commute.
     :param wild, wild_reads: names that conditional, quantified and continuous effects change and read.
@@ -175,11 +170,11 @@ class BindingError(ValueError):
 
 
 @dataclass(frozen=True)
-class TimedOperator:
-    """An operator, or with objects for variables one of its ground actions.
+class ActionModel:
+    """What an operator needs and changes, and when; with objects for variables that of one action of a plan.
 
-    A plain one (not `durative`) has its conditions in `at_start` and its effects in `start_effects`, as the
-    messages carry them. They are applied when it ends.
+    A plain one (not `durative`) has its conditions in `at_start` and its effects in `start_effects`. They are
+    applied when it ends.
     """
 
     name: str
@@ -192,31 +187,27 @@ class TimedOperator:
     durative: bool = True
 
     @staticmethod
-    def from_message(message: Any) -> "TimedOperator":
-        """Reads a DomainOperator.
+    def of(operator: Operator, derived: Rules) -> "ActionModel":
+        """The model of an operator.
 
-        The message does not say whether it is durative: one with nothing over all and at its end counts as
-        plain, as it does for the action interfaces.
+        :param derived: the rules of its domain. A derived fact changes when what it is derived from does: it
+            is watched as an expression.
         """
-        found = TimedOperator(
-            message.formula.name,
-            tuple(parameter.key for parameter in message.formula.typed_parameters),
-            _conditions(
-                message.at_start_simple_condition, message.at_start_neg_condition, message.at_start_comparison
-            ),
-            _conditions(
-                message.over_all_simple_condition, message.over_all_neg_condition, message.over_all_comparison
-            ),
-            _conditions(
-                message.at_end_simple_condition, message.at_end_neg_condition, message.at_end_comparison
-            ),
-            _effects(
-                message.at_start_add_effects, message.at_start_del_effects, message.at_start_assign_effects
-            ),
-            _effects(message.at_end_add_effects, message.at_end_del_effects, message.at_end_assign_effects),
+
+        def needed(when: str) -> Conditions:
+            timed = [each.condition for each in operator.conditions if each.when == when]
+            return _conditions([part for each in timed for part in formula.conjuncts(each)], derived)
+
+        return ActionModel(
+            operator.name,
+            tuple(parameter.name for parameter in operator.parameters),
+            needed(START),
+            needed(OVER_ALL),
+            needed(END),
+            _effects(operator.effects, START, derived),
+            _effects(operator.effects, END, derived),
+            operator.durative,
         )
-        plain = found.over_all.empty and found.at_end.empty and found.end_effects.empty
-        return replace(found, durative=not plain)
 
     def bind(self, arguments: Sequence[str]) -> Dict[str, str]:
         """Objects by parameter, from a plan's list of arguments.
@@ -225,14 +216,19 @@ class TimedOperator:
         """
         if len(arguments) != len(self.parameters):
             raise BindingError(
-                f"{self.name} has {len(self.parameters)} parameters ({' '.join(self.parameters) or 'none'}), "
+                f"{self.name} has {len(self.parameters)} parameters ({' '.join(self.labels) or 'none'}), "
                 f"not {len(arguments)} ({' '.join(arguments) or 'none'})"
             )
         return dict(zip(self.parameters, arguments))
 
-    def ground(self, binding: Dict[str, str]) -> "TimedOperator":
+    @property
+    def labels(self) -> List[str]:
+        """The parameters as messages name them."""
+        return [parameter.lstrip("?") for parameter in self.parameters]
+
+    def ground(self, binding: Dict[str, str]) -> "ActionModel":
         """The ground action; parameters without an object stay variables."""
-        return TimedOperator(
+        return ActionModel(
             self.name,
             tuple(binding.get(parameter, parameter) for parameter in self.parameters),
             self.at_start.ground(binding),
@@ -244,7 +240,7 @@ class TimedOperator:
         )
 
 
-def over_all_before_start(action: TimedOperator) -> Conditions:
+def over_all_before_start(action: ActionModel) -> Conditions:
     """The over-all conditions of a ground action that must hold already before it starts.
 
     Those its own start effects bring about do not: they hold from the start on, not before it.
@@ -266,47 +262,64 @@ def over_all_before_start(action: TimedOperator) -> Conditions:
     )
 
 
-def broken_by_own_end(action: TimedOperator, atom: PlanTerm, negative: bool) -> bool:
+def broken_by_own_end(action: ActionModel, atom: PlanTerm, negative: bool) -> bool:
     """Whether the end effects of a ground action make one of its own over-all conditions false."""
     effects = action.end_effects.add if negative else action.end_effects.delete
     return atom.key in {effect.key for effect in effects} or atom.name.lower() in action.end_effects.wild
-
-
-def _atom(formula: Any) -> PlanTerm:
-    return PlanTerm(formula.name, tuple(parameter.key for parameter in formula.typed_parameters))
-
-
-def _atoms(formulas: Iterable[Any]) -> Tuple[PlanTerm, ...]:
-    return tuple(_atom(formula) for formula in formulas)
 
 
 def _ground(atoms: Iterable[PlanTerm], binding: Dict[str, str]) -> Tuple[PlanTerm, ...]:
     return tuple(atom.ground(binding) for atom in atoms)
 
 
-def _terms(*expressions: Any) -> Tuple[PlanTerm, ...]:
-    return tuple(
-        _atom(token.function)
-        for expression in expressions
-        for token in expression.tokens
-        if token.expr_type == token.FUNCTION
-    )
+def _fluents(part: formula.Formula) -> Tuple[PlanTerm, ...]:
+    return tuple(PlanTerm(term.name, term.args) for term in formula.terms(part) if isinstance(term, Fluent))
 
 
-def _conditions(positive: Iterable[Any], negative: Iterable[Any], comparisons: Iterable[Any]) -> Conditions:
-    return Conditions(
-        _atoms(positive),
-        _atoms(negative),
-        tuple(Inequality(entry, _terms(entry.LHS, entry.RHS)) for entry in comparisons),
-    )
+def _conditions(parts: Iterable[Condition], derived: Rules) -> Conditions:
+    positive: List[PlanTerm] = []
+    negative: List[PlanTerm] = []
+    comparisons: List[Inequality] = []
+    expressions: List[WatchedCondition] = []
+    for part in parts:
+        inner = part.part if isinstance(part, Not) else part
+        if isinstance(inner, Equal):
+            inner = Atom("=", (inner.left, inner.right))
+        if isinstance(inner, Atom) and inner.name not in derived:
+            (negative if isinstance(part, Not) else positive).append(PlanTerm(inner.name, inner.args))
+        elif isinstance(part, Comparison):
+            comparisons.append(Inequality(part))
+        # The store does not know ``?duration`` and the like.
+        elif not any(isinstance(term, formula.Special) for term in formula.terms(part)):
+            expressions.append(WatchedCondition(part, depends_on(part, derived)))
+    return Conditions(tuple(positive), tuple(negative), tuple(comparisons), tuple(expressions))
 
 
-def _effects(add: Iterable[Any], delete: Iterable[Any], assign: Iterable[Any]) -> TimedEffects:
-    assign = list(assign)
-    return TimedEffects(
-        _atoms(add),
-        _atoms(delete),
-        tuple(_atom(entry.LHS) for entry in assign),
-        tuple(term for entry in assign for term in _terms(entry.RHS)),
-        tuple(_atom(entry.LHS) for entry in assign if entry.assign_type in (entry.INCREASE, entry.DECREASE)),
-    )
+def _effects(effects: Iterable[Effect], when: str, derived: Rules) -> TimedEffects:
+    """The effects at one time. A continuous one is applied at the end, with all the time that has passed."""
+    lists: Dict[str, List[PlanTerm]] = {key: [] for key in ("add", "delete", "writes", "reads", "additive")}
+    wild: Set[str] = set()
+    wild_reads: Set[str] = set()
+    for effect in effects:
+        now = (effect.when == START) == (when == START)
+        target, value = effect.atom or effect.fluent, effect.value
+        assert target is not None
+        for timed in effect.conditions:
+            if (timed.when == START) == (when == START):
+                wild_reads |= depends_on(timed.condition, derived)
+        if not now:
+            continue
+        if effect.variables or effect.conditions or effect.when == OVER_ALL:
+            wild.add(target.name)
+            wild_reads.update(term.name for term in (formula.terms(value) if value is not None else ()))
+            continue
+        term = PlanTerm(target.name, target.args)
+        if value is None:
+            lists["delete" if effect.negative else "add"].append(term)
+            continue
+        lists["writes"].append(term)
+        lists["reads"] += _fluents(value)
+        if effect.op in ("increase", "decrease"):
+            lists["additive"].append(term)
+    groups = {key: tuple(found) for key, found in lists.items()}
+    return TimedEffects(**groups, wild=frozenset(wild), wild_reads=frozenset(wild_reads))

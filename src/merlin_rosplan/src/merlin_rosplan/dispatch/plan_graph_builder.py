@@ -4,7 +4,7 @@ from typing import Collection, Dict, Iterable, List, Mapping, Optional, Sequence
 
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.happening import Happening, happening_of, names_by_argument
-from merlin_rosplan.dispatch.operator_model import PlanTerm, TimedOperator
+from merlin_rosplan.dispatch.operator_model import ActionModel, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import (
     EdgeType,
     Node,
@@ -25,7 +25,7 @@ Timed = Union[TimedLiteral, TimedValue]
 
 def build_graph(
     steps: Sequence[PlanStep],
-    actions: Sequence[TimedOperator],
+    actions: Sequence[ActionModel],
     timed: Iterable[Timed] = (),
     epsilon: float = 0.01,
     reduce: bool = False,
@@ -48,7 +48,7 @@ class _Builder:
     def __init__(
         self,
         steps: Sequence[PlanStep],
-        actions: Sequence[TimedOperator],
+        actions: Sequence[ActionModel],
         timed: List[Timed],
         epsilon: float,
         reduce: bool,

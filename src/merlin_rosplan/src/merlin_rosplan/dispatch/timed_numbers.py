@@ -1,8 +1,9 @@
 """Conditions on function values that change by themselves at given times."""
 
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Union
+from typing import Iterable, List, Mapping, Optional, Union
 
 from merlin_pddl.evaluation import arithmetic, compare
+from merlin_pddl.formula import Arithmetic, Fluent, Number, Numeric
 from merlin_rosplan.dispatch.operator_model import Conditions, Inequality, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 
@@ -74,40 +75,16 @@ def _name(entry: Union[TimedLiteral, TimedValue]) -> str:
 
 def comparison_holds(entry: Inequality, values: Mapping[PlanTerm, float]) -> bool:
     """Whether a ground comparison holds with these values of its terms; without one of them it does not."""
-    message = entry.message
-    terms = iter(entry.reads)
-    left = _worth(list(message.LHS.tokens), terms, values)
-    right = _worth(list(message.RHS.tokens), terms, values)
-    if left is None or right is None:
-        return False
-    names: Dict[int, str] = {
-        message.GREATER: ">",
-        message.GREATEREQ: ">=",
-        message.LESS: "<",
-        message.LESSEQ: "<=",
-        message.EQUALS: "=",
-    }
-    return compare(names[message.comparison_type], left, right)
+    left, right = _worth(entry.condition.left, values), _worth(entry.condition.right, values)
+    return left is not None and right is not None and compare(entry.condition.op, left, right)
 
 
-def _worth(tokens: List[Any], terms: Iterator[PlanTerm], values: Mapping[PlanTerm, float]) -> Optional[float]:
-    """The worth of an expression in prefix notation; takes its function terms from `terms`."""
-    stack: List[Optional[float]] = []
-    given: List[Optional[float]] = []
-    for token in tokens:
-        if token.expr_type == token.FUNCTION:
-            term = next(terms, None)
-            given.append(values.get(term.key) if term is not None else None)
-        else:
-            given.append(token.constant if token.expr_type == token.CONSTANT else None)
-    for token, value in zip(reversed(tokens), reversed(given)):
-        if token.expr_type != token.OPERATOR:
-            stack.append(value)
-            continue
-        wanted = 1 if token.op == token.UMINUS else 2
-        if len(stack) < wanted:
-            return None
-        operands = [stack.pop() for _ in range(wanted)]
-        names = {token.ADD: "+", token.SUB: "-", token.MUL: "*", token.DIV: "/", token.UMINUS: "-"}
-        stack.append(arithmetic(names[token.op], operands))
-    return stack[0] if len(stack) == 1 else None
+def _worth(expression: Numeric, values: Mapping[PlanTerm, float]) -> Optional[float]:
+    """The worth of an expression; None when a term in it has no value."""
+    if isinstance(expression, Number):
+        return expression.value
+    if isinstance(expression, Fluent):
+        return values.get(PlanTerm(expression.name, expression.args).key)
+    if isinstance(expression, Arithmetic):
+        return arithmetic(expression.op, [_worth(part, values) for part in expression.parts])
+    return None

@@ -22,7 +22,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
 )
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.interface_watch import InterfaceWatch
-from merlin_rosplan.dispatch.operator_model import BindingError, Conditions, TimedOperator
+from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, Conditions
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.ros_alarm import RosAlarm
@@ -62,8 +62,7 @@ class DispatchTopics(DispatchEnvironment):
         self._on_change = on_change
         # Interfaces latch their last feedback: an id from an earlier life of this node must not fit again.
         self.plan_id = int(time.time()) % 1_000_000 * 1000
-        self._operators: Dict[str, TimedOperator] = {}
-        self._bindings: Dict[int, Dict[str, str]] = {}
+        self._operators: Dict[str, ActionModel] = {}
         self._dispatched: Dict[int, rospy.Time] = {}
         self._interfaces = InterfaceWatch(running_time)
         self._lease = component.own(LeaseHolder(component.resolve("lease")))
@@ -91,7 +90,6 @@ class DispatchTopics(DispatchEnvironment):
     def begin(self) -> int:
         """Another dispatch begins; returns its plan id."""
         self._operators.clear()
-        self._bindings.clear()
         self._dispatched.clear()
         with self._open_lock:
             self._open.clear()
@@ -151,31 +149,27 @@ class DispatchTopics(DispatchEnvironment):
         publish(self._feedback, message)
         self._on_feedback(message)
 
-    def operator(self, action: PlannedAction) -> TimedOperator:
+    def operator(self, action: PlannedAction) -> ActionModel:
         """The ground operator; asks the knowledge base once per operator and plan."""
         try:
             operator = self._operators.get(action.name)
             if operator is None:
                 operator = self._operators[action.name] = self._knowledge.operator(action.name)
-            binding = operator.bind([value for _, value in action.parameters])
+            return operator.ground(operator.bind([value for _, value in action.parameters]))
         except (PlanKnowledgeError, BindingError) as error:
             raise DispatchError(f"{action} cannot be dispatched: {error}") from error
-        self._bindings[action.id] = binding
-        return operator.ground(binding)
 
     def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
         """Asks the knowledge base."""
         try:
-            return self._knowledge.false_of(conditions, self._bindings[action.id])
+            return self._knowledge.false_of(conditions)
         except PlanKnowledgeError as error:
             raise DispatchError(f"the conditions of {action} cannot be checked: {error}") from error
 
     def false_of_each(self, asked: Sequence[Tuple[PlannedAction, Conditions]]) -> List[Conditions]:
         """Asks the knowledge base, in one call."""
         try:
-            return self._knowledge.false_of_each(
-                [(conditions, self._bindings[action.id]) for action, conditions in asked]
-            )
+            return self._knowledge.false_of_each([conditions for _, conditions in asked])
         except PlanKnowledgeError as error:
             actions = ", ".join(str(action) for action, _ in asked[:5])
             raise DispatchError(f"the conditions of {actions} cannot be checked: {error}") from error

@@ -1,20 +1,23 @@
 """What parser and dispatcher ask the knowledge base, any ROSPlan one; one of the same process without ROS."""
 
-import copy
 import functools
 import threading
 from typing import Callable, Dict, FrozenSet, Iterable, List, Optional, Sequence, Tuple, TypeVar, Union
 
 import rospy
 from merlin_msgs.srv import ListExecutions
-from rosplan_knowledge_msgs.msg import DomainInequality, KnowledgeItem
+from rosplan_knowledge_msgs.msg import KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
+from merlin_pddl.domain import Domain
+from merlin_pddl.formula import Comparison
 from merlin_ros.service_proxy import ServiceError
-from merlin_rosplan.dispatch.operator_model import Conditions, PlanTerm, TimedOperator
+from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.messages.domain_file import DomainFile
-from merlin_rosplan.messages.operator_expressions import with_expressions
+from merlin_rosplan.messages.domain_messages import operator_message, read_operator
+from merlin_rosplan.messages.expression_messages import FormulaWriter
 from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.direct_service import DirectServiceProxy
 from merlin_sm.knowledge_client import CALL_LIMIT, KnowledgeClient, fact
@@ -38,8 +41,8 @@ class PlanKnowledge:
     def __init__(self, knowledge_base: str) -> None:
         self._client = KnowledgeClient(knowledge_base, DirectServiceProxy)
         self._lock = threading.Lock()  # guards the two fields below
-        self._operators_of: Optional[Component] = None
-        self._operators: Dict[str, TimedOperator] = {}
+        self._domain: Optional[Domain] = None  # of the knowledge base in this process
+        self._models: Dict[str, ActionModel] = {}
         self._domain_file = DomainFile(knowledge_base)
         self._timed = DirectServiceProxy(
             f"{knowledge_base}/state/timed_knowledge", GetAttributeService, CALL_LIMIT
@@ -47,54 +50,50 @@ class PlanKnowledge:
         self._executions = DirectServiceProxy(f"{knowledge_base}/executions", ListExecutions, CALL_LIMIT)
         self._lists: Optional[bool] = None  # whether there is such a service
 
-    def operator(self, name: str) -> TimedOperator:
+    def operator(self, name: str) -> ActionModel:
         """One operator of the domain; one that it does not have is an error too."""
         local = Component.in_process(self._client.name)
-        if local is None:
+        domain: Optional[Domain] = getattr(local, "domain", None)
+        if domain is None or name.lower() not in domain.operators:
             return self._ask_operator(name)
         # A knowledge base keeps its domain as long as it lives; how long another process lives is not known.
         with self._lock:
-            if self._operators_of is not local:
-                self._operators_of = local
-                self._operators.clear()
-            known = self._operators.get(name)
-        if known is None:
-            known = self._ask_operator(name, local)
-            with self._lock:
-                if self._operators_of is local:
-                    self._operators[name] = known
-        return known
+            if domain is not self._domain:
+                self._domain, self._models = domain, {}
+            if name not in self._models:
+                self._models[name] = ActionModel.of(domain.operators[name.lower()], domain.derived)
+            return self._models[name]
 
-    def _ask_operator(self, name: str, local: Optional[Component] = None) -> TimedOperator:
+    def _ask_operator(self, name: str) -> ActionModel:
         try:
-            operator = TimedOperator.from_message(self._client.operator(name))
-        except ServiceError as error:
+            message = self._client.operator(name)
+            operator = read_operator(message)
+        except (ServiceError, UpdateRefused) as error:
             if "does not answer" in str(error):
                 raise PlanKnowledgeError(str(error)) from error
             raise PlanKnowledgeError(f"the domain has no operator '{name}' ({error})") from error
-        domain = getattr(local, "domain", None) or self._domain_file.domain()
-        if domain is None or operator.name.lower() not in domain.operators:
-            return operator
-        return with_expressions(operator, domain)
+        # The file has what the message cannot carry, if it still is what the knowledge base has read.
+        domain = self._domain_file.domain()
+        written = domain.operators.get(operator.name.lower()) if domain is not None else None
+        if domain is None or written is None or operator_message(domain, written) != message:
+            return ActionModel.of(operator, {})
+        return ActionModel.of(written, domain.derived)
 
-    def false_of(self, conditions: Conditions, binding: Dict[str, str]) -> Conditions:
-        """Those conditions that do not hold now, asked in one call.
+    def false_of(self, conditions: Conditions) -> Conditions:
+        """Those ground conditions that do not hold now, asked in one call.
 
         A negative one holds when the positive fact is absent: ROSPlan's own knowledge base answers true for
         a negative query only when an explicit negative fact is stored.
-
-        :param conditions: ground atoms; comparisons are grounded here.
-        :param binding: objects by operator variable.
         """
-        return self.false_of_each([(conditions, binding)])[0]
+        return self.false_of_each([conditions])[0]
 
-    def false_of_each(self, asked: Sequence[Tuple[Conditions, Dict[str, str]]]) -> List[Conditions]:
-        """:meth:`false_of` for several conditions, each with its binding, all in one call."""
+    def false_of_each(self, asked: Sequence[Conditions]) -> List[Conditions]:
+        """:meth:`false_of` for several actions, all in one call."""
         items: List[KnowledgeItem] = []
-        for conditions, binding in asked:
+        for conditions in asked:
             atoms = [atom for atom in conditions.positive + conditions.negative if atom.name != "="]
             items += [fact(atom.name, *atom.arguments) for atom in atoms]
-            items += [comparison_item(entry.message, binding) for entry in conditions.comparisons]
+            items += [comparison_item(entry.condition) for entry in conditions.comparisons]
             items += [expression_item(str(entry)) for entry in conditions.expressions]
         results = iter(self.query(items) if items else [])
 
@@ -108,7 +107,7 @@ class PlanKnowledge:
                 tuple([entry for entry in conditions.comparisons if not next(results)]),
                 tuple([entry for entry in conditions.expressions if not next(results)]),
             )
-            for conditions, _ in asked
+            for conditions in asked
         ]
 
     def query(self, items: Sequence[KnowledgeItem]) -> List[bool]:
@@ -147,9 +146,7 @@ class PlanKnowledge:
     def values(self, names: Iterable[str]) -> Dict[PlanTerm, float]:
         """What the terms of some functions are worth now."""
         return {
-            PlanTerm(
-                item.attribute_name, tuple(value.value for value in item.values)
-            ).key: item.function_value
+            _term(item).key: item.function_value
             for name in sorted(names)
             for item in _answer(functools.partial(self._client.functions, name))
         }
@@ -183,16 +180,11 @@ def _answer(call: Callable[[], _Answer]) -> _Answer:
         raise PlanKnowledgeError(str(error)) from error
 
 
-def comparison_item(inequality: DomainInequality, binding: Dict[str, str]) -> KnowledgeItem:
-    """A numeric condition with objects for the operator's variables."""
-    ground = copy.deepcopy(inequality)
-    ground.grounded = True
-    for side in (ground.LHS, ground.RHS):
-        for token in side.tokens:
-            if token.expr_type == token.FUNCTION:
-                for parameter in token.function.typed_parameters:
-                    parameter.value = binding.get(parameter.key, parameter.key)
-    return KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=ground)
+def comparison_item(comparison: Comparison) -> KnowledgeItem:
+    """A ground numeric condition; arguments count by position."""
+    inequality = FormulaWriter(Domain("")).comparison(comparison)
+    inequality.grounded = True
+    return KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=inequality)
 
 
 def expression_item(text: str) -> KnowledgeItem:

@@ -1,6 +1,6 @@
 """The domain as ROSPlan's messages tell it."""
 
-from typing import Dict, List, Tuple
+from typing import Any, Dict, List, Tuple
 
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainAssignment, DomainFormula, DomainOperator
@@ -10,16 +10,18 @@ from merlin_pddl.formula import (
     END,
     OVER_ALL,
     START,
-    And,
     Atom,
     Comparison,
     Condition,
+    Effect,
     Equal,
+    Fluent,
     Not,
-    Or,
     TimedCondition,
+    Variable,
+    conjuncts,
 )
-from merlin_rosplan.messages.expression_messages import FormulaWriter
+from merlin_rosplan.messages.expression_messages import FormulaWriter, read_comparison, read_expression
 
 _ASSIGNMENTS = {
     "assign": DomainAssignment.ASSIGN,
@@ -28,7 +30,7 @@ _ASSIGNMENTS = {
     "scale-up": DomainAssignment.SCALE_UP,
     "scale-down": DomainAssignment.SCALE_DOWN,
 }
-_OPPOSITE = {">": "<=", ">=": "<", "<": ">=", "<=": ">"}
+_ASSIGNMENT_NAMES = {number: name for name, number in _ASSIGNMENTS.items()}
 _PREFIX = {START: "at_start", OVER_ALL: "over_all", END: "at_end"}
 
 
@@ -56,8 +58,8 @@ def operator_message(domain: Domain, operator: Operator) -> DomainOperator:
     writer = FormulaWriter(domain, types)
     message = DomainOperator(formula=signature_message(domain, operator))
     for timed in operator.conditions:
-        for condition in literals(timed.condition):
-            _add_condition(message, writer, TimedCondition(timed.when, condition))
+        for condition in conjuncts(timed.condition):
+            _add_condition(message, writer, timed.when, condition)
     for effect in operator.effects:
         if effect.when == OVER_ALL or effect.variables or effect.conditions:
             continue
@@ -76,35 +78,58 @@ def operator_message(domain: Domain, operator: Operator) -> DomainOperator:
     return message
 
 
-def _add_condition(message: DomainOperator, writer: FormulaWriter, timed: TimedCondition) -> None:
-    prefix = _PREFIX[timed.when]
-    condition = timed.condition
-    negative = isinstance(condition, Not)
+def _add_condition(message: DomainOperator, writer: FormulaWriter, when: str, condition: Condition) -> None:
+    kind = "neg" if isinstance(condition, Not) else "simple"
     part = condition.part if isinstance(condition, Not) else condition
     if isinstance(part, Equal):
         part = Atom("=", (part.left, part.right))
     if isinstance(part, Atom):
-        kind = "neg" if negative else "simple"
-        getattr(message, f"{prefix}_{kind}_condition").append(writer.formula(part))
-    elif isinstance(part, Comparison):
-        if negative:
-            part = Comparison(_OPPOSITE[part.op], part.left, part.right)
-        getattr(message, f"{prefix}_comparison").append(writer.comparison(part))
+        getattr(message, f"{_PREFIX[when]}_{kind}_condition").append(writer.formula(part))
+    elif isinstance(condition, Comparison):
+        getattr(message, f"{_PREFIX[when]}_comparison").append(writer.comparison(condition))
 
 
-def literals(condition: Condition) -> List[Condition]:
-    """The conjuncts of a condition that a list of literals can carry; the others are left out."""
-    if isinstance(condition, And):
-        return [found for part in condition.parts for found in literals(part)]
-    if isinstance(condition, Not):
-        part = condition.part
-        if isinstance(part, Not):
-            return literals(part.part)
-        if isinstance(part, Or):
-            return [found for inner in part.parts for found in literals(Not(inner))]
-        if isinstance(part, Comparison) and part.op == "=":
-            return []
-        return [condition] if isinstance(part, (Atom, Equal, Comparison)) else []
-    if isinstance(condition, Or) and len(condition.parts) == 1:
-        return literals(condition.parts[0])
-    return [condition] if isinstance(condition, (Atom, Equal, Comparison)) else []
+def read_operator(message: DomainOperator) -> Operator:
+    """The operator in a message of any ROSPlan knowledge base.
+
+    The message does not say whether it is durative: one with nothing over all and at its end counts as
+    plain, as it does for the action interfaces.
+
+    :raises UpdateRefused: a numeric expression in it is malformed.
+    """
+    parameters = {
+        pair.key: Variable(f"?{pair.key}", (pair.value,)) for pair in message.formula.typed_parameters
+    }
+
+    def term(operand: KeyValue) -> str:
+        variable = parameters.get(operand.key)
+        return variable.name if variable is not None else operand.key
+
+    def atom(formula: DomainFormula) -> Atom:
+        return Atom(formula.name, tuple(term(pair) for pair in formula.typed_parameters))
+
+    def listed(when: str, suffix: str) -> List[Any]:
+        return getattr(message, f"{_PREFIX[when]}_{suffix}", [])
+
+    conditions: List[TimedCondition] = []
+    effects: List[Effect] = []
+    for when in (START, OVER_ALL, END):
+        conditions += [TimedCondition(when, atom(each)) for each in listed(when, "simple_condition")]
+        conditions += [TimedCondition(when, Not(atom(each))) for each in listed(when, "neg_condition")]
+        conditions += [
+            TimedCondition(when, read_comparison(each, term)) for each in listed(when, "comparison")
+        ]
+        effects += [Effect(when, atom(each)) for each in listed(when, "add_effects")]
+        effects += [Effect(when, atom(each), negative=True) for each in listed(when, "del_effects")]
+        for each in listed(when, "assign_effects"):
+            left = atom(each.LHS)
+            op, value = _ASSIGNMENT_NAMES.get(each.assign_type, "assign"), read_expression(each.RHS, term)
+            effects.append(Effect(when, fluent=Fluent(left.name, left.args), op=op, value=value))
+    durative = any(each.when != START for each in conditions) or any(each.when != START for each in effects)
+    return Operator(
+        message.formula.name,
+        tuple(parameters.values()),
+        durative=durative,
+        conditions=tuple(conditions),
+        effects=tuple(effects),
+    )

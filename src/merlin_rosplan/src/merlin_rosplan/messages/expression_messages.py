@@ -1,6 +1,6 @@
 """Numeric expressions and comparisons between PDDL values and ROSPlan's messages (prefix notation)."""
 
-from typing import Dict, List, Tuple, Union
+from typing import Callable, Dict, List, Tuple, Union
 
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, ExprComposite
@@ -90,9 +90,15 @@ class FormulaWriter:
         )
 
 
-def read_expression(message: ExprComposite) -> Numeric:
+def _object(pair: KeyValue) -> str:
+    name: str = pair.value
+    return name
+
+
+def read_expression(message: ExprComposite, term: Callable[[KeyValue], str] = _object) -> Numeric:
     """The expression in a message.
 
+    :param term: the variable or object that an argument of a function stands for.
     :raises UpdateRefused: the tokens are not prefix notation.
     """
     tokens = message.tokens
@@ -104,7 +110,7 @@ def read_expression(message: ExprComposite) -> Numeric:
     stack: List[Numeric] = []
     for token in reversed(tokens):
         if token.expr_type != ExprBase.OPERATOR:
-            stack.append(_operand(token))
+            stack.append(_operand(token, term))
             continue
         wanted = 1 if token.op == ExprBase.UMINUS else 2
         if len(stack) < wanted:
@@ -133,24 +139,24 @@ def _depth_exceeded(size: int, value: Numeric, limit: int = 100) -> bool:
     return False
 
 
-def _operand(token: ExprBase) -> Numeric:
+def _operand(token: ExprBase, term: Callable[[KeyValue], str]) -> Numeric:
     if token.expr_type == ExprBase.CONSTANT:
         return Number(token.constant)
     if token.expr_type == ExprBase.FUNCTION:
         name = token.function.name
-        args = tuple(pair.value for pair in token.function.typed_parameters)
+        args = tuple(term(pair) for pair in token.function.typed_parameters)
         return Special(name, args) if name.lower() in _NAMED_SPECIALS else Fluent(name, args)
     if token.expr_type == ExprBase.SPECIAL and token.special_type in _SPECIAL_NAMES:
         return Special(_SPECIAL_NAMES[token.special_type])
     raise UpdateRefused(f"a token of a numeric expression has the unknown type {token.expr_type}")
 
 
-def read_comparison(message: DomainInequality) -> Comparison:
-    """The comparison in a message.
+def read_comparison(message: DomainInequality, term: Callable[[KeyValue], str] = _object) -> Comparison:
+    """The comparison in a message; `term` as for :func:`read_expression`.
 
     :raises UpdateRefused: it is malformed.
     """
     if message.comparison_type not in _COMPARISON_NAMES:
         raise UpdateRefused(f"{message.comparison_type} is not a comparison")
     name = _COMPARISON_NAMES[message.comparison_type]
-    return Comparison(name, read_expression(message.LHS), read_expression(message.RHS))
+    return Comparison(name, read_expression(message.LHS, term), read_expression(message.RHS, term))

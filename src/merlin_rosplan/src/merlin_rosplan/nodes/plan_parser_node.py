@@ -13,7 +13,7 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_pddl.plan_text import PlanStep, PlanTextError, parse_plan
 from merlin_pddl.text_reader import suggestion
-from merlin_rosplan.dispatch.operator_model import BindingError, PlanTerm, TimedOperator
+from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedValue
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
@@ -21,7 +21,7 @@ from merlin_rosplan.messages.plan_graph_messages import graph_to_message
 from merlin_rosplan.transport.component import Component, ComponentError, run_component
 from merlin_rosplan.transport.handover import Handover, digest_service
 
-LiftedAndGround = Tuple[TimedOperator, TimedOperator]
+LiftedAndGround = Tuple[ActionModel, ActionModel]
 
 SCOPE = "rosplan_parsing_interface"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
@@ -118,7 +118,7 @@ class PlanParser(Component):
         )
 
     def _ground(self, steps: List[PlanStep]) -> List[LiftedAndGround]:
-        operators: Dict[str, TimedOperator] = {}
+        operators: Dict[str, ActionModel] = {}
         actions: List[LiftedAndGround] = []
         objects = self._knowledge.objects() if any(step.arguments for step in steps) else frozenset()
         for step in steps:
@@ -171,7 +171,7 @@ class EsterelPlanParser(PlanParser):
         return graph_to_message(graph, action_messages(steps, actions))
 
 
-def _compared(actions: List[TimedOperator]) -> Set[str]:
+def _compared(actions: List[ActionModel]) -> Set[str]:
     """Names of the functions in the actions' comparisons."""
     return {
         name
@@ -189,7 +189,7 @@ def action_messages(steps: List[PlanStep], actions: List[LiftedAndGround]) -> Li
             action_id=index,
             name=step.name,
             parameters=[
-                KeyValue(key=label, value=value) for label, value in zip(operator.parameters, step.arguments)
+                KeyValue(key=label, value=value) for label, value in zip(operator.labels, step.arguments)
             ],
             duration=step.duration,
             dispatch_time=step.time,
