@@ -58,7 +58,7 @@ class Visit:
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("console", self._console)
         self.page.goto(address)
-        self.wait("() => document.documentElement.dataset.version !== undefined")
+        self.wait("() => document.documentElement.dataset.panels === 'shown'")
 
     def wait(self, expression: str, argument: Any = None, limit: float = LONG) -> None:
         """Waits until a JavaScript function, which may be async, returns something true.

@@ -39,13 +39,17 @@ class Monitor:
         self.process = None
         self.history = Path(os.environ.get("ROS_LOG_DIR", "/tmp")) / f"monitor-{os.getpid()}.sqlite"
 
-    def start(self, token):
+    def start(self, token, panels=(), environment=None):
         with contextlib.suppress(KeyError):
             rospy.delete_param("/merlin_monitor/address")
         rospy.set_param("/merlin_monitor/port", self.port)
         rospy.set_param("/merlin_monitor/token", token)
         rospy.set_param("/merlin_monitor/history", str(self.history))
-        self.process = subprocess.Popen(["rosrun", "merlin_monitor", "monitor", "__name:=merlin_monitor"])
+        rospy.set_param("/merlin_monitor/panels", list(panels))
+        self.process = subprocess.Popen(
+            ["rosrun", "merlin_monitor", "monitor", "__name:=merlin_monitor"],
+            env={**os.environ, **(environment or {})},
+        )
         end = time.monotonic() + LONG
         while not rospy.has_param("/merlin_monitor/address"):
             assert time.monotonic() < end and self.process.poll() is None, "the monitor does not start"

@@ -1,54 +1,36 @@
-// Controls the robot, for who has the token: goals in PDDL, cancels, pausing the mission.
-import { byId, el, setHidden, setText } from "./dom.js";
-import { complete } from "./completion.js";
+// Asks the robot to do something, for operators: each request carries the token.
+import { byId, setHidden, setText } from "./dom.js";
 
 const TOKEN = "merlin-token";
 
 export class Control {
   constructor(store) {
     this.store = store;
-    this.choices = [];
-    this.chosen = -1;
-    const token = byId("token");
-    token.value = sessionStorage.getItem(TOKEN) || "";
-    token.addEventListener("input", () => sessionStorage.setItem(TOKEN, token.value));
-    const goal = byId("goal");
-    goal.addEventListener("input", () => this.suggest());
-    goal.addEventListener("click", () => this.suggest());
-    goal.addEventListener("keydown", (event) => this.key(event));
-    goal.addEventListener("blur", () => setTimeout(() => this.close(), 150));
-    byId("goal-form").addEventListener("submit", (event) => {
-      event.preventDefault();
-      this.close();
-      this.ask("send", { goal: goal.value, priority: Number.parseInt(byId("priority").value, 10) || 0 });
+    byId("stop").addEventListener("click", async () => {
+      if (!(await this.ask("stop", {}))) byId("control").scrollIntoView({ block: "center" });
     });
+    store.view("meta", () => setHidden(byId("stop"), !this.possible()));
   }
 
   possible() {
     return Boolean((this.store.state.meta || {}).control);
   }
 
-  cancel(request) {
-    this.ask("cancel", { request });
+  get token() {
+    return sessionStorage.getItem(TOKEN) || "";
   }
 
-  showMission(mission) {
-    const box = byId("mission-control");
-    const state = mission && this.possible() ? mission.state : "";
-    const wanted = state === "running" ? "pause" : state === "paused" ? "resume" : "";
-    setHidden(box, !wanted);
-    if (box.dataset.wanted === wanted) return;
-    box.dataset.wanted = wanted;
-    box.replaceChildren(...(wanted ? [el("button", { type: "button", onclick: () => this.ask(wanted, {}) }, wanted === "pause" ? "Pause the mission" : "Resume the mission")] : []));
+  set token(token) {
+    sessionStorage.setItem(TOKEN, token);
   }
 
-  // Whether it was done; what was said about it stands in the section.
+  // Whether it was done; what was said about it stands in the panel.
   async ask(what, fields) {
     const said = byId("control-said");
     try {
       const answer = await fetch(`/control/${what}`, {
         method: "POST",
-        headers: { "Content-Type": "application/json", "X-Merlin-Token": encodeToken(byId("token").value) },
+        headers: { "Content-Type": "application/json", "X-Merlin-Token": encodeToken(this.token) },
         body: JSON.stringify(fields),
       });
       const text = await answer.text();
@@ -67,60 +49,6 @@ export class Control {
       setText(said, "The monitor does not answer.");
       return false;
     }
-  }
-
-  suggest() {
-    const goal = byId("goal");
-    this.choices = complete(goal.value, goal.selectionStart, this.store.state.knowledge || {});
-    this.chosen = this.choices.length ? 0 : -1;
-    this.draw();
-  }
-
-  draw() {
-    const list = byId("goal-choices");
-    const open = this.choices.length > 0;
-    setHidden(list, !open);
-    byId("goal").setAttribute("aria-expanded", String(open));
-    byId("goal").setAttribute("aria-activedescendant", open ? `choice-${this.chosen}` : "");
-    list.replaceChildren(...this.choices.map((choice, index) => el("li", {
-      id: `choice-${index}`, role: "option", "aria-selected": String(index === this.chosen),
-      onpointerdown: (event) => { event.preventDefault(); this.take(index); },
-    }, choice.text, el("span", {}, choice.note))));
-    const active = list.children[this.chosen];
-    if (active) active.scrollIntoView({ block: "nearest" });
-  }
-
-  key(event) {
-    if (!this.choices.length) {
-      if (event.key === "ArrowDown") this.suggest();
-      return;
-    }
-    const moves = { ArrowDown: 1, ArrowUp: -1 };
-    if (event.key in moves) {
-      this.chosen = (this.chosen + moves[event.key] + this.choices.length) % this.choices.length;
-      this.draw();
-    } else if (event.key === "Tab" || (event.key === "Enter" && this.choices[this.chosen].text !== this.choices[this.chosen].typed)) {
-      this.take(this.chosen);
-    } else if (event.key === "Escape") {
-      this.close();
-    } else {
-      return;
-    }
-    event.preventDefault();
-  }
-
-  take(index) {
-    const goal = byId("goal");
-    const { text, from, to } = this.choices[index];
-    goal.value = goal.value.slice(0, from) + text + goal.value.slice(to);
-    goal.setSelectionRange(from + text.length, from + text.length);
-    goal.focus();
-    this.suggest();
-  }
-
-  close() {
-    this.choices = [];
-    this.draw();
   }
 }
 

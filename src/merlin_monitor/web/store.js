@@ -51,11 +51,13 @@ export class Store {
   view(section, call) {
     if (!this.views.has(section)) this.views.set(section, []);
     this.views.get(section).push(call);
+    if (this.version) this.refresh(section); // a panel that is loaded late is drawn at once
   }
 
   // Calls watch(change) for every single change of a section, at once; watch(null) when all is new.
   watch(section, call) {
     this.watchers.push([section, call]);
+    if (this.version) call(null);
   }
 
   onConnection(call) {

@@ -1,1 +1,1 @@
-"""What is followed over ROS: each listener hands messages to the model."""
+"""What panels are made of, and what all of them share: the watch of the ROS graph, the pulse."""

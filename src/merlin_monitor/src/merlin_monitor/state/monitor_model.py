@@ -8,7 +8,7 @@ from merlin_monitor.drawing.layout_thread import LayoutThread
 from merlin_monitor.drawing.machine_graph import Graph, machine_graph, plan_graph
 from merlin_monitor.state.events import Event, Tell
 from merlin_monitor.state.freshness import Freshness
-from merlin_monitor.state.guard_section import GUARD, GuardSection
+from merlin_monitor.state.guard_section import GuardSection
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.history_section import NEWEST, HistorySection
 from merlin_monitor.state.history_store import HistoryError, HistoryStore
@@ -21,7 +21,6 @@ from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
 
-SECTIONS = ("meta", "now", "queue", "knowledge", "plan", "machines", "map", "history", "health", GUARD)
 PLAN_PICTURE = "plan"
 STARTUP = 10.0  # s of wall time for the history's first answer
 
@@ -45,7 +44,7 @@ class MonitorModel:
         make_folder: bool = True,
     ) -> None:
         self.inbox = inbox
-        self.tree = StateTree(SECTIONS)
+        self.tree = StateTree()
         self._history = HistorySection(self.tree)
         self.history: Optional[HistoryStore] = None
         self.on_event: Tell = lambda event: None

@@ -14,7 +14,7 @@ from typing import Any, Deque, Iterator, List
 
 import rospy
 
-from merlin_monitor.listeners.ros_listeners import RosListeners
+from merlin_monitor.panel_board import PanelBoard
 from merlin_monitor.state.events import Event
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
@@ -107,9 +107,9 @@ def main() -> int:
 
 
 def _show(state: MonitorModel, terminal: Terminal) -> int:
-    listeners = RosListeners(state)
+    panels = PanelBoard(state)
     state.start()
-    listeners.start()
+    panels.start()
     if sys.stdin.isatty() and sys.stdout.isatty():
         terminal.run()
     else:

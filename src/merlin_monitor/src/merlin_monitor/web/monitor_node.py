@@ -3,12 +3,12 @@
 import os
 import sys
 from pathlib import Path
-from typing import Optional
+from typing import List, Optional
 
 import rospkg
 import rospy
 
-from merlin_monitor.listeners.ros_listeners import RosListeners
+from merlin_monitor.panel_board import PanelBoard
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
@@ -34,17 +34,17 @@ def _start() -> None:
     path = Path(history).expanduser() if history else None
     make_folder = bool(rospy.get_param("~make_folder", True))
     state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder)
-    listeners = RosListeners(state)
+    panels = PanelBoard(state, _class_paths("~panels"))
     token = str(rospy.get_param("~token", ""))
     control: Optional[Control] = None
     if token:
-        control = Control(RobotControl(state, listeners.executor, listeners.knowledge_base))
+        control = Control(RobotControl(state))
     names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
     folder = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
-    server = WebServer(state, folder, WebAccess(host, names, token), control, host, port)
+    server = WebServer(state, folder, WebAccess(host, names, token), control, host, port, panels.scripts)
     state.tree.set("meta", "control", bool(token))
     state.start()
-    listeners.start()
+    panels.start()
     server.start()
     rospy.on_shutdown(server.stop)
     rospy.on_shutdown(state.stop)
@@ -65,6 +65,13 @@ def _begin_anew(state: MonitorModel, server: WebServer) -> None:
     # Open pages look for it at its port; as an argument, because the new master may be gone again.
     arguments = [word for word in sys.argv if not word.startswith("_port:=")]
     os.execv(sys.executable, [sys.executable, *arguments, f"_port:={server.port}"])
+
+
+def _class_paths(name: str) -> List[str]:
+    value = rospy.get_param(name, [])
+    if not isinstance(value, list) or not all(isinstance(path, str) for path in value):
+        raise ParameterError(f"parameter {name} is {value!r}; give [package.module:Class, …]")
+    return value
 
 
 def _whole(name: str, default: int, lowest: int, highest: int) -> int:

@@ -26,12 +26,12 @@ class RobotControl:
     """The robot as :class:`merlin_monitor.web.control.ControlledRobot` wants it.
 
     :param state: takes the events.
-    :param executor: name of the Executor's action.
-    :param knowledge_base: that goals are checked against.
     """
 
-    def __init__(self, state: MonitorModel, executor: str, knowledge_base: str) -> None:
+    def __init__(self, state: MonitorModel) -> None:
         self._state = state
+        executor = str(rospy.get_param("~executor", "merlin/execute"))
+        knowledge_base = str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base"))
         self._knowledge = knowledge_client(knowledge_base)
         self._client = MerlinExecutorClient(executor, knowledge_base=None)
         self._cancels = rospy.Publisher(f"{executor}/cancel", GoalID, queue_size=10)

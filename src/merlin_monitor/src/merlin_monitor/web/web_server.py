@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 from pathlib import Path
-from typing import Any, Awaitable, Callable, List, Optional
+from typing import Any, Awaitable, Callable, List, Mapping, Optional
 
 from aiohttp import web
 
@@ -39,6 +39,7 @@ class WebServer:
     :param control: of the robot; None: it is only shown.
     :param host: address to listen on.
     :param port: wanted; if it is taken, the next free one. 0: any free one.
+    :param scripts: of the panels, by their names.
     :raises ServerError: it cannot listen.
     """
 
@@ -50,11 +51,13 @@ class WebServer:
         control: Optional[Control] = None,
         host: str = "127.0.0.1",
         port: int = 0,
+        scripts: Optional[Mapping[str, Path]] = None,
     ) -> None:
         self._state = state
         self._folder = folder
         self._access = access
         self._control = control
+        self._scripts = dict(scripts or {})
         self._socket = listen(host, port)
         self.port: int = self._socket.getsockname()[1]
         shown = host if host not in ("", "0.0.0.0", "::") else socket.gethostname()
@@ -92,6 +95,7 @@ class WebServer:
         routes.add_get("/history", self._serve_history)
         routes.add_get("/history.json", self._export_history)
         routes.add_post("/control/{what}", self._serve_control)
+        routes.add_get("/panels/{name}.js", self._serve_panel)
         routes.add_get("/{name}", self._serve_file)
         return application
 
@@ -149,6 +153,13 @@ class WebServer:
         if "/" in name or name.startswith(".") or path.suffix not in FILES or not path.is_file():
             raise web.HTTPNotFound(text=f"There is no {name}.\n")
         return web.FileResponse(path)
+
+    async def _serve_panel(self, request: web.Request) -> web.StreamResponse:
+        # A panel is asked for by its name, which leads to no other file.
+        script = self._scripts.get(request.match_info["name"])
+        if script is None or not script.is_file():
+            raise web.HTTPNotFound(text="There is no such panel.\n")
+        return web.FileResponse(script)
 
     async def _serve_live(self, request: web.Request) -> web.StreamResponse:
         response = web.WebSocketResponse(heartbeat=PING, timeout=GOODBYE, compress=False, max_msg_size=1024)

@@ -9,9 +9,10 @@ import pytest
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
 
-from merlin_monitor.listeners import graph_watch, knowledge_listener
+from merlin_monitor.listeners import graph_watch
 from merlin_monitor.listeners.graph_watch import GraphWatch
-from merlin_monitor.listeners.knowledge_listener import KnowledgeListener
+from merlin_monitor.panels import knowledge as knowledge_panel
+from merlin_monitor.panels.knowledge import KnowledgePanel
 
 LONG = 30.0
 NAME = "/knowledge"
@@ -54,9 +55,9 @@ class Followed:
         self.client = Client()
         self.told: queue.Queue[Tuple[str, Any]] = queue.Queue()
         callbacks: Dict[str, Callable[[Any], None]] = {}
-        monkeypatch.setattr(knowledge_listener, "KnowledgeClient", lambda name: self.client)
+        monkeypatch.setattr(knowledge_panel, "KnowledgeClient", lambda name: self.client)
         monkeypatch.setattr(
-            knowledge_listener,
+            knowledge_panel,
             "ServiceProxy",
             lambda *args, **options: lambda: SimpleNamespace(domain_name="home"),
         )
@@ -67,11 +68,13 @@ class Followed:
         names = ("source", "domain", "replace", "changed")
         section = SimpleNamespace(**{name: name for name in names})
         inbox = SimpleNamespace(put=lambda what, *arguments: self.told.put((what, arguments[0])))
-        self.listener = KnowledgeListener(SimpleNamespace(knowledge=section, inbox=inbox), NAME)  # type: ignore
+        monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
+        state = SimpleNamespace(knowledge=section, inbox=inbox)
+        watch = SimpleNamespace(address_of=lambda service: "rosrpc://here:1")
+        self.listener = KnowledgePanel(state, watch)  # type: ignore
         self.changed = callbacks[f"{NAME}/changes"]
         self.listener.start()
-        watch = SimpleNamespace(address_of=lambda service: "rosrpc://here:1")
-        self.listener.look({f"{NAME}/changes": "merlin_msgs/KnowledgeChanges"}, watch)  # type: ignore
+        self.listener.look({f"{NAME}/changes": "merlin_msgs/KnowledgeChanges"})
 
     def next(self) -> Tuple[str, Any]:
         return self.told.get(timeout=LONG)

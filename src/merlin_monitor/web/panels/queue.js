@@ -1,7 +1,8 @@
 // The goals that are served and that wait.
-import { byId, el, keyed, part, setHidden, setText } from "./dom.js";
+import { byId, el, keyed, part, setHidden, setText } from "../dom.js";
 
-export function showQueue(store, control) {
+export function show(section, { store, control }) {
+  section.append(el("ol", { id: "queue-list", class: "rows" }), el("p", { id: "queue-empty", class: "empty" }, "No goals wait."));
   const draw = () => {
     const { now = {}, queue = {} } = store.state;
     const executor = now.executor || {};
@@ -15,13 +16,13 @@ export function showQueue(store, control) {
       requests.push({ ...waiting, note: `${words.join(", ")}; from ${waiting.by}` });
     }
     const count = (queue.waiting || []).length;
-    setText(byId("queue-count"), count ? `${count} waiting` : "");
+    setText(byId("queue-note"), count ? `${count} waiting` : "");
     setHidden(byId("queue-empty"), requests.length > 0);
     keyed(byId("queue-list"), requests, (item) => item.request, create, update);
   };
 
   function create(item) {
-    const cancel = el("button", { class: "small cancel", type: "button", onclick: () => control.cancel(item.request) }, "Cancel");
+    const cancel = el("button", { class: "small cancel", type: "button", onclick: () => control.ask("cancel", { request: item.request }) }, "Cancel");
     return el("li", {},
       el("div", { class: "head" }, el("span", { class: "glyph", "aria-hidden": "true" }), el("span", { class: "title" }), el("span", { class: "end chip priority" }), cancel),
       el("div", { class: "more" }));

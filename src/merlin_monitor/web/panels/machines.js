@@ -1,10 +1,15 @@
 // Every state machine: nested, active states marked, the last outcome of each state, userdata on click.
-import { byId, el, keyed, part, setHidden, setText } from "./dom.js";
-import { GraphView } from "./graph.js";
+import { byId, el, keyed, part, setHidden, setText } from "../dom.js";
+import { GraphView } from "../graph.js";
 
 const FOLDED = "merlin-folded-machines";
 
-export function showMachines(store) {
+export function show(section, { store }) {
+  section.append(
+    el("div", { id: "machine-list" }),
+    el("p", { id: "machines-empty", class: "empty" }, "No machine is shown by any node."),
+    el("div", { id: "userdata", role: "region", "aria-label": "Userdata", hidden: true }),
+  );
   const folded = new Set(JSON.parse(localStorage.getItem(FOLDED) || "[]"));
   const views = new Map();
   let picked = null; // key of the container whose userdata is shown
@@ -15,7 +20,7 @@ export function showMachines(store) {
     const all = machines.containers || {};
     const paths = new Set(Object.values(all).map((container) => `${container.server} ${container.path}`));
     const roots = Object.keys(all).filter((key) => isRoot(all[key], paths)).sort((a, b) => size(machines, b) - size(machines, a) || (all[a].path < all[b].path ? -1 : 1));
-    setText(byId("machines-count"), roots.length ? `${roots.length}, ${roots.filter((key) => (all[key].active || []).length).length} running` : "");
+    setText(byId("machines-note"), roots.length ? `${roots.length}, ${roots.filter((key) => (all[key].active || []).length).length} running` : "");
     setHidden(byId("machines-empty"), roots.length > 0);
     for (const known of views.keys()) if (!roots.includes(known)) views.delete(known);
     keyed(byId("machine-list"), roots, (key) => key, create, (box, key) => update(box, key, machines));

@@ -1,4 +1,4 @@
-"""Follows a knowledge base: everything by its services, then its changes.
+"""The panel of the knowledge base. It is followed: everything by its services, then its changes.
 
 Ours tells every change on ``changes``. ROSPlan's tells on ``status/update`` that an array was applied, and
 says nothing of single updates; so it is read again then, and every few seconds.
@@ -14,6 +14,8 @@ from rosplan_knowledge_msgs.msg import StatusUpdate
 from rosplan_knowledge_msgs.srv import GetDomainNameService
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.knowledge_section import Contents, formulas
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
@@ -25,16 +27,14 @@ TELLS = "every change as the knowledge base tells it"
 READS = "read again after updates and every 2 s: this knowledge base does not tell its changes"
 
 
-class KnowledgeListener:
-    """Keeps the section of the knowledge up to date.
+class KnowledgePanel(Panel):
+    """Objects, facts, values and goals."""
 
-    :param state: the model.
-    :param name: of the knowledge base.
-    """
+    name, title, place, width = "knowledge", "Knowledge", 70, 7
 
-    def __init__(self, state: MonitorModel, name: str) -> None:
-        self._state = state
-        self._client = KnowledgeClient(name)
+    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
+        super().__init__(state, watch)
+        self._client = KnowledgeClient(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
         self._domain_name = ServiceProxy(
             f"{self._client.name}/domain/name", GetDomainNameService, timeout=5.0
         )
@@ -48,7 +48,8 @@ class KnowledgeListener:
         self._by = ""
         self._first = True
         self._stopping = False
-        self.subscribers = [
+        # A connection of one of them shows that the knowledge base lives.
+        self._subscribers = [
             rospy.Subscriber(
                 f"{self._client.name}/changes",
                 KnowledgeChanges,
@@ -60,7 +61,6 @@ class KnowledgeListener:
                 f"{self._client.name}/status/update", StatusUpdate, self._updated, queue_size=100
             ),
         ]
-        """Of the topics of a knowledge base; a connection of one of them shows that it lives."""
         self._thread = threading.Thread(target=self._work, name="knowledge reader", daemon=True)
 
     def start(self) -> None:
@@ -74,20 +74,24 @@ class KnowledgeListener:
             self._stopping = True
             self._wanted.notify_all()
 
-    def look(self, topics: Dict[str, str], watch: GraphWatch) -> None:
+    def source(self) -> Source:
+        """The knowledge base."""
+        return self.source_of(*self._subscribers)
+
+    def look(self, topics: Dict[str, str]) -> None:
         """Notices a knowledge base that appeared or began anew."""
-        address = watch.address_of(f"{self._client.name}/state/propositions")
+        address = self.watch.address_of(f"{self._client.name}/state/propositions")
         tells = f"{self._client.name}/changes" in topics
         with self._wanted:
             if not address:
                 if self._address:
                     self._address = ""
-                    self._state.inbox.put(self._state.knowledge.source, "the knowledge base has gone")
+                    self.state.inbox.put(self.state.knowledge.source, "the knowledge base has gone")
                 return
             if address != self._address or tells != self._tells:
                 self._address, self._tells, self._version = address, tells, None
                 self._want(0.0)
-                self._state.inbox.put(self._state.knowledge.source, TELLS if tells else READS)
+                self.state.inbox.put(self.state.knowledge.source, TELLS if tells else READS)
             elif not tells:
                 self._want(READ_AGAIN)
 
@@ -119,7 +123,7 @@ class KnowledgeListener:
 
     def _put(self, message: KnowledgeChanges) -> None:
         at = message.header.stamp.to_sec() or rospy.get_time()
-        self._state.inbox.put(self._state.knowledge.changed, message, at)
+        self.state.inbox.put(self.state.knowledge.changed, message, at)
 
     def _work(self) -> None:
         while True:
@@ -149,8 +153,8 @@ class KnowledgeListener:
     def _take(self, contents: Contents, domain: Dict[str, Any], by: str) -> None:
         with self._wanted:
             at = rospy.get_time()
-            self._state.inbox.put(self._state.knowledge.domain, domain)
-            self._state.inbox.put(self._state.knowledge.replace, contents, by, at, self._first)
+            self.state.inbox.put(self.state.knowledge.domain, domain)
+            self.state.inbox.put(self.state.knowledge.replace, contents, by, at, self._first)
             self._first = False
             self._reading = False
             held, self._held = self._held, []

@@ -1,10 +1,18 @@
 // The plan: its steps with state and time, the same as a graph, replans, and what the planner says.
-import { byId, clockText, el, GLYPHS, keyed, part, secondsText, setHidden, setText } from "./dom.js";
-import { GraphView } from "./graph.js";
+import { byId, clockText, el, GLYPHS, keyed, part, secondsText, setHidden, setText } from "../dom.js";
+import { GraphView } from "../graph.js";
 
 const TROUBLE = ["unsolvable", "no plan", "timeout", "crashed", "invalid"];
 
-export function showPlan(store) {
+export function show(section, { store }) {
+  section.append(
+    el("p", { id: "planner-reason", class: "trouble", hidden: true }),
+    el("ol", { id: "plan-steps", class: "steps" }),
+    el("p", { id: "plan-empty", class: "empty" }, "No plan yet."),
+    el("div", { id: "plan-graph", class: "graph", tabindex: 0, role: "group", "aria-label": "The plan as a graph" }),
+    el("div", { id: "plan-replans" }),
+    el("details", { id: "planner-words" }, el("summary", {}, "What the planner printed"), el("pre", {})),
+  );
   const graph = new GraphView(byId("plan-graph"));
 
   function draw(plan) {
@@ -34,7 +42,7 @@ export function showPlan(store) {
 
   function drawPlanner(planner) {
     const seconds = planner.seconds ? ` · ${planner.seconds.toFixed(2)} s` : "";
-    setText(byId("plan-planner"), planner.state ? `${planner.planner || "planner"} · ${planner.state}${seconds}` : "");
+    setText(byId("plan-note"), planner.state ? `${planner.planner || "planner"} · ${planner.state}${seconds}` : "");
     const trouble = TROUBLE.includes(planner.state);
     setHidden(byId("planner-reason"), !trouble);
     setText(byId("planner-reason"), trouble ? `${planner.state}: ${planner.reason}` : "");

@@ -1,6 +1,6 @@
 // Objects, facts, values and goals: searchable, of any number; what changed lights up.
-import { byId, clockText, el, keyed, part, setText } from "./dom.js";
-import { VirtualList } from "./virtual_list.js";
+import { byId, clockText, el, keyed, part, setText } from "../dom.js";
+import { VirtualList } from "../virtual_list.js";
 
 const KINDS = [["all", "All"], ["facts", "Facts"], ["values", "Values"], ["objects", "Objects"], ["goals", "Goals"]];
 const NOUNS = { facts: "fact", values: "value", objects: "object", goals: "goal" };
@@ -8,7 +8,15 @@ const ROW = 28; // px
 const LIT = 2600; // ms
 const SIGNS = { "+": "+", "-": "−", "=": "±" };
 
-export function showKnowledge(store) {
+export function show(section, { store }) {
+  section.append(
+    el("div", { class: "tools" },
+      el("input", { id: "search", type: "search", placeholder: "Search ( / )", "aria-label": "Search the knowledge", spellcheck: "false" }),
+      el("div", { id: "kinds", class: "choices", role: "group", "aria-label": "Kinds of knowledge" })),
+    el("div", { id: "knowledge-list", class: "long", tabindex: 0, role: "list", "aria-label": "Knowledge" }),
+    el("h3", {}, "Latest changes"),
+    el("ul", { id: "knowledge-recent", class: "log" }),
+  );
   const keys = { facts: [], values: [], objects: [], goals: [] }; // sorted
   const lit = new Map(); // kind and key → when it changed
   let kind = "all";
@@ -83,8 +91,8 @@ export function showKnowledge(store) {
     const counts = { all: 0 };
     for (const name of Object.keys(keys)) counts.all += counts[name] = keys[name].length;
     for (const [name, label] of KINDS) setText(buttons.get(name), `${label} ${counts[name]}`);
-    setText(byId("knowledge-source"), knowledge.domain ? `domain ${knowledge.domain.name}` : knowledge.source || "");
-    byId("knowledge-source").title = knowledge.source || "";
+    setText(byId("knowledge-note"), knowledge.domain ? `domain ${knowledge.domain.name}` : knowledge.source || "");
+    byId("knowledge-note").title = knowledge.source || "";
     byId("knowledge-list").setAttribute("aria-label", `Knowledge, ${shown.length} shown`);
   }
 

@@ -1,4 +1,4 @@
-"""Follows every SMACH introspection server there is, ours or the original's."""
+"""The panel of the state machines: every SMACH introspection server there is, ours or the original's."""
 
 import time
 from typing import Dict, List
@@ -6,23 +6,28 @@ from typing import Dict, List
 import rospy
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.state.monitor_model import MonitorModel
 
 STATUS = "/smach/container_status"
 STRUCTURE = "/smach/container_structure"
 
 
-class MachineListener:
-    """Keeps the section of the state machines up to date.
+class MachinesPanel(Panel):
+    """The machines of the servers below the monitor's namespace."""
 
-    :param state: the model.
-    :param namespace: only servers below it are followed.
-    """
+    name, title, place, width = "machines", "State machines", 50, 8
 
-    def __init__(self, state: MonitorModel, namespace: str) -> None:
-        self._state = state
-        self._namespace = namespace.rstrip("/") + "/"
+    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
+        super().__init__(state, watch)
+        self._namespace = rospy.get_namespace().rstrip("/") + "/"
         self._servers: Dict[str, List[rospy.Subscriber]] = {}
+
+    def check(self, at: float, wall: float) -> None:
+        """Marks silent machines; a paused simulation is not a silence."""
+        simulator = self.state.tree.get("meta", "simulator") or {}
+        self.state.machines.check_silence(wall, bool(simulator.get("paused")))
 
     def look(self, topics: Dict[str, str]) -> None:
         """Notices servers that appear and vanish; called by one thread."""
@@ -51,15 +56,15 @@ class MachineListener:
         for server in set(self._servers) - found:
             for subscriber in self._servers.pop(server):
                 subscriber.unregister()
-            self._state.inbox.put(self._state.machines.server_gone, server)
+            self.state.inbox.put(self.state.machines.server_gone, server)
 
     def _structure(self, message: SmachContainerStructure, server: str) -> None:
-        self._state.inbox.put(self._state.machines.structure, server, message, time.monotonic())
+        self.state.inbox.put(self.state.machines.structure, server, message, time.monotonic())
 
     def _status(self, message: SmachContainerStatus, server: str) -> None:
         at = message.header.stamp.to_sec() or rospy.get_time()
-        self._state.inbox.put(self._take, server, message, at, time.monotonic())
+        self.state.inbox.put(self._take, server, message, at, time.monotonic())
 
     def _take(self, server: str, message: SmachContainerStatus, at: float, wall: float) -> None:
-        self._state.machines.status(server, message, at, wall)
-        self._state.now.refresh()
+        self.state.machines.status(server, message, at, wall)
+        self.state.now.refresh()

@@ -1,7 +1,7 @@
-"""Follows the map, the robot on it, its path, points of interest and people."""
+"""The panel of the map: the robot on it, its path, points of interest and people."""
 
 import math
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple
 
 import roslib.message
 import rospy
@@ -10,6 +10,9 @@ from geometry_msgs.msg import PoseStamped
 from move_base_msgs.msg import MoveBaseActionResult
 from nav_msgs.msg import OccupancyGrid, Path
 
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 
 PEOPLE = (
@@ -25,23 +28,23 @@ MOVED = 0.02  # m or rad that the robot must move to be drawn anew
 OLD_POSITION = 2.0  # s of ROS time after which a position counts as old
 
 
-class MapListener:
-    """Keeps the section of the map up to date.
+class MapPanel(Panel):
+    """The map. People are followed on ``~people_topic`` in one of the types of `PEOPLE`; while it has no
+    publisher, on the simulator's topic."""
 
-    :param state: the model.
-    :param map_topic: of the map.
-    :param global_frame: the map's frame.
-    :param base_frame: the robot's frame.
-    :param people_topic: of people's positions, of one of the types in `PEOPLE`; without a publisher, the
-        simulator's topic is taken.
-    """
+    name, title, place, width = "map", "Map", 30, 5
 
-    def __init__(
-        self, state: MonitorModel, map_topic: str, global_frame: str, base_frame: str, people_topic: str
-    ) -> None:
-        self._state = state
-        self._frames = global_frame, base_frame
-        self._people_topics = [rospy.resolve_name(people_topic), SIMULATED_PEOPLE]
+    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
+        super().__init__(state, watch)
+        robot = rospy.get_namespace().strip("/")
+        base_frame = f"{robot}/base_footprint" if robot else "base_footprint"
+        self._frames = (
+            str(rospy.get_param("~global_frame", "map")),
+            str(rospy.get_param("~base_frame", base_frame)),
+        )
+        map_topic = str(rospy.get_param("~map_topic", "/map"))
+        people_topic = rospy.resolve_name(str(rospy.get_param("~people_topic", "people")))
+        self._people_topics = [people_topic, SIMULATED_PEOPLE]
         self._people: Optional[rospy.Subscriber] = None
         self._points: Any = None
         self._shown: Optional[Tuple[float, float, float]] = None
@@ -49,10 +52,10 @@ class MapListener:
         self._buffer = tf2_ros.Buffer(rospy.Duration(5.0))
         self._transforms = tf2_ros.TransformListener(self._buffer)
         self._subscribers = [
-            rospy.Subscriber(map_topic, OccupancyGrid, self._grid, queue_size=1),
-            rospy.Subscriber("move_base/current_goal", PoseStamped, self._goal, queue_size=5),
-            rospy.Subscriber("move_base/result", MoveBaseActionResult, self._arrived, queue_size=5),
-            *(rospy.Subscriber(f"move_base/{name}", Path, self._path, queue_size=1) for name in PATHS),
+            self.subscribe(map_topic, OccupancyGrid, lambda grid, at: state.map.grid(grid), queue_size=1),
+            self.subscribe("move_base/current_goal", PoseStamped, self._goal),
+            self.subscribe("move_base/result", MoveBaseActionResult, self._arrived),
+            *(self.subscribe(f"move_base/{path}", Path, self._path, queue_size=1) for path in PATHS),
         ]
 
     def look(self, topics: Dict[str, str]) -> None:
@@ -61,17 +64,19 @@ class MapListener:
             kind = topics.get(topic, "")
             message_class = roslib.message.get_message_class(kind) if kind in PEOPLE else None
             if self._people is None and message_class is not None:
-                self._people = rospy.Subscriber(topic, message_class, self._receive_people, queue_size=1)
+                self._people = self.subscribe(
+                    topic, message_class, lambda people, at: self.state.map.people(people), queue_size=1
+                )
         points = rospy.get_param(POINTS, {})
         if points != self._points:
             self._points = points
-            self._state.inbox.put(self._take_points, points)
+            self.state.inbox.put(self._take_points, points)
 
-    @property
-    def located(self) -> bool:
-        """Whether the robot's position is known and not old."""
+    def source(self) -> Source:
+        """The robot's position, which may be old."""
         at = self._located_at
-        return at is not None and (at == 0.0 or rospy.get_time() - at < OLD_POSITION)
+        located = at is not None and (at == 0.0 or rospy.get_time() - at < OLD_POSITION)
+        return Source(located, "the robot's position")
 
     def sample(self) -> None:
         """Looks where the robot is now."""
@@ -82,7 +87,7 @@ class MapListener:
                 return
         if pose != self._shown:
             self._shown = pose
-            self._state.inbox.put(self._state.map.robot, pose)
+            self.state.inbox.put(self.state.map.robot, pose)
 
     def _pose(self) -> Optional[Tuple[float, float, float]]:
         try:
@@ -95,29 +100,19 @@ class MapListener:
         return found.translation.x, found.translation.y, _yaw(found.rotation)
 
     def _take_points(self, points: Any) -> None:
-        self._state.now.places = set(self._state.map.points(points))
-        self._state.now.refresh()
+        self.state.now.places = set(self.state.map.points(points))
+        self.state.now.refresh()
 
-    def _grid(self, message: OccupancyGrid) -> None:
-        self._state.inbox.put(self._state.map.grid, message)
+    def _path(self, message: Path, at: float) -> None:
+        self.state.map.path([(stamped.pose.position.x, stamped.pose.position.y) for stamped in message.poses])
 
-    def _path(self, message: Path) -> None:
-        points: List[Tuple[float, float]] = [
-            (stamped.pose.position.x, stamped.pose.position.y) for stamped in message.poses
-        ]
-        self._state.inbox.put(self._state.map.path, points)
-
-    def _goal(self, message: PoseStamped) -> None:
+    def _goal(self, message: PoseStamped, at: float) -> None:
         where = message.pose.position
-        pose = where.x, where.y, _yaw(message.pose.orientation)
-        self._state.inbox.put(self._state.map.goal, pose)
+        self.state.map.goal((where.x, where.y, _yaw(message.pose.orientation)))
 
-    def _arrived(self, message: MoveBaseActionResult) -> None:
-        self._state.inbox.put(self._state.map.goal, None)
-        self._state.inbox.put(self._state.map.path, [])
-
-    def _receive_people(self, message: Any) -> None:
-        self._state.inbox.put(self._state.map.people, message)
+    def _arrived(self, message: MoveBaseActionResult, at: float) -> None:
+        self.state.map.goal(None)
+        self.state.map.path([])
 
 
 def _yaw(rotation: Any) -> float:

@@ -1,9 +1,9 @@
 // The robot, its path, points of interest and people on the map. Metres; y grows upwards, so it is negated.
-import { byId, keyed, setText, svg } from "./dom.js";
+import { byId, el, keyed, setText, svg } from "../dom.js";
 
 const MARGIN = 0.3; // m
 
-export function showMap(store) {
+export function show(section, { store }) {
   const image = svg("image", { preserveAspectRatio: "none" });
   const path = svg("polyline", { class: "map-path" });
   const points = svg("g", {});
@@ -11,7 +11,7 @@ export function showMap(store) {
   const goal = svg("path", { class: "map-goal", d: "M-.16 -.16L.16 .16M-.16 .16L.16 -.16" });
   const robot = svg("g", { class: "map-robot" }, svg("circle", { r: 0.27 }), svg("path", { d: "M.19 0L-.1 .12L-.04 0L-.1 -.12Z" }));
   const root = svg("svg", { role: "img", "aria-label": "Map" }, image, path, points, people, goal, robot);
-  byId("map-picture").append(root);
+  section.append(el("div", { id: "map-picture" }, root));
   let shownGrid = "";
 
   function draw(map) {
@@ -24,7 +24,7 @@ export function showMap(store) {
     const frame = bounds(map);
     if (!frame) {
       root.style.display = "none";
-      setText(byId("map-where"), "no map yet");
+      setText(byId("map-note"), "no map yet");
       return;
     }
     root.style.display = "";
@@ -46,8 +46,8 @@ export function showMap(store) {
       (person, [, [x, y]]) => place(person, { transform: `translate(${x} ${-y})`, "stroke-width": 0.02 }));
     setPlace(goal, map.goal, 0.06);
     setPlace(robot, map.robot, 0.03);
-    setText(byId("map-where"), map.robot ? `robot at ${map.robot[0].toFixed(1)}, ${map.robot[1].toFixed(1)} m` : "robot not located");
-    root.setAttribute("aria-label", `Map; ${byId("map-where").textContent}${(map.people || []).length ? `; ${map.people.length} people` : ""}`);
+    setText(byId("map-note"), map.robot ? `robot at ${map.robot[0].toFixed(1)}, ${map.robot[1].toFixed(1)} m` : "robot not located");
+    root.setAttribute("aria-label", `Map; ${byId("map-note").textContent}${(map.people || []).length ? `; ${map.people.length} people` : ""}`);
   }
 
   store.view("map", draw);

@@ -1,5 +1,5 @@
 // What happened: bars of goals and actions over time, and events, newest first, back to the first one kept.
-import { byId, clockText, el, keyed, svg } from "./dom.js";
+import { byId, clockText, el, keyed, svg } from "../dom.js";
 
 const KINDS = ["mission", "goal", "plan", "action", "machine", "knowledge", "health", "guard", "control", "monitor"];
 const QUIET = new Set(["machine", "knowledge"]); // not shown until asked for
@@ -13,7 +13,13 @@ const SHORTEST = 60;
 const LATE = 2; // s that the clock of the state may be behind
 const LANES = ["goal", "action"];
 
-export function showHistory(store) {
+export function show(section, { store }) {
+  byId("history-note").append(el("a", { href: "/history.json", download: true }, "export as JSON"));
+  section.append(
+    el("div", { id: "timeline", role: "img", "aria-label": "Goals and actions over time" }),
+    el("div", { id: "history-kinds", class: "choices", role: "group", "aria-label": "Kinds of events" }),
+    el("div", { id: "history-list", class: "log long", tabindex: 0, role: "list", "aria-label": "Events, newest first" }),
+  );
   const shown = new Set(KINDS.filter((kind) => !QUIET.has(kind)));
   const kept = new Map(); // id → event, of the shown kinds and the timeline: those of the state, and older ones
   let exhausted = false;

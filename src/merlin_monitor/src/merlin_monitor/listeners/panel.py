@@ -1,0 +1,99 @@
+"""What a panel is: the base class of those in ``merlin_monitor.panels`` and of those of applications."""
+
+from typing import Any, Callable, ClassVar, Dict, Optional, Union
+
+import rospy
+
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.state.events import Event
+from merlin_monitor.state.freshness import Source
+from merlin_monitor.state.monitor_model import MonitorModel
+
+
+class Panel:
+    """A panel of the page: follows topics, and keeps the section of the state that has its name.
+
+    It is made when the monitor begins, and follows its topics from then on. What arrives is taken in by one
+    thread after the other, so that a panel needs no locks.
+
+    :param state: the model.
+    :param watch: knows the topics and services that there are.
+    """
+
+    name: ClassVar[str] = ""
+    """Of its section of the state, of its element in the page, and of its script."""
+    title: ClassVar[str] = ""
+    """Its heading; empty: it has no heading, and no link leads to it."""
+    place: ClassVar[int] = 50
+    """Panels stand in the order of their places."""
+    width: ClassVar[int] = 12
+    """Columns of 12 on a wide screen."""
+    script: ClassVar[str] = ""
+    """Its script as ``package://<package>/<path>``; empty: ``web/panels/<name>.js`` of merlin_monitor."""
+
+    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
+        self.state = state
+        self.watch = watch
+
+    # --- what a panel may do when something happens ---------------------------------------------------------
+
+    def start(self) -> None:
+        """The monitor begins."""
+
+    def look(self, topics: Dict[str, str]) -> None:
+        """Once per second, in the watch's thread: the topics that are published, with their types."""
+
+    def sample(self) -> None:
+        """Four times per second, in the pulse's thread: for what has no messages of its own."""
+
+    def check(self, at: float, wall: float) -> None:
+        """Twice per second, in the model's thread: for what is silent.
+
+        :param at: s of ROS time.
+        :param wall: s of ``time.monotonic``.
+        """
+
+    def source(self) -> Optional[Source]:
+        """Where its news come from; when that is gone or hangs, the panel is grey. None: it is never grey."""
+        return None
+
+    # --- what it does with it -------------------------------------------------------------------------------
+
+    def subscribe(
+        self, topic: str, message_class: type, take: Callable[..., object], **options: Any
+    ) -> rospy.Subscriber:
+        """Follows a topic.
+
+        :param take: called with each message and its time, s, in the model's thread; the time is that of the
+            message's header, else the present.
+        :param options: of the subscriber.
+        """
+
+        def receive(message: Any) -> None:
+            stamp = message.header.stamp.to_sec() if message._has_header else 0.0
+            self.state.inbox.put(take, message, stamp or rospy.get_time())
+
+        options = {"queue_size": 100, "tcp_nodelay": True, **options}
+        return rospy.Subscriber(topic, message_class, receive, **options)
+
+    def source_of(self, *subscribers: rospy.Subscriber) -> Source:
+        """A source that lives while one of these subscribers is connected."""
+        connected = [each for each in subscribers if each.get_num_connections()]
+        return Source(bool(connected), self.watch.publisher_of((connected or subscribers)[0].resolved_name))
+
+    def set(self, *path_and_value: Any) -> bool:
+        """``set("table", "3", value)`` puts a value into the section; whether that changed anything."""
+        return self.state.tree.set(self.name, *path_and_value)
+
+    def tell(self, kind: str, text: str, at: float) -> None:
+        """Puts an event into the history.
+
+        :param kind: mission, goal, plan, action, machine, knowledge, health, guard, control or monitor.
+        :param at: s of ROS time.
+        """
+        self.state.tell(Event(kind, text, at))
+
+    @classmethod
+    def described(cls) -> Dict[str, Union[str, int]]:
+        """What the page is told of it."""
+        return {"name": cls.name, "title": cls.title, "width": cls.width}

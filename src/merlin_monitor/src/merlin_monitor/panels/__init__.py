@@ -1,0 +1,1 @@
+"""The panels of the page, one module each: what a panel follows over ROS. They are found, not listed."""

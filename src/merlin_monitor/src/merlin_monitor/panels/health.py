@@ -1,0 +1,27 @@
+"""The panel of the health: every part that reports on ``/diagnostics``."""
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.state.monitor_model import MonitorModel
+
+
+class HealthPanel(Panel):
+    """The parts, and which of them are silent."""
+
+    name, title, place, width = "health", "Health", 60, 4
+
+    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
+        super().__init__(state, watch)
+        self._reports = self.subscribe(
+            "/diagnostics",
+            DiagnosticArray,
+            lambda reports, at: state.health.diagnostics(reports, at, time.monotonic()),
+        )
+
+    def check(self, at: float, wall: float) -> None:
+        """Notices silent parts."""
+        self.state.health.check_silence(at, wall)

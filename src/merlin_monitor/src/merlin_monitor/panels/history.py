@@ -1,0 +1,9 @@
+"""The panel of the history: its events come from all other panels."""
+
+from merlin_monitor.listeners.panel import Panel
+
+
+class HistoryPanel(Panel):
+    """What happened."""
+
+    name, title, place, width = "history", "History", 80, 5

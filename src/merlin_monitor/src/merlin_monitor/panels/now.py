@@ -1,0 +1,31 @@
+"""The panel of the present: what the mission and the Executor do, as the headline."""
+
+import rospy
+from merlin_msgs.msg import ExecuteActionResult, ExecutorStatus, MissionStatus
+
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.state.freshness import Source
+from merlin_monitor.state.monitor_model import MonitorModel
+
+
+class NowPanel(Panel):
+    """What the robot does now, and why."""
+
+    name, place = "now", 2
+
+    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
+        super().__init__(state, watch)
+        executor = rospy.get_param("~executor", "merlin/execute")
+        self._status = self.subscribe("merlin/status", ExecutorStatus, state.now.executor)
+        self._others = [
+            self.subscribe("merlin/mission", MissionStatus, self._mission),
+            self.subscribe(f"{executor}/result", ExecuteActionResult, state.now.result),
+        ]
+
+    def source(self) -> Source:
+        """The Executor."""
+        return self.source_of(self._status)
+
+    def _mission(self, message: MissionStatus, at: float) -> None:
+        self.state.now.mission(message, at, str(message._connection_header.get("callerid", "")))

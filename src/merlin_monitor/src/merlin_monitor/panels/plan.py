@@ -1,0 +1,72 @@
+"""The panel of the plan: plans, the planner, the dispatcher, and what the actions answer."""
+
+from typing import Any, Callable, Dict, Optional
+
+import rospy
+from merlin_msgs.msg import DispatchStatus, PlannerStatus
+from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback, CompletePlan, EsterelPlan
+from std_msgs.msg import String
+
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.state.freshness import Source
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.state.plan_order import graph_steps, sequential_steps
+
+_PLANS: Dict[str, Any] = {
+    CompletePlan._type: (CompletePlan, sequential_steps),
+    EsterelPlan._type: (EsterelPlan, graph_steps),
+}
+
+
+class PlanPanel(Panel):
+    """The plan's steps, with what becomes of them."""
+
+    name, title, place, width = "plan", "Plan", 20, 7
+
+    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
+        super().__init__(state, watch)
+        planner, parser, dispatcher = (
+            str(rospy.get_param(f"~{part}", f"rosplan_{part}"))
+            for part in ("planner_interface", "parsing_interface", "plan_dispatcher")
+        )
+        self._plan_topic = rospy.resolve_name(f"{parser}/complete_plan")
+        self._plan_type = ""
+        self._plan_subscriber: Optional[rospy.Subscriber] = None
+        plan = state.plan
+        self._dispatched = self._follow(f"{dispatcher}/action_dispatch", ActionDispatch, plan.dispatched)
+        self._subscribers = [
+            self._follow(f"{dispatcher}/action_feedback", ActionFeedback, plan.feedback),
+            self._follow(f"{dispatcher}/dispatch_status", DispatchStatus, plan.dispatcher),
+            self._follow(f"{planner}/planner_status", PlannerStatus, plan.planner),
+            self._follow(
+                f"{planner}/planner_output", String, lambda message, at: plan.planner_words(message.data)
+            ),
+        ]
+
+    def source(self) -> Source:
+        """The dispatcher."""
+        return self.source_of(self._dispatched)
+
+    def look(self, topics: Dict[str, str]) -> None:
+        """Notices which of the two kinds of plan is published."""
+        kind = topics.get(self._plan_topic, "")
+        if kind == self._plan_type or kind not in _PLANS:
+            return
+        if self._plan_subscriber is not None:
+            self._plan_subscriber.unregister()
+        self._plan_type = kind
+        message_class, read = _PLANS[kind]
+
+        def planned(plan: Any, at: float) -> None:
+            steps, edges = read(plan)
+            self.state.planned(steps, edges, at)
+
+        self._plan_subscriber = self.subscribe(self._plan_topic, message_class, planned)
+
+    def _follow(self, topic: str, message_class: type, take: Callable[[Any, float], None]) -> Any:
+        def taken(message: Any, at: float) -> None:
+            take(message, at)
+            self.state.now.refresh()
+
+        return self.subscribe(topic, message_class, taken)

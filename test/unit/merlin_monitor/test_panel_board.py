@@ -1,0 +1,75 @@
+"""Panels are found by themselves, and those of applications by their class paths."""
+
+import sys
+from types import ModuleType
+from typing import Any
+
+import pytest
+import rospkg
+
+from merlin_monitor import panel_board
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.panel_board import foreign_panel, own_panels, script_of
+from merlin_ros.parameters import ParameterError
+
+
+class Guests(Panel):
+    name, title, script = "guests", "Guests", "package://merlin_monitor/web/app.js"
+
+
+def test_each_module_of_the_panels_is_one_panel_with_a_script() -> None:
+    found = own_panels()
+    names = {panel.name for panel in found}
+    assert len(found) == len(names) and {"now", "plan", "queue", "map", "history"} <= names
+    for panel in found:
+        assert script_of(panel).stem == panel.name == panel.__module__.rsplit(".", 1)[1]
+
+
+def test_a_new_module_is_a_new_panel(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = ModuleType(f"{panel_board.panels.__name__}.guests")
+    kind = type("New", (Panel,), {"__module__": module.__name__, "name": "guests"})
+    vars(module).update(New=kind, Panel=Panel)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr(panel_board.pkgutil, "iter_modules", lambda path: [_info("guests")])
+    assert own_panels() == [kind], "and the base class that it imports is none"
+
+
+def _info(name: str) -> Any:
+    return panel_board.pkgutil.ModuleInfo(None, name, False)  # type: ignore[arg-type]
+
+
+def test_an_application_names_its_panel() -> None:
+    assert foreign_panel(f"{__name__}:Guests") is Guests
+    assert script_of(Guests).name == "app.js"
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"script": "package://no_such_package/x.js"}, "no package no_such_package"),
+        ({"script": "package://merlin_monitor/web/nothing.js"}, "no file"),
+        ({"script": "/etc/passwd"}, "is not package://"),
+        ({"script": "package://merlin_monitor/package.xml"}, "is not package://"),
+        ({"script": ""}, "no file"),
+    ],
+)
+def test_a_script_that_cannot_be_served_is_named(fields: Any, said: str) -> None:
+    with pytest.raises(ParameterError, match=said):
+        script_of(type("Bad", (Guests,), fields))
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("nothing.here:Guests", "No module"),
+        ("pathlib:Path", "is not a merlin_monitor"),
+        ("merlin_monitor.listeners.panel:Panel", "has the name ''"),
+    ],
+)
+def test_a_class_that_is_no_panel_is_named(path: str, said: str) -> None:
+    with pytest.raises(ParameterError, match=said):
+        foreign_panel(path)
+
+
+def test_a_package_is_looked_up_as_ros_does() -> None:
+    assert script_of(Guests).is_relative_to(rospkg.RosPack().get_path("merlin_monitor"))
