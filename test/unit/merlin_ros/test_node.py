@@ -194,3 +194,17 @@ def test_signals_that_interrupt_each_other_end_a_node(master: Any) -> None:
             stderr=subprocess.DEVNULL,
             timeout=60,
         )
+
+
+LIGHT = """
+import atexit, gc
+atexit.register(lambda: print("spared:", gc.get_freeze_count() > 0, flush=True))
+from merlin_ros.node import init_node
+init_node("somebody")
+"""
+
+
+def test_a_node_ends_without_a_search_for_garbage(master: Any) -> None:
+    node = master.node(LIGHT)
+    node.ended()
+    assert "spared: True" in node.output

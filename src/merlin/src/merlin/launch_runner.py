@@ -26,6 +26,7 @@ from merlin.launch_request import LaunchError, LaunchRequest, one_line
 from merlin.master import Master
 from merlin.orphans import adopt_orphans, end_children
 from merlin.running import announced
+from merlin_ros.node import end_lightly
 
 MISSION_NODE = "mission"
 INTERRUPT_TIMEOUT = 15.0
@@ -247,4 +248,5 @@ def main() -> int:
     except LaunchError as error:
         print(f"merlin run: {error}", file=sys.stderr)
         return EXIT_REFUSED
+    end_lightly()
     return LaunchRun(request).run()

@@ -1,6 +1,8 @@
 """Begins a node and ends it: in order, at any moment of its life, with an exit code that says how it went."""
 
+import atexit
 import contextlib
+import gc
 import os
 import signal
 import sys
@@ -133,6 +135,7 @@ def init_node(name: str, **options: Any) -> None:
             name, f"ROS_MASTER_URI is '{rosgraph.get_master_uri()}'; it has to be like http://localhost:11311"
         )
     _ending.install()
+    end_lightly()
     master_link.bound_rospy()
     _wait_for_master(name)
     if not options.get("anonymous"):
@@ -150,6 +153,15 @@ def init_node(name: str, **options: Any) -> None:
     rospy.on_shutdown(_keeper.stop)  # before anything else ends: it registers nothing any more
     _keeper.start()
     _ending.begun()
+
+
+def end_lightly() -> None:
+    """Spares this process the search for garbage when it ends.
+
+    Python looks through all objects of a node several times before it lets go of them: 0.15 s of computing that a
+    launch of 15 nodes pays 15 times, all at once.
+    """
+    atexit.register(gc.freeze)
 
 
 def run_node(
