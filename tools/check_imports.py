@@ -22,7 +22,7 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
     "merlin_ros": ("merlin_msgs",),
     "merlin_sm": ("merlin_msgs", "merlin_pddl", "merlin_ros"),
     "merlin_guard": ("merlin_msgs", "merlin_ros"),
-    "merlin_actions": ("merlin_msgs", "merlin_ros", "merlin_sm"),
+    "merlin_actions": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_sm"),
     "merlin_executor": ("merlin_msgs", "merlin_ros", "merlin_sm"),
     "merlin_rosplan": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_sm", "merlin_actions"),
     "merlin_reactive": ("merlin_msgs", "merlin_ros"),
@@ -68,7 +68,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_reactive": (".", "localization navigation speech listening recognition"),
     "merlin_sim": ("world", "robot people", "engine", "node"),
     "merlin_actions": ("core", ".", "actions nodes testing"),
-    "merlin_executor": ("core", ".", "mission node testing"),
+    "merlin_executor": ("core goals", ".", "mission node testing"),
     "merlin_monitor": ("text drawing", "state", "listeners", "panels", ".", "web terminal"),
     "merlin": ("new", "."),
     "merlin_home": (".", "actions"),
@@ -80,7 +80,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
 WITHOUT_ROS: Dict[str, str] = {
     "merlin_pddl": "*",
     "merlin_actions": "core",
-    "merlin_executor": "core",
+    "merlin_executor": "core goals",
     "merlin_rosplan": "knowledge planning dispatch storage supervision",
 }
 ROS = re.compile(r"(ros\w+|actionlib|smach\w*|tf2_ros|diagnostic_updater|bondpy|\w+_msgs|\w+_srvs)\Z")

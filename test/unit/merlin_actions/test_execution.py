@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_actions.action_classes import make_machines
-from merlin_actions.execution import Execution
+from merlin_actions.core.execution import Execution, Token
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_sm.states.function_state import FunctionState
 
@@ -29,6 +29,18 @@ def test_it_is_shown_as_pddl() -> None:
 
 def test_executions_of_one_action_have_different_tokens() -> None:
     assert Execution(dispatch(), PLACES).token != Execution(dispatch(), PLACES).token
+
+
+def test_a_token_names_plan_action_and_life() -> None:
+    execution = Execution(dispatch(), PLACES, "a1b2")
+    token = Token.read(execution.token)
+    assert (token.key, token.life) == ((1, 2), "a1b2")
+    assert str(token) == execution.token
+
+
+@pytest.mark.parametrize("text", ["", "other", "robot/1/a1b2/3", "1", "1/x/a1b2/3", "-1/2/a1b2/3"])
+def test_a_token_of_another_program_names_no_action(text: str) -> None:
+    assert Token.read(text).key is None
 
 
 @pytest.mark.parametrize(

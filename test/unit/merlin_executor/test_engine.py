@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from merlin_executor.core.engine import Engine, Job, Stages
-from merlin_executor.core.goal_notes import GoalNotes, NotesError
-from merlin_executor.core.goal_rules import GoalError, check_atom
 from merlin_executor.core.outcome import Outcome, Verdict
+from merlin_executor.goals.goal_notes import GoalNotes, NotesError
+from merlin_executor.goals.goal_rules import GoalError, check_atom
 
 LONG = 20.0
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from merlin_executor.core.goal_ledger import GoalLedger
+from merlin_executor.goals.goal_ledger import GoalLedger
 
 GOALS = ["(checked kitchen)", "(checked hall)", "(>= (battery) 20)"]
 

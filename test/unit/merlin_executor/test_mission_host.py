@@ -2,14 +2,13 @@
 
 import textwrap
 from pathlib import Path
-from typing import Any, List, Optional
+from typing import Any
 
 import pytest
 from fake_robot import FakeRobot
 from merlin_msgs.msg import ExecuteResult, MissionStatus
 
 from merlin_executor.mission import GoalDispatcher, MissionError, MissionSM, mission_host, results_folder
-from merlin_executor.mission.mission_parameters import arguments_of
 from merlin_executor.mission.readiness import NotReady
 from merlin_ros.parameters import ParameterError
 from merlin_ros.service_proxy import ServiceError
@@ -150,38 +149,6 @@ def test_a_missing_part_is_named_unless_the_node_was_interrupted(
     assert robot.goals == []
     if not down:
         assert (robot.published[-1].state, robot.published[-1].description) == (4, str(missing))
-
-
-def test_arguments_are_converted_to_their_annotations(robot: FakeRobot) -> None:
-    class Mission:
-        def __init__(
-            self,
-            text: str,
-            many: List[str],
-            share: Optional[float] = None,
-            folder: Path = Path(),
-            any_: Any = 0,
-        ) -> None:
-            pass
-
-    robot.parameters = {
-        "~text": 3,
-        "~many": ["a"],
-        "~share": 1,
-        "~folder": "results",
-        "~any_": {"x": 1},
-        "~other": 2,
-    }
-    assert arguments_of(Mission) == {
-        "text": "3",
-        "many": ["a"],
-        "share": 1.0,
-        "folder": Path("results"),
-        "any_": {"x": 1},
-    }
-    robot.parameters["~share"] = float("inf")
-    with pytest.raises(ParameterError, match="~share is inf, not a number"):
-        arguments_of(Mission)
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:

@@ -16,12 +16,13 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_actions.core.ending import Ending, after_closing, closing_of
+from merlin_actions.core.execution import Execution
 from merlin_actions.core.execution_queue import Decision, Do, ExecutionQueue, Key
 from merlin_actions.core.names import DECLARED, action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
-from merlin_actions.execution import Execution
 from merlin_actions.left_executions import settle_left
 from merlin_ros.actions.lease import LeaseChange, LeaseState
+from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.deadline import Deadline, running_time
@@ -194,7 +195,7 @@ class ActionInterface:
         if master_is_lost():
             self._answer(dispatch, ActionFeedback.ACTION_FAILED, MASTER_LOST)
             return
-        execution = Execution(dispatch, [KeyValue(key, given[key]) for key in variables])
+        execution = Execution(dispatch, [KeyValue(key, given[key]) for key in variables], LIFE)
         with self._changed:
             decisions = self._queue.arrive(execution.key)
             if decisions:

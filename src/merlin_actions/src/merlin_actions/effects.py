@@ -1,12 +1,13 @@
 """Applies the effects of actions to the knowledge base, and undoes those of an interrupted action."""
 
 import threading
-from typing import Callable, Dict, List, NamedTuple, Sequence, Tuple
+from typing import Callable, Dict, List, NamedTuple, Sequence
 
 from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainOperator, KnowledgeItem
 
+from merlin_actions.core.effect_changes import Change, EffectChanges
 from merlin_actions.core.ending import Closing
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceProxy, ServiceUnavailable
@@ -114,72 +115,58 @@ class UpdateEffects(Effects):
                 "use MERLIN's knowledge base"
             )
         self._knowledge = knowledge
-        self._variables = {parameter.key for parameter in operator.formula.typed_parameters}
-        end = [*operator.at_end_del_effects, *operator.at_end_add_effects]
-        # ROSPlan reports a plain operator as at-start only; its effects have to wait until they came true.
-        over_all = operator.over_all_simple_condition or operator.over_all_neg_condition
-        plain = not end and not over_all
-        self._start = [] if plain else self._steps(operator, "start")
-        self._end = self._steps(operator, "start" if plain else "end")
-        self._undo: Dict[str, List[Update]] = {}
-        self._take_back: Dict[str, List[Update]] = {}
+        # ROSPlan's messages do not say that an operator is plain.
+        later = (
+            operator.at_end_del_effects,
+            operator.at_end_add_effects,
+            operator.over_all_simple_condition,
+            operator.over_all_neg_condition,
+        )
+        start = [
+            *_changes(operator.at_start_del_effects, False),
+            *_changes(operator.at_start_add_effects, True),
+        ]
+        end = [*_changes(operator.at_end_del_effects, False), *_changes(operator.at_end_add_effects, True)]
+        self._changes = EffectChanges(start, end, plain=not any(later))
 
     def open(self, opening: Opening) -> None:
         """See :meth:`Effects.open`."""
-        start = self._ground(self._start, opening.parameters)
-        meanwhile = _updates(opening.while_running)
-        self._undo[opening.token] = self._reverse(start)
-        self._take_back[opening.token] = self._reverse(meanwhile)
-        self._knowledge.update([*start, *meanwhile])
+        while_running = _literals(opening.while_running)
+        self._update(self._changes.open(opening.token, _binding(opening), while_running, self._true_now))
 
     def close(self, opening: Opening, closing: Closing) -> None:
         """See :meth:`Effects.close`."""
-        undo = self._undo.pop(opening.token, [])
-        updates = self._take_back.pop(opening.token, [])
-        if closing is Closing.END:
-            updates += self._ground(self._end, opening.parameters)
-        elif closing is Closing.INTERRUPT and opening.if_interrupted:
-            updates += _updates(opening.if_interrupted)
-        else:
-            updates += undo
-        self._knowledge.update(updates)
+        if_interrupted = _literals(opening.if_interrupted)
+        self._update(self._changes.close(opening.token, _binding(opening), closing, if_interrupted))
 
-    def _reverse(self, updates: Sequence[Update]) -> List[Update]:
-        """What undoes some updates: only of what they change now."""
-        held = self._knowledge.query([update.item for update in updates]) if updates else []
-        return [
-            Update(ADD if update.kind == REMOVE else REMOVE, update.item)
-            for update, was_true in zip(updates, held)
-            if was_true == (update.kind == REMOVE)
-        ]
-
-    @staticmethod
-    def _steps(operator: DomainOperator, time: str) -> List[Tuple[int, DomainFormula]]:
-        deletes = getattr(operator, f"at_{time}_del_effects")
-        adds = getattr(operator, f"at_{time}_add_effects")
-        return [(REMOVE, formula) for formula in deletes] + [(ADD, formula) for formula in adds]
-
-    def _ground(
-        self, steps: Sequence[Tuple[int, DomainFormula]], parameters: Sequence[KeyValue]
-    ) -> List[Update]:
-        binding = {parameter.key: parameter.value for parameter in parameters}
-        # A key that is not a variable of the operator is a constant.
-        return [
-            Update(kind, fact(formula.name, *[binding.get(v.key, v.key) for v in formula.typed_parameters]))
-            for kind, formula in steps
-        ]
-
-
-def _updates(literals: Sequence[KnowledgeItem]) -> List[Update]:
-    """The updates that make literals true, deletions first."""
-    updates = [
-        Update(
-            REMOVE if item.is_negative else ADD,
-            fact(item.attribute_name, *[value.value for value in item.values]),
+    def _update(self, changes: Sequence[Change]) -> None:
+        self._knowledge.update(
+            [
+                Update(ADD if change.becomes_true else REMOVE, fact(change.name, *change.arguments))
+                for change in changes
+            ]
         )
-        for item in literals
+
+    def _true_now(self, changes: Sequence[Change]) -> List[bool]:
+        return self._knowledge.query([fact(change.name, *change.arguments) for change in changes])
+
+
+def _changes(formulas: Sequence[DomainFormula], becomes_true: bool) -> List[Change]:
+    return [
+        Change(becomes_true, formula.name, tuple(pair.key for pair in formula.typed_parameters))
+        for formula in formulas
     ]
-    return sorted(updates, key=lambda update: update.kind != REMOVE)
+
+
+def _literals(items: Sequence[KnowledgeItem]) -> List[Change]:
+    return [
+        Change(not item.is_negative, item.attribute_name, tuple(pair.value for pair in item.values))
+        for item in items
+    ]
+
+
+def _binding(opening: Opening) -> Dict[str, str]:
+    return {parameter.key: parameter.value for parameter in opening.parameters}
 
 
 def when_back(call: Callable[[], None], limit: float = RETURN_LIMIT) -> None:

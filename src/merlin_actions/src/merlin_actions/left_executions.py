@@ -5,6 +5,7 @@ from typing import List, NamedTuple
 import rospy
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 
+from merlin_actions.core.execution import Token
 from merlin_actions.core.execution_queue import Key
 from merlin_actions.effects import APPLY_LIMIT
 from merlin_ros.actions.lease_holder import LIFE
@@ -18,14 +19,6 @@ class LeftExecution(NamedTuple):
 
     key: Key
     text: str
-
-
-def token_of(key: Key, number: int) -> str:
-    """Names an execution of this life to the knowledge base.
-
-    :param number: different for each of the process.
-    """
-    return f"{key[0]}/{key[1]}/{LIFE}/{number}"
 
 
 def settle_left(knowledge: KnowledgeClient, operator: str) -> List[LeftExecution]:
@@ -42,9 +35,8 @@ def settle_left(knowledge: KnowledgeClient, operator: str) -> List[LeftExecution
     apply = ServiceProxy(f"{knowledge.name}/apply_effects", ApplyEffects, timeout=APPLY_LIMIT)
     settled = []
     for execution in listed(owner=rospy.get_name()).executions:
-        parts: List[str] = execution.token.split("/")
-        plan, action, life = [*parts, "", "", ""][:3]
-        if execution.operator_name.lower() != operator.lower() or life == LIFE:
+        token = Token.read(execution.token)
+        if execution.operator_name.lower() != operator.lower() or token.life == LIFE:
             continue
         answer = apply(
             operator_name=execution.operator_name,
@@ -55,6 +47,6 @@ def settle_left(knowledge: KnowledgeClient, operator: str) -> List[LeftExecution
         text = action_text(execution.operator_name, execution.parameters)
         if not answer.success:
             raise KnowledgeError(f"{text} of an earlier life cannot be settled: {answer.message}")
-        if plan.isdigit() and action.isdigit():
-            settled.append(LeftExecution((int(plan), int(action)), text))
+        if token.key is not None:
+            settled.append(LeftExecution(token.key, text))
     return settled

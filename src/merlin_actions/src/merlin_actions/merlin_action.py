@@ -10,8 +10,8 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending
+from merlin_actions.core.execution import Execution
 from merlin_actions.core.names import ros_name
-from merlin_actions.execution import Execution
 from merlin_ros.actions.action_client import ActionClient, ClientGoal
 from merlin_ros.deadline import limit
 from merlin_ros.health import ERROR, Health

@@ -4,16 +4,13 @@ import threading
 from typing import Callable, Optional
 
 import rospy
-from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
 
-from merlin_executor.core.outcome import StopKind
-from merlin_executor.resending import END, RETURN_WAIT, Decision, Next, Resending
+from merlin_executor.resending import END, RETURN_WAIT, Decision, Next, Resending, executor_was_lost
 from merlin_ros.actions.action_client import ActionClient, ClientGoal
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe_by
-
-_SERVER_ENDS = "the action server shuts down"  # text of an ActionServer that ends its goals
 
 
 class ExecutorRequest:
@@ -76,15 +73,11 @@ class ExecutorRequest:
             return None
         sent = self._sent
         result: ExecuteResult = sent.result
-        if sent.status == GoalStatus.LOST or self._reason:
-            cancelled = self._resending.cancelled and bool(self._reason)
-            outcome = ExecuteResult.CANCELLED if cancelled else ExecuteResult.INTERNAL
-            return ExecuteResult(outcome=outcome, reason=self._reason or sent.text)
-        if sent.status == GoalStatus.RECALLED and not result.reason:
-            return ExecuteResult(outcome=ExecuteResult.CANCELLED, reason=sent.text)
-        if sent.status == GoalStatus.ABORTED and not result.reason:
-            return ExecuteResult(outcome=ExecuteResult.INTERNAL, reason=sent.text)
-        return result
+        reason = getattr(result, "reason", "")
+        verdict = self._resending.verdict(sent.status, sent.text, reason, self._reason)
+        if verdict is None:
+            return result
+        return ExecuteResult(outcome=int(verdict.outcome), reason=verdict.reason)
 
     def cancel(self) -> None:
         """Stops it, wherever it is: queued, planning or under way. The answer is its end."""
@@ -110,7 +103,8 @@ class ExecutorRequest:
 
     def _sent_ended(self, sent: ClientGoal) -> None:
         with self._lock:
-            decision = self._resending.ended(_is_lost(sent))
+            reason = getattr(sent.result, "reason", "")
+            decision = self._resending.ended(executor_was_lost(sent.status, sent.text, reason))
         if decision.next is Next.AWAIT:
             threading.Thread(target=self._await, name=f"resend {sent.id}", daemon=True).start()
         else:
@@ -144,11 +138,3 @@ class ExecutorRequest:
         self._ended.set()
         if self._on_done is not None:
             self._on_done(self)
-
-
-def _is_lost(sent: ClientGoal) -> bool:
-    """Whether a goal has ended because the Executor is gone, or goes down."""
-    if sent.status == GoalStatus.LOST:
-        return True
-    reason = getattr(sent.result, "reason", "")
-    return reason == StopKind.SHUTDOWN.value or sent.text == _SERVER_ENDS

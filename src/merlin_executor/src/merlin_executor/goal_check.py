@@ -4,7 +4,7 @@ from typing import Dict, List, Optional, Sequence
 
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, KnowledgeItem
 
-from merlin_executor.core.goal_rules import GoalError, check_atom
+from merlin_executor.goals.goal_rules import GoalError, check_atom
 from merlin_sm.knowledge_client import KnowledgeClient
 from merlin_sm.knowledge_text import to_pddl
 

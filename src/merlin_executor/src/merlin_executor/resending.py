@@ -3,8 +3,10 @@
 A goal says what shall hold, so sending it again is harmless: what holds already ends at once.
 """
 
-from enum import Enum
-from typing import NamedTuple
+from enum import Enum, IntEnum
+from typing import NamedTuple, Optional
+
+from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 
 END = "end"
 """The goal ends with the reason."""
@@ -26,6 +28,31 @@ def checked(on_lost: str) -> str:
     if on_lost not in ON_LOST:
         raise ValueError(f"on_lost is {on_lost!r}; it has to be one of {', '.join(ON_LOST)}")
     return on_lost
+
+
+#: Text of an action server that ends its goals.
+_SERVER_ENDS = "the action server shuts down"
+
+
+class GoalEnd(IntEnum):
+    """How a goal ends, as actionlib_msgs/GoalStatus has it."""
+
+    PREEMPTED = 2
+    SUCCEEDED = 3
+    ABORTED = 4
+    REJECTED = 5
+    RECALLED = 8
+    LOST = 9
+
+
+def executor_was_lost(status: int, text: str, reason: str) -> bool:
+    """Whether a goal has ended because the Executor is gone, or goes down.
+
+    :param status: as of :class:`GoalEnd`.
+    :param text: of that status.
+    :param reason: in the Executor's result; empty: there is none.
+    """
+    return status == GoalEnd.LOST or reason == StopKind.SHUTDOWN.value or text == _SERVER_ENDS
 
 
 class Next(Enum):
@@ -93,3 +120,19 @@ class Resending:
             return Decision(Next.FINISH, f"the executor is gone and did not return within {waited:g} s")
         self.sent_again += 1
         return Decision(Next.SEND)
+
+    def verdict(self, status: int, text: str, reason: str, said: str) -> Optional[Verdict]:
+        """What the client of a goal that has ended is answered; None: the Executor's own result.
+
+        :param status, text, reason: as of :func:`executor_was_lost`.
+        :param said: why the goal was ended here; empty: it was not.
+        """
+        if status == GoalEnd.LOST or said:
+            outcome = Outcome.CANCELLED if self._cancelled and said else Outcome.INTERNAL
+            return Verdict(outcome, said or text)
+        # Without a reason the action server has answered for the Executor.
+        if status == GoalEnd.RECALLED and not reason:
+            return Verdict(Outcome.CANCELLED, text)
+        if status == GoalEnd.ABORTED and not reason:
+            return Verdict(Outcome.INTERNAL, text)
+        return None

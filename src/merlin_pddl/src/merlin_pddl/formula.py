@@ -172,7 +172,8 @@ def numeric_text(value: float) -> str:
     return f"{Decimal(text):f}" + (".0" if abs(value) >= 1 else "")  # no exponent: few planners read one
 
 
-def _call(name: str, args: Tuple[str, ...]) -> str:
+def call_text(name: str, args: Tuple[str, ...]) -> str:
+    """A name applied to arguments: an atom, a function term, a ground action."""
     return f"({' '.join((name, *args))})"
 
 
@@ -187,10 +188,10 @@ def types_text(types: Tuple[str, ...]) -> str:
 
 _WRITERS: Dict[type, Callable[..., str]] = {
     Number: lambda f: numeric_text(f.value),
-    Fluent: lambda f: _call(f.name, f.args),
+    Fluent: lambda f: call_text(f.name, f.args),
     Arithmetic: lambda f: f"({f.op} {' '.join(map(to_pddl, f.parts))})",
-    Special: lambda f: _call(f.name, f.args) if f.name not in ("#t", "?duration") else f.name,
-    Atom: lambda f: _call(f.name, f.args),
+    Special: lambda f: call_text(f.name, f.args) if f.name not in ("#t", "?duration") else f.name,
+    Atom: lambda f: call_text(f.name, f.args),
     Equal: lambda f: f"(= {f.left} {f.right})",
     Comparison: lambda f: f"({f.op} {to_pddl(f.left)} {to_pddl(f.right)})",
     Not: lambda f: f"(not {to_pddl(f.part)})",

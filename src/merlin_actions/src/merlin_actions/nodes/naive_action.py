@@ -13,8 +13,8 @@ import rospy
 from merlin_actions.action_classes import read_machines
 from merlin_actions.action_interface import ActionInterface, wait_for_knowledge_base
 from merlin_actions.core.ending import Ending
+from merlin_actions.core.execution import Execution
 from merlin_actions.core.names import DECLARED, ros_name
-from merlin_actions.execution import Execution
 from merlin_actions.merlin_action_server import SHUTDOWN_WAIT
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.node import on_master_lost, run_node

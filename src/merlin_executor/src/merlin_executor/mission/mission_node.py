@@ -5,11 +5,12 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Sequence, Type
 
+import rospy
 from merlin_msgs.msg import MissionStatus
 from rospy.core import is_shutdown_requested
 
+from merlin_executor.core.mission_arguments import arguments_of
 from merlin_executor.executor_client import MerlinExecutorClient
-from merlin_executor.mission.mission_parameters import arguments_of
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.mission.readiness import NotReady, wait_for_robot
 from merlin_ros.node import CANNOT_BEGIN
@@ -48,10 +49,9 @@ class MissionNode(MerlinROSPlanAssistant, ABC):
     def from_parameters(cls) -> "MissionNode":
         """Makes the mission from the parameters of the node.
 
-        :raises ParameterError: when a parameter is missing or has a wrong value.
-        :raises ValueError: when the constructor refuses a value.
+        :raises ValueError: when a parameter is missing or has a wrong value.
         """
-        return cls(**arguments_of(cls))
+        return cls(**arguments_of(cls, lambda name: rospy.get_param(f"~{name}", None)))
 
     def wait_for_robot(self, timeout: float) -> None:
         """Waits for the knowledge base, the Executor, the action interfaces and :attr:`servers`.

@@ -1,12 +1,13 @@
 """Waits until all parts of the robot that a mission needs are up."""
 
 import threading
-from typing import List, Sequence
+from typing import Any, Callable, List, Sequence, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from rosplan_knowledge_msgs.msg import DomainFormula
 
+from merlin_executor.core.awaited import Awaited
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe_by
@@ -47,23 +48,9 @@ def missing_interfaces(knowledge: KnowledgeClient, timeout: float) -> List[str]:
     :param timeout: s of running time.
     :return: the operators that no action interface announced, sorted.
     """
-    missing = set(knowledge.operators())
-    announced = threading.Condition()  # guards missing
-
-    def receive(formula: DomainFormula) -> None:
-        with announced:
-            missing.discard(formula.name)
-            announced.notify_all()
-
-    deadline = Deadline(timeout)
+    awaited = Awaited(sorted(knowledge.operators()))
     topic = f"{knowledge.name}/pddl_action_parameters"
-    subscriber = subscribe_by(deadline, threading.Event(), topic, DomainFormula, receive)
-    with announced:
-        deadline.wait(announced, lambda: not missing)
-        left = sorted(missing)
-    if subscriber is not None:
-        subscriber.unregister()
-    return left
+    return _wait(awaited, [(topic, DomainFormula, lambda formula: awaited.heard(formula.name))], timeout)
 
 
 def missing_servers(names: Sequence[str], timeout: float) -> List[str]:
@@ -73,23 +60,18 @@ def missing_servers(names: Sequence[str], timeout: float) -> List[str]:
     :param timeout: s of running time for all of them.
     :return: the servers that published no status, in the given order.
     """
-    heard = set()
-    changed = threading.Condition()  # guards heard
+    awaited = Awaited(names)
+    topics = [(f"{name}/status", GoalStatusArray, lambda _, name=name: awaited.heard(name)) for name in names]
+    return _wait(awaited, topics, timeout)
 
-    def receive(name: str) -> None:
-        with changed:
-            heard.add(name)
-            changed.notify_all()
 
+def _wait(
+    awaited: Awaited, topics: Sequence[Tuple[str, type, Callable[[Any], None]]], timeout: float
+) -> List[str]:
     deadline, never = Deadline(timeout), threading.Event()
-    subscribers = [
-        subscribe_by(deadline, never, f"{name}/status", GoalStatusArray, lambda _, name=name: receive(name))
-        for name in names
-    ]
-    with changed:
-        deadline.wait(changed, lambda: len(heard) == len(set(names)))
-        left = [name for name in names if name not in heard]
+    subscribers = [subscribe_by(deadline, never, *topic) for topic in topics]
+    missing = awaited.wait(deadline)
     for subscriber in subscribers:
         if subscriber is not None:
             subscriber.unregister()
-    return left
+    return missing

@@ -5,8 +5,8 @@ from typing import List, Optional, Union
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_executor.core.goal_ledger import GoalLedger
-from merlin_executor.core.goal_notes import GoalNotes, NotesError
+from merlin_executor.goals.goal_ledger import GoalLedger
+from merlin_executor.goals.goal_notes import GoalNotes, NotesError
 from merlin_executor.node.parameter_notes import ParameterNotes
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update

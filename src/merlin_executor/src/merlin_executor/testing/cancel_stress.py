@@ -4,7 +4,6 @@ Latencies are taken in this one process on the monotonic clock: from the call th
 shows the effect.
 """
 
-import math
 import random
 import threading
 import time
@@ -18,12 +17,12 @@ from nav_msgs.msg import Odometry
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient
+from merlin_executor.testing.idle_rules import IdleRobot, violations
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.navigation import POINTS_PARAM
 
 LIMIT = 30.0  # s for anything to happen; exceeding it is a violation
 CANCEL_ACTION = "cancel_action"
-NEAR = 0.5  # m within which the robot is at a point of interest
 
 
 class CycleTimes(NamedTuple):
@@ -156,29 +155,20 @@ class CancelStress:
             raise Violation(f"a cancelled request has not ended after {LIMIT:g} s")
 
     def _check(self) -> None:
-        goals = [goal for goal in self._knowledge.goals() if goal not in self._given]
-        if goals:
-            raise Violation(f"goals are left in the knowledge base: {goals}")
-        positions = self._knowledge.facts(self._position)
-        if len(positions) != 1:
-            raise Violation(f"{len(positions)} facts {self._position} hold when idle: {positions}")
-        self._check_place(positions[0])
         self._wait("the end of all navigation goals", lambda: not self._navigation)
-        with self._changed:
-            if self._driving:
-                raise Violation("the robot is commanded to drive while the executor is idle")
-
-    def _check_place(self, position: str) -> None:
-        """What is known about the place has to agree with where the simulator says the robot is."""
-        with self._changed:
-            place = self._place
-        name = position.strip("()").split()[-1]
         points = rospy.get_param(POINTS_PARAM, {})
-        if place is None or name not in points:
-            return
-        distance = math.hypot(place.x - points[name]["x"], place.y - points[name]["y"])
-        if distance > NEAR:
-            raise Violation(f"{position} holds, but the robot is {distance:.2f} m away from there")
+        goals = [goal for goal in self._knowledge.goals() if goal not in self._given]
+        positions = self._knowledge.facts(self._position)
+        with self._changed:
+            robot = IdleRobot(
+                goals,
+                positions,
+                (self._place.x, self._place.y) if self._place is not None else None,
+                {name: (point["x"], point["y"]) for name, point in points.items()},
+                self._driving,
+            )
+        for violation in violations(robot, self._position):
+            raise Violation(violation)
 
     def _idle(self) -> bool:
         return self._status is not None and self._status.state == ExecutorStatus.IDLE

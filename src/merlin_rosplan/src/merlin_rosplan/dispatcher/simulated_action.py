@@ -7,7 +7,8 @@ from typing import Optional
 import rospy
 
 from merlin_actions.action_interface import ActionInterface
-from merlin_actions.execution import Ending, Execution
+from merlin_actions.core.ending import Ending
+from merlin_actions.core.execution import Execution
 from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.transport.component import Component, ComponentError, run_component
 from merlin_rosplan.transport.ros_alarm import RosAlarm

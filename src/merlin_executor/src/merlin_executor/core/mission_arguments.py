@@ -1,32 +1,33 @@
-"""Reads the constructor arguments of a mission from the private parameters of its node."""
+"""The constructor arguments of a mission, from the private parameters of its node. Without ROS."""
 
 import inspect
 import math
 from pathlib import Path
-from typing import Any, Dict, Type, Union, get_type_hints
-
-import rospy
-
-from merlin_ros.parameters import ParameterError
+from typing import Any, Callable, Dict, Type, Union, get_type_hints
 
 
-def arguments_of(mission_class: Type[Any]) -> Dict[str, Any]:
+class ArgumentError(ValueError):
+    """A parameter that a mission cannot begin with; the text names it and says what is wrong."""
+
+
+def arguments_of(mission_class: Type[Any], value_of: Callable[[str], Any]) -> Dict[str, Any]:
     """The arguments for the constructor of a class, one per private parameter that is set.
 
     An annotation of str, int, float, bool, list or Path is checked; another one accepts any value.
 
-    :raises ParameterError: when an argument has neither a default nor a parameter, or has a wrong type.
+    :param value_of: name of a parameter → its value; None when it is not set.
+    :raises ArgumentError: when an argument has neither a default nor a parameter, or has a wrong type.
     """
     hints = get_type_hints(mission_class.__init__)
     found: Dict[str, Any] = {}
     for name, argument in inspect.signature(mission_class).parameters.items():
         if argument.kind in (argument.VAR_POSITIONAL, argument.VAR_KEYWORD):
             continue
-        value = rospy.get_param(f"~{name}", None)
+        value = value_of(name)
         if value is not None:
             found[name] = converted(name, value, hints.get(name))
         elif argument.default is argument.empty:
-            raise ParameterError(
+            raise ArgumentError(
                 f"parameter ~{name} is missing; {mission_class.__name__} has no default for it"
             )
     return found
@@ -38,7 +39,7 @@ def converted(name: str, value: Any, kind: Any) -> Any:
     A number is accepted as a text: a launch file turns the text ``3`` into a number.
 
     :param kind: the annotation of the argument.
-    :raises ParameterError: when the value does not fit.
+    :raises ArgumentError: when the value does not fit.
     """
     if getattr(kind, "__origin__", None) is Union:  # Optional[X]
         kind = kind.__args__[0]
@@ -52,7 +53,7 @@ def converted(name: str, value: Any, kind: Any) -> Any:
         return int(value)
     if kind not in _WORDS or (kind in (bool, list) and isinstance(value, kind)):
         return value
-    raise ParameterError(f"parameter ~{name} is {value!r}, not {_WORDS[kind]}")
+    raise ArgumentError(f"parameter ~{name} is {value!r}, not {_WORDS[kind]}")
 
 
 _WORDS = {

@@ -2,32 +2,53 @@
 
 import itertools
 import threading
-from typing import Callable, Dict, Optional, Sequence
+from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence
 
-from diagnostic_msgs.msg import KeyValue
-from rosplan_dispatch_msgs.msg import ActionDispatch
-
-from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution_queue import Key
-from merlin_actions.left_executions import token_of
-from merlin_sm.knowledge_text import action_text
+from merlin_pddl.formula import call_text
 
-__all__ = ["Ending", "Execution"]
 _numbers = itertools.count(1)
 
 
-class Execution:
-    """A ground action that an interface was told to run."""
+class Token(NamedTuple):
+    """Names an execution to the knowledge base, and what is sent on its behalf to its servers."""
 
-    def __init__(self, dispatch: ActionDispatch, parameters: Sequence[KeyValue]) -> None:
+    key: Optional[Key]
+    """None in a token that another program has made."""
+    life: str
+    """Names the life of the process that runs it."""
+    number: str = ""
+    """Different for each execution of that life."""
+
+    def __str__(self) -> str:
+        plan, action = self.key or ("", "")
+        return f"{plan}/{action}/{self.life}/{self.number}"
+
+    @staticmethod
+    def read(text: str) -> "Token":
+        """The token that was written as a text."""
+        plan, action, life, number = [*text.split("/", 3), "", "", "", ""][:4]
+        key = (int(plan), int(action)) if plan.isdigit() and action.isdigit() else None
+        return Token(key, life, number)
+
+
+class Execution:
+    """A ground action that an interface was told to run.
+
+    :param dispatch: the ``ActionDispatch`` that came.
+    :param parameters: ``KeyValue`` for each variable of the operator, in its order.
+    :param life: names the life of this process.
+    """
+
+    def __init__(self, dispatch: Any, parameters: Sequence[Any], life: str = "") -> None:
         self.dispatch = dispatch
         self.parameters = list(parameters)
         self.cancelled = threading.Event()
         self.cancel_reason = "cancelled"
         self.left_queue = threading.Event()
         """Set when it waits for no other execution any more."""
-        self.token = token_of(self.key, next(_numbers))
-        """Names this execution to the knowledge base, and what is sent on its behalf to its servers."""
+        self.token = str(Token(self.key, life, str(next(_numbers))))
+        """See :class:`Token`."""
         self._lock = threading.Lock()  # guards _interrupt
         self._interrupt: Optional[Callable[[], None]] = None
 
@@ -44,9 +65,9 @@ class Execution:
     @property
     def text(self) -> str:
         """The ground action as PDDL."""
-        return action_text(self.dispatch.name, self.parameters)
+        return call_text(self.dispatch.name, tuple(parameter.value for parameter in self.parameters))
 
-    def matches(self, cancel: ActionDispatch) -> bool:
+    def matches(self, cancel: Any) -> bool:
         """Whether a ``cancel_action`` means this execution: ids and parameters have to be the same."""
         return (cancel.plan_id, cancel.action_id) == self.key and [
             (parameter.key, parameter.value) for parameter in cancel.parameters

@@ -1,0 +1,1 @@
+"""Goals of requests: their rules, and which of them the Executor has added. Without ROS."""
