@@ -1,0 +1,258 @@
+"""States that use action servers: which goal they send, and what each end of it means for the machine."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+import pytest
+from actionlib_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped
+from merlin_msgs.msg import ListenResult, RecognizeResult
+from vision_msgs.msg import Detection3D, ObjectHypothesisWithPose
+
+from merlin_sm.states import action_state, navigation
+from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp
+from merlin_sm.states.navigation import NavigationState
+from merlin_sm.states.recognition import RecognizeState
+from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
+from smach import UserData
+
+POINTS = {"kitchen": {"x": 1.0, "y": 2.0, "yaw": 0.0}, "broken": {"x": 1.0, "y": "?"}}
+
+
+class Sent:
+    """A goal at the server, which ends as the server says, at once or after a cancel."""
+
+    def __init__(self, server: "Server", on_done: Callable[[Any], None]) -> None:
+        self.status, self.text, self.result = server.end
+        self.done = threading.Event()
+        self.cancelled = False
+        self._server, self._on_done = server, on_done
+
+    def finish(self) -> None:
+        self.done.set()
+        self._on_done(self)
+
+    def cancel(self) -> None:
+        self.cancelled = True
+        if self._server.stops:
+            self.finish()
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        return self.done.is_set()
+
+
+class Server:
+    """Takes the place of an action client and its server."""
+
+    def __init__(self) -> None:
+        self.name = "/server"
+        self.there = True
+        self.end: Tuple[int, str, Any] = (GoalStatus.SUCCEEDED, "", None)
+        self.at_once = True
+        self.stops = True
+        self.goals: List[Any] = []
+        self.owners: List[Optional[str]] = []
+        self.given_up: List[str] = []
+        self.on_goal: Callable[[], None] = lambda: None
+
+    def wait_for_server(self, timeout: float, unless: Callable[[], bool]) -> bool:
+        return self.there
+
+    def send(self, goal: Any, on_done: Callable[[Any], None], owner: Optional[str]) -> Sent:
+        self.goals.append(goal)
+        self.owners.append(owner)
+        sent = Sent(self, on_done)
+        if self.at_once:
+            sent.finish()
+        self.on_goal()
+        return sent
+
+    def give_up(self, sent: Sent, reason: str) -> None:
+        self.given_up.append(reason)
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Server:
+    made = Server()
+    monkeypatch.setattr(action_state, "shared_client", lambda name, action_spec: made)
+    guard = SimpleNamespace(wake=lambda: None, why_not=lambda preempted: "")
+    monkeypatch.setattr(navigation, "shared_guard_watch", lambda: guard)
+    monkeypatch.setattr(navigation, "get_param", lambda name, default: POINTS)
+    made.guard = guard
+    return made
+
+
+def userdata(**values: Any) -> UserData:
+    made = UserData()
+    for key, value in values.items():
+        made[key] = value
+    return made
+
+
+def state(goal: Any = "goal", **options: Any) -> ActionState:
+    return ActionState("drive", object, goal, **options)
+
+
+@pytest.mark.parametrize(
+    ("status", "text", "outcome", "reason"),
+    [
+        (GoalStatus.SUCCEEDED, "fine", SUCCEEDED, ""),
+        (GoalStatus.ABORTED, "no way", ABORTED, "/server aborted: no way"),
+        (GoalStatus.ABORTED, "", ABORTED, "/server aborted"),
+        (GoalStatus.REJECTED, "too far", ABORTED, "/server refused the goal: too far"),
+        (GoalStatus.PREEMPTED, "", ABORTED, "/server was preempted by another client"),
+        (GoalStatus.LOST, "it died", ABORTED, "/server was lost: it died"),
+    ],
+)
+def test_how_the_servers_end_ends_the_state(
+    server: Server, status: int, text: str, outcome: str, reason: str
+) -> None:
+    server.end = (status, text, None)
+    drive = state()
+    drive.served_goal = "owner-1"
+    assert drive.execute(userdata()) == outcome
+    assert (drive.reason, drive.given_up, server.owners) == (reason, False, ["owner-1"])
+
+
+def test_a_server_that_does_not_come_is_named(server: Server) -> None:
+    server.there = False
+    drive = state(server_wait=0.5)
+    assert drive.execute(userdata()) == ABORTED
+    assert drive.reason == "no action server /server within 0.5 s" and server.goals == []
+
+
+def test_a_preempt_while_the_server_is_waited_for_sends_nothing(server: Server) -> None:
+    drive = state()
+
+    def leave(timeout: float, unless: Callable[[], bool]) -> bool:
+        drive.request_preempt()
+        return not unless()
+
+    server.wait_for_server = leave  # type: ignore[method-assign]
+    assert drive.execute(userdata()) == PREEMPTED and server.goals == []
+
+
+def test_a_preempt_cancels_the_goal_and_waits_for_its_stop(server: Server) -> None:
+    server.end, server.at_once = (GoalStatus.PREEMPTED, "", None), False
+    drive = state()
+    server.on_goal = drive.request_preempt
+    assert drive.execute(userdata()) == PREEMPTED
+    assert (drive.unstopped, server.given_up) == ("", [])
+
+
+def test_a_server_that_does_not_stop_is_named_and_its_goal_given_up(server: Server) -> None:
+    server.at_once = server.stops = False
+    drive = state(cancel_limit=0.25)
+    server.on_goal = drive.request_preempt
+    assert drive.execute(userdata()) == ABORTED
+    assert drive.reason == "/server did not stop within 0.25 s"
+    assert (drive.unstopped, server.given_up) == ("/server", ["it did not stop in time"])
+    server.at_once, server.on_goal = True, lambda: None
+    drive.service_preempt()
+    assert drive.execute(userdata()) == SUCCEEDED and drive.unstopped == "", "the next run begins anew"
+
+
+@pytest.mark.parametrize(
+    "error, final", [(ValueError("no such room"), False), (GivenUp("no such room"), True)]
+)
+def test_a_goal_that_cannot_be_made_aborts_with_its_text(
+    server: Server, error: Exception, final: bool
+) -> None:
+    def goal(_: Any) -> Any:
+        raise error
+
+    drive = state(goal)
+    assert drive.execute(userdata()) == ABORTED
+    assert (drive.reason, drive.given_up, server.goals) == ("no such room", final, [])
+
+
+def test_a_result_may_choose_the_outcome_after_success_only(server: Server) -> None:
+    seen: List[Any] = []
+
+    def keep(_: Any, result: Any) -> str:
+        seen.append(result)
+        return "empty"
+
+    drive = state(on_result=keep, outcomes=["empty"])
+    server.end = (GoalStatus.SUCCEEDED, "", "result")
+    assert drive.execute(userdata()) == "empty" and seen == ["result"]
+    server.end = (GoalStatus.ABORTED, "", "result")
+    assert drive.execute(userdata()) == ABORTED and seen == ["result"]
+
+
+# --- the ready states ----------------------------------------------------------------------------------
+
+
+def test_a_robot_drives_to_a_point_or_a_pose(server: Server) -> None:
+    assert NavigationState().execute(userdata(target="kitchen")) == SUCCEEDED
+    pose = PoseStamped()
+    pose.pose.position.x = 7.0
+    assert NavigationState(pose).execute(userdata()) == SUCCEEDED
+    kitchen, other = (goal.target_pose for goal in server.goals)
+    assert (kitchen.header.frame_id, kitchen.pose.position.x, kitchen.pose.position.y) == ("map", 1.0, 2.0)
+    assert kitchen.pose.orientation.w == 1.0 and other is pose
+
+
+def test_a_point_that_does_not_exist_is_given_up_and_one_without_numbers_is_not(server: Server) -> None:
+    drive = NavigationState()
+    assert drive.execute(userdata(target="roof")) == ABORTED
+    assert drive.given_up and "unknown point of interest 'roof'" in drive.reason
+    assert drive.reason.endswith("has: broken, kitchen")
+    assert drive.execute(userdata(target="broken")) == ABORTED
+    assert not drive.given_up and "needs numbers x, y (m) and yaw (rad)" in drive.reason
+
+
+def test_nothing_sets_off_while_the_guard_forbids_it(server: Server) -> None:
+    server.guard.why_not = lambda preempted: "the velocity guard has stopped the base"
+    drive = NavigationState("kitchen")
+    assert drive.execute(userdata()) == ABORTED
+    assert drive.reason == "the velocity guard has stopped the base" and server.goals == []
+
+
+def test_names_of_pddl_are_spoken_with_blanks(server: Server) -> None:
+    speak = SpeakState("Is {table} free?", voice="en", volume=0.5)
+    assert speak.execute(userdata(table="table_4")) == SUCCEEDED
+    said = server.goals[0].sound_request
+    assert (said.arg, said.arg2, said.volume) == ("Is table 4 free?", "en", 0.5)
+    assert SpeakState().execute(userdata(text="snake_case stays")) == SUCCEEDED
+    assert server.goals[1].sound_request.arg == "snake_case stays"
+
+
+def test_nothing_to_say_is_an_error(server: Server) -> None:
+    speak = SpeakState()
+    assert speak.execute(userdata(text="  ")) == ABORTED
+    assert speak.reason == "there is no text to say" and server.goals == []
+
+
+@pytest.mark.parametrize(("heard", "outcome"), [("a coffee", SUCCEEDED), ("", MISUNDERSTOOD)])
+def test_what_was_heard_is_kept(server: Server, heard: str, outcome: str) -> None:
+    server.end = (GoalStatus.SUCCEEDED, "", ListenResult(text=heard))
+    data = userdata()
+    assert ListenState("#JSGF V1.0;", timeout=4.0).execute(data) == outcome
+    assert (data.heard, server.goals[0].timeout.to_sec()) == (heard, 4.0)
+
+
+def seen(names: List[str], *scores: Tuple[int, float]) -> RecognizeResult:
+    result = RecognizeResult(names=names)
+    result.detections.detections = [
+        Detection3D(results=[ObjectHypothesisWithPose(id=number, score=score)]) for number, score in scores
+    ]
+    return result
+
+
+def test_what_was_seen_is_kept_best_first_and_what_has_no_name_is_not(server: Server) -> None:
+    result = seen(["cup", "plate"], (0, 0.4), (1, 0.9), (0, 0.1), (7, 1.0))
+    result.detections.detections.append(Detection3D())
+    server.end = (GoalStatus.SUCCEEDED, "", result)
+    data = userdata()
+    assert RecognizeState(["cup"], least_score=0.2).execute(data) == SUCCEEDED
+    assert [(item.name, item.score) for item in data.detections] == [("plate", 0.9), ("cup", 0.4)]
+    assert list(server.goals[0].classes) == ["cup"]
+
+
+def test_seeing_nothing_is_a_success(server: Server) -> None:
+    server.end = (GoalStatus.SUCCEEDED, "", seen([]))
+    data: Dict[str, Any] = userdata()
+    assert RecognizeState().execute(data) == SUCCEEDED and data.detections == []
