@@ -183,8 +183,10 @@ class Executor(unittest.TestCase):
         result = self.client.execute("(checked dorm_room)", LONG)
         self.assertOutcome(result, "ACTION_FAILED")
         self.assertIn("unknown point of interest 'dorm_room'", result.reason)
-        self.assertEqual(result.replans, 0)
+        self.assertIn("no plan without it", result.reason)
         self.assertEqual(self.knowledge.facts("robot_at"), ["(robot_at kitchen)"])
+        rospy.set_param(DORM_ROOM, place)  # and nothing of that is left for the next request
+        self.assertOutcome(self.client.execute("(checked dorm_room)", LONG), "SUCCEEDED")
 
     def test_a_goal_that_was_undone_meanwhile_is_planned_again(self):
         first = self.changes.mark()

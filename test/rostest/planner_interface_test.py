@@ -12,7 +12,7 @@ from pathlib import Path
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import PlannerStatus
+from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutGoal
 from rosplan_dispatch_msgs.msg import PlanAction, PlanGoal
 from rosplan_dispatch_msgs.srv import PlanningService
 from std_msgs.msg import String
@@ -98,6 +98,28 @@ class Planner(unittest.TestCase):
 
     def plan(self, goal, command=""):
         return self.params(self.domain, self.problem(goal), "", command, False).plan_found
+
+    def test_a_plan_does_without_what_is_left_out(self):
+        client = ActionClient(f"{NODE}/plan_without", PlanWithoutAction)
+        self.assertTrue(client.wait_for_server(LONG))
+        goal = "(robot_at bathroom)"
+        for without, state in (
+            (["(navigate anywhere bathroom)"], "SOLVED"),
+            (["(navigate * bathroom)"], "UNSOLVABLE"),
+            (["(fly * bathroom)"], "INVALID"),
+        ):
+            sent = client.send(PlanWithoutGoal(self.goal(goal), without))
+            self.assertTrue(sent.wait(LONG))
+            self.assertEqual(sent.result.result_status, state, sent.text)
+            if state == "SOLVED":
+                with self.changed:
+                    self.assertTrue(self.changed.wait_for(lambda: self.plans, LONG))
+                    self.assertNotIn("(navigate anywhere bathroom)", self.plans[-1].lower())
+                    self.assertIn("bathroom", self.plans[-1].lower())
+        self.assertTrue(self.plan(goal))
+        with self.changed:
+            fits = "(navigate anywhere bathroom)"
+            self.assertTrue(self.changed.wait_for(lambda: fits in self.plans[-1].lower(), LONG), self.plans)
 
     def test_a_plan_is_published_and_latched(self):
         self.assertTrue(self.plan("(checked kitchen)"))

@@ -7,8 +7,9 @@ import pytest
 
 from merlin_actions.action_classes import make_machines
 from merlin_actions.core.application_check import ApplicationError, Needs, World, check_application
+from merlin_actions.core.ending import in_vain
 from merlin_actions.machine_survey import survey
-from merlin_actions.merlin_action_server import given_up
+from merlin_actions.merlin_action_server import given_up, given_up_about
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_sm.states.merlin_state import ABORTED, GivenUp
 
@@ -131,6 +132,19 @@ def test_a_state_that_gives_up_says_whether_anything_was_done(machine, outcome):
     assert made.run_once({}) == ABORTED
     assert made.reason == "the pharmacist said no"
     assert given_up(made) == outcome
+
+
+def test_a_state_names_on_what_account_it_gives_up():
+    class NoPoint(Refuse):
+        def _decide(self, userdata):
+            raise GivenUp("there is no attic", about="attic")
+
+    made = NoPoint()
+    made.run_once({})
+    assert given_up_about(made) == "attic"
+    assert in_vain("navigate", ["hall", "Attic"], "attic") == "(navigate * Attic)"
+    assert in_vain("navigate", ["hall", "attic"], "") == "(navigate hall attic)"
+    assert in_vain("navigate", ["hall", "attic"], "box") == "(navigate hall attic)"
 
 
 class Fails(Refuse):

@@ -174,7 +174,15 @@ def test_without_new_plans_the_reason_stands_alone() -> None:
 
 @given(
     st.integers(0, 6),
-    st.lists(st.builds(Failure, st.sampled_from("xyz"), st.sampled_from(["(a)", "(b)", ""]), st.booleans())),
+    st.lists(
+        st.builds(
+            Failure,
+            st.sampled_from("xyz"),
+            st.sampled_from(["(a)", "(b)", ""]),
+            st.booleans(),
+            st.sampled_from(["", "", "(a)", "(b)"]),
+        )
+    ),
 )
 def test_every_run_ends(limit: int, failures: List[Failure]) -> None:
     policy = Replanning(limit)
@@ -186,17 +194,76 @@ def test_every_run_ends(limit: int, failures: List[Failure]) -> None:
         if not decision.again:
             assert decision.reason.startswith(failure.reason)
             return
-        same = [other for other in seen if other[:2] == failure[:2]]
-        assert failure.gone or len(same) < 2
+        if failure.in_vain:
+            assert len([other for other in seen if other.in_vain == failure.in_vain]) < 2
+        else:
+            same = [other for other in seen if other[:2] == failure[:2] and not other.in_vain]
+            assert failure.gone or len(same) < 2
     assert len(failures) <= limit
 
 
-def test_an_action_that_gave_up_is_not_planned_again() -> None:
+def give_up(course: Course, action: str, in_vain: str = "") -> None:
+    """A plan ends because an action was given up."""
+    course.action, course.in_vain = action, in_vain or action
+    run(course, ("DISPATCH_PLAN", "failed", f"{action}: the pharmacist said no"))
+
+
+def test_what_was_given_up_is_left_out_of_the_next_plan() -> None:
     course = Course(3)
     course.begin()
-    course.action, course.final = "(prescribe ann)", True
-    run(course, ("DISPATCH_PLAN", "failed", "(prescribe ann): the pharmacist said no"))
-    assert not course.replan().again
+    assert course.without == []
+    give_up(course, "(prescribe ann)")
+    assert course.replan() == (True, 0.0, "")
+    assert course.without == ["(prescribe ann)"]
+    give_up(course, "(drive hall attic)", "(drive * attic)")
+    assert course.replan().again
+    assert course.without == ["(prescribe ann)", "(drive * attic)"]
+    course.begin()  # after an interruption it is as hopeless as before
+    assert course.without == ["(prescribe ann)", "(drive * attic)"]
+    assert Course(3).without == []
+
+
+@pytest.mark.parametrize("outcome", ["unsolvable", "no_plan", "timeout", "aborted"])
+def test_without_another_plan_the_reason_of_what_was_given_up_stands(outcome: str) -> None:
+    course = Course(3)
+    course.begin()
+    give_up(course, "(prescribe ann)")
+    course.replan()
+    run(course, ("PLAN", outcome, "the problem has no plan"))
     verdict = course.verdict()
     assert verdict.outcome is Outcome.ACTION_FAILED
-    assert verdict.reason == "(prescribe ann): the pharmacist said no"
+    assert verdict.action == "(prescribe ann)"
+    assert (
+        verdict.reason
+        == "(prescribe ann): the pharmacist said no; no plan without it: the problem has no plan"
+    )
+
+
+def test_a_cancel_while_it_is_planned_without_it_is_a_cancel() -> None:
+    course = Course(3)
+    course.begin()
+    give_up(course, "(prescribe ann)")
+    course.replan()
+    run(course, ("PLAN", "preempted", "cancelled"))
+    assert course.verdict().outcome is Outcome.CANCELLED
+
+
+@pytest.mark.parametrize("limit", [0, 1, 5])
+def test_what_was_given_up_is_planned_around_a_bounded_number_of_times(limit: int) -> None:
+    course = Course(limit)
+    course.begin()
+    for number in range(limit):
+        give_up(course, f"(prescribe person_{number})")
+        assert course.replan().again
+    give_up(course, "(prescribe ann)")
+    assert not course.replan().again
+    assert course.verdict()[:2] == (Outcome.ACTION_FAILED, "(prescribe ann): the pharmacist said no")
+
+
+def test_a_planner_that_plans_it_all_the_same_ends_the_request() -> None:
+    course = Course(3)
+    course.begin()
+    give_up(course, "(prescribe ann)")
+    assert course.replan().again
+    give_up(course, "(Prescribe Ann)")
+    assert not course.replan().again

@@ -2,7 +2,7 @@
 
 import threading
 from types import SimpleNamespace
-from typing import Any, List
+from typing import Any, List, Sequence
 
 import pytest
 import rospy
@@ -85,9 +85,12 @@ class Bench:
         self.on_dispatch: Any = lambda: None
         self.troubles: List[str] = []  # that keep the planning system from rest
         self.dispatched = 0
+        self.results: List[DispatchResult] = []  # of the next dispatches; then they succeed
+        self.without: List[List[str]] = []  # of each planning
+        self.unsolvable = False  # when something is left out
         planning = SimpleNamespace(
             generate_problem=lambda: None,
-            plan=lambda interruptible: PlanningResult(Planned.SOLVED),
+            plan=self._plan,
             parse_plan=lambda: [],
             wait_back=self._wait_back,
         )
@@ -119,7 +122,13 @@ class Bench:
     def _dispatch(self, *_: Any) -> DispatchResult:
         self.dispatched += 1
         self.on_dispatch()
-        return DispatchResult(True)
+        return self.results.pop(0) if self.results else DispatchResult(True)
+
+    def _plan(self, _: Any, without: Sequence[str]) -> PlanningResult:
+        self.without.append(list(without))
+        if without and self.unsolvable:
+            return PlanningResult(Planned.UNSOLVABLE, "the problem has no plan")
+        return PlanningResult(Planned.SOLVED)
 
     def run(self) -> Verdict:
         self.request.course.begin()
@@ -143,6 +152,23 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     for level in ("loginfo", "logwarn", "logerr", "logerr_throttle_identical"):
         monkeypatch.setattr(rospy, level, lambda *_: None)
     return Bench()
+
+
+SAID_NO = DispatchResult(False, action="(ask ann)", reason="ann said no", in_vain="(ask ann)")
+
+
+def test_what_was_given_up_is_planned_around(bench: Bench) -> None:
+    bench.results = [SAID_NO]
+    assert bench.run().outcome is Outcome.SUCCEEDED
+    assert bench.without == [[], ["(ask ann)"]]
+
+
+def test_where_there_is_no_way_round_the_reason_stands(bench: Bench) -> None:
+    bench.results, bench.unsolvable = [SAID_NO], True
+    verdict = bench.run()
+    assert verdict.outcome is Outcome.ACTION_FAILED and verdict.action == "(ask ann)"
+    assert verdict.reason.startswith("(ask ann): ann said no; no plan without it")
+    assert (bench.without, bench.own.left) == ([[], ["(ask ann)"]], False)
 
 
 @pytest.mark.parametrize("call", ["executions", "query", "goals", "add", "remove"])

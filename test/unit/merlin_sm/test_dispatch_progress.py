@@ -198,8 +198,12 @@ def test_whatever_is_heard_a_dispatch_that_was_cancelled_hides_nothing(events: L
 
 
 def test_the_result_says_that_another_try_cannot_help() -> None:
-    for information, final in (({"reason": "no", "final": "yes"}, True), ({"reason": "no"}, False)):
+    for information, in_vain in (
+        ({"reason": "no", "final": "yes"}, "(Prescribe Ann)"),
+        ({"reason": "no", "final": "(prescribe *)"}, "(prescribe *)"),
+        ({"reason": "no"}, ""),
+    ):
         progress = DispatchProgress()
         progress.dispatched(Action(1, 1, "Prescribe", ("Ann",)))
         progress.answered(1, 1, Answer.FAILED, information)
-        assert progress.result(Reply(), "(prescribe ann)", "no").final is final
+        assert progress.result(Reply(), "(prescribe ann)", "no").in_vain == in_vain

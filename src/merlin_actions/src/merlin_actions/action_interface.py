@@ -264,7 +264,7 @@ class ActionInterface:
                 ActionFeedback.ACTION_FAILED,
                 ending.reason,
                 bool(ending.unstopped),
-                ending.final,
+                ending.in_vain,
             )
         with self._changed:
             self._changed.notify_all()
@@ -315,11 +315,11 @@ class ActionInterface:
         status: int,
         reason: str = "",
         unstopped: bool = False,
-        final: bool = False,
+        in_vain: str = "",
     ) -> None:
         information = [KeyValue("reason", reason)] if reason else []
-        if final:
-            information.append(KeyValue("final", "yes"))
+        if in_vain:
+            information.append(KeyValue("final", in_vain))
         if unstopped:
             information.append(KeyValue("stopped", "no"))
         feedback = ActionFeedback(

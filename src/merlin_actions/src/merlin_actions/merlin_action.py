@@ -9,7 +9,7 @@ from merlin_msgs.msg import DispatchStatus, RunActionAction, RunActionGoal
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_actions.action_interface import ActionInterface
-from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending
+from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending, in_vain
 from merlin_actions.core.execution import Execution
 from merlin_actions.core.names import ros_name
 from merlin_ros.actions.action_client import ActionClient, ClientGoal
@@ -111,7 +111,11 @@ class MerlinAction(ActionInterface):
         reason = reason or f"{execution.text} ended with status {sent.status}"
         outcome = getattr(sent.result, "outcome", "")
         begun = begun and outcome != NOT_BEGUN
-        return Ending(False, reason, begun, _unstopped(sent), outcome in (GIVEN_UP, NOT_BEGUN))
+        hopeless = ""
+        if outcome in (GIVEN_UP, NOT_BEGUN):
+            arguments = [parameter.value for parameter in execution.parameters]
+            hopeless = in_vain(execution.dispatch.name, arguments, str(getattr(sent.result, "about", "")))
+        return Ending(False, reason, begun, _unstopped(sent), hopeless)
 
     def start(self) -> None:
         """See :meth:`ActionInterface.start`."""

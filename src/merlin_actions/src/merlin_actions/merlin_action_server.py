@@ -165,7 +165,7 @@ class MerlinActionServer:
                 self._abandon(goal, machine)
             else:
                 self._forget(goal)
-                goal.cancelled(RunActionResult(PREEMPTED, decision.reason, ""), decision.reason)
+                goal.cancelled(RunActionResult(outcome=PREEMPTED, reason=decision.reason), decision.reason)
 
     def _forget(self, goal: ServerGoal) -> None:
         with self._changed:
@@ -207,7 +207,7 @@ class MerlinActionServer:
         with self._changed:
             self._abandoned.append(self._threads[goal.id])
         self._forget(goal)
-        goal.abort(RunActionResult(ABORTED, reason, culprit), reason)
+        goal.abort(RunActionResult(ABORTED, reason, culprit, ""), reason)
 
     # --- a run ------------------------------------------------------------------------------------
 
@@ -230,8 +230,9 @@ class MerlinActionServer:
             rospy.logerr(f"{self.operator}: {traceback.format_exc()}")
             crash = f"{type(error).__name__}: {error}"
             outcome, reason = ABORTED, crash
-        if outcome == ABORTED:
-            outcome = given_up(machine) or outcome
+        about = ""
+        if outcome == ABORTED and given_up(machine):
+            outcome, about = given_up(machine), given_up_about(machine)
         unstopped = ", ".join(state.unstopped for state in _states(machine) if state.unstopped)
         with self._changed:
             if self._goals.get(goal.id) is not goal:  # it was abandoned
@@ -239,22 +240,23 @@ class MerlinActionServer:
             self._crash = crash
             decisions = self._slot.end(goal.id)
         self._forget(goal)
-        self._end(goal, outcome, reason, unstopped)
+        self._end(goal, RunActionResult(outcome, reason, unstopped, about))
         self._carry_out(decisions)
         self._show()  # when its class was edited meanwhile
 
-    def _end(self, goal: ServerGoal, outcome: str, reason: str, unstopped: str) -> None:
-        if outcome == SUCCEEDED:
-            goal.succeed(RunActionResult(outcome=outcome))
-        elif unstopped:
-            reason = f"{unstopped} did not stop when {self.operator} was cancelled"
-            goal.abort(RunActionResult(outcome, reason, unstopped), reason)
-        elif goal.cancel_requested and outcome == PREEMPTED:
-            reason = reason or goal.cancel_reason
-            goal.cancelled(RunActionResult(outcome, reason, unstopped), reason)
+    def _end(self, goal: ServerGoal, result: RunActionResult) -> None:
+        end = goal.abort
+        if result.outcome == SUCCEEDED:
+            goal.succeed(RunActionResult(outcome=SUCCEEDED))
+            return
+        if result.unstopped:
+            result.reason = f"{result.unstopped} did not stop when {self.operator} was cancelled"
+        elif goal.cancel_requested and result.outcome == PREEMPTED:
+            result.reason = result.reason or goal.cancel_reason
+            end = goal.cancelled
         else:
-            reason = reason or f"the machine ended with {outcome}"
-            goal.abort(RunActionResult(outcome, reason, unstopped), reason)
+            result.reason = result.reason or f"the machine ended with {result.outcome}"
+        end(result, result.reason)
 
     def _prepare(self, machine: MerlinActionSM) -> None:
         """Registers callbacks that report the present state of a machine."""
@@ -282,11 +284,20 @@ def _states(container: Any) -> Iterator[MerlinState]:
 def given_up(machine: Any) -> str:
     """What an aborted machine ends with when the state that ran last gave up; empty when none did."""
     states = list(_states(machine))
-    if not any(state.given_up and state.reason in machine.reason for state in states):
+    if not _gave_up(machine):
         return ""
     # A state that is not one of MERLIN may have done something without a trace.
     traced = len(states) == _leaves(machine)
     return NOT_BEGUN if traced and sum(state.ran for state in states) == 1 else GIVEN_UP
+
+
+def given_up_about(machine: Any) -> str:
+    """The object on account of which a machine gave up; empty when its state names none."""
+    return next((state.about for state in _gave_up(machine)), "")
+
+
+def _gave_up(machine: Any) -> List[MerlinState]:
+    return [state for state in _states(machine) if state.given_up and state.reason in machine.reason]
 
 
 def _leaves(container: Any) -> int:

@@ -13,7 +13,8 @@ STOPPED = "stopped"
 """Key of an answer's information; its value :data:`NO` says that the action could not be stopped."""
 NO = "no"
 FINAL = "final"
-"""Another key; its value :data:`YES` says that another try of the action cannot help."""
+"""Another key: another try of the action cannot help. Its value is the actions of which that is true, as PDDL
+text with ``*`` for any argument, or :data:`YES`: this action."""
 YES = "yes"
 _CANCELLED = "cancelled"
 _UNANSWERED = "no answer to the cancel from "
@@ -43,8 +44,8 @@ class DispatchResult(NamedTuple):
     """The dispatcher is not there, or does not answer."""
     unmet: Tuple[str, ...] = ()
     """Goals that did not hold when it ended, as PDDL text; empty also when the dispatcher does not say."""
-    final: bool = False
-    """Another try of the action that failed cannot help."""
+    in_vain: str = ""
+    """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
 
 
 class Reply(NamedTuple):
@@ -103,7 +104,7 @@ class DispatchProgress:
         self._stopping = False
         self._taken: Set[int] = set()
         self._unstopped: List[str] = []
-        self._final: Set[str] = set()
+        self._in_vain: Dict[str, str] = {}  # a failed action -> which actions cannot help
 
     @property
     def begun(self) -> bool:
@@ -145,8 +146,9 @@ class DispatchProgress:
         reason = information.get("reason", NO_REASON)
         if information.get(STOPPED, "").lower() == NO:
             self._unstopped.append(action.text)
-        if information.get(FINAL, "").lower() == YES:
-            self._final.add(ground_text(action.text))
+        final = information.get(FINAL, "")
+        if final:
+            self._in_vain[ground_text(action.text)] = action.text if final.lower() == YES else final
         if not self.failed or self.failed_reason == _CANCELLED:
             self.failed, self.failed_reason = action.text, reason
         if not self._stopping and reason != _CANCELLED:
@@ -189,9 +191,9 @@ class DispatchProgress:
         if reply.refused or reply.gone:
             action, why = self.failed, reply.refused or reply.gone
         named = action or self.failed
-        final = ground_text(named) in self._final
+        in_vain = self._in_vain.get(ground_text(named), "")
         return DispatchResult(
-            False, cancelled, False, named, why, unstopped, bool(reply.gone), tuple(unmet), final
+            False, cancelled, False, named, why, unstopped, bool(reply.gone), tuple(unmet), in_vain
         )
 
     def hung(self, dispatcher: str, deadline: float) -> DispatchResult:

@@ -7,11 +7,11 @@ seen on that topic; services that answer earlier do not mislead (design rules fo
 import threading
 import time
 from enum import Enum
-from typing import Any, Callable, List, NamedTuple, Optional
+from typing import Any, Callable, List, NamedTuple, Optional, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import PlannerStatus
+from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutGoal
 from roslib.message import get_message_class
 from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlanNode, PlanAction, PlanGoal
 from std_msgs.msg import String
@@ -138,6 +138,7 @@ class PlanningClient:
         self._generate = ServiceProxy(f"{problem}/problem_generation_server", Empty, timeout=CALL_LIMIT)
         self._parse = ServiceProxy(f"{parser}/parse_plan", Empty, timeout=CALL_LIMIT)
         self._client = ActionClient(f"{planner}/start_planning", PlanAction)
+        self._without: Optional[ActionClient] = None
         self._problem = TopicWatch(f"{problem}/problem_instance", String)
         self._output = TopicWatch(f"{planner}/planner_output", String)
         self._plan: Optional[TopicWatch] = None
@@ -203,16 +204,26 @@ class PlanningClient:
         if self._problem.wait_newer(count, HAND_OVER) is None:
             raise StageError(f"{PROBLEM} answered, but no problem appeared on {self._problem.topic}")
 
-    def plan(self, interruptible: Interruptible) -> PlanningResult:
-        """Has a plan made. The interruption cancels the planner."""
-        if not self._client.alive and not self._client.wait_for_server(HAND_OVER):
-            reason = f"{PLANNER} is not there: no action server {self._client.name}"
+    def plan(self, interruptible: Interruptible, without: Sequence[str] = ()) -> PlanningResult:
+        """Has a plan made. The interruption cancels the planner.
+
+        :param without: actions that it has to do without, as PDDL text with ``*`` for any argument. ROSPlan's
+            own planner interface knows no such wish: ERROR.
+        """
+        client = self._client_for(without)
+        if not client.alive and not client.wait_for_server(HAND_OVER):
+            if without and self._client.alive:
+                return PlanningResult(Planned.ERROR, f"{PLANNER} cannot leave actions out of a plan")
+            reason = f"{PLANNER} is not there: no action server {client.name}"
             return PlanningResult(Planned.ERROR, reason, gone=True)
         count = self._output.count
         with self._told:
             self._status = None
         ended = threading.Event()
-        sent = self._client.send(self._goal(), on_done=lambda _: ended.set())
+        goal: Any = self._goal()
+        if without:
+            goal = PlanWithoutGoal(goal, list(without))
+        sent = client.send(goal, on_done=lambda _: ended.set())
         cancelled = threading.Event()
 
         def cancel() -> None:
@@ -230,6 +241,13 @@ class PlanningClient:
         if sent.status == GoalStatus.SUCCEEDED and self._output.wait_newer(count, HAND_OVER) is not None:
             return PlanningResult(Planned.SOLVED)
         return self._failure(sent.text, sent.status)
+
+    def _client_for(self, without: Sequence[str]) -> ActionClient:
+        if not without:
+            return self._client
+        if self._without is None:  # seldom wanted
+            self._without = ActionClient(f"{self._planner}/plan_without", PlanWithoutAction)
+        return self._without
 
     def parse_plan(self) -> List[ActionDispatch]:
         """Has the plan parsed and returns its actions in order.

@@ -13,14 +13,25 @@ class Ending(NamedTuple):
     """False when nothing was done at all: the world is as it was before the dispatch."""
     unstopped: str = ""
     """Name of the server that did not stop after a cancel; empty when everything has ended."""
-    final: bool = False
-    """Another try cannot help."""
+    in_vain: str = ""
+    """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
 
 
 GIVEN_UP = "given_up"
 """Outcome of a machine, one of whose states gave up: another try cannot help."""
 NOT_BEGUN = "not_begun"
 """The same, and nothing was done before."""
+
+
+def in_vain(operator: str, arguments: Sequence[str], about: str) -> str:
+    """The actions that cannot help any more after one was given up.
+
+    :param arguments: of that action.
+    :param about: the argument on account of which it was; empty or another word: all of them.
+    """
+    found = about.lower() in map(str.lower, arguments)
+    kept = [argument if not found or argument.lower() == about.lower() else "*" for argument in arguments]
+    return f"({' '.join([operator, *kept])})"
 
 
 class Closing(Enum):

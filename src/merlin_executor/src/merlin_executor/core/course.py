@@ -1,6 +1,6 @@
 """The course of one request through the stages of planning, and the verdict on it. Pure."""
 
-from typing import Dict, NamedTuple, Tuple
+from typing import Dict, List, NamedTuple, Sequence, Tuple
 
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.core.replanning import Decision, Failure, Replanning
@@ -22,6 +22,9 @@ _VERDICTS = {
     "cancel_timeout": Outcome.CANCEL_TIMEOUT,
 }
 """Outcome of a stage → outcome of the request; aborted depends on the stage."""
+
+
+_NO_PLAN = ("unsolvable", "no_plan", "timeout", "aborted")
 
 
 class StageEnd(NamedTuple):
@@ -56,8 +59,8 @@ class Course:
         """The action that failed last, as PDDL text."""
         self.unstopped: Tuple[str, ...] = ()
         """What did not stop, as PDDL text."""
-        self.final = False
-        """Whether another try of that action cannot help."""
+        self.in_vain = ""
+        """Which actions another try cannot help, see :class:`.replanning.Failure`."""
         self.timed_out = False
         """Whether the dispatcher itself did not end the plan in time."""
         self.dispatched = False
@@ -77,6 +80,11 @@ class Course:
         return last.reason if last is not None and self.is_replan else ""
 
     @property
+    def without(self) -> List[str]:
+        """The actions that plans have to do without, as PDDL text with ``*`` for any argument."""
+        return list(dict.fromkeys(failure.in_vain for failure in self._replanning.given_up))
+
+    @property
     def is_replan(self) -> bool:
         """Whether a plan of this run has failed before."""
         return self._replanning.count > 0
@@ -84,11 +92,11 @@ class Course:
     def begin(self) -> None:
         """A run begins: the first, or after an interruption."""
         self._earlier_replans = self.replans
-        self._replanning = Replanning(self._max_replans)
+        self._replanning = Replanning(self._max_replans, self._replanning.given_up)
         self.end = StageEnd()
-        self.stage = self.action = ""
+        self.stage = self.action = self.in_vain = ""
         self.unstopped = ()
-        self.dispatched = self.unreachable = self.timed_out = self.final = False
+        self.dispatched = self.unreachable = self.timed_out = False
 
     def enter(self, stage: str, now: float) -> None:
         """A stage begins; the empty name ends the run.
@@ -111,7 +119,7 @@ class Course:
         failed = (end.stage, end.outcome) == (DISPATCH_PLAN, "failed")
         if not failed and not (end.gone and end.outcome == "aborted"):
             return Decision(False, reason=end.reason)
-        decision = self._replanning.failed(Failure(end.reason, self.action, end.gone, self.final))
+        decision = self._replanning.failed(Failure(end.reason, self.action, end.gone, self.in_vain))
         if not decision.again:
             self.end = end._replace(reason=decision.reason)
         return decision
@@ -127,9 +135,22 @@ class Course:
         if outcome is Outcome.ALREADY_TRUE and self.is_replan:
             return Verdict(Outcome.SUCCEEDED, ACHIEVED_MEANWHILE)
         last = self._replanning.last
+        given_up = self._replanning.given_up
+        if end.stage == PLAN and end.outcome in _NO_PLAN and given_up and not end.gone:
+            # What made the request fail is the action, not that there is no way round it.
+            return Verdict(Outcome.ACTION_FAILED, _without_plan(given_up, reason), self.action)
         if end.stage == PLAN and not outcome.achieved and last is not None:
             # "No other plan exists" is of little use without the failure that made another plan necessary.
             reason = f"{last.reason}; planned again: {reason}"
         action = self.action if outcome not in (Outcome.SUCCEEDED, Outcome.ALREADY_TRUE) else ""
         trouble = reason if outcome is Outcome.CANCELLED and end.gone and reason != PREEMPTED else ""
         return Verdict(outcome, reason, action, trouble)
+
+
+def _without_plan(given_up: Sequence[Failure], reason: str) -> str:
+    """Why a request failed that cannot be planned without what was given up.
+
+    :param reason: the planner's.
+    """
+    told = "; ".join(dict.fromkeys(failure.reason for failure in given_up))
+    return f"{told}; no plan without {'it' if len(given_up) == 1 else 'these'}: {reason}"

@@ -1,6 +1,6 @@
 """Whether a plan that failed is replaced by another one. Pure."""
 
-from typing import Dict, NamedTuple, Optional, Tuple
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 #: s of running time before the second new plan; twice as long before each further one. What makes a plan fail
 #: at once, such as an action that has not ended yet, may pass.
@@ -18,8 +18,8 @@ class Failure(NamedTuple):
     """The ground action that failed, as PDDL text; empty: none did, as when the goal does not hold."""
     gone: bool = False
     """A part of the planning system is gone."""
-    final: bool = False
-    """Another try of the action cannot help."""
+    in_vain: str = ""
+    """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
 
 
 class Decision(NamedTuple):
@@ -37,10 +37,13 @@ class Replanning:
     """The policy for one run: a bounded number of new plans, and not the same way a third time.
 
     :param limit: how many new plans there may be.
+    :param given_up: failures of earlier runs of the request that no other try can help.
     """
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int, given_up: Sequence[Failure] = ()) -> None:
         self._limit = limit
+        self.given_up: List[Failure] = list(given_up)
+        """Failures that no other try of their actions can help: plans have to do without these."""
         self._failures: Dict[Tuple[str, str], int] = {}
         self.count = 0
         """New plans so far."""
@@ -49,8 +52,15 @@ class Replanning:
     def failed(self, failure: Failure) -> Decision:
         """Decides about a failure."""
         self.last = failure
-        if failure.final:
-            return Decision(False, reason=failure.reason)
+        if failure.in_vain:
+            known = {other.in_vain.lower() for other in self.given_up}
+            self.given_up.append(failure)
+            if (
+                failure.in_vain.lower() in known or self.count >= self._limit
+            ):  # or it was planned all the same
+                return Decision(False, reason=failure.reason)
+            self.count += 1
+            return Decision(True)
         key = (failure.action.lower(), failure.reason)
         same = self._failures[key] = self._failures.get(key, 0) + 1
         if self.count >= self._limit:

@@ -98,7 +98,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         stage("SETTLE", Settle(system.recovery, system.dispatcher), "ADD_GOALS")
         stage("ADD_GOALS", AddGoals(system.knowledge, self._own, self), "GENERATE_PROBLEM")
         stage("GENERATE_PROBLEM", GenerateProblemState(planning), "PLAN")
-        stage("PLAN", PlanState(planning), "PARSE_PLAN")
+        stage("PLAN", PlanState(planning, lambda: self.course.without), "PARSE_PLAN")
         stage("PARSE_PLAN", ParsePlanState(planning, self._take_plan), "DISPATCH_PLAN")
         stage("DISPATCH_PLAN", dispatch, REMOVE_GOALS, **{FAILED: REPLAN})
         stage(REPLAN, Replan(system, self), "SETTLE", **{ABORTED: REMOVE_GOALS})
@@ -111,7 +111,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         """Notes how a dispatch has ended."""
         course = self.course
         course.action, course.unstopped, course.timed_out = result.action, result.unstopped, result.timed_out
-        course.final = result.final
+        course.in_vain = result.in_vain
 
     def _enter(self, userdata: Any, states: List[str], *outcome: str) -> None:
         course = self.course

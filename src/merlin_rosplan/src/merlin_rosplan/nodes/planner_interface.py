@@ -7,11 +7,11 @@ import os
 import tempfile
 import threading
 from pathlib import Path
-from typing import Optional, Set
+from typing import Any, Optional, Sequence, Set, Type
 
 import rospy
-from merlin_msgs.msg import PlannerStatus
-from rosplan_dispatch_msgs.msg import PlanAction, PlanFeedback, PlanResult
+from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutFeedback, PlanWithoutResult
+from rosplan_dispatch_msgs.msg import PlanAction, PlanFeedback, PlanGoal, PlanResult
 from rosplan_dispatch_msgs.srv import PlanningService, PlanningServiceRequest, PlanningServiceResponse
 from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
@@ -34,8 +34,9 @@ SCOPE = "rosplan_planner_interface"
 class PlannerInterface(Component):
     """Plans on request, one problem at a time.
 
-    Services ``planning_server``, ``planning_server_params``; action server ``start_planning``, whose cancel
-    kills the planner; topics ``planner_output`` and ``planner_status``, both latched.
+    Services ``planning_server``, ``planning_server_params``; action servers ``start_planning`` and
+    ``plan_without``, whose cancel kills the planner; topics ``planner_output`` and ``planner_status``, both
+    latched.
     """
 
     def __init__(self, scope: str = SCOPE) -> None:
@@ -62,10 +63,11 @@ class PlannerInterface(Component):
         self._problem_topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
         self._problems = self.own(Handover.receiver(self._problem_topic, self._receive_problem))
         self.subscriber(self._problem_topic, String, self._problems.from_topic, queue_size=1)
-        self._action = self.own(
-            SerialActionServer(self.resolve("start_planning"), PlanAction, self._execute, self._cancel)
-        )
-        self._action.start()
+        for name, spec, execute in (
+            ("start_planning", PlanAction, self._execute),
+            ("plan_without", PlanWithoutAction, self._execute_without),
+        ):
+            self.own(SerialActionServer(self.resolve(name), spec, execute, self._cancel)).start()
         self.service("planning_server", Empty, self._serve)
         self.service("planning_server_params", PlanningService, self._serve_params)
         try:
@@ -129,7 +131,20 @@ class PlannerInterface(Component):
         return PlanningServiceResponse(plan_found=outcome.solved)
 
     def _execute(self, goal: ServerGoal) -> None:
-        wanted = goal.goal
+        goal.feedback(PlanFeedback(current_phase="planning", current_status="RUNNING"))
+        self._end(goal, goal.goal, PlanResult, ())
+
+    def _execute_without(self, goal: ServerGoal) -> None:
+        goal.feedback(PlanWithoutFeedback(current_phase="planning", current_status="RUNNING"))
+        self._end(goal, goal.goal.plan, PlanWithoutResult, tuple(goal.goal.without))
+
+    def _end(
+        self, goal: ServerGoal, wanted: PlanGoal, result_class: Type[Any], without: Sequence[str]
+    ) -> None:
+        """Plans for a goal and answers it.
+
+        :param without: see :class:`PlannerSettings`.
+        """
         request = PlanningServiceRequest(
             wanted.domain_path,
             wanted.problem_path,
@@ -139,9 +154,8 @@ class PlannerInterface(Component):
         )
         if not (wanted.domain_path or wanted.problem_path or wanted.use_problem_topic):
             request = self._request_of_params()
-        goal.feedback(PlanFeedback(current_phase="planning", current_status="RUNNING"))
-        outcome = self._plan(request, goal)
-        result = PlanResult(result_status=outcome.state.name)
+        outcome = self._plan(request, goal, without)
+        result = result_class(result_status=outcome.state.name)
         text = outcome.reason
         if outcome.solved:
             goal.succeed(result, text)
@@ -165,9 +179,14 @@ class PlannerInterface(Component):
             self._problem = message.data
             self._state.notify_all()
 
-    def _plan(self, request: PlanningServiceRequest, goal: Optional[ServerGoal] = None) -> PlanningOutcome:
+    def _plan(
+        self,
+        request: PlanningServiceRequest,
+        goal: Optional[ServerGoal] = None,
+        without: Sequence[str] = (),
+    ) -> PlanningOutcome:
         with self._planning_lock:
-            outcome = self._plan_one(request, goal)
+            outcome = self._plan_one(request, goal, without)
         with self._state:
             self._last = outcome
         self._tell(
@@ -193,7 +212,9 @@ class PlannerInterface(Component):
             outcome.reason,
         )
 
-    def _plan_one(self, request: PlanningServiceRequest, goal: Optional[ServerGoal]) -> PlanningOutcome:
+    def _plan_one(
+        self, request: PlanningServiceRequest, goal: Optional[ServerGoal], without: Sequence[str]
+    ) -> PlanningOutcome:
         problem_path = request.problem_path
         if request.use_problem_topic:
             try:
@@ -209,7 +230,9 @@ class PlannerInterface(Component):
                 return PlanningOutcome(
                     PlannerState.SOLVED, f"there is no file {path[:200]} (~strict is false)"
                 )
-        settings = dataclasses.replace(self._settings, command=request.planner_command)
+        settings = dataclasses.replace(
+            self._settings, command=request.planner_command, without=tuple(without)
+        )
         planning = Planning(settings, domain_path, problem_path, self._data_folder(request.data_path))
         with self._state:
             self._current = planning

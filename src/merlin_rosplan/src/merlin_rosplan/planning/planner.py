@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import List, Protocol
+from typing import List, Protocol, Tuple
 
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.planning.planning_outcome import PlannerState
@@ -21,6 +21,7 @@ class PlannerSettings:
     :param check_input: check domain and problem before planning.
     :param memory_limit: MB for the planner and everything it starts, and of addresses for each; 0 means none.
     :param output_limit: MB that a planner may write into one file; 0 means none.
+    :param without: actions to leave out, as PDDL text with ``*`` for any argument.
     """
 
     command: str = ""
@@ -30,6 +31,7 @@ class PlannerSettings:
     check_input: bool = True
     memory_limit: float = 4096.0
     output_limit: float = 64.0
+    without: Tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,10 @@ import time
 from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional
 
+from merlin_pddl.analysis.leave_out import leave_out
 from merlin_pddl.checks import kairos_check
 from merlin_pddl.plan_text import format_plan
+from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.planning.planner import Planner, PlannerSettings, Task
 from merlin_rosplan.planning.planner_command import parse_command
 from merlin_rosplan.planning.planner_external import CommandPlanner
@@ -28,7 +30,7 @@ class PlannerJob(NamedTuple):
     :param data_path: folder for the planner's output and the plan (``plan.pddl``); empty keeps nothing.
     :param planning_limit: running time for the engines, s; 0 means none.
     :param time_limit: running time for everything, reading and validating included, s; 0 means none.
-    :param anytime, check_input, memory_limit, output_limit: see :class:`.planner.PlannerSettings`.
+    :param anytime, check_input, memory_limit, output_limit, without: see :class:`.planner.PlannerSettings`.
     """
 
     domain_path: str
@@ -42,6 +44,7 @@ class PlannerJob(NamedTuple):
     check_input: bool
     memory_limit: float
     output_limit: float
+    without: List[str]
 
 
 _DOMAIN = """(define (domain warm) (:requirements :typing :durative-actions) (:types t)
@@ -83,6 +86,15 @@ def _plan(job: PlannerJob, folder: Path) -> Dict[str, Any]:
     except OSError as error:
         reason = f"cannot read {error.filename}: {error.strerror}"
         return _outcome(PlannerState.INVALID, reason, job.name)
+    domain_path, problem_path = Path(job.domain_path), Path(job.problem_path)
+    if job.without:
+        try:
+            domain, problem = leave_out(domain, problem, job.without)
+        except PddlError as error:
+            return _outcome(PlannerState.INVALID, str(error), job.name)
+        domain_path, problem_path = folder / "domain_without.pddl", folder / "problem_without.pddl"
+        domain_path.write_text(domain)
+        problem_path.write_text(problem)
     keep_in = Path(job.data_path) if job.data_path else None
     planners: List[Planner] = [
         KairosPlanner() if engine == KAIROS else CommandPlanner(parse_command(engine), keep_in)
@@ -94,12 +106,12 @@ def _plan(job: PlannerJob, folder: Path) -> Dict[str, Any]:
         memory_limit=job.memory_limit,
         output_limit=job.output_limit,
     )
-    task = Task(Path(job.domain_path), Path(job.problem_path), domain, problem, folder, settings)
+    task = Task(domain_path, problem_path, domain, problem, folder, settings)
 
     def check() -> Optional[str]:
         if not job.check_input:
             return None
-        return kairos_check.check_input(domain, problem, job.domain_path, job.problem_path)
+        return kairos_check.check_input(domain, problem, str(domain_path), str(problem_path))
 
     if job.engines == [KAIROS]:  # the check costs less than it would to begin at the same time
         fault = check()

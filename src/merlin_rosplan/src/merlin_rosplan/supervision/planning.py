@@ -88,6 +88,7 @@ class Planning:
             settings.check_input,
             settings.memory_limit,
             settings.output_limit,
+            list(settings.without),
         )
         host = self._hosts.take()
         try:

@@ -11,7 +11,14 @@ PREEMPTED = "preempted"
 
 
 class GivenUp(ValueError):
-    """What a state tries cannot succeed, however often: :meth:`MerlinState.give_up` with this text."""
+    """What a state tries cannot succeed, however often: :meth:`MerlinState.give_up` with this text.
+
+    :param about: the object that makes it so, see there.
+    """
+
+    def __init__(self, text: str = "", about: str = "") -> None:
+        super().__init__(text)
+        self.about = about
 
 
 class MerlinState(smach.State):
@@ -34,6 +41,7 @@ class MerlinState(smach.State):
         self.reason = ""
         self.outcome = ""
         self.given_up = False  # whether another try cannot help
+        self.about = ""  # the object on account of which it gave up
         self.ran = False  # whether it was executed in the present run of its action
         self.unstopped = ""  # what did not stop when the state was preempted, by name
         self.served_goal: Optional[str] = None  # of this process's own server, on whose behalf it runs
@@ -47,7 +55,7 @@ class MerlinState(smach.State):
     def execute(self, userdata: Any) -> str:
         """Runs the state; SMACH calls it."""
         self.reason = self.unstopped = ""
-        self.given_up, self.ran = False, True
+        self.given_up, self.about, self.ran = False, "", True
         self.outcome = self._execute(userdata)
         return self.outcome
 
@@ -65,14 +73,18 @@ class MerlinState(smach.State):
         self.reason = reason
         return ABORTED
 
-    def give_up(self, reason: str) -> str:
-        """As :meth:`fail`, when another try cannot help: the Executor does not plan the goal again."""
-        self.given_up = True
+    def give_up(self, reason: str, about: str = "") -> str:
+        """As :meth:`fail`, when another try cannot help: the Executor plans without this action.
+
+        :param about: an argument of the action on account of which no action of this operator can help;
+            empty: only the action with all its arguments is left out.
+        """
+        self.given_up, self.about = True, about
         return self.fail(reason)
 
     def fail_for(self, error: Exception) -> str:
         """Fails with the text of an error; gives up for :class:`GivenUp`."""
-        return self.give_up(str(error)) if isinstance(error, GivenUp) else self.fail(str(error))
+        return self.give_up(str(error), error.about) if isinstance(error, GivenUp) else self.fail(str(error))
 
     def request_preempt(self) -> None:
         """Sets the flag and interrupts what the state waits for, in the caller's thread."""

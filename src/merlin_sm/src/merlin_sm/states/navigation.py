@@ -25,7 +25,8 @@ def point_of_interest(name: str) -> PoseStamped:
     points = get_param(POINTS_PARAM, {})
     if name not in points:
         known = ", ".join(sorted(points)) or "none"
-        raise GivenUp(f"unknown point of interest {name!r}; {rospy.resolve_name(POINTS_PARAM)} has: {known}")
+        where = rospy.resolve_name(POINTS_PARAM)
+        raise GivenUp(f"unknown point of interest {name!r}; {where} has: {known}", about=name)
     try:
         x, y, yaw = (float(points[name][key]) for key in ("x", "y", "yaw"))
         if not all(map(math.isfinite, (x, y, yaw))):

@@ -85,18 +85,27 @@ class GenerateProblemState(PlanningState):
 class PlanState(PlanningState):
     """Has a plan made. A preempt cancels the planner.
 
-    Further outcomes are unsolvable (proven), no_plan (the planner gave up) and timeout.
+        Further outcomes are unsolvable (proven), no_plan (the planner gave up) and timeout.
 
-    :param client: of the planning system; None: one with the usual names.
+    <<<<<<< HEAD
+        :param client: of the planning system; None: one with the usual names.
+    =======
+        :param without: gives the actions that the plan has to do without, see :meth:`PlanningClient.plan`.
+    >>>>>>> 7fc0874 (merlin_executor: plan without what an action gave up)
     """
 
-    def __init__(self, client: Optional[PlanningClient] = None) -> None:
+    def __init__(
+        self,
+        client: Optional[PlanningClient] = None,
+        without: Callable[[], Sequence[str]] = lambda: (),
+    ) -> None:
         super().__init__([UNSOLVABLE, NO_PLAN, TIMEOUT])
+        self._without = without
         self._client = client or PlanningClient()
 
     def run(self, userdata: Any) -> str:
         """Plans."""
-        verdict, self.reason, self.gone = self._client.plan(self.interruptible)
+        verdict, self.reason, self.gone = self._client.plan(self.interruptible, self._without())
         return {
             Planned.SOLVED: SUCCEEDED,
             Planned.UNSOLVABLE: UNSOLVABLE,

@@ -1,0 +1,1 @@
+"""What can be reached in a task, and a task without some of its actions."""

@@ -1,0 +1,131 @@
+"""A planning task without some of its ground actions, as PDDL that every planner with negation reads.
+
+Each operator concerned gets a predicate that says what is left out, and the condition that it does not hold.
+"""
+
+from typing import Dict, List, Sequence, Set, Tuple
+
+from merlin_pddl.domain import Domain, Operator
+from merlin_pddl.domain_reader import DomainReader
+from merlin_pddl.formula import types_text
+from merlin_pddl.problem_reader import parse_problem
+from merlin_pddl.text_reader import Expression, Node, Word, name_of, read_expression
+
+ANY = "*"
+_NEGATION = ":negative-preconditions"
+Ground = Tuple[str, ...]
+
+
+def leave_out(domain: str, problem: str, actions: Sequence[str]) -> Tuple[str, str]:
+    """Domain and problem as text, without some actions.
+
+    :param domain, problem: PDDL text.
+    :param actions: as PDDL text; ``*`` stands for any argument: ``(navigate * kitchen)``.
+    :raises PddlError: the text is not PDDL, or an action is not one of the domain.
+    """
+    node = read_expression(domain, "domain")
+    model = DomainReader(read_expression(domain, "domain")).read()
+    objects = {**model.constants, **parse_problem(problem, model, constraints=True).objects}
+    left_out: Dict[str, Set[Ground]] = {}
+    for text in actions:
+        operator, patterns = _pattern(text, model)
+        left_out.setdefault(operator.name, set()).update(_expanded(operator, patterns, model, objects))
+    for name in left_out:
+        _forbid(node, model.operators[name])
+    _require(node)
+    facts = "".join(
+        f"\n({' '.join((_predicate(name), *terms))})"
+        for name, grounds in left_out.items()
+        for terms in sorted(grounds)
+    )
+    return node.text(), _after_init(problem, facts)
+
+
+def _pattern(text: str, domain: Domain) -> Tuple[Operator, List[str]]:
+    """The operator of an action, and its arguments."""
+    node = read_expression(text, "action")
+    operator = domain.operators.get(node.head)
+    if operator is None:
+        raise node.error(f"the domain has no action '{node.head}'")
+    words = [str(word) if word == ANY else str(name_of(word, "an object")) for word in node[1:]]
+    if len(words) != len(operator.parameters):
+        raise node.error(f"'{node.head}' takes {len(operator.parameters)} arguments, not {len(words)}")
+    return operator, words
+
+
+def _expanded(
+    operator: Operator, words: Sequence[str], domain: Domain, objects: Dict[str, Tuple[str, ...]]
+) -> List[Ground]:
+    """The argument lists that a pattern means."""
+    found: List[Ground] = [()]
+    for word, parameter in zip(words, operator.parameters):
+        fitting = [name for name, types in objects.items() if domain.accepts(parameter.types, types)]
+        choices = fitting if word == ANY else [word]
+        found = [(*begin, choice.lower()) for begin in found for choice in choices]
+    return found
+
+
+def _predicate(operator: str) -> str:
+    return f"left-out-{operator}"
+
+
+def _section(node: Expression, head: str) -> Expression:
+    """A section of a domain; made behind its name and requirements when it has none."""
+    for section in node:
+        if isinstance(section, Expression) and section.head == head:
+            return section
+    made = read_expression(f"({head})")
+    behind = (":requirements", ":types", ":constants") if head != ":requirements" else ()
+    place = 2
+    while place < len(node) and isinstance(node[place], Expression) and _head(node[place]) in behind:
+        place += 1
+    node.insert(place, made)
+    return made
+
+
+def _head(node: Node) -> str:
+    return node.head if isinstance(node, Expression) else ""
+
+
+def _require(node: Expression) -> None:
+    requirements = _section(node, ":requirements")
+    if _NEGATION not in requirements[1:]:
+        requirements.append(Word.at(_NEGATION, "", 0, 0))
+
+
+def _forbid(node: Expression, operator: Operator) -> None:
+    """Gives an operator the condition that it is not left out."""
+    name = _predicate(operator.name)
+    typed = "".join(f" {parameter.name} - {types_text(parameter.types)}" for parameter in operator.parameters)
+    _section(node, ":predicates").append(read_expression(f"({name}{typed})"))
+    terms = " ".join((name, *(parameter.name for parameter in operator.parameters)))
+    allowed = f"(at start (not ({terms})))" if operator.durative else f"(not ({terms}))"
+    for action in node:
+        if _head(action) not in (":action", ":durative-action"):
+            continue
+        assert isinstance(action, Expression)
+        if action[1] != operator.name:
+            continue
+        key = ":condition" if operator.durative else ":precondition"
+        if key not in action:
+            action[2:2] = [Word.at(key, "", 0, 0), read_expression("(and)")]
+        place = action.index(Word(key)) + 1
+        old = action[place]
+        assert isinstance(old, Expression)
+        both = read_expression(f"(and {allowed})")
+        if old.head == "and":
+            both.extend(old[1:])
+        elif old:
+            both.append(old)
+        action[place] = both
+
+
+def _after_init(problem: str, facts: str) -> str:
+    """A problem with further facts; its text stays as it was otherwise, for the spelling of its objects."""
+    for section in read_expression(problem, "problem"):
+        if _head(section) == ":init":
+            assert isinstance(section, Expression) and isinstance(section[0], Word)
+            before = problem.split("\n")[: section[0].line - 1]
+            end = sum(len(line) + 1 for line in before) + section[0].column - 1 + len(":init")
+            return f"{problem[:end]}{facts}\n{problem[end:]}"
+    return problem[: problem.rindex(")")] + f"(:init {facts}))\n"

@@ -1,0 +1,89 @@
+"""A task without some of its actions: what is left out, and nothing else."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from merlin_pddl.analysis.leave_out import leave_out
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.evaluation import Evaluator
+from merlin_pddl.problem_reader import parse_problem
+from merlin_pddl.text_reader import PddlError
+
+FOLDER = Path(__file__).parents[3] / "src" / "merlin" / "pddl"
+DOMAIN = """; ask one of them
+(define (domain clinic)
+  (:types person)
+  (:predicates (asked ?p - person) (at ?p - person))
+  (:action ask :parameters (?who - person) :effect (asked ?who))
+  (:action walk :parameters (?from ?to - person) :precondition (at ?from)
+    :effect (and (not (at ?from)) (at ?to))))"""
+PROBLEM = """(define (problem day) (:domain clinic) ; (:init
+  (:objects Ann Bob - person)
+  (:init (at Ann))
+  (:goal (asked Ann)))"""
+
+
+def allowed(action: str, left_out: str) -> bool:
+    """Whether an action can run in the first state of the task without another."""
+    domain_text, problem_text = leave_out(DOMAIN, PROBLEM, [left_out])
+    domain = parse_domain(domain_text)
+    problem = parse_problem(problem_text, domain)
+    facts = {fact.key for fact in problem.facts}
+
+    class State:
+        def holds(self, key):
+            return key in facts
+
+    name, *arguments = action.strip("()").split()
+    operator = domain.operators[name]
+    bindings = {parameter.name: value for parameter, value in zip(operator.parameters, arguments)}
+    holds = Evaluator(domain, State()).holds  # type: ignore[arg-type]
+    return all(holds(timed.condition, bindings) for timed in operator.conditions)
+
+
+@pytest.mark.parametrize(
+    ("left_out", "action", "stays"),
+    [
+        ("(ask ann)", "(ask ann)", False),
+        ("(ASK Ann)", "(ask ann)", False),
+        ("(ask ann)", "(ask bob)", True),
+        ("(walk * bob)", "(walk ann bob)", False),
+        ("(walk * bob)", "(walk ann ann)", True),
+        ("(walk bob *)", "(walk ann bob)", True),
+        ("(ask *)", "(ask bob)", False),
+    ],
+)
+def test_only_what_is_left_out_cannot_run(left_out: str, action: str, stays: bool) -> None:
+    assert allowed(action, left_out) is stays
+
+
+def test_the_objects_of_a_problem_keep_their_spelling() -> None:
+    assert "(:objects Ann Bob - person)" in leave_out(DOMAIN, PROBLEM, ["(ask ann)"])[1]
+
+
+@pytest.mark.parametrize(
+    "action", ["(fly ann)", "(ask)", "(ask ann bob)", "ask ann", "(ask ann", "(ask (ann))"]
+)
+def test_what_is_not_an_action_is_refused(action: str) -> None:
+    with pytest.raises(PddlError):
+        leave_out(DOMAIN, PROBLEM, [action])
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.sampled_from(["home", "restaurant"]), st.data())
+def test_the_applications_stay_readable(application: str, data: st.DataObject) -> None:
+    domain_text = (FOLDER / application / "domain.pddl").read_text()
+    problem_text = (FOLDER / application / "problem.pddl").read_text()
+    before = parse_domain(domain_text)
+    operator = before.operators[data.draw(st.sampled_from(sorted(before.operators)))]
+    action = f"({' '.join((operator.name, *('*' for _ in operator.parameters)))})"
+    left, problem = leave_out(domain_text, problem_text, [action])
+    after = parse_domain(left)
+    parse_problem(problem, after, constraints=True)
+    assert len(after.operators[operator.name].conditions) == len(operator.conditions) + 1
+    assert after.operators[operator.name].effects == operator.effects
+    others = set(before.operators) - {operator.name}
+    assert all(after.operators[name] == before.operators[name] for name in others)
