@@ -47,7 +47,15 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
         "merlin_executor",
         "merlin_home",
     ),
-    "merlin": ("merlin_ros", "merlin_pddl", "merlin_actions"),
+    "merlin": (
+        "merlin_msgs",
+        "merlin_ros",
+        "merlin_pddl",
+        "merlin_sm",
+        "merlin_actions",
+        "merlin_executor",
+        "merlin_monitor",
+    ),
     # The underlay's nodes of these names are those of merlin_rosplan.
     "rosplan_knowledge_base": ("merlin_ros", "merlin_sm", "merlin_rosplan"),
     "rosplan_planning_system": ("merlin_ros", "merlin_sm", "merlin_rosplan"),

@@ -8,11 +8,22 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "hello.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"(?:<!-- (file|run): (\S+) -->\n)?```(sh|python)\n(.*?)```", re.DOTALL)
+OTHER_TERMINAL = "# in another terminal"
 WRITE = "python - <<'END_OF_BLOCK'\n{code}\nEND_OF_BLOCK\n"
 
 
 def step(kind: str, file: str, language: str, text: str) -> str:
     """The shell's words for one block of the page."""
+    if language == "sh" and OTHER_TERMINAL in text:
+        first, rest = text.split("\n", 1)
+        # The reader sees when it is ready; `send` says that nothing runs until then.
+        ready = (
+            'until rosrun merlin send "(greet_done hall)"; do [ $((tries += 1)) -lt 100 ]; sleep 0.5; done'
+        )
+        run = first.replace(OTHER_TERMINAL, "")
+        return (
+            f"{run} > other.out & other=$!\ntries=0\n{ready}\n{rest}\nkill -INT $other; wait $other || true\n"
+        )
     if language == "sh":
         # The quickest simulation; and what the page shows on a screen is not to wait for a free port.
         return text.replace("my_robot my_robot.launch\n", "my_robot my_robot.launch rtf:=0\n").replace(
@@ -34,7 +45,7 @@ def step(kind: str, file: str, language: str, text: str) -> str:
 
 def test_every_step_of_the_page_works(tmp_path: Path) -> None:
     blocks = BLOCK.findall(PAGE)
-    assert [language for _, _, language, _ in blocks].count("sh") == 5
+    assert [language for _, _, language, _ in blocks].count("sh") == 6
     script = "\n".join(step(*block) for block in blocks)
     # The reader's terminal is in MERLIN's folder, where the new workspace would stay behind.
     script = script.replace("rosrun merlin new", f"cd {tmp_path}; rosrun merlin new")
@@ -52,4 +63,6 @@ def test_every_step_of_the_page_works(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stdout[-6000:]
     assert "I changed my mind" in done.stdout
+    assert "edited: my_robot.actions.greet" in done.stdout
+    assert "ALREADY_TRUE" in done.stdout
     assert "3 tests, 0 errors, 0 failures" in done.stdout

@@ -47,8 +47,8 @@ def test_allowed_imports_pass(tool: ModuleType, tmp_path: Path) -> None:
         (
             "merlin",
             "runner",
-            "import merlin_sm\n",
-            "merlin may import merlin_ros, merlin_pddl, merlin_actions",
+            "import merlin_sim\n",
+            "merlin may import merlin_msgs, merlin_ros, merlin_pddl",
         ),
         (
             "merlin_sim",

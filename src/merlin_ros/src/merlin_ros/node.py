@@ -158,8 +158,8 @@ def init_node(name: str, **options: Any) -> None:
 def end_lightly() -> None:
     """Spares this process the search for garbage when it ends.
 
-    Python looks through all objects of a node several times before it lets go of them: 0.15 s of computing that a
-    launch of 15 nodes pays 15 times, all at once.
+    Python looks through all objects of a node several times before it lets go of them: 0.15 s of computing
+    that a launch of 15 nodes pays 15 times, all at once.
     """
     atexit.register(gc.freeze)
 

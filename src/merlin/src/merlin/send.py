@@ -1,0 +1,119 @@
+"""The command `rosrun merlin send`: sends goals to the Executor, and shows what becomes of them."""
+
+import argparse
+import os
+import sys
+from typing import List
+
+import rospy
+from merlin_msgs.msg import ExecuteFeedback, ExecuteResult
+
+from merlin.launch_request import LaunchError
+from merlin.running import choose
+from merlin_executor.executor_client import DROP, RESUME, MerlinExecutorClient, outcome_name
+from merlin_executor.executor_request import ExecutorRequest
+from merlin_executor.goal_check import GoalError
+from merlin_ros.node import init_node
+from merlin_ros.service_proxy import ServiceError
+from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError
+
+EXECUTOR = "merlin_executor"
+EXIT_NOT_ACHIEVED = 1
+EXIT_MISTAKES = 2
+EXIT_INTERRUPTED = 130
+LIMIT = 30.0  # s for the Executor to answer
+STOP_LIMIT = 10.0  # s for a cancelled goal to end
+
+
+def main() -> int:
+    """Sends goals and waits; returns the exit code: 0, 1 not achieved, 2 a mistake, 130 after Ctrl-C."""
+    parser = argparse.ArgumentParser(
+        prog="rosrun merlin send",
+        description="Sends goals to the Executor and waits until they hold. Ctrl-C cancels them.",
+    )
+    parser.add_argument("goal", nargs="+", help='PDDL, one or many: "(checked kitchen)"')
+    parser.add_argument("--priority", type=int, default=0, help="a higher one interrupts what runs")
+    parser.add_argument("--timeout", type=float, metavar="S", help="cancel them after this time")
+    parser.add_argument("--drop", action="store_true", help="drop them when they are interrupted")
+    parser.add_argument("--robot", help="namespace of the robot, where there are several")
+    given = parser.parse_args()
+    try:
+        uri, (executor, *others) = choose(
+            lambda nodes, services: _executors(nodes, given.robot), "an Executor"
+        )
+    except LaunchError as error:
+        print(f"merlin send: {error}", file=sys.stderr)
+        return EXIT_MISTAKES
+    if others:
+        names = ", ".join(name.rpartition("/")[0] for name in (executor, *others))
+        print(f"merlin send: there are several robots; choose one, --robot: {names}", file=sys.stderr)
+        return EXIT_MISTAKES
+    os.environ["ROS_MASTER_URI"] = uri
+    sys.argv[1:] = []  # the arguments are not those of a node
+    init_node("merlin_send", anonymous=True)
+    try:
+        return _send(given, executor.rpartition("/")[0])
+    finally:
+        rospy.signal_shutdown("sent")
+
+
+def _executors(nodes: List[str], robot: str) -> List[str]:
+    if robot is None:
+        return [node for node in nodes if node.rpartition("/")[2] == EXECUTOR]
+    return [node for node in nodes if node.strip("/") == f"{robot.strip('/')}/{EXECUTOR}".strip("/")]
+
+
+def _send(given: argparse.Namespace, robot: str) -> int:
+    client = MerlinExecutorClient(f"{robot}/merlin/execute", f"{robot}/{DEFAULT_KNOWLEDGE_BASE}")
+    if not client.wait_for_executor(LIMIT):
+        print(f"merlin send: the Executor does not answer within {LIMIT:g} s", file=sys.stderr)
+        return EXIT_MISTAKES
+    try:
+        request = client.send(
+            given.goal,
+            priority=given.priority,
+            on_interrupt=DROP if given.drop else RESUME,
+            on_feedback=Progress().show,
+        )
+    except (GoalError, ValueError, KnowledgeError, ServiceError) as error:
+        print(f"merlin send: {error}", file=sys.stderr)
+        return EXIT_MISTAKES
+    rospy.on_shutdown(lambda: _cancel(request))
+    if not request.wait(given.timeout) and not rospy.is_shutdown():
+        print(f"not achieved within {given.timeout:g} s: cancelled", flush=True)
+        request.cancel()
+        request.wait()
+    result = request.result
+    if result is None:  # Ctrl-C, and the Executor has not answered
+        print("cancelled", flush=True)
+        return EXIT_INTERRUPTED
+    reason = f": {result.reason}" if result.reason else ""
+    print(f"{outcome_name(result.outcome)}{reason}", flush=True)
+    if rospy.is_shutdown():
+        return EXIT_INTERRUPTED
+    achieved = result.outcome in (ExecuteResult.SUCCEEDED, ExecuteResult.ALREADY_TRUE)
+    return 0 if achieved else EXIT_NOT_ACHIEVED
+
+
+def _cancel(request: ExecutorRequest) -> None:
+    if not request.done:
+        request.cancel()
+        request.wait(STOP_LIMIT)
+
+
+class Progress:
+    """Prints what a goal is at, once for each change."""
+
+    def __init__(self) -> None:
+        self._said = ""
+
+    def show(self, feedback: ExecuteFeedback) -> None:
+        """Takes a feedback."""
+        running = [
+            f"({' '.join([action.name, *(parameter.value for parameter in action.parameters)])})"
+            for action in feedback.running
+        ]
+        said = ", ".join(running) or feedback.reason or ("planning" if feedback.stage == "PLAN" else "")
+        if said and said != self._said:
+            self._said = said
+            print(f"  {said}", flush=True)

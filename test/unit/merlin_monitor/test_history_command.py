@@ -1,0 +1,73 @@
+"""What happened is read afterwards, as text and as JSON, also while the monitor still writes."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_store import HistoryStore
+from merlin_monitor.terminal import history_command
+
+LIMIT = 60.0
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "history.sqlite"
+    for number in (1, 2):
+        store = HistoryStore(path, 1000)
+        store.add(Event("goal", f"(checked room_{number}) asked for", 1.0))
+        store.add(Event("action", f"(ask room_{number}) succeeded", 2.0, {"outcome": "succeeded"}))
+        store.close()
+    return path
+
+
+def said(monkeypatch: pytest.MonkeyPatch, capsys: Any, *words: Any) -> Any:
+    monkeypatch.setattr(sys, "argv", ["history", *map(str, words)])
+    said.code = history_command.main()
+    out, said.errors = capsys.readouterr()
+    return out
+
+
+def test_the_last_run_is_shown(file: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    head, goal, action = said(monkeypatch, capsys, file).splitlines()
+    assert head.startswith("run 2, 20")
+    assert goal.endswith("  goal       (checked room_2) asked for")
+    assert action.endswith("  action     (ask room_2) succeeded")
+
+
+def test_runs_and_kinds_can_be_chosen(file: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    events = json.loads(said(monkeypatch, capsys, file.parent, "--all", "--kind", "action", "--json"))
+    assert [event["text"] for event in events] == ["(ask room_1) succeeded", "(ask room_2) succeeded"]
+    assert events[0]["detail"] == {"outcome": "succeeded"}
+    (event,) = json.loads(said(monkeypatch, capsys, file, "--run", 1, "--kind", "goal", "--json"))
+    assert (event["run"], event["text"]) == (1, "(checked room_1) asked for")
+    assert len(json.loads(said(monkeypatch, capsys, file, "--since", "1d", "--json"))) == 4
+    runs = json.loads(said(monkeypatch, capsys, file, "--runs", "--json"))
+    assert [(run["run"], run["events"]) for run in runs] == [(1, 2), (2, 2)]
+    assert "run 1, 20" in said(monkeypatch, capsys, file, "--runs")
+
+
+def test_a_history_that_is_still_written_is_read(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    store = HistoryStore(file, 1000)
+    store.add(Event("goal", "(checked hall) asked for", 1.0))
+    store.page().result(LIMIT)  # until it is written
+    assert "(checked hall) asked for" in said(monkeypatch, capsys, file)
+    store.close()
+
+
+def test_what_cannot_be_read_is_said(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    said(monkeypatch, capsys, tmp_path / "none.sqlite")
+    assert said.code == 2 and "there is no history" in said.errors
+    (tmp_path / "text").write_text("This is a text, and no history at all, whatever its name may be.\n" * 20)
+    said(monkeypatch, capsys, tmp_path / "text")
+    assert said.code == 2 and "cannot be read as a history" in said.errors
+    said(monkeypatch, capsys, file, "--run", 7)
+    assert said.code == 2 and "there is no run 7; there are: 1 to 2" in said.errors
