@@ -14,7 +14,7 @@ DISTURBANCES ?= 5
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment restaurant test lint bench chaos chaos-table soak screenshots clean
+.PHONY: help build demo experiment restaurant test lint docs bench chaos chaos-table soak screenshots clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD=)"
@@ -26,6 +26,7 @@ help:
 	@echo "make chaos-table   its table into docs/reliability.md (RESULTS='folder folder …')"
 	@echo "make soak   10 000 cancels and interruptions, the long tests, an hour of faults, 3 000 goals (CYCLES= MINUTES=)"
 	@echo "make lint   ruff, mypy, the map of imports, catkin_lint, roslaunch-check"
+	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
 	@echo "make build  only what the others need"
 
@@ -72,8 +73,11 @@ soak: build
 screenshots: build
 	@$(IN) python tools/monitor_screenshots.py
 
+docs:
+	@tools/docs.sh
+
 lint: build
 	@$(IN) tools/lint.sh
 
 clean:
-	rm -rf build devel install .venv
+	rm -rf build devel install .venv .venv-docs
