@@ -1,7 +1,7 @@
 """A whole robot as processes: its master dies while it drives, and a second launch of it is started."""
 
 import time
-from typing import Any
+from typing import Any, Dict
 
 import pytest
 
@@ -63,6 +63,17 @@ def witness(master: Any, launch: Any) -> Any:
     return found
 
 
+def addresses(master: Any) -> Dict[str, str]:
+    """Where the nodes are, when the master knows all of them."""
+    end = time.monotonic() + LIMIT
+    while True:
+        found = {node: master.address_of(node) for node in NODES}
+        if all(found.values()):
+            return found
+        assert time.monotonic() < end, f"not all nodes are there: {found}"
+        time.sleep(0.1)
+
+
 def test_a_robot_without_a_master_stands_and_works_again_with_the_next_one(master: Any, witness: Any) -> None:
     witness.say("(checked kitchen)")
     witness.expect("MOVES")
@@ -72,10 +83,7 @@ def test_a_robot_without_a_master_stands_and_works_again_with_the_next_one(maste
     assert "the ROS master did not return within 10 s" in first, first
     assert first.count("(robot_at ") == 1, first
     master.start()
-    end = time.monotonic() + LIMIT
-    while not all(master.address_of(node) for node in NODES):
-        assert time.monotonic() < end, "not all nodes are back"
-        time.sleep(0.1)
+    addresses(master)
     witness.say("(checked kitchen)")
     witness.expect("MOVES")
     second = witness.expect("ENDED")
@@ -84,8 +92,7 @@ def test_a_robot_without_a_master_stands_and_works_again_with_the_next_one(maste
 
 
 def test_a_second_launch_names_the_first_one_and_does_not_harm_it(master: Any, witness: Any) -> None:
-    before = {node: master.address_of(node) for node in NODES}
-    assert all(before.values()), before
+    before = addresses(master)
     second = master.spawn("roslaunch", "merlin", "executor.launch")
     second.ended()  # roslaunch has no exit code for this
     assert "node /merlin_executor runs already (process " in second.output
