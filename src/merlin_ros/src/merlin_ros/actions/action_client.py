@@ -135,10 +135,12 @@ class ActionClient:
         self._cancel_publisher = rospy.Publisher(
             self.name + "/cancel", GoalID, subscriber_listener=listener, queue_size=10
         )
+        # The status comes last: its callback, which may run at once, looks at the link for results.
+        self._result_subscriber = rospy.Subscriber(
+            self.name + "/result", type(action.action_result), self._receive_result, tcp_nodelay=True
+        )
         self._subscribers = [
-            rospy.Subscriber(
-                self.name + "/result", type(action.action_result), self._receive_result, tcp_nodelay=True
-            ),
+            self._result_subscriber,
             rospy.Subscriber(
                 self.name + "/feedback",
                 type(action.action_feedback),
@@ -285,7 +287,7 @@ class ActionClient:
             now = running_time()
             self._last_status = now
             self._server = message._connection_header["callerid"]
-            self._proved = self._server if self._server in connected_peers(self._subscribers[0]) else ""
+            self._proved = self._server if self._server in connected_peers(self._result_subscriber) else ""
             self._silence = 0.0
             left = self._left_running(statuses, now)
             for goal in list(self._goals.values()):
