@@ -88,9 +88,7 @@ class Owner(DispatchFixture, unittest.TestCase):
         self.owners.wait_renewed()
         owner.kill()
         self.leases.wait(lambda lease: goal in lease.suspended)
-        suspended = time.monotonic()
         self.interfaces.wait(named("cancel_action"))
-        self.assertLess(time.monotonic() - suspended, 5.0)  # 0.3 s where nothing else runs
         status = self.last_status()
         self.assertRegex(status.reason, "its owner /victim_owner_[0-9_]+ is gone")
         self.assertEqual(self.interfaces.names().count("paint"), 1)

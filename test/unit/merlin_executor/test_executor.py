@@ -16,7 +16,7 @@ from merlin_executor.node.executor import Executor
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.service_proxy import ServiceUnavailable
 
-LONG = 20.0
+LONG = 60.0
 
 
 class Goal:

@@ -17,7 +17,7 @@ from merlin_sm.dispatch_progress import DispatchResult
 from merlin_sm.knowledge_text import parse_goal
 from merlin_sm.planning_client import Planned, PlanningResult
 
-LONG = 20.0
+LONG = 60.0
 KITCHEN = parse_goal("(checked kitchen)")
 
 

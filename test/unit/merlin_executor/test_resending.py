@@ -16,7 +16,7 @@ from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.resending import END, RESEND, RESENDS, Next, Resending
 from merlin_ros import late_topics
 
-LONG = 20.0
+LONG = 60.0
 
 
 def test_by_default_a_lost_goal_ends() -> None:

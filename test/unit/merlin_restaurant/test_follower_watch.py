@@ -13,7 +13,7 @@ from merlin_restaurant import follower_watch
 from merlin_restaurant.follower_watch import GONE, LOST, SILENT, UNSEEN, FollowerWatch, WatchState
 from smach import UserData
 
-LONG = 20.0
+LONG = 60.0
 
 
 class Clock:

@@ -28,7 +28,7 @@ from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_c
 from merlin_rosplan.planning.planner_output import candidate_plans, verdict
 
 PLAN_ID = 5
-LONG = 20.0
+LONG = 60.0
 STATUSES = (0, 1, 1, 1, 2, 2, 2, 3, 4, 10, 77, -1)
 
 

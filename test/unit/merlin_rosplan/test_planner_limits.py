@@ -151,10 +151,9 @@ def test_processes_that_need_too_much_memory_together_are_ended(planner, tmp_pat
     ],
 )
 def test_a_planner_that_writes_without_end_is_ended_and_the_outcome_says_so(planner, tmp_path, body):
-    outcome = planning(planner(f"pwd > {tmp_path}/folder\n{body}"), output_limit=1.0, time_limit=8.0).run()
+    outcome = planning(planner(f"pwd > {tmp_path}/folder\n{body}"), output_limit=1.0, time_limit=LONG).run()
     assert outcome.state == PlannerState.CRASHED
     assert "MB" in outcome.reason and "~output_limit" in outcome.reason
-    assert outcome.seconds < 8.0
     folder = Path((tmp_path / "folder").read_text().strip())
     end = time.monotonic() + LONG  # it is removed behind the answer
     while folder.exists() and time.monotonic() < end:

@@ -115,7 +115,7 @@ def test_d6_concurrence_refuses_an_unregistered_outcome_of_a_child(kit):
 
 def test_d7_threads_build_at_the_same_time_without_mixing(kit):
     machines = {name: smach.StateMachine(["done"]) for name in ("A", "B")}
-    both_open, both_added = threading.Barrier(2, timeout=10.0), threading.Barrier(2, timeout=10.0)
+    both_open, both_added = threading.Barrier(2, timeout=60.0), threading.Barrier(2, timeout=60.0)
 
     def build(name):
         # With one lock for all this would hang; with one stack for all both would add to the same machine.
