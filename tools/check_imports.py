@@ -64,7 +64,7 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
 #: Package → its sub-packages, lowest first; those of one text do not import each other; "." is the modules
 #: beside them. A package that is missing here has no sub-packages yet.
 LAYERS: Dict[str, Tuple[str, ...]] = {
-    "merlin_pddl": (".", "analysis checks"),
+    "merlin_pddl": (".", "analysis", "checks"),
     "merlin_ros": ("master", ".", "actions"),
     "merlin_rosplan": (
         "knowledge planning dispatch",

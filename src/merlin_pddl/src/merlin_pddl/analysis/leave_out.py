@@ -12,6 +12,8 @@ from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import Expression, Node, Word, name_of, read_expression
 
 ANY = "*"
+#: Begins the predicates that say which actions are left out.
+LEFT_OUT = "left-out-"
 _NEGATION = ":negative-preconditions"
 Ground = Tuple[str, ...]
 
@@ -66,7 +68,7 @@ def _expanded(
 
 
 def _predicate(operator: str) -> str:
-    return f"left-out-{operator}"
+    return f"{LEFT_OUT}{operator}"
 
 
 def _section(node: Expression, head: str) -> Expression:

@@ -17,6 +17,7 @@ import traceback
 from pathlib import Path
 from typing import Any, Callable, List, Optional, Tuple
 
+from merlin_pddl.analysis.shortfall import shortfall
 from merlin_pddl.checks import portability
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain
@@ -118,11 +119,14 @@ class Validation:
             return
         self._stage(f"looking for a plan for {goals}")
         left = max(0.1, self._ends - time.monotonic())
-        result = self._kairos.solve(domain_text, write_problem(problem, domain), timeout=left)
+        problem_text = write_problem(problem, domain)
+        result = self._kairos.solve(domain_text, problem_text, timeout=left)
         if result.status == self._kairos.Status.SOLVED:
             self.messages.append(f"a plan for {goals}:\n{str(result.plan).strip()}")
             return
         reasons = "; ".join(diagnostic.message for diagnostic in result.diagnostics)
+        found, why = shortfall(domain_text, problem_text)
+        reasons = "; ".join(filter(None, (why if found else "", reasons)))
         status = result.status.name.lower().replace("_", " ")
         self._invalid(f"no plan for {goals}: {status}" + (f": {reasons}" if reasons else ""))
 

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional
 
 from merlin_pddl.analysis.leave_out import leave_out
+from merlin_pddl.analysis.shortfall import shortfall
 from merlin_pddl.checks import kairos_check
 from merlin_pddl.plan_text import format_plan
 from merlin_pddl.text_reader import PddlError
-from merlin_rosplan.planning.planner import Planner, PlannerSettings, Task
+from merlin_rosplan.planning.planner import Attempt, Planner, PlannerSettings, Task
 from merlin_rosplan.planning.planner_command import parse_command
 from merlin_rosplan.planning.planner_external import CommandPlanner
 from merlin_rosplan.planning.planner_files import keep
@@ -117,18 +118,28 @@ def _plan(job: PlannerJob, folder: Path) -> Dict[str, Any]:
         fault = check()
         if fault is not None:
             return _outcome(PlannerState.INVALID, fault, KAIROS)
-        return _told(PlannerRace(planners, task).run(), keep_in)
-    return _told(PlannerRace(planners, task).run(check), keep_in)
+        return _told(PlannerRace(planners, task).run(), keep_in, task)
+    return _told(PlannerRace(planners, task).run(check), keep_in, task)
 
 
 def _read(path: str) -> str:
     return Path(path).read_text(errors="replace")
 
 
-def _told(entry: Entry, keep_in: Optional[Path]) -> Dict[str, Any]:
+def _why(attempt: Attempt, task: Task) -> str:
+    """Why an engine found no plan: its own words, and which condition no action can reach."""
+    if attempt.state not in (PlannerState.UNSOLVABLE, PlannerState.NO_PLAN, PlannerState.TIMEOUT):
+        return attempt.reason
+    found, why = shortfall(task.domain, task.problem)
+    if not why or (attempt.state is PlannerState.TIMEOUT and not found):
+        return attempt.reason
+    return f"{why} ({attempt.reason})" if found else f"{attempt.reason}; {why}"
+
+
+def _told(entry: Entry, keep_in: Optional[Path], task: Task) -> Dict[str, Any]:
     attempt = entry.attempt
     if attempt.state != PlannerState.SOLVED:
-        return _outcome(attempt.state, attempt.reason, attempt.planner)
+        return _outcome(attempt.state, _why(attempt, task), attempt.planner)
     text = format_plan(entry.plan)
     warning = keep(keep_in / "plan.pddl", text) if keep_in is not None else None
     length = max((step.time + step.duration for step in entry.plan), default=0.0)

@@ -1,0 +1,203 @@
+"""What can hold at all when nothing is ever lost: facts that come true stay, numbers become ranges.
+
+Whatever a plan can reach can be reached here too; what cannot be reached here has no plan.
+"""
+
+import itertools
+import time
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+
+from merlin_pddl.analysis.ranges import ANYTHING, POSITIVE, Range, arithmetic, can_compare
+from merlin_pddl.domain import Domain
+from merlin_pddl.formula import (
+    And,
+    Arithmetic,
+    Atom,
+    Comparison,
+    Condition,
+    Equal,
+    Exists,
+    Fluent,
+    Forall,
+    Not,
+    Number,
+    Numeric,
+    Or,
+    Special,
+    Variable,
+    bind,
+)
+from merlin_pddl.knowledge import Fact, FunctionValue, Key
+from merlin_pddl.problem import Problem
+
+Bindings = Mapping[str, str]
+Grounds = Set[Tuple[str, ...]]
+
+
+class CutOffError(Exception):
+    """The time for the analysis is over."""
+
+
+class RelaxedState:
+    """The facts and numbers that were reached so far.
+
+    :param end: of the analysis, s of ``time.monotonic``.
+    """
+
+    def __init__(self, domain: Domain, problem: Problem, end: float) -> None:
+        self._domain = domain
+        self._end = end
+        self._objects = {name.lower(): types for name, types in domain.constants.items()}
+        self._objects.update({name.lower(): types for name, types in problem.objects.items()})
+        self._of_types: Dict[Tuple[str, ...], List[str]] = {}
+        self.facts: Dict[str, Grounds] = {}
+        """Predicate → its arguments for which it can hold."""
+        self.values: Dict[Key, Range] = {}
+        """Function with arguments → what it can become; one that never has a value is missing."""
+        for fact in problem.facts:
+            if not fact.negative:
+                self.add(fact.key)
+        self._initial = {(name, *args) for name, found in self.facts.items() for args in found}
+        self._gone: Set[Key] = set()
+        for value in problem.values:
+            self.values[value.key] = Range(value.value, value.value)
+        for timed in problem.timed:
+            self._add_timed(timed.item)
+
+    def _add_timed(self, item: object) -> None:
+        if isinstance(item, Fact):
+            if item.negative:
+                self.remove(item.key)
+            else:
+                self.add(item.key)
+        elif isinstance(item, FunctionValue):
+            self.widen(item.key, Range(item.value, item.value))
+
+    def look_at_clock(self) -> None:
+        """Ends the analysis in time.
+
+        :raises CutOffError: the time is over.
+        """
+        if time.monotonic() > self._end:
+            raise CutOffError()
+
+    # --- what comes true ----------------------------------------------------------------------------------
+
+    def add(self, key: Key) -> bool:
+        """A fact can hold; returns whether that is new."""
+        found = self.facts.setdefault(key[0], set())
+        if key[1:] in found:
+            return False
+        found.add(key[1:])
+        return True
+
+    def remove(self, key: Key) -> bool:
+        """A fact can be lost, which matters for those that hold at the start; returns whether that is new."""
+        if key not in self._initial or key in self._gone:
+            return False
+        self._gone.add(key)
+        return True
+
+    def widen(self, key: Key, value: Range) -> bool:
+        """A number can get a value; returns whether that is new."""
+        old = self.values.get(key)
+        new = value if old is None else old.joined(value)
+        self.values[key] = new
+        return new != old
+
+    # --- what can hold ------------------------------------------------------------------------------------
+
+    def can(self, condition: Condition, bindings: Bindings, negated: bool = False) -> bool:
+        """Whether a condition can hold, or with `negated` can fail."""
+        if isinstance(condition, Atom):
+            key = self.key(condition, bindings)
+            if negated:
+                derived = key[0] in self._domain.derived
+                return derived or key not in self._initial or key in self._gone
+            return key[1:] in self.facts.get(key[0], ())
+        if isinstance(condition, Not):
+            return self.can(condition.part, bindings, not negated)
+        if isinstance(condition, (And, Or)):
+            every = isinstance(condition, And) != negated
+            return (all if every else any)(self.can(part, bindings, negated) for part in condition.parts)
+        if isinstance(condition, (Forall, Exists)):
+            every = isinstance(condition, Forall) != negated
+            extended = self.extend(condition.variables, bindings)
+            return (all if every else any)(self.can(condition.part, b, negated) for b in extended)
+        if isinstance(condition, Equal):
+            same = bind(condition.left, bindings).lower() == bind(condition.right, bindings).lower()
+            return same != negated
+        if isinstance(condition, Comparison):
+            left, right = self.range(condition.left, bindings), self.range(condition.right, bindings)
+            if left is None or right is None:
+                return negated  # a comparison without a value is false
+            return can_compare(condition.op, left, right, negated)
+        return not negated  # a preference
+
+    def range(self, value: Numeric, bindings: Bindings) -> Optional[Range]:
+        """What an expression can be worth; None when a function in it never has a value."""
+        if isinstance(value, Number):
+            return Range(value.value, value.value)
+        if isinstance(value, Fluent):
+            return self.values.get(self.key(value, bindings))
+        if isinstance(value, Arithmetic):
+            parts = [self.range(part, bindings) for part in value.parts]
+            known = [part for part in parts if part is not None]
+            return arithmetic(value.op, known) if len(known) == len(parts) else None
+        assert isinstance(value, Special)
+        return POSITIVE if value.name in ("#t", "?duration", "total-time") else ANYTHING
+
+    @staticmethod
+    def key(item: object, bindings: Bindings) -> Key:
+        """The key of an atom or a function."""
+        assert isinstance(item, (Atom, Fluent))
+        return (item.name.lower(), *(bind(term, bindings).lower() for term in item.args))
+
+    # --- objects and bindings -----------------------------------------------------------------------------
+
+    def objects(self, types: Tuple[str, ...]) -> List[str]:
+        """The objects that may stand where these types are asked."""
+        if types not in self._of_types:
+            self._of_types[types] = [
+                n for n, has in self._objects.items() if self._domain.accepts(types, has)
+            ]
+        return self._of_types[types]
+
+    def extend(self, variables: Sequence[Variable], bindings: Bindings) -> Iterator[Dict[str, str]]:
+        """All bindings with every combination of objects for further variables."""
+        for objects in itertools.product(*(self.objects(variable.types) for variable in variables)):
+            self.look_at_clock()
+            yield {**bindings, **{v.name: name for v, name in zip(variables, objects)}}
+
+    def matches(
+        self, variables: Sequence[Variable], conditions: Sequence[Condition]
+    ) -> Iterator[Dict[str, str]]:
+        """All bindings of variables for which conditions can hold."""
+        atoms = [condition for condition in conditions if isinstance(condition, Atom)]
+        atoms.sort(key=lambda atom: len(self.facts.get(atom.name.lower(), ())))
+        others = [condition for condition in conditions if not isinstance(condition, Atom)]
+        typed = {variable.name: variable.types for variable in variables}
+        for found in self._join(atoms, 0, {}, typed):
+            left = [variable for variable in variables if variable.name not in found]
+            for bindings in self.extend(left, found):
+                if all(self.can(condition, bindings) for condition in others):
+                    yield bindings
+
+    def _join(
+        self, atoms: Sequence[Atom], at: int, found: Dict[str, str], typed: Mapping[str, Tuple[str, ...]]
+    ) -> Iterator[Dict[str, str]]:
+        if at == len(atoms):
+            yield found
+            return
+        self.look_at_clock()
+        atom = atoms[at]
+        for args in list(self.facts.get(atom.name.lower(), ())):
+            more = dict(found)
+            for term, name in zip(atom.args, args):
+                if not term.startswith("?"):
+                    if term.lower() != name:
+                        break
+                elif more.setdefault(term, name) != name or name not in self.objects(typed[term]):
+                    break
+            else:
+                yield from self._join(atoms, at + 1, more, typed)

@@ -1,0 +1,191 @@
+"""Why a task has no plan: which condition no action can reach, and by how much it is missed."""
+
+import itertools
+import math
+import time
+from typing import Dict, FrozenSet, Iterator, List, NamedTuple, Optional, Tuple
+
+from merlin_pddl.analysis.leave_out import LEFT_OUT
+from merlin_pddl.analysis.reachability import Reachability, conditions_of
+from merlin_pddl.analysis.relaxed_state import CutOffError, RelaxedState
+from merlin_pddl.domain import Domain, Operator
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.formula import (
+    Arithmetic,
+    Atom,
+    Comparison,
+    Condition,
+    Effect,
+    Fluent,
+    Not,
+    Number,
+    Numeric,
+    ground,
+    numeric_text,
+    to_pddl,
+)
+from merlin_pddl.knowledge import conjuncts
+from merlin_pddl.problem_reader import parse_problem
+from merlin_pddl.text_reader import PddlError
+
+#: s of wall time for the analysis.
+LIMIT = 0.2
+#: How many goals are told about.
+TOLD = 2
+#: How many ways to reach a condition are compared.
+WAYS = 500
+_MIRRORED = {">": "<", ">=": "<=", "<": ">", "<=": ">=", "=": "="}
+CUT_OFF = "why was not found out within {limit:g} s"
+TOGETHER = (
+    "every goal could be reached for itself: actions undo what others need, or a number does not last for all"
+)
+
+
+class Gap(NamedTuple):
+    """A condition that cannot be reached."""
+
+    condition: str
+    """As PDDL, ground."""
+    operator: str
+    """That needs it; empty: it is the goal itself."""
+    why: str
+
+    def text(self) -> str:
+        """As part of a sentence."""
+        needed = f" for {self.operator}" if self.operator else ""
+        return f"{self.condition}{needed}; {self.why}"
+
+
+def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, str]:
+    """Why there is no plan.
+
+    :param domain, problem: PDDL text.
+    :param limit: s of wall time.
+    :return: whether a condition was found that cannot be reached, and a sentence; empty when the text is not
+        PDDL that this reader knows.
+    """
+    end = time.monotonic() + limit
+    try:
+        model = parse_domain(domain)
+        task = parse_problem(problem, model, constraints=True)
+        reach = Reachability(model, task, end)
+        reach.run()
+        goals = [part for goal in task.goals for part in conjuncts(goal)]
+        missed = [goal for goal in goals if not reach.state.can(goal, {})]
+        told = [_told(goal, model, reach.state) for goal in missed[:TOLD]]
+    except CutOffError:
+        return False, CUT_OFF.format(limit=limit)
+    except (PddlError, KeyError, RecursionError):  # a variable without a value: the planner tells about such
+        return False, ""
+    if not missed:
+        return False, TOGETHER
+    more = f"; and {len(missed) - TOLD} more goals" if len(missed) > TOLD else ""
+    return True, "; ".join(told) + more
+
+
+def _told(goal: Condition, domain: Domain, state: RelaxedState) -> str:
+    gap = _Search(domain, state).gap(goal, "", frozenset())
+    if gap.condition == to_pddl(goal):
+        return f"cannot be reached: {gap.text()}"
+    return f"{to_pddl(goal)} cannot be reached, it needs {gap.text()}"
+
+
+class _Search:
+    """Follows a condition that cannot be reached back to one that no action explains.
+
+    :param state: all that can be reached.
+    """
+
+    def __init__(self, domain: Domain, state: RelaxedState) -> None:
+        self._domain = domain
+        self._state = state
+
+    def gap(self, condition: Condition, operator: str, seen: FrozenSet[str]) -> Gap:
+        """The reason behind a ground condition.
+
+        :param operator: that needs it.
+        :param seen: conditions on the way to it.
+        """
+        text = to_pddl(condition)
+        if isinstance(condition, Comparison):
+            return Gap(self._subject(condition), operator, self._missed(condition))
+        if isinstance(condition, Not) and isinstance(condition.part, Atom):
+            atom = condition.part
+            if atom.name.startswith(LEFT_OUT):
+                action = f"({' '.join((atom.name[len(LEFT_OUT) :], *atom.args))})"
+                return Gap(action, "", "it was given up")
+            return Gap(text, operator, "no action can make it false")
+        if not isinstance(condition, Atom):
+            return Gap(text, operator, "it can never hold")
+        way = self._way(condition, seen | {text})
+        if way is None:
+            return Gap(text, operator, "no action can make it true")
+        needed, name = way
+        return self.gap(needed, name, seen | {text})
+
+    def _way(self, atom: Atom, seen: FrozenSet[str]) -> Optional[Tuple[Condition, str]]:
+        """What is missing for the action that comes nearest to an atom, and its operator."""
+        best: Optional[Tuple[int, Condition, str]] = None
+        for operator in self._domain.operators.values():
+            for effect in operator.effects:
+                if effect.atom is None or effect.negative or effect.atom.name != atom.name:
+                    continue
+                for missing in itertools.islice(self._missing(operator, effect, atom), WAYS):
+                    if any(to_pddl(condition) in seen for condition in missing) or not missing:
+                        continue
+                    if best is None or len(missing) < best[0]:
+                        best = len(missing), missing[0], operator.name
+        return None if best is None else best[1:]
+
+    def _missing(self, operator: Operator, effect: Effect, atom: Atom) -> Iterator[List[Condition]]:
+        """For each way in which an effect makes an atom true: the conditions that cannot be reached."""
+        assert effect.atom is not None
+        bound: Dict[str, str] = {}
+        for term, name in zip(effect.atom.args, atom.args):
+            if bound.setdefault(term, name.lower()) != name.lower():
+                return
+        variables = (*operator.parameters, *effect.variables)
+        for variable in variables:
+            if variable.name in bound and bound[variable.name] not in self._state.objects(variable.types):
+                return
+        if any(not term.startswith("?") and term.lower() != name for term, name in bound.items()):
+            return
+        free = [variable for variable in variables if variable.name not in bound]
+        needed = conditions_of(operator)
+        needed += [part for timed in effect.conditions for part in conjuncts(timed.condition)]
+        for bindings in self._state.extend(free, bound):
+            yield [ground(need, bindings) for need in needed if not self._state.can(need, bindings)]
+
+    def _subject(self, comparison: Comparison) -> str:
+        return self._without_value(comparison) or to_pddl(comparison)
+
+    def _missed(self, comparison: Comparison) -> str:
+        """By how much a comparison is missed."""
+        if self._without_value(comparison):
+            return "it has no value"
+        op, left, right = comparison.op, comparison.left, comparison.right
+        if isinstance(left, Number):
+            op, left, right = _MIRRORED[op], right, left
+        has, wanted = self._state.range(left, {}), self._state.range(right, {})
+        assert has is not None and wanted is not None
+        above = op in (">", ">=") or (op == "=" and has.high < wanted.low)
+        value, limit = (has.high, wanted.low) if above else (has.low, wanted.high)
+        if not (math.isfinite(value) and math.isfinite(limit)):
+            return "it can never hold"
+        told = f"at {'most' if above else 'least'} {_rounded(value)} can be had"
+        return told if isinstance(right, Number) else f"{told}, {_rounded(limit)} is needed"
+
+    def _without_value(self, comparison: Comparison) -> str:
+        """The first function of a comparison that has no value."""
+        found = [*_fluents(comparison.left), *_fluents(comparison.right)]
+        return next((to_pddl(fluent) for fluent in found if self._state.range(fluent, {}) is None), "")
+
+
+def _fluents(value: Numeric) -> List[Fluent]:
+    if isinstance(value, Arithmetic):
+        return [fluent for part in value.parts for fluent in _fluents(part)]
+    return [value] if isinstance(value, Fluent) else []
+
+
+def _rounded(value: float) -> str:
+    return numeric_text(float(f"{value:.6g}"))

@@ -1,0 +1,173 @@
+"""Why a task has no plan, and that nothing is called unreachable that a plan can reach."""
+
+import time
+from pathlib import Path
+from typing import Tuple
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from merlin_pddl.analysis.leave_out import leave_out
+from merlin_pddl.analysis.ranges import Range, arithmetic, can_compare
+from merlin_pddl.analysis.reachability import Reachability
+from merlin_pddl.analysis.shortfall import TOGETHER, shortfall
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.evaluation import compare
+from merlin_pddl.formula import Atom
+from merlin_pddl.problem_reader import parse_problem
+
+FOLDER = Path(__file__).parents[3] / "src" / "merlin" / "pddl"
+LONG = 60.0
+COURIER = """(define (domain courier)
+  (:types place box)
+  (:predicates (at ?p - place) (in ?b - box ?p - place) (door ?from ?to - place) (dirty) (safe))
+  (:functions (battery) (needed ?from ?to - place))
+  (:action drive :parameters (?from ?to - place)
+    :precondition (and (at ?from) (door ?from ?to) (>= (battery) (needed ?from ?to)))
+    :effect (and (at ?to) (not (at ?from)) (decrease (battery) 1)))
+  (:action deliver :parameters (?b - box ?from ?to - place)
+    :precondition (and (in ?b ?from) (at ?to) (>= (battery) 13) (not (dirty)))
+    :effect (and (in ?b ?to) (not (in ?b ?from)))))"""
+INIT = "(at hall) (in box_1 hall) (door hall ward) (= (needed hall ward) 5) (= (battery) 12.2)"
+
+
+def task(goal: str, init: str = INIT) -> str:
+    return f"""(define (problem day) (:domain courier) (:objects hall ward roof - place box_1 - box)
+      (:init {init}) (:goal (and {goal})))"""
+
+
+@pytest.mark.parametrize(
+    ("goal", "init", "expected"),
+    [
+        (
+            "(in box_1 ward)",
+            INIT,
+            "(in box_1 ward) cannot be reached, it needs "
+            "(>= (battery) 13) for deliver; at most 12.2 can be had",
+        ),
+        ("(>= (battery) 20)", INIT, "cannot be reached: (>= (battery) 20); at most 12.2 can be had"),
+        ("(<= 20 (battery))", INIT, "cannot be reached: (<= 20 (battery)); at most 12.2 can be had"),
+        (
+            "(at ward)",
+            INIT.replace("12.2", "3"),
+            "(at ward) cannot be reached, it needs (>= (battery) (needed hall ward)) for drive; "
+            "at most 3 can be had, 5 is needed",
+        ),
+        ("(safe)", INIT, "cannot be reached: (safe); no action can make it true"),
+        (
+            "(in box_1 ward)",
+            INIT.replace("12.2", "20") + "(dirty)",
+            "(in box_1 ward) cannot be reached, it needs "
+            "(not (dirty)) for deliver; no action can make it false",
+        ),
+        (
+            "(at ward)",
+            INIT.replace("(= (needed hall ward) 5)", ""),
+            "(at ward) cannot be reached, it needs (needed hall ward) for drive; it has no value",
+        ),
+    ],
+)
+def test_it_names_the_condition_and_by_how_much_it_is_missed(goal: str, init: str, expected: str) -> None:
+    assert shortfall(COURIER, task(goal, init), LONG) == (True, expected)
+
+
+def test_it_follows_a_condition_back_to_its_reason() -> None:
+    found, why = shortfall(COURIER, task("(at roof)"), LONG)
+    assert found and why.startswith("(at roof) cannot be reached, it needs (door ")
+    assert why.endswith("roof) for drive; no action can make it true")
+
+
+def test_an_action_that_was_left_out_is_named() -> None:
+    domain, problem = leave_out(COURIER, task("(at ward)"), ["(drive * ward)"])
+    found, why = shortfall(domain, problem, LONG)
+    assert found and why == "(at ward) cannot be reached, it needs (drive hall ward); it was given up"
+
+
+def test_what_can_be_reached_for_itself_is_not_called_unreachable() -> None:
+    assert shortfall(COURIER, task("(at ward) (at hall)"), LONG) == (False, TOGETHER)
+
+
+def test_it_ends_in_time_and_says_so() -> None:
+    objects = " ".join(f"p{number}" for number in range(300))
+    doors = " ".join(f"(door p{a} p{b})" for a in range(0, 300, 3) for b in range(0, 300, 3))
+    problem = f"""(define (problem day) (:domain courier) (:objects {objects} - place box_1 - box)
+      (:init (at p0) {doors} (= (battery) 50)) (:goal (safe)))"""
+    found, why = shortfall(COURIER, problem, 0.0)
+    assert (found, why) == (False, "why was not found out within 0 s")
+
+
+def test_what_is_not_pddl_is_left_to_the_planner() -> None:
+    assert shortfall("(define", task("(safe)")) == (False, "")
+
+
+def application(name: str) -> Tuple[str, str]:
+    return tuple((FOLDER / name / file).read_text() for file in ("domain.pddl", "problem.pddl"))  # type: ignore
+
+
+@pytest.mark.parametrize("name", ["home", "restaurant"])
+def test_everything_that_the_applications_do_can_be_reached(name: str) -> None:
+    domain_text, problem_text = application(name)
+    domain = parse_domain(domain_text)
+    if "client" in domain.types:  # those of the restaurant come later
+        problem_text = problem_text.replace("(:objects", "(:objects ann - client", 1)
+    problem = parse_problem(problem_text, domain, constraints=True)
+    reach = Reachability(domain, problem, time.monotonic() + LONG)
+    effects = [effect for action in domain.operators.values() for effect in action.effects]
+    made = {effect.atom.name for effect in effects if effect.atom and not effect.negative}
+    for predicate in domain.predicates.values():
+        if predicate.name not in made:  # what is perceived
+            for bindings in reach.state.extend(predicate.parameters, {}):
+                reach.state.add((predicate.name, *bindings.values()))
+    reach.run()
+    for operator in domain.operators.values():
+        needs = [timed.condition for timed in operator.conditions]
+        assert next(reach.state.matches(operator.parameters, needs), None) is not None, operator.name
+
+
+# --- nothing that is reached by a walk is called unreachable ------------------------------------------
+
+numbers = st.integers(-4, 4)
+ranges = st.tuples(numbers, numbers).map(lambda pair: Range(float(min(pair)), float(max(pair))))
+
+
+@given(st.sampled_from("+-*/"), ranges, ranges, st.data())
+def test_arithmetic_of_ranges_holds_all_results(op: str, a: Range, b: Range, data: st.DataObject) -> None:
+    left = data.draw(st.floats(a.low, a.high))
+    right = data.draw(st.floats(b.low, b.high))
+    if op == "/" and abs(right) < 1e-6:
+        return
+    value = {"+": left + right, "-": left - right, "*": left * right}.get(op, left / (right or 1.0))
+    found = arithmetic(op, [a, b])
+    assert found.low - 1e-6 <= value <= found.high + 1e-6
+
+
+@given(st.sampled_from([">", ">=", "<", "<=", "="]), ranges, ranges, st.booleans(), st.data())
+def test_a_comparison_that_holds_somewhere_can_hold(
+    op: str, a: Range, b: Range, negated: bool, data: st.DataObject
+) -> None:
+    left, right = data.draw(st.floats(a.low, a.high)), data.draw(st.floats(b.low, b.high))
+    if compare(op, left, right) != negated:
+        assert can_compare(op, a, b, negated)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), max_size=8),
+    st.lists(st.integers(0, 30), min_size=1, max_size=6),
+)
+def test_every_place_of_a_walk_can_be_reached(doors: list, choices: list) -> None:
+    objects = " ".join(f"p{number}" for number in range(5))
+    facts = " ".join(f"(door p{a} p{b}) (= (needed p{a} p{b}) {a})" for a, b in set(doors))
+    problem = f"""(define (problem walk) (:domain courier) (:objects {objects} - place box_1 - box)
+      (:init (at p0) (= (battery) 10) {facts}) (:goal (safe)))"""
+    domain = parse_domain(COURIER)
+    reach = Reachability(domain, parse_problem(problem, domain), time.monotonic() + LONG)
+    reach.run()
+    place, battery = 0, 10
+    for choice in choices:
+        ways = [to for begin, to in sorted(set(doors)) if begin == place and battery >= begin]
+        if not ways:
+            break
+        place, battery = ways[choice % len(ways)], battery - 1
+        assert reach.state.can(Atom("at", (f"p{place}",)), {})
