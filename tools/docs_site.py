@@ -17,10 +17,10 @@ WORKSPACE = Path(__file__).resolve().parent.parent
 LINK = re.compile(r"(?<!\!)\[[^\]]*\]\(([^)\s]+)\)|!\[[^\]]*\]\(([^)\s]+)\)")
 #: Title in the menu → pages, in the order in which they are read.
 MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
-    ("Begin", ("README.md", "docs/hello.md", "docs/tutorial.md", "docs/real-robot.md")),
+    ("Begin", ("README.md", "docs/hello.md", "docs/tutorial.md", "docs/testing.md", "docs/real-robot.md")),
     ("Reference", ("docs/states.md", "docs/planners.md", "docs/dispatch.md", "docs/simulation.md")),
     ("Design", ("docs/architecture.md", "docs/reliability.md", "docs/ontology.md")),
-    ("ROS and ROSPlan", ("docs/over-rosplan.md", "docs/rosplan-compatibility.md")),
+    ("ROS and ROSPlan", ("docs/ros1.md", "docs/over-rosplan.md", "docs/rosplan-compatibility.md")),
     ("Measured", ("docs/benchmarks.md", "docs/experiment.md")),
 )
 

@@ -21,6 +21,7 @@ class SimulatedActionServer:
     :param action_spec: the generated ``...Action`` class.
     :param behaviour: of its goals.
     :param script: what it answers, see :class:`ScriptedResults`.
+    :param on_goal: called with each goal's message before it begins.
     :param on_start: called when a goal begins.
     :param on_stop: called when it ends or is cancelled, at once, possibly twice.
     """
@@ -33,15 +34,24 @@ class SimulatedActionServer:
         on_start: Callable[[], None] = lambda: None,
         on_stop: Callable[[], None] = lambda: None,
         script: Optional[Mapping[str, Any]] = None,
+        on_goal: Callable[[Any], None] = lambda goal: None,
     ) -> None:
-        self._results = ScriptedResults(type(action_spec().action_result.result), script or {})
-        self._succeeded = 0
-        self._behaviour = behaviour
+        self._result_class = type(action_spec().action_result.result)
+        self._on_goal = on_goal
+        self.follow(behaviour, script)
         self._on_start = on_start
         self._on_stop = on_stop
-        self.goals = 0
         self._over = threading.Event()
         self._server = SerialActionServer(name, action_spec, self._execute, self._cancel)
+
+    def follow(self, behaviour: Behaviour, script: Optional[Mapping[str, Any]] = None) -> None:
+        """Begins anew with a behaviour and a script, from the next goal on.
+
+        :raises ValueError: when the script does not fit the action.
+        """
+        self._results = ScriptedResults(self._result_class, script or {})
+        self._behaviour = behaviour
+        self._succeeded = self.goals = 0
 
     def start(self) -> None:
         """Begins to serve."""
@@ -56,6 +66,7 @@ class SimulatedActionServer:
         self._over.set()
 
     def _execute(self, goal: ServerGoal) -> None:
+        self._on_goal(goal.goal)
         act, duration = self._behaviour.draw(self.goals)
         self.goals += 1
         self._over.clear()

@@ -1,0 +1,1 @@
+"""pytest fixtures: one action or one mission against simulated servers that a test scripts."""

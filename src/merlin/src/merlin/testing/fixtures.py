@@ -1,0 +1,77 @@
+"""Fixtures of pytest. ``pytest_plugins = ["merlin.testing.fixtures"]`` in conftest.py brings them in."""
+
+import os
+from pathlib import Path
+from typing import Callable, Dict, Iterator, Tuple
+
+import pytest
+import rospy
+
+from merlin.master import Master
+from merlin.testing.application import Application
+from merlin.testing.simulated_robot import SimulatedRobot
+from merlin_ros.node import init_node
+
+
+@pytest.fixture(scope="session")
+def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A ROS master of the tests' own, at which this process is a node."""
+    master = Master()
+    uri = f"http://localhost:{master.port}"
+    folder = tmp_path_factory.mktemp("ros")
+    os.environ.update(ROS_MASTER_URI=uri, ROS_HOME=str(folder), ROS_LOG_DIR=str(folder / "log"))
+    init_node("test", anonymous=True)
+    yield uri
+    rospy.signal_shutdown("the tests are over")
+    master.stop()
+
+
+@pytest.fixture(scope="session")
+def robot_of_session(ros_master: str) -> Iterator[SimulatedRobot]:
+    """The servers, which are started once."""
+    robot = SimulatedRobot()
+    yield robot
+    robot.shutdown()
+
+
+@pytest.fixture
+def robot(robot_of_session: SimulatedRobot) -> SimulatedRobot:
+    """A robot whose servers do what the test says."""
+    robot_of_session.reset()
+    return robot_of_session
+
+
+@pytest.fixture(scope="session")
+def applications(
+    robot_of_session: SimulatedRobot, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[..., Application]]:
+    """Starts applications, at most one at a time."""
+    running: Dict[Tuple[str, ...], Application] = {}
+    log = Path(tmp_path_factory.mktemp("application")) / "launch.log"
+    with log.open("w", encoding="utf-8") as sink:
+
+        def start(*words: str) -> Application:
+            if words not in running:
+                for other in list(running):
+                    running.pop(other).end()
+                running[words] = Application(words, sink)
+            return running[words]
+
+        yield start
+        for application in running.values():
+            application.end()
+
+
+@pytest.fixture
+def application(applications: Callable[..., Application]) -> Callable[..., Application]:
+    """Starts an application below the test, without a mission: ``application("home.launch")``.
+
+    It is started once for all tests that name it alike; its knowledge is what it was at its start.
+    """
+
+    def ready(*words: str) -> Application:
+        made = applications(*words)
+        made.restore()
+        return made
+
+    return ready

@@ -1,0 +1,181 @@
+"""A robot for tests: simulated servers that a test scripts, below actions, or below a whole application."""
+
+import threading
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Type, Union
+
+import rospy
+import yaml
+from merlin_msgs.msg import ListenAction, RecognizeAction
+from move_base_msgs.msg import MoveBaseAction
+from sound_play.msg import SoundRequestAction
+
+from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_actions.testing.behaviour import Behaviour
+from merlin_actions.testing.simulated_action_server import SimulatedActionServer
+from merlin_executor.mission import GoalDispatcher, MissionSM
+from merlin_sm.states.navigation import POINTS_PARAM
+
+SERVED = {
+    "move_base": MoveBaseAction,
+    "sound_play": SoundRequestAction,
+    "listen": ListenAction,
+    "recognize": RecognizeAction,
+}
+DURATION = 0.02  # s that each goal takes
+LIMIT = 60.0  # s for what a test waits for
+
+Mission = Union[GoalDispatcher, MissionSM]
+
+
+class ActionRun:
+    """An action that runs.
+
+    :ivar outcome: of its machine, once it has ended.
+    :ivar reason: the sentence that the last state left.
+    """
+
+    def __init__(self, machine: MerlinActionSM, objects: Sequence[str]) -> None:
+        if len(objects) != len(machine.parameters):
+            wanted = ", ".join(machine.parameters) or "none"
+            raise ValueError(
+                f"{type(machine).__name__} has the parameters: {wanted}; got {len(objects)} objects"
+            )
+        self.outcome = ""
+        self.reason = ""
+        self._machine = machine
+        self._parameters = dict(zip(machine.parameters, objects))
+        self._error: Optional[BaseException] = None
+        self._thread = threading.Thread(target=self._run, name="action", daemon=True)
+        machine.prepare()
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """Cancels it, as its bridge would."""
+        self._machine.cancel()
+
+    def wait(self, limit: float = LIMIT) -> str:
+        """Waits for its end and returns the outcome.
+
+        :raises TimeoutError: when it has not ended within the limit, s.
+        """
+        self._thread.join(limit)
+        if self._thread.is_alive():
+            where = ", ".join(self._machine.get_active_states())
+            raise TimeoutError(
+                f"{type(self._machine).__name__} did not end within {limit:g} s; it is in {where}"
+            )
+        if self._error is not None:
+            raise self._error
+        return self.outcome
+
+    def _run(self) -> None:
+        try:
+            self.outcome = self._machine.run_once(self._parameters)
+            self.reason = self._machine.reason
+        except BaseException as error:  # of the test's own code; raised in its thread
+            self._error = error
+
+
+class SimulatedRobot:
+    """Servers for move_base, sound_play, listen and recognize, which do what the test says.
+
+    Without a script each goal succeeds after 0.02 s, hears nothing and sees nothing.
+
+    :ivar said: texts that were spoken, in order.
+    :ivar drives: goals of move_base, as (x, y) in frame map.
+    """
+
+    def __init__(self) -> None:
+        self.said: List[str] = []
+        self.drives: List[tuple] = []
+        self._drive_began = threading.Event()
+        notes = {"move_base": self._note_drive, "sound_play": self._note_speech}
+        self._servers: Dict[str, SimulatedActionServer] = {
+            name: SimulatedActionServer(
+                name, action, Behaviour(DURATION), on_goal=notes.get(name, lambda goal: None)
+            )
+            for name, action in SERVED.items()
+        }
+        for server in self._servers.values():
+            server.start()
+
+    def reset(self) -> None:
+        """Forgets scripts and what was done."""
+        for server in self._servers.values():
+            server.follow(Behaviour(DURATION))
+        self.said.clear()
+        self.drives.clear()
+        self._drive_began.clear()
+
+    def shutdown(self) -> None:
+        """Stops serving."""
+        for server in self._servers.values():
+            server.shutdown()
+
+    # --- the script -------------------------------------------------------------------------------
+
+    def hears(self, *answers: str) -> None:
+        """What ``listen`` understands, goal by goal; an empty text is misunderstood; the last one stays."""
+        self._servers["listen"].follow(Behaviour(DURATION), {"answers": list(answers)})
+
+    def sees(self, *looks: Union[str, Sequence[str]]) -> None:
+        """What ``recognize`` sees: names, or a list of names for each look; the last one stays."""
+        values: List[Any] = [look if isinstance(look, str) else list(look) for look in looks]
+        self._servers["recognize"].follow(Behaviour(DURATION), {"sees": values})
+
+    def behaves(
+        self, server: str, results: Optional[List[Mapping[str, Any]]] = None, **behaviour: Any
+    ) -> None:
+        """How a server behaves: duration (s), fail, hang (shares, 0..1), see :class:`Behaviour`.
+
+        :param results: fields of its results, goal by goal.
+        :raises KeyError: when there is no such server.
+        """
+        script = {"results": results} if results is not None else None
+        self._servers[server].follow(Behaviour(**{"duration": DURATION, **behaviour}), script)
+
+    def points(self, file: Union[str, Path, None] = None, **points: Sequence[float]) -> None:
+        """The points of interest: from a world's file, or ``kitchen=(x, y, yaw)``, m and rad in frame map."""
+        known: Dict[str, Any] = {}
+        if file is not None:
+            known.update(yaml.safe_load(Path(file).read_text(encoding="utf-8"))["points_of_interest"])
+        known.update({name: dict(zip(("x", "y", "yaw"), map(float, pose))) for name, pose in points.items()})
+        rospy.set_param(POINTS_PARAM, known)
+
+    # --- what runs --------------------------------------------------------------------------------
+
+    def start(self, action: Type[MerlinActionSM], *objects: str) -> ActionRun:
+        """Starts an action.
+
+        :param action: its class.
+        :param objects: values of its parameters, in their order.
+        """
+        return ActionRun(action(), objects)
+
+    def run(self, action: Type[MerlinActionSM], *objects: str, limit: float = LIMIT) -> ActionRun:
+        """Runs an action to its end."""
+        run = self.start(action, *objects)
+        run.wait(limit)
+        return run
+
+    def mission(self, mission: Mission, limit: float = LIMIT) -> bool:
+        """Runs a mission to its end, below an application that runs; True when it succeeded."""
+        mission.wait_for_robot(limit)
+        return bool(mission.execute())
+
+    def wait_for_drive(self, limit: float = LIMIT) -> None:
+        """Waits until a drive has begun, the moment for a cancel.
+
+        :raises TimeoutError: when none begins.
+        """
+        if not self._drive_began.wait(limit):
+            raise TimeoutError(f"no drive began within {limit:g} s")
+
+    def _note_drive(self, goal: Any) -> None:
+        position = goal.target_pose.pose.position
+        self.drives.append((position.x, position.y))
+        self._drive_began.set()
+
+    def _note_speech(self, goal: Any) -> None:
+        self.said.append(goal.sound_request.arg)
