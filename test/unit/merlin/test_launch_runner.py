@@ -13,7 +13,7 @@ from typing import List, Tuple
 
 import pytest
 
-from merlin.launch_request import LaunchRequest
+from merlin.launch_request import LaunchError, LaunchRequest
 
 LAUNCH_FILE = Path(__file__).resolve().parents[2] / "data" / "runner" / "runner.launch"
 RUN = [sys.executable, "-c", "from merlin.launch_runner import main; raise SystemExit(main())"]
@@ -183,3 +183,19 @@ def test_another_node_that_dies_is_only_reported(tmp_path: Path) -> None:
 def test_a_launch_file_is_found_in_its_package() -> None:
     request = LaunchRequest.from_command_line(["merlin", "monitor.launch", "history:="])
     assert request.launch_file.name == "monitor.launch" and request.arguments == {"history": ""}
+
+
+def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) -> None:
+    for name, text in (
+        ("top", '<arg name="on"/><include file="$(dirname)/middle.launch" pass_all_args="true"/>'),
+        ("middle", '<arg name="port" default="1"/><include file="$(dirname)/low.launch"/>'),
+        ("low", '<arg name="deep" default="2"/>'),
+    ):
+        (tmp_path / f"{name}.launch").write_text(f"<launch>{text}</launch>")
+    top = str(tmp_path / "top.launch")
+    request = LaunchRequest.from_command_line([top, "on:=robot", "port:=7"])
+    assert request.arguments == {"on": "robot", "port": "7"} and request.port is None
+    with pytest.raises(LaunchError, match="has no argument 'deep'"):
+        LaunchRequest.from_command_line([top, "on:=robot", "deep:=7"])
+    with pytest.raises(LaunchError, match="needs on:="):
+        LaunchRequest.from_command_line([top])

@@ -4,6 +4,7 @@ Everything that can be wrong with a command line is found here, before any proce
 """
 
 import difflib
+import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Dict, Iterable, List, Optional
@@ -12,6 +13,7 @@ import roslaunch.arg_dump
 import roslib.packages
 import rospkg
 from roslaunch.core import RLException
+from roslaunch.substitution_args import ArgException, SubstitutionException, resolve_args
 
 PORT_ARGUMENT = "port"
 
@@ -55,7 +57,7 @@ class LaunchRequest:
                 + ", ".join(application_names())
             )
         launch_file = find_launch_file(files[0]) if len(files) == 1 else file_of_package(*files)
-        declared = declared_arguments(launch_file)
+        declared = known_arguments(launch_file)
         port = None
         if PORT_ARGUMENT in pairs and PORT_ARGUMENT not in declared:
             port = _port(pairs.pop(PORT_ARGUMENT))
@@ -122,6 +124,39 @@ def declared_arguments(launch_file: Path) -> Dict[str, Optional[str]]:
     except RLException as error:
         raise LaunchError(f"{launch_file}: {one_line(error)}") from error
     return {name: default for name, (_doc, default) in found.items()}
+
+
+def known_arguments(launch_file: Path) -> Dict[str, Optional[str]]:
+    """Arguments that a launch file takes: its own, and those that it passes on without naming them.
+
+    roslaunch gives all arguments of the command line to a file that is included with ``pass_all_args``.
+
+    :raises LaunchError: when the file cannot be read as a launch file.
+    """
+    known: Dict[str, Optional[str]] = {}
+    waiting, seen = [launch_file], set()
+    while waiting:
+        file = waiting.pop()
+        seen.add(file)
+        for name, default in declared_arguments(file).items():
+            # What an included file requires is given by the one that includes it; else roslaunch says so.
+            known.setdefault(name, default if file == launch_file else default or "")
+        waiting += [included for included in _passed_on(file) if included not in seen]
+    return known
+
+
+def _passed_on(launch_file: Path) -> Iterable[Path]:
+    """The files that a launch file includes with all its arguments."""
+    context = {"arg": {}, "filename": str(launch_file)}
+    for tag in ElementTree.parse(str(launch_file)).iter("include"):
+        if tag.get("pass_all_args", "").lower() not in ("true", "1"):
+            continue
+        try:
+            included = Path(resolve_args(tag.get("file", ""), context))
+        except (SubstitutionException, ArgException, rospkg.ResourceNotFound):
+            continue  # which file it is depends on an argument, or roslaunch says what is wrong
+        if included.is_file():
+            yield included
 
 
 def one_line(error: object) -> str:
