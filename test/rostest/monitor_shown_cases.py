@@ -22,7 +22,8 @@ HOSTILE = '<img src=x onerror="window.pwned=1"><script>window.pwned=1</script>\'
 
 TABLES = "merlin_restaurant.tables_panel:TablesPanel"
 MANIFEST = """<package format="2"><name>my_robot</name><version>0.1.0</version>
-<description>A robot.</description><maintainer email="me@example.org">Me</maintainer><license>BSD</license></package>"""
+<description>A robot.</description><maintainer email="me@example.org">Me</maintainer>
+<license>BSD</license></package>"""
 
 
 class ShownCases(PageCases):

@@ -85,13 +85,10 @@ class GenerateProblemState(PlanningState):
 class PlanState(PlanningState):
     """Has a plan made. A preempt cancels the planner.
 
-        Further outcomes are unsolvable (proven), no_plan (the planner gave up) and timeout.
+    Further outcomes are unsolvable (proven), no_plan (the planner gave up) and timeout.
 
-    <<<<<<< HEAD
-        :param client: of the planning system; None: one with the usual names.
-    =======
-        :param without: gives the actions that the plan has to do without, see :meth:`PlanningClient.plan`.
-    >>>>>>> 7fc0874 (merlin_executor: plan without what an action gave up)
+    :param client: of the planning system; None: one with the usual names.
+    :param without: gives the actions that the plan has to do without, see :meth:`PlanningClient.plan`.
     """
 
     def __init__(
