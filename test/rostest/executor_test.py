@@ -14,6 +14,7 @@ import rostest
 from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
 from merlin_executor.mission.goal_state import ACHIEVED
+from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 60.0
@@ -90,6 +91,14 @@ class Executor(unittest.TestCase):
         self.assertEqual(self.knowledge.facts("robot_at"), ["(robot_at kitchen)"])
         self.assertTrue(self.knowledge.holds("(checked kitchen)"))
         self.assertIn("PLAN", [time.stage for time in result.stage_times])
+
+    def test_what_the_knowledge_base_refuses_says_why(self):
+        with self.assertRaisesRegex(KnowledgeError, "chekced"):
+            self.knowledge.add_facts("(chekced kitchen)")
+        with self.assertRaisesRegex(KnowledgeError, "attic"):
+            self.knowledge.add_facts("(checked attic)")
+        with self.assertRaisesRegex(KnowledgeError, "no function 'batery'"):
+            self.knowledge.value("(batery)")
 
     def test_a_goal_that_holds_ends_at_once(self):
         self.knowledge.add_facts("(checked kitchen)")

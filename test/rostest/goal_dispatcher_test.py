@@ -24,6 +24,11 @@ class Round(GoalDispatcher):
             self.achieve(f"(checked {poi})")
 
 
+class Sender(GoalDispatcher):
+    def run(self):
+        self.client.send("(checked kitchen)").wait(LONG)
+
+
 class Impossible(GoalDispatcher):
     def run(self):
         self.achieve("(checked moon)")
@@ -90,6 +95,10 @@ class GoalDispatchers(unittest.TestCase):
         self.assertTrue(Round(tasks=2).execute())
         self.assertTrue(self.knowledge.holds("(and (checked kitchen) (checked bathroom))"))
         self.wait(lambda: ("Round", MissionStatus.SUCCEEDED, 2, "done") in self.missions)
+
+    def test_a_mission_that_sends_by_itself_is_shown_as_running(self):
+        self.assertTrue(Sender().execute())
+        self.wait(lambda: ("Sender", MissionStatus.RUNNING, 1, "(checked kitchen)") in self.missions)
 
     def test_a_mission_that_cannot_be_says_why(self):
         self.assertFalse(Impossible().execute())

@@ -3,7 +3,7 @@
 import contextlib
 import sqlite3
 from pathlib import Path
-from typing import Any, List
+from typing import Any, List, Optional
 
 import pytest
 
@@ -11,6 +11,7 @@ from merlin_monitor.state.events import Event
 from merlin_monitor.state.history_section import NEWEST, HistorySection
 from merlin_monitor.state.history_store import HistoryError, HistoryStore
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.web.monitor_node import history_path
 
 
 def texts(events: List[Any]) -> List[str]:
@@ -138,3 +139,8 @@ def test_the_state_holds_the_newest_events_only() -> None:
     for number in range(NEWEST + 50):
         section.add([{"id": number, "text": str(number)}])
     assert tree.keys("history", "events") == [str(number) for number in range(50, NEWEST + 50)]
+
+
+@pytest.mark.parametrize(("text", "path"), [("", None), ("none", None), ("/tmp/none", Path("/tmp/none"))])
+def test_a_launch_file_can_ask_for_no_history(text: str, path: Optional[Path]) -> None:
+    assert history_path(text) == path

@@ -1,6 +1,6 @@
 """The assistant turns PDDL text into one transaction, and what it reads into PDDL text."""
 
-from typing import List, Tuple
+from typing import Any, List, Tuple
 
 import pytest
 from hypothesis import given
@@ -8,7 +8,16 @@ from hypothesis import strategies as st
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_sm import rosplan_assistant
-from merlin_sm.knowledge_client import ADD, ADD_GOAL, REMOVE, REMOVE_GOAL, Update, fact, function_value
+from merlin_sm.knowledge_client import (
+    ADD,
+    ADD_GOAL,
+    REMOVE,
+    REMOVE_GOAL,
+    KnowledgeError,
+    Update,
+    fact,
+    function_value,
+)
 from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
@@ -19,6 +28,7 @@ class Knowledge:
     def __init__(self) -> None:
         self.transactions: List[List[Tuple[int, str, bool]]] = []
         self.true = {"(at hall)"}
+        self.empty = False
 
     def update(self, updates: List[Update]) -> None:
         self.transactions.append([(kind, to_pddl(item), bool(item.is_negative)) for kind, item in updates])
@@ -27,10 +37,18 @@ class Knowledge:
         return [to_pddl(item) in self.true for item in items]
 
     def propositions(self, predicate: str) -> List[KnowledgeItem]:
-        return [fact("at", "hall"), fact("free", "tray")]
+        return [] if self.empty else [fact("at", "hall"), fact("free", "tray")]
+
+    def instances(self, type_name: str) -> List[str]:
+        return []
+
+    def _names(self) -> List[str]:
+        return ["battery"]
+
+    predicates = types = function_signatures = _names
 
     def functions(self, name: str) -> List[KnowledgeItem]:
-        return [function_value(name, ("hall", "Kitchen"), 7.5)]
+        return [] if self.empty else [function_value(name, ("hall", "Kitchen"), 7.5)]
 
     def goals(self) -> List[KnowledgeItem]:
         return [fact("checked", "hall")]
@@ -48,6 +66,51 @@ def test_a_change_is_one_transaction_that_removes_first(knowledge: Knowledge) ->
     assert knowledge.transactions == [
         [(REMOVE, "(at hall)", False), (ADD, "(at kitchen)", False), (REMOVE, "(quiet)", False)]
     ]
+
+
+def test_objects_and_functions_are_written_as_in_pddl(knowledge: Knowledge) -> None:
+    robot = MerlinROSPlanAssistant()
+    robot.add_objects("box_3 box_4 - box")
+    robot.add_objects("box", "box_3", "box_4")
+    assert knowledge.transactions[0] == knowledge.transactions[1]
+    assert [text for _, text, _ in knowledge.transactions[0]] == ["box_3 - box", "box_4 - box"]
+    robot.remove_objects("box_3 - box")
+    assert knowledge.transactions[2] == [(REMOVE, "box_3 - box", False)]
+    robot.set_value("(distance hall kitchen)", value=3)
+    assert knowledge.transactions[3] == [(ADD, "(= (distance hall kitchen) 3)", False)]
+    assert robot.value("(distance Hall kitchen)") == robot.value("distance", "hall", "Kitchen") == 7.5
+    assert robot.value("(distance hall hall)") is None
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda robot: robot.add_objects("box_3"),
+        lambda robot: robot.add_objects("box_3 -"),
+        lambda robot: robot.add_objects("- box"),
+        lambda robot: robot.add_objects("box_3 - box", "box_4"),
+        lambda robot: robot.value("(battery"),
+        lambda robot: robot.value("(not (battery))"),
+        lambda robot: robot.value("(and)"),
+        lambda robot: robot.value("(distance hall)", "kitchen"),
+        lambda robot: robot.set_value("battery 3", value=1),
+        lambda robot: robot.facts("(checked hall)"),
+        lambda robot: robot.objects("box_3 - box"),
+    ],
+)
+def test_what_would_find_or_do_nothing_is_an_error(knowledge: Knowledge, call: Any) -> None:
+    with pytest.raises(PDDLSyntaxError):
+        call(MerlinROSPlanAssistant())
+    assert knowledge.transactions == []
+
+
+def test_a_name_that_the_domain_does_not_know_is_an_error(knowledge: Knowledge) -> None:
+    knowledge.empty = True
+    robot = MerlinROSPlanAssistant()
+    for call, kind in ((robot.facts, "predicate"), (robot.value, "function"), (robot.objects, "type")):
+        with pytest.raises(KnowledgeError, match=f"no {kind} 'batery', only .* .did you mean 'battery'"):
+            call("batery")
+        assert not call("Battery")
 
 
 def test_goals_and_facts_are_different_things(knowledge: Knowledge) -> None:

@@ -1,13 +1,19 @@
 """The client of a knowledge base asks for the domain once in the life of that knowledge base."""
 
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Optional
 
 import pytest
 import rospy
 from rosplan_knowledge_msgs.msg import DomainFormula
-from rosplan_knowledge_msgs.srv import GetDomainAttributeServiceResponse, GetInstanceServiceResponse
+from rosplan_knowledge_msgs.srv import (
+    GetDomainAttributeServiceResponse,
+    GetInstanceServiceResponse,
+    KnowledgeUpdateServiceArrayResponse,
+)
+from std_srvs.srv import TriggerResponse
 
-from merlin_sm.knowledge_client import KnowledgeClient
+from merlin_ros.service_proxy import ServiceUnavailable
+from merlin_sm.knowledge_client import ADD, KnowledgeClient, KnowledgeError, Update, fact
 
 
 class Server:
@@ -17,6 +23,7 @@ class Server:
         self.predicates = ["checked"]
         self.connected = True
         self.asked: List[str] = []
+        self.refusal: Optional[str] = "unknown predicate 'chekced'"
 
     def proxy(self, name: str, *_: Any, **__: Any) -> "Proxy":
         return Proxy(self, name)
@@ -37,8 +44,12 @@ class Proxy:
             "/kb/domain/predicates": GetDomainAttributeServiceResponse(
                 [DomainFormula(name=name) for name in self._server.predicates]
             ),
+            "/kb/update_array": KnowledgeUpdateServiceArrayResponse(False),
+            "/kb/last_refusal": TriggerResponse(True, self._server.refusal or ""),
             "/kb/state/instances": GetInstanceServiceResponse(["kitchen"]),
         }
+        if self.name == "/kb/last_refusal" and self._server.refusal is None:
+            raise ServiceUnavailable("no such service")
         return answers[self.name]
 
 
@@ -51,6 +62,13 @@ def server() -> Server:
 def client(server: Server, monkeypatch: pytest.MonkeyPatch) -> KnowledgeClient:
     monkeypatch.setattr(rospy, "resolve_name", lambda name: name)
     return KnowledgeClient("/kb", server.proxy)  # type: ignore[arg-type]
+
+
+def test_a_refusal_says_why(client: KnowledgeClient, server: Server) -> None:
+    for refusal, words in ((server.refusal, "unknown predicate 'chekced'"), (None, "its log says why")):
+        server.refusal = refusal
+        with pytest.raises(KnowledgeError, match=words):
+            client.update([Update(ADD, fact("chekced", "kitchen"))])
 
 
 def test_the_domain_is_asked_for_once(client: KnowledgeClient, server: Server) -> None:

@@ -12,7 +12,7 @@ from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.resending import END, checked
 from merlin_ros.actions.action_client import ActionClient
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
-from merlin_sm.knowledge_text import parse_goal
+from merlin_sm.knowledge_text import parse_goal, to_pddl
 
 __all__ = [
     "CANCEL",
@@ -43,6 +43,7 @@ class MerlinExecutorClient:
     :param on_lost: END or RESEND, what happens when the Executor is lost while a request runs: it ends with
         INTERNAL and the reason, or it is sent again when the Executor is back within
         :data:`merlin_executor.resending.RETURN_WAIT`.
+    :param on_send: called with the goals of a request, as PDDL text, before it is sent.
     :raises ValueError: for another word.
     """
 
@@ -52,11 +53,13 @@ class MerlinExecutorClient:
         knowledge_base: Optional[str] = DEFAULT_KNOWLEDGE_BASE,
         on_client_lost: int = CANCEL,
         on_lost: str = END,
+        on_send: Callable[[Sequence[str]], None] = lambda goals: None,
     ) -> None:
         self._client = ActionClient(action, ExecuteAction)
         self._knowledge = knowledge_client(knowledge_base) if knowledge_base else None
         self._on_client_lost = on_client_lost
         self.on_lost = checked(on_lost)
+        self._on_send = on_send
         self._requests: List[ExecutorRequest] = []
 
     def wait_for_executor(self, timeout: Optional[float] = None) -> bool:
@@ -99,6 +102,7 @@ class MerlinExecutorClient:
         check_size(texts, len(items))
         if self._knowledge is not None:
             check_goals([*(item for text in texts for item in parse_goal(text)), *items], self._knowledge)
+        self._on_send([*texts, *map(to_pddl, items)])
         goal = ExecuteGoal(
             goals=texts,
             items=items,

@@ -17,8 +17,9 @@ from rosplan_knowledge_msgs.srv import (
     KnowledgeUpdateServiceArray,
     KnowledgeUpdateServiceArrayRequest,
 )
+from std_srvs.srv import Trigger
 
-from merlin_ros.service_proxy import ServiceProxy
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_text import to_pddl
 
 DEFAULT_KNOWLEDGE_BASE = "rosplan_knowledge_base"
@@ -60,6 +61,7 @@ class KnowledgeClient:
         self._domain: Dict[str, Any] = {}  # service of the domain -> its answer
         proxy = self._proxy
         self._update = proxy("update_array", KnowledgeUpdateServiceArray)
+        self._last_refusal = self._proxy_class(f"{self.name}/last_refusal", Trigger, timeout=CALL_LIMIT)
         self._query = proxy("query_state", KnowledgeQueryService)
         self._instances = proxy("state/instances", GetInstanceService)
         self._propositions = proxy("state/propositions", GetAttributeService)
@@ -85,7 +87,14 @@ class KnowledgeClient:
             and not self._update([step.kind for step in updates], [step.item for step in updates]).success
         ):
             texts = ", ".join(to_pddl(step.item) for step in updates[:5])
-            raise KnowledgeError(f"{self.name} refused an update with {texts}; its log says why")
+            raise KnowledgeError(f"{self.name} refused an update with {texts}: {self._refusal()}")
+
+    def _refusal(self) -> str:
+        """Why the last update was refused. The last one of this process: threads that differ may share it."""
+        try:
+            return str(self._last_refusal().message)
+        except ServiceError:
+            return "its log says why"  # the original has no such service
 
     def query(self, items: Sequence[KnowledgeItem]) -> List[bool]:
         """Whether each item holds. Negative facts are asked as positive ones, which every version answers."""

@@ -18,7 +18,7 @@
 """
 
 from abc import abstractmethod
-from typing import Any, Callable, Dict, List, Optional, Union
+from typing import Any, Callable, Dict, List, Optional, Sequence, Union
 
 import rospy
 from merlin_msgs.msg import ExecuteResult, MissionStatus
@@ -65,7 +65,7 @@ class GoalDispatcher(MissionNode):
 
     def __init__(self, name: str = "", tasks: int = 0, on_lost: str = RESEND) -> None:
         self.name = name or type(self).__name__
-        self.client = MerlinExecutorClient(on_lost=on_lost)
+        self.client = MerlinExecutorClient(on_lost=on_lost, on_send=self._report)
         self.reporter = MissionReporter(self.name, tasks)
         self._pause = MissionPause(self.reporter.paused)
         self._current: Optional[ExecutorRequest] = None
@@ -127,7 +127,6 @@ class GoalDispatcher(MissionNode):
         self._pause.wait(lambda: self._cancelled)
         if self._cancelled:
             raise MissionFailed(f"{text}: not sent, the mission was cancelled")
-        self.reporter.task(text)
         request = self.client.send(goals, **options)
         self._current = request
         if self._cancelled or not request.wait(timeout):
@@ -138,6 +137,9 @@ class GoalDispatcher(MissionNode):
             reason = f"{outcome_text(result)}: {result.reason}" if result else "the node shuts down"
             raise MissionFailed(f"{text}: {reason}", result)
         return result
+
+    def _report(self, goals: Sequence[str]) -> None:
+        self.reporter.task(" ".join(goals))
 
     def cancel(self) -> None:
         """Cancels the mission: the running goal stops, and no further one is sent."""

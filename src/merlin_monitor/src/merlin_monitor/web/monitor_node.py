@@ -20,6 +20,14 @@ from merlin_ros.health import OK, Health, HealthReporter
 from merlin_ros.node import on_master_replaced, run_node
 from merlin_ros.parameters import ParameterError
 
+#: Value of ~history for no history: roslaunch drops an argument that is empty.
+NO_HISTORY = "none"
+
+
+def history_path(text: str) -> Optional[Path]:
+    """The file that ~history names; None: no history is kept."""
+    return None if text in ("", NO_HISTORY) else Path(text).expanduser()
+
 
 def main() -> int:
     """Runs the node; returns the exit code."""
@@ -30,8 +38,7 @@ def _start() -> None:
     host = str(rospy.get_param("~host", "127.0.0.1"))
     port = _whole("~port", 8080, 0, 65535)
     limit = _whole("~history_limit", 100_000, 100, 100_000_000)
-    history = str(rospy.get_param("~history", ""))
-    path = Path(history).expanduser() if history else None
+    path = history_path(str(rospy.get_param("~history", "")))
     make_folder = bool(rospy.get_param("~make_folder", True))
     state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder)
     panels = PanelBoard(state, _class_paths("~panels"))

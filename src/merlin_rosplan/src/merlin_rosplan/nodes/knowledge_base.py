@@ -18,7 +18,7 @@ from rosplan_knowledge_msgs.srv import (
     SetNamedBoolRequest,
     SetNamedBoolResponse,
 )
-from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import read_domain
@@ -35,6 +35,7 @@ from merlin_rosplan.messages.wire_items import AnyItem, UpdateArray, bounded, re
 from merlin_rosplan.nodes.domain_services import DomainServices
 from merlin_rosplan.nodes.execution_services import ExecutionServices
 from merlin_rosplan.nodes.goal_leases import GoalLeases
+from merlin_rosplan.nodes.refusals import Refusals
 from merlin_rosplan.nodes.state_services import StateServices
 from merlin_rosplan.nodes.timed_knowledge import TimedKnowledge
 from merlin_rosplan.storage.state_file import StateFile, StateFileError
@@ -87,6 +88,8 @@ class KnowledgeBase(Component):
         self.service("clear", Empty, self._clear)
         self.service("update_constraints_oneof", KnowledgeUpdateServiceArray, self._oneof)
         self.service("update_sensed_predicates", SetNamedBool, self._sensed)
+        self._refusals = Refusals()
+        self.service("last_refusal", Trigger, self._refusals.tell)
         ExecutionServices(self, self.store, self._status)
         self._goal_leases = GoalLeases(self.scope, self.store, self._updates)
 
@@ -213,6 +216,7 @@ class KnowledgeBase(Component):
 
     def _refused(self, service: str, client: str, reason: str) -> None:
         sender = shortened(client, 200)
+        self._refusals.note(client, reason)
         rospy.logwarn("%s/%s refused what %s sent: %s", self.scope, service, sender, reason)
 
     def _clear(self, request: EmptyRequest) -> EmptyResponse:
