@@ -131,6 +131,10 @@ class ActionInterface:
         with self._changed:
             return list(self._executions.values())
 
+    def ready(self, execution: Execution) -> Optional[Ending]:
+        """Waits for what carries the action out, before its start effects; returns why it does not begin."""
+        return None
+
     def run(self, execution: Execution) -> Ending:
         """Runs the action to its end, in a thread of its own.
 
@@ -271,6 +275,9 @@ class ActionInterface:
         self._carry_out(decisions)
 
     def _run_with_effects(self, execution: Execution) -> Ending:
+        missing = self.ready(execution)
+        if missing is not None:
+            return missing
         try:
             declared = self._literals()
             opening = Opening(

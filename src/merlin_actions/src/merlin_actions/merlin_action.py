@@ -1,7 +1,7 @@
 """MerlinAction: the bridge between a plan dispatcher and an action's state machine (paper, section 3.2.3)."""
 
 import threading
-from typing import Any
+from typing import Any, Optional
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -47,13 +47,17 @@ class MerlinAction(ActionInterface):
             return Health()
         return Health(ERROR, f"no action server {self._client.name}; does the host of its machine run?")
 
-    def run(self, execution: Execution) -> Ending:
-        """Sends the goal and waits for the machine's end."""
+    def ready(self, execution: Execution) -> Optional[Ending]:
+        """Waits for the action server: until it is there, the declared facts may be an earlier one's."""
         if not self._client.wait_for_server(self._server_wait, execution.cancelled.is_set):
             if execution.cancelled.is_set():
                 return Ending(False, execution.cancel_reason, begun=False)
             reason = f"no action server {self._client.name} within {self._server_wait:g} s"
             return Ending(False, reason, begun=False)
+        return None
+
+    def run(self, execution: Execution) -> Ending:
+        """Sends the goal and waits for the machine's end."""
         ended = threading.Event()
         sent = self._client.send(
             RunActionGoal(
