@@ -10,6 +10,7 @@ import pytest
 
 NO_MASTER = "http://localhost:1"
 CANNOT_BEGIN = 2
+NOT_YET = 1
 
 NODE = """
 import sys, rospy
@@ -30,6 +31,17 @@ from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
 def start():
     raise ParameterError("parameter ~x is missing")
+sys.exit(run_node("somebody", start))
+"""
+
+
+READS = """
+import sys, rospy
+from merlin_ros.node import run_node
+def start():
+    print("begun", flush=True)
+    sys.stdin.readline()
+    rospy.get_param("~x")
 sys.exit(run_node("somebody", start))
 """
 
@@ -64,6 +76,17 @@ def test_a_node_that_cannot_begin_says_so_with_its_exit_code(master: Any) -> Non
     node = master.node(REFUSED)
     assert node.ended() == CANNOT_BEGIN
     assert "/somebody: parameter ~x is missing" in node.output
+
+
+def test_a_node_whose_master_goes_while_it_reads_parameters_says_so_and_is_started_again(master: Any) -> None:
+    node = master.node(READS)
+    node.expect("begun")
+    master.kill()
+    node.process.stdin.write("go on\n")
+    node.process.stdin.flush()
+    assert node.ended() == NOT_YET
+    assert "/somebody: the ROS master does not answer: " in node.output
+    assert "Traceback" not in node.output
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])

@@ -177,7 +177,8 @@ def run_node(
         end when ROS shuts down.
     :param errors: what `start` raises when the node cannot begin, with a text for its user; besides
         ParameterError.
-    :param missing: what `start` raises when another node was not there in time; looked at before `errors`.
+    :param missing: what `start` raises when another node was not there in time; looked at before `errors`. A
+        master that goes away meanwhile counts as that.
 
     Returns the exit code, for the script ``respawn`` of the package merlin: 0, 143 after a SIGTERM, or
     :data:`CANNOT_BEGIN` or :data:`NOT_YET`.
@@ -190,10 +191,13 @@ def run_node(
         (run or rospy.spin)()
     except missing as error:
         if not is_shutdown_requested():  # otherwise it is not an error that something was not found
-            return _give_up(error, NOT_YET)
+            return _give_up(str(error), NOT_YET)
+    except master_link.UNREACHABLE as error:
+        if not is_shutdown_requested():
+            return _give_up(f"the ROS master does not answer: {error}", NOT_YET)
     except wrong as error:
         if not is_shutdown_requested():
-            return _give_up(error, CANNOT_BEGIN)
+            return _give_up(str(error), CANNOT_BEGIN)
     except Exception:
         # rospy closes topics and sockets, and interrupts waiting threads, before `rospy.is_shutdown` says so.
         # What is being made or called at that moment fails in many ways.
@@ -203,9 +207,9 @@ def run_node(
     return _ending.code
 
 
-def _give_up(error: Exception, code: int) -> int:
-    rospy.logfatal(f"{rospy.get_name()}: {error}")
-    rospy.signal_shutdown(str(error))
+def _give_up(reason: str, code: int) -> int:
+    rospy.logfatal(f"{rospy.get_name()}: {reason}")
+    rospy.signal_shutdown(reason)
     return code
 
 

@@ -38,6 +38,17 @@ class MasterSilent(OSError):
 #: What a call to the master may raise: without an answer, and when the answer is an error.
 ERRORS = (OSError, rosgraph.MasterException, xmlrpc.client.Error, ExpatError)
 
+#: Which of them only the connection raises: no file, and no mistake of a caller.
+UNREACHABLE = (
+    MasterSilent,
+    ConnectionError,
+    socket.timeout,
+    http.client.HTTPException,
+    xmlrpc.client.ProtocolError,
+    rosgraph.MasterException,
+    ExpatError,
+)
+
 #: Set while the master counts as lost (see `merlin_ros.master.master_keeper`): calls to it fail at once.
 lost = threading.Event()
 _never = threading.Event()
