@@ -4,7 +4,7 @@ import argparse
 import math
 import statistics
 import sys
-from typing import Iterator, List, Optional, Tuple
+from typing import Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -67,11 +67,14 @@ class Follower:
         self.errors.append((time, belief.distance(truth), abs(wrap(belief.yaw - truth.yaw))))
         return belief if self._leads else truth
 
-    def found_after(self) -> float:
-        """When it knew where the robot was and did not lose it again, s; infinite: it never did."""
-        lost = [time for time, error, turn in self.errors if error > FOUND or turn > FOUND]
-        last = self.errors[-1][0]
-        return math.inf if lost and lost[-1] == last else (lost[-1] if lost else 0.0)
+
+def found_after(errors: Sequence[Tuple[float, float, float]]) -> float:
+    """When the filter knew where the robot was and did not lose it again, s; infinite: it never did.
+
+    :param errors: s, m, rad.
+    """
+    lost = [time for time, error, turn in errors if error > FOUND or turn > FOUND]
+    return math.inf if lost and lost[-1] == errors[-1][0] else (lost[-1] if lost else 0.0)
 
 
 def odometry_errors(world: World, noise: OdometryNoise, seed: int) -> Tuple[float, float]:
@@ -141,7 +144,7 @@ def particle_rows(world: World, seeds: int) -> Iterator[str]:
         ("anywhere", None),
     ):
         runs = [tour(world, DRIFTS[1][1], seed, believed, False) for seed in range(1, seeds + 1)]
-        times = sorted(run.found_after() for run in runs)
+        times = sorted(found_after(run.errors) for run in runs)
         yield (
             f"| {name} | {sum(map(math.isfinite, times))}/{len(times)} "
             f"| {', '.join(f'{time:.1f}' for time in times)} |"

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from matrices.listening_matrix import Question, tallies
 from matrices.navigation_matrix import main as navigation_matrix
-from matrices.positioning_matrix import Follower, odometry_errors
+from matrices.positioning_matrix import found_after, odometry_errors
 from matrices.trial import trials
 
 from merlin_sim.robot.drive import OdometryNoise
@@ -59,7 +59,5 @@ def test_sentences_are_counted_by_what_became_of_them():
         ([(0.0, 0.1, 0.0), (1.0, 3.0, 0.0)], math.inf),
     ],
 )
-def test_found_is_who_is_not_lost_again(errors, found):
-    follower = Follower.__new__(Follower)
-    follower.errors = errors
-    assert follower.found_after() == found
+def test_a_robot_is_found_when_it_is_not_lost_again(errors, found):
+    assert found_after(errors) == found

@@ -1,6 +1,7 @@
 """The players' node: what it is told, how it begins, and how it ends."""
 
 import threading
+from types import SimpleNamespace
 from typing import Any, Callable, Dict, List
 
 import pytest
@@ -19,8 +20,11 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Dict[str, Any]:
     parameters: Dict[str, Any] = {"~world": "restaurant"}
     monkeypatch.setattr(players_node, "init_node", lambda name: None)
     monkeypatch.setattr(players_node.rospy, "get_param", lambda name, default: parameters.get(name, default))
-    monkeypatch.setattr(Players, "__init__", lambda self, *given: setattr(self, "given", given))
-    monkeypatch.setattr(Players, "run", lambda self: parameters.update(given=self.given) or 0)
+
+    def make(*given: Any) -> SimpleNamespace:
+        return SimpleNamespace(run=lambda: parameters.update(given=given) or 0)
+
+    monkeypatch.setattr(players_node, "make_players", make)
     return parameters
 
 
@@ -67,16 +71,20 @@ class Stand:
         self.missing = ""
         self.listened = True
         self.told: List[int] = []
+        self.removed: List[str] = []
         self.closed = threading.Event()
 
     def ready(self, timeout: float) -> str:
         return self.missing
 
-    def heard_of(self, timeout: float) -> bool:
+    def wait_for_subscriber(self, timeout: float) -> bool:
         return self.listened
 
     def people(self) -> List[str]:
-        return []
+        return [players_node.BARMAN, "passer-by"]
+
+    def remove(self, name: str) -> None:
+        self.removed.append(name)
 
     def tell(self, event: int, *_: object) -> None:
         self.told.append(event)
@@ -112,60 +120,57 @@ def log(monkeypatch: pytest.MonkeyPatch) -> Log:
     return Log(monkeypatch)
 
 
-def evening(guest: Callable[[], None] = lambda: None) -> Players:
-    players = Players.__new__(Players)
-    stand = Stand()
-
+def evening(stand: Stand, guest: Callable[[], None] = lambda: None) -> Players:
     def serve() -> None:
         assert stand.closed.wait(LONG)
         raise Closed
 
-    players.__dict__.update(
-        _stage=stand,
-        _world=type("World", (), {"objects": []}),
-        _guests=[Player(guest)],
-        _barman=Player(serve),
-        _failure="",
-    )
-    return players
+    return Players(stand, ["bottle"], [Player(guest)], Player(serve))  # type: ignore[arg-type,list-item]
 
 
 def test_the_evening_closes_when_all_guests_have_left(log: Log) -> None:
-    players = evening()
-    assert players.run() == 0
-    assert players._stage.told == [players_node.GuestEvent.CLOSED]
+    stand = Stand()
+    assert evening(stand).run() == 0
+    assert stand.told == [players_node.GuestEvent.CLOSED]
     assert log.lines == {"logwarn": [], "logfatal": []}
 
 
-def test_an_evening_of_which_nobody_keeps_the_books_begins_with_a_warning(log: Log) -> None:
-    players = evening()
-    players._stage.listened = False
-    assert players.run() == 0
+def test_the_room_is_cleared_but_for_the_barman(log: Log) -> None:
+    stand = Stand()
+    assert evening(stand).run() == 0
+    assert stand.removed == ["passer-by", "bottle"]
+
+
+def test_an_evening_without_a_subscriber_begins_with_a_warning(log: Log) -> None:
+    stand = Stand()
+    stand.listened = False
+    assert evening(stand).run() == 0
     assert "restaurant/guests has no subscriber" in log.lines["logwarn"][0]
 
 
-def test_a_player_who_fails_ends_the_evening_with_the_reason(log: Log) -> None:
+def test_a_player_that_fails_ends_the_evening_with_the_reason(log: Log) -> None:
     def fail() -> None:
         raise ServiceError("service /merlin_sim/walk does not answer")
 
-    assert evening(fail).run() == 1
+    assert evening(Stand(), fail).run() == 1
     assert "ann cannot go on" in log.lines["logfatal"][0]
 
 
 def test_what_fails_because_the_node_goes_down_is_no_failure(log: Log) -> None:
+    stand = Stand()
+
     def interrupted() -> None:
         log.down = True
-        players._stage.close()
+        stand.close()
         raise ServiceError("service /merlin_sim/walk does not answer")
 
-    players = evening(interrupted)
-    assert players.run() == 0
+    assert evening(stand, interrupted).run() == 0
     assert log.lines["logfatal"] == []
 
 
 @pytest.mark.parametrize("down", (True, False))
 def test_a_stage_that_is_not_there_is_a_failure_only_while_the_node_lives(log: Log, down: bool) -> None:
-    players, log.down = evening(), down
-    players._stage.missing = "no service /merlin_sim/place after 60 s"
-    assert players.run() == (0 if down else 1)
+    stand, log.down = Stand(), down
+    stand.missing = "no service /merlin_sim/place after 60 s"
+    assert evening(stand).run() == (0 if down else 1)
     assert log.lines["logfatal"] == ([] if down else ["players: no service /merlin_sim/place after 60 s"])

@@ -4,7 +4,7 @@ import math
 import sys
 import threading
 import traceback
-from typing import Dict, List, Optional, Union
+from typing import List, Optional, Sequence, Union
 
 import rospy
 from merlin_msgs.msg import GuestEvent
@@ -31,20 +31,16 @@ LISTENED = 20.0  # s of running time to wait for a subscriber of the events
 class Players:
     """All persons of the restaurant.
 
-    :param world: of the restaurant.
-    :param plans: of the guests.
-    :param seed: of the barman's mistakes.
-    :param wrong_share: of the orders that the barman gets wrong at first.
+    :param stage: on which they play.
+    :param things: objects that the world file has for other purposes.
+    :param guests, barman: the persons.
     """
 
-    def __init__(self, world: World, plans: List[GuestPlan], seed: int, wrong_share: float) -> None:
-        self._world = world
-        self._stage = Stage()
-        counter = next(solid for solid in world.furniture if solid.name == BAR)
-        places = Places(world)
-        self._house = House(self._stage, places, counter.pose.point)
-        self._guests = [Guest(plan, self._stage, places, self._house) for plan in plans]
-        self._barman = Barman(self._stage, self._house, seed, wrong_share, self._guest_at)
+    def __init__(self, stage: Stage, things: Sequence[str], guests: Sequence[Guest], barman: Barman) -> None:
+        self._stage = stage
+        self._things = things
+        self._guests = guests
+        self._barman = barman
         self._failure = ""
 
     def run(self) -> int:
@@ -54,7 +50,7 @@ class Players:
             missing = self._stage.ready(STARTUP)
             if missing:
                 raise PlayError(missing)
-            if not self._stage.heard_of(LISTENED):
+            if not self._stage.wait_for_subscriber(LISTENED):
                 rospy.logwarn(
                     f"players: restaurant/guests has no subscriber after {LISTENED:g} s; begins anyway"
                 )
@@ -99,12 +95,29 @@ class Players:
         for name in self._stage.people():
             if name != BARMAN:
                 self._stage.remove(name)
-        for thing in self._world.objects:
-            self._stage.remove(thing.name)
+        for thing in self._things:
+            self._stage.remove(thing)
 
-    def _guest_at(self, table: str) -> Optional[Guest]:
-        there: Dict[str, Guest] = {guest.table: guest for guest in self._guests if guest.seated}
-        return there.get(table)
+
+def make_players(world: World, plans: Sequence[GuestPlan], seed: int, wrong_share: float) -> Players:
+    """The persons of an evening.
+
+    :param world: of the restaurant.
+    :param plans: of the guests.
+    :param seed: of the barman's mistakes.
+    :param wrong_share: of the orders that the barman gets wrong at first.
+    """
+    stage = Stage()
+    counter = next(solid for solid in world.furniture if solid.name == BAR)
+    places = Places(world)
+    house = House(stage, places, counter.pose.point)
+    guests = [Guest(plan, stage, places, house) for plan in plans]
+
+    def guest_at(table: str) -> Optional[Guest]:
+        return next((guest for guest in guests if guest.seated and guest.table == table), None)
+
+    barman = Barman(stage, house, seed, wrong_share, guest_at)
+    return Players(stage, [thing.name for thing in world.objects], guests, barman)
 
 
 def _disturbances() -> Union[int, List[str]]:
@@ -147,4 +160,4 @@ def main() -> int:
     except (ParameterError, ScheduleError, WorldError) as error:
         print(f"players: {error}", file=sys.stderr)
         return 2
-    return Players(world, plans, seed, wrong_share).run()
+    return make_players(world, plans, seed, wrong_share).run()

@@ -87,7 +87,7 @@ class Stage:
                 return f"no /merlin_sim/people, or no ground_truth, after {timeout:.0f} s"
         return ""
 
-    def heard_of(self, timeout: float) -> bool:
+    def wait_for_subscriber(self, timeout: float) -> bool:
         """Waits for a subscriber of the events, which would miss earlier ones.
 
         :param timeout: s of running time.
