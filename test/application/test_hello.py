@@ -1,11 +1,10 @@
 """docs/hello.md, from its first command to its last: all of it is run, in one shell, as a reader would."""
 
-import os
 import re
-import subprocess
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from terminal import ROOT, run_in_shell
+
 PAGE = (ROOT / "docs" / "hello.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"(?:<!-- (file|run): (\S+) -->\n)?```(sh|python)\n(.*?)```", re.DOTALL)
 OTHER_TERMINAL = "# in another terminal"
@@ -49,20 +48,8 @@ def test_every_step_of_the_page_works(tmp_path: Path) -> None:
     script = "\n".join(step(*block) for block in blocks)
     # The reader's terminal is in MERLIN's folder, where the new workspace would stay behind.
     script = script.replace("rosrun merlin new", f"cd {tmp_path}; rosrun merlin new")
-    env = {key: os.environ[key] for key in ("PATH", "HOME")}
-    env.update(ROS_HOME=str(tmp_path / "ros"), ROS_LOG_DIR=str(tmp_path / "log"), PYTHONUNBUFFERED="1")
-    done = subprocess.run(
-        ["bash", "-e", "-c", script],
-        env=env,
-        cwd=str(ROOT),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=450,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout[-6000:]
-    assert "I changed my mind" in done.stdout
-    assert "edited: my_robot.actions.greet" in done.stdout
-    assert "ALREADY_TRUE" in done.stdout
-    assert "3 tests, 0 errors, 0 failures" in done.stdout
+    said = run_in_shell(script, tmp_path, ROOT)
+    assert "I changed my mind" in said
+    assert "edited: my_robot.actions.greet" in said
+    assert "ALREADY_TRUE" in said
+    assert "3 tests, 0 errors, 0 failures" in said

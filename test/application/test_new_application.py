@@ -1,11 +1,11 @@
 """What `rosrun merlin new` writes builds, runs and passes its test as it is, over devel and install."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from terminal import ROOT, run_in_shell
+
 NEW = (
     "rosrun merlin new my_robot --type 'cup - object' "
     "--action 'fetch ?o - cup ?from ?to - place' --action 'look-at ?p - poi'"
@@ -14,20 +14,7 @@ NEW = (
 
 def shell(space: str, commands: str, folder: Path) -> str:
     """Runs commands in a new shell over one space of MERLIN; returns what they print."""
-    env = {key: os.environ[key] for key in ("PATH", "HOME")}
-    env.update(ROS_HOME=str(folder / "ros"), ROS_LOG_DIR=str(folder / "log"), PYTHONUNBUFFERED="1")
-    done = subprocess.run(
-        ["bash", "-c", f"set -e; . {ROOT}/{space}/setup.bash\n{commands}"],
-        env=env,
-        cwd=str(folder),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=450,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout[-6000:]
-    return done.stdout
+    return run_in_shell(f". {ROOT}/{space}/setup.bash\n{commands}", folder, folder)
 
 
 def build(target: str) -> str:

@@ -1,15 +1,37 @@
-"""The question of the missions."""
+"""The question of the missions is synthesised before the first task: what is asked is what was prepared."""
 
-import xml.etree.ElementTree as ElementTree
-from pathlib import Path
+from typing import Any, List
 
-from merlin_home.question import QUESTION
+import pytest
+from fake_robot import FakeServer
+from roslaunch.config import ROSLaunchConfig
+from roslaunch.xmlloader import XmlLoader
 
-LAUNCH = Path(__file__).resolve().parents[3] / "launch" / "include" / "home_robot.launch"
+from merlin_home.actions.ask import Ask
+from merlin_sm.states import action_state
+
+LAUNCH = "$(find merlin)/launch/include/home_robot.launch"
 
 
-def test_the_launch_file_has_the_question_synthesised_at_the_start() -> None:
-    values = [
-        arg.get("value") for arg in ElementTree.parse(LAUNCH).iter("arg") if arg.get("name") == "phrases"
-    ]
-    assert values == [f"['{QUESTION}']"]
+class Voice(FakeServer):
+    """Says everything at once, and remembers it."""
+
+    def __init__(self) -> None:
+        super().__init__("sound_play")
+        self.said: List[str] = []
+
+    def send(self, goal: Any, on_done: Any, owner: Any) -> Any:
+        self.said.append(goal.sound_request.arg)
+        self.results = [None]
+        return super().send(goal, on_done, owner)
+
+
+def test_what_the_robot_asks_is_what_it_has_prepared(monkeypatch: pytest.MonkeyPatch) -> None:
+    voice = Voice()
+    monkeypatch.setattr(action_state, "shared_client", lambda name, action_spec: voice)
+    assert Ask().run_once({"p": "kitchen"}) == "succeeded"
+
+    config = ROSLaunchConfig()
+    XmlLoader(resolve_anon=False).load_string(f'<launch><include file="{LAUNCH}"/></launch>', config)
+    (prepared,) = [param.value for name, param in config.params.items() if name.endswith("/phrases")]
+    assert prepared == voice.said and len(voice.said[0].split()) > 5
