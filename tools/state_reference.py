@@ -25,7 +25,7 @@ made by `tools/state_reference.py` from the classes.
 All states have the outcomes `succeeded`, `aborted` and `preempted`. After an abort, the state's `reason`
 says why; a preempt ends the state at once. Text in braces, `"Hello {name}"`, names userdata. A machine maps
 userdata by `remapping={key of the state: key of the machine}`. `rosrun merlin check` finds userdata that
-nothing sets.
+nothing sets. `GivenUp` is in `merlin_sm.states.merlin_state`.
 """
 TAIL = """
 ## Your own

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -71,3 +72,12 @@ def test_what_cannot_be_read_is_said(
     assert said.code == 2 and "cannot be read as a history" in said.errors
     said(monkeypatch, capsys, file, "--run", 7)
     assert said.code == 2 and "there is no run 7; there are: 1 to 2" in said.errors
+
+
+def test_a_later_launch_without_a_history_is_named(tmp_path: Path) -> None:
+    log = tmp_path / "roslaunch-robot-1.log"
+    log.write_text("[xmlrpc][INFO] 2026-03-01 12:00:00,059: XML-RPC server binding\n")
+    began = time.mktime((2026, 3, 1, 12, 0, 0, 0, 0, -1))
+    assert "the launch of 2026-03-01 12:00:00" in str(history_command.later_launch(tmp_path, began - 1.0))
+    assert history_command.later_launch(tmp_path, began + 1.0) is None
+    assert history_command.later_launch(tmp_path / "nothing", 0.0) is None

@@ -104,14 +104,39 @@ def seconds(text: str) -> float:
     return float(match[1]) * _UNITS[match[2] or "s"]
 
 
+def default_file() -> Path:
+    """Where the monitor keeps its history unless it is told otherwise."""
+    return Path(rospkg.get_ros_home()) / "merlin" / FILE
+
+
+def later_launch(logs: Path, wall: float) -> Optional[str]:
+    """A sentence on a launch that began after the history's last event, None when there is none.
+
+    :param logs: folder of the newest launch.
+    :param wall: time of the last event, s since 1970.
+    """
+    try:
+        first = min(logs.glob("roslaunch-*.log"), key=lambda log: log.stat().st_mtime)
+        with first.open(errors="replace") as file:
+            found = re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d", file.readline())
+    except (OSError, ValueError):
+        return None
+    began = time.mktime(time.strptime(found[0], "%Y-%m-%d %H:%M:%S")) if found is not None else 0.0
+    if began <= wall:
+        return None
+    clock = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(began))
+    return f"the launch of {clock} ran without a monitor and has no history; its logs are in {logs.resolve()}"
+
+
 def main() -> int:
     """Prints a history; returns the exit code."""
-    default = Path(rospkg.get_ros_home()) / "merlin" / FILE
     parser = argparse.ArgumentParser(
         prog="rosrun merlin history",
         description="Prints what happened, from the file that the monitor keeps.",
     )
-    parser.add_argument("file", nargs="?", type=Path, default=default, help="or its folder (%(default)s)")
+    parser.add_argument(
+        "file", nargs="?", type=Path, default=default_file(), help="or its folder (%(default)s)"
+    )
     parser.add_argument("--runs", action="store_true", help="list the runs")
     parser.add_argument("--run", type=int, help="number of a run; without it: the last one")
     parser.add_argument("--all", action="store_true", help="all runs")
@@ -151,5 +176,9 @@ def _answer(history: HistoryFile, given: argparse.Namespace) -> Iterator[str]:
     events = list(history.events(run, given.kind, since))
     if given.json:
         yield json.dumps(events, indent=1, ensure_ascii=False)
-    else:
-        yield from as_text(events)
+        return
+    yield from as_text(events)
+    latest = Path(rospkg.get_log_dir()) / "latest"
+    note = later_launch(latest, events[-1]["wall"]) if events and given.file == default_file() else None
+    if note is not None:
+        yield note
