@@ -50,6 +50,7 @@ def test_every_step_of_the_page_works(tmp_path: Path) -> None:
     script = script.replace("rosrun merlin new", f"cd {tmp_path}; rosrun merlin new")
     said = run_in_shell(script, tmp_path, ROOT)
     assert "I changed my mind" in said
+    assert 's  robot   says "Hello, kitchen."' in said
     assert "edited: my_robot.actions.greet" in said
     assert "ALREADY_TRUE" in said
     assert "3 tests, 0 errors, 0 failures" in said

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import cv2
 
+from merlin_executor.mission.robot_log import Deed
 from merlin_restaurant.evening_record import CAME, DISTURBED, LEFT, ORDERED, SEATED, SERVED, EveningRecord
 from merlin_restaurant.evening_results import guest_table, plot_timeline, write_guests
-from merlin_restaurant.robot_watch import Deed
 
 
 def evening_record() -> EveningRecord:

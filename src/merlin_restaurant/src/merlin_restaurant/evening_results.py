@@ -12,8 +12,8 @@ import matplotlib.pyplot as plt
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from merlin_executor.mission.robot_log import Deed
 from merlin_restaurant.evening_record import COLUMNS, EveningRecord, GuestAccount
-from merlin_restaurant.robot_watch import Deed
 
 COLORS = {
     "navigate": "#9bb7d4",

@@ -38,6 +38,7 @@ class RecordedEvening(Evening):
 
     servers = ("move_base", "sound_play", "listen", "recognize", "calls/listen")
     startup_timeout = 90.0
+    tells = False  # it does so itself, with the guests
 
     def __init__(self, results: Path = Path("results/restaurant"), on_lost: str = RESEND) -> None:
         self._start: Optional[float] = None

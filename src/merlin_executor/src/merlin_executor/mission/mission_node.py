@@ -39,6 +39,8 @@ class MissionNode(MerlinROSPlanAssistant, ABC):
 
     #: Action servers that the mission and its actions use, as relative names; the mission waits for them.
     servers: Sequence[str] = ()
+    #: Default of ``~tell``: whether its node prints what the robot does, says, hears and sees.
+    tells = True
     #: Default of ``~startup_timeout``: s of running time for each part of the robot to appear.
     startup_timeout = 60.0
 

@@ -1,0 +1,88 @@
+"""The screen of any mission says what the robot does, and why something failed."""
+
+from typing import Any, Dict, List
+
+import pytest
+from diagnostic_msgs.msg import KeyValue
+from merlin_msgs.msg import ExecutorStatus, ListenActionResult, ListenResult
+from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
+from sound_play.msg import SoundRequest, SoundRequestActionGoal, SoundRequestGoal
+
+from merlin_executor.mission import robot_log
+from merlin_executor.mission.robot_log import RobotLog, Screen
+
+
+class Log:
+    """What a robot log writes, and the messages that it gets."""
+
+    def __init__(self) -> None:
+        self.receivers: Dict[str, Any] = {}
+        self.lines: List[str] = []
+        self.failures: List[tuple] = []
+
+    def subscribe(self, topic: str, kind: type, receive: Any, **options: Any) -> None:
+        self.receivers[topic] = receive
+
+    def hear(self, topic: str, message: Any) -> None:
+        self.receivers[topic](message)
+
+
+@pytest.fixture
+def log(monkeypatch: pytest.MonkeyPatch) -> Log:
+    made = Log()
+    monkeypatch.setattr(robot_log.rospy, "Subscriber", made.subscribe)
+    monkeypatch.setattr(robot_log.rospy, "get_time", lambda: 12.5)
+    made.log = RobotLog(made.lines.append, lambda action, reason: made.failures.append((action, reason)))
+    return made
+
+
+def test_goals_and_their_ends_are_told(log: Log) -> None:
+    first = ExecutorStatus(request="1", goals=["(checked hall)", "(checked kitchen)"])
+    urgent = ExecutorStatus(request="2", goals=["(served table_1)"], priority=1, reason="x: interrupted")
+    for status in (first, first, urgent, first, ExecutorStatus(reason="x: SUCCEEDED")):
+        log.hear("merlin/status", status)
+    assert log.lines == [
+        "goal (checked hall) and 1 more",
+        "goal (checked hall) and 1 more: interrupted",
+        "goal (served table_1), urgent",
+        "goal (served table_1), urgent: left",
+        "goes on with (checked hall) and 1 more",
+        "goal (checked hall) and 1 more: SUCCEEDED",
+    ]
+
+
+def test_actions_and_their_failures_are_told(log: Log) -> None:
+    action = ActionDispatch(action_id=1, plan_id=2, name="ask", parameters=[KeyValue("p", "hall")])
+    log.hear("rosplan_plan_dispatcher/action_dispatch", action)
+    log.hear("rosplan_plan_dispatcher/action_dispatch", ActionDispatch(name="cancel_action"))
+    failed = ActionFeedback(
+        action_id=1,
+        plan_id=2,
+        status=ActionFeedback.ACTION_FAILED,
+        information=[KeyValue("reason", "nobody is there")],
+    )
+    log.hear("rosplan_plan_dispatcher/action_feedback", failed)
+    log.hear("rosplan_plan_dispatcher/action_feedback", failed)
+    assert log.lines == ["(ask hall)", "(ask hall): nobody is there"]
+    assert log.failures == [("(ask hall)", "nobody is there")]
+    assert log.log.deeds == [("(ask hall)", 12.5, 12.5, "nobody is there")]
+
+
+def test_speech_is_told(log: Log) -> None:
+    goal = SoundRequestActionGoal(goal=SoundRequestGoal(sound_request=SoundRequest(arg="Hello.")))
+    log.hear("sound_play/goal", goal)
+    log.hear("listen/result", ListenActionResult(result=ListenResult(text="yes", heard=True)))
+    log.hear("listen/result", ListenActionResult(result=ListenResult(heard=True)))
+    log.hear("listen/result", ListenActionResult())
+    assert log.lines == ['says "Hello."', 'understands "yes"', "hears something it does not understand"]
+
+
+def test_lines_have_the_time_since_the_first(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    times = iter([100.0, 103.25])
+    monkeypatch.setattr(robot_log.rospy, "get_time", lambda: next(times))
+    screen = Screen()
+    screen.line("robot", "goal (checked hall)")
+    screen.line("robot", "(ask hall)")
+    assert (
+        capsys.readouterr().out == "    0.0 s  robot   goal (checked hall)\n    3.2 s  robot   (ask hall)\n"
+    )
