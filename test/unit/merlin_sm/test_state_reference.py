@@ -20,6 +20,8 @@ class Mumble(MerlinState):
     :param text: it.
     """
 
+    __module__ = "merlin_sm.states.mumble"
+
     def __init__(self, text: str, quickly: bool = False) -> None:
         super().__init__(output_keys=["mumbled"])
 
