@@ -12,7 +12,7 @@ from merlin_actions import effects
 from merlin_actions.core.ending import Closing
 from merlin_actions.effects import Opening, UpdateEffects, when_back
 from merlin_ros.service_proxy import ServiceUnavailable
-from merlin_sm.knowledge_client import ADD, Update, fact
+from merlin_sm.knowledge_client import ADD, KnowledgeError, Update, fact
 from merlin_sm.knowledge_text import to_pddl
 
 
@@ -152,3 +152,11 @@ def test_one_that_stays_away_is_an_error_in_the_end(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(effects, "RETRY", 0.0)
     with pytest.raises(ServiceUnavailable):
         when_back(Gone(answers_at=10**9).call, limit=0.0)
+
+
+def test_original_rosplan_says_that_it_cannot_count_an_interruption() -> None:
+    knowledge = Knowledge("(at hall)")
+    driving = UpdateEffects(drive(durative=True), knowledge)
+    with pytest.raises(KnowledgeError, match="decrease .battery. 1. of if_interrupted"):
+        driving.open(opening()._replace(counts=["(decrease (battery) 1)"]))
+    assert knowledge.facts == {"(at hall)"}

@@ -15,10 +15,11 @@ from diagnostic_msgs.msg import KeyValue
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
+from merlin_actions.core.declared import bound, numeric_apart
 from merlin_actions.core.ending import Ending, after_closing, closing_of
 from merlin_actions.core.execution import Execution
 from merlin_actions.core.execution_queue import Decision, Do, ExecutionQueue, Key
-from merlin_actions.core.names import DECLARED, action_param
+from merlin_actions.core.names import IF_INTERRUPTED, WHILE_RUNNING, action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
 from merlin_actions.left_executions import settle_left
 from merlin_ros.actions.lease import LeaseChange, LeaseState
@@ -280,11 +281,14 @@ class ActionInterface:
             return missing
         try:
             declared = self._literals()
+            interrupted, counts = numeric_apart(declared.get(IF_INTERRUPTED, []))
             opening = Opening(
                 execution.parameters,
                 execution.token,
                 rospy.get_name(),
-                *(parse_literals(declared.get(key, []), execution.binding) for key in DECLARED),
+                parse_literals(declared.get(WHILE_RUNNING, []), execution.binding),
+                parse_literals(interrupted, execution.binding),
+                [bound(text, execution.binding) for text in counts],
             )
             self._effects.open(opening)
         except _KNOWLEDGE_ERRORS as error:

@@ -37,6 +37,8 @@ class Opening(NamedTuple):
     """Literals that hold until it is closed."""
     if_interrupted: Sequence[KnowledgeItem]
     """Literals that hold after an interruption; none: what was before."""
+    counts: Sequence[str] = ()
+    """Numeric effects of an interruption, as PDDL text."""
 
 
 class Effects:
@@ -73,7 +75,7 @@ class ServiceEffects(Effects):
             ApplyEffectsRequest.START,
             owner=opening.owner,
             while_running=[to_pddl(item) for item in opening.while_running],
-            if_interrupted=[to_pddl(item) for item in opening.if_interrupted],
+            if_interrupted=[*(to_pddl(item) for item in opening.if_interrupted), *opening.counts],
         )
 
     def close(self, opening: Opening, closing: Closing) -> None:
@@ -131,6 +133,11 @@ class UpdateEffects(Effects):
 
     def open(self, opening: Opening) -> None:
         """See :meth:`Effects.open`."""
+        if opening.counts:
+            raise KnowledgeError(
+                f"{self._knowledge.name} cannot apply {', '.join(opening.counts)} of if_interrupted; "
+                "use MERLIN's knowledge base"
+            )
         while_running = _literals(opening.while_running)
         self._update(self._changes.open(opening.token, _binding(opening), while_running, self._true_now))
 

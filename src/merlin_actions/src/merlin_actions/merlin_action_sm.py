@@ -40,7 +40,8 @@ class MerlinActionSM(MerlinSM):
 
     if_interrupted: Sequence[str] = ()
     """PDDL literals that hold after it was stopped or failed, with the action's ``?variables``. When empty,
-    the start effects are undone."""
+    the start effects are undone. Numeric effects may stand here too: ``(decrease (battery) (* 0.1 #t))`` with
+    the seconds that have passed, ``#t``, and the planned ones, ``?duration``."""
 
     def __init__(self) -> None:
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *self.outcomes], input_keys=list(self.parameters))

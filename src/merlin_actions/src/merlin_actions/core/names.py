@@ -4,7 +4,7 @@ import re
 from typing import Dict, Iterable
 
 #: What the class of an action declares for its bridge: attributes of the class, and parameters of its action.
-DECLARED = ("while_running", "if_interrupted")
+WHILE_RUNNING, IF_INTERRUPTED = DECLARED = ("while_running", "if_interrupted")
 
 
 def ros_name(operator: str) -> str:

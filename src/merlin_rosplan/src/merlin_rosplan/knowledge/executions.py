@@ -12,6 +12,7 @@ from merlin_pddl.formula import END, OVER_ALL, START
 from merlin_pddl.knowledge import Fact
 from merlin_pddl.text_reader import Expression, Node, PddlError, name_of, read_expression
 from merlin_rosplan.knowledge.effects import Allowed, EffectApplier, find_operator
+from merlin_rosplan.knowledge.interruption import Count, apply_continuous, apply_counts, passed, split
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 from merlin_rosplan.knowledge.knowledge_state import Note as StoredNote
@@ -86,7 +87,8 @@ class Executions:
         :param parameters: objects by label of the operator's parameters.
         :param owner: the node that carries it out.
         :param while_running: ground PDDL literals that hold until it is closed.
-        :param if_interrupted: ground PDDL literals that hold after it was interrupted.
+        :param if_interrupted: ground PDDL literals that hold after it was interrupted, and numeric effects
+            that count then, with ``#t`` (s that have passed, at most the planned ones) and ``?duration``.
         """
         operator = find_operator(self._state, operator_name)
         applier = EffectApplier(self._transaction, operator, parameters)
@@ -97,7 +99,8 @@ class Executions:
             if known.get("ended"):
                 raise UpdateRefused(f"the execution '{token}' has ended")
             return "started already"
-        holds, interrupted = self._literals(while_running), self._literals(if_interrupted)
+        declared, counts = split(if_interrupted, self._state)
+        holds, interrupted = self._literals(while_running), self._literals(declared)
         duration = applier.duration() if operator.durative else None
         allowed: Allowed = {}
         undo: List[Note] = []
@@ -119,6 +122,7 @@ class Executions:
                 "holds": holds,
                 "running": running.notes,
                 "interrupted": interrupted,
+                "counts": counts,
             }
             self._transaction.note(self._state.executions, token, row)
         return ""
@@ -157,20 +161,31 @@ class Executions:
         return self._restore(token, row)
 
     def interrupt(self, token: str, operator_name: str = "") -> str:
-        """What `if_interrupted` of START says holds from now on; without that, as :meth:`rollback`."""
+        """What `if_interrupted` of START says holds from now on; without that, as :meth:`rollback`.
+
+        Continuous effects count for the time that has passed.
+        """
         row = self._open_row(token, operator_name)
         if row is None:
             return "nothing to interrupt"
         self._no_longer_running(token, row)
         declared: List[Literal] = row.get("interrupted", [])
-        if not declared:
-            return self._restore(token, row)
+        counts: List[Count] = row.get("counts", [])
+        specials = passed(row["since"], self._transaction.now, row.get("duration"))
+        operator = find_operator(self._state, row["operator"])
+        told = [apply_continuous(self._transaction, operator, dict(row.get("parameters", ())), specials)]
+        if not declared and not counts:
+            told.append(self._restore(token, row))
+            return "; ".join(filter(None, told))
         # An execution has to come to its end whatever happened to the objects it was about.
         possible = [literal for literal in declared if self._objects_exist(literal[1])]
         _bring_about(RecordedChanges(self._transaction), possible)
+        failed = apply_counts(self._transaction, counts, specials)
         self._close(token, row["operator"])
         gone = [_text(literal) for literal in declared if literal not in possible]
-        return f"not applied, because an object is gone: {', '.join(gone)}" if gone else ""
+        told.append(f"not applied, because an object is gone: {', '.join(gone)}" if gone else "")
+        told.append(f"not applied, because there is no number: {', '.join(failed)}" if failed else "")
+        return "; ".join(filter(None, told))
 
     # --- rows -----------------------------------------------------------------------------------
 
