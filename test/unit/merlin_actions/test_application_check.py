@@ -6,7 +6,7 @@ import types
 import pytest
 
 from merlin_actions.action_classes import make_machines
-from merlin_actions.core.application_check import ApplicationError, Needs, World, check_application
+from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, Needs, check_application
 from merlin_actions.core.ending import in_vain
 from merlin_actions.machine_survey import survey
 from merlin_actions.merlin_action_server import given_up, given_up_about
@@ -20,7 +20,7 @@ ASK = Needs("Ask", "ask", ("p",), (), (), (("SPEAK", "sound_play"),))
 
 def world(points=("hall", "kitchen"), servers=None):
     objects = {"poi": ["hall", "kitchen"], "place": ["anywhere", "hall", "kitchen"]}
-    return World(OPERATORS, lambda kind: objects.get(kind, []), list(points), servers)
+    return ApplicationWorld(OPERATORS, lambda kind: objects.get(kind, []), list(points), servers)
 
 
 def test_parts_that_fit_have_no_mistakes():

@@ -4,38 +4,40 @@ from typing import List, Sequence, Set
 
 import pytest
 
-from merlin_actions.core.effect_changes import Change, EffectChanges
+from merlin_actions.core.effect_changes import EffectChanges, FactChange
 from merlin_actions.core.ending import Closing
 
 DRIVE = {"a": "hall", "b": "kitchen"}
-BUSY = Change(True, "busy")
+BUSY = FactChange(True, "busy")
 
 
 class World:
     """The facts that are true."""
 
-    def __init__(self, *facts: Change) -> None:
-        self.facts: Set[Change] = set(facts)
+    def __init__(self, *facts: FactChange) -> None:
+        self.facts: Set[FactChange] = set(facts)
 
-    def true_now(self, changes: Sequence[Change]) -> List[bool]:
+    def true_now(self, changes: Sequence[FactChange]) -> List[bool]:
         return [change._replace(becomes_true=True) in self.facts for change in changes]
 
-    def apply(self, changes: Sequence[Change]) -> None:
+    def apply(self, changes: Sequence[FactChange]) -> None:
         for change in changes:
             fact = change._replace(becomes_true=True)
             (self.facts.add if change.becomes_true else self.facts.discard)(fact)
 
 
-def at(place: str, true: bool = True) -> Change:
-    return Change(true, "at", (place,))
+def at(place: str, true: bool = True) -> FactChange:
+    return FactChange(true, "at", (place,))
 
 
 def durative() -> EffectChanges:
     """(drive ?a ?b): leaves at its start, arrives at its end, and counts the move at a constant place."""
-    return EffectChanges([at("a", False)], [at("b"), Change(True, "used", ("corridor",))], plain=False)
+    return EffectChanges([at("a", False)], [at("b"), FactChange(True, "used", ("corridor",))], plain=False)
 
 
-def carry_out(world: World, effects: EffectChanges, closing: Closing, interrupted: Sequence[Change]) -> None:
+def carry_out(
+    world: World, effects: EffectChanges, closing: Closing, interrupted: Sequence[FactChange]
+) -> None:
     world.apply(effects.open("t", DRIVE, [BUSY], world.true_now))
     assert BUSY in world.facts, "it holds while the action runs"
     world.apply(effects.close("t", DRIVE, closing, interrupted))
@@ -44,13 +46,15 @@ def carry_out(world: World, effects: EffectChanges, closing: Closing, interrupte
 @pytest.mark.parametrize(
     ("closing", "interrupted", "left"),
     [
-        (Closing.END, [], {at("kitchen"), Change(True, "used", ("corridor",))}),
+        (Closing.END, [], {at("kitchen"), FactChange(True, "used", ("corridor",))}),
         (Closing.INTERRUPT, [at("anywhere")], {at("anywhere")}),
         (Closing.INTERRUPT, [], {at("hall")}),
         (Closing.ROLLBACK, [at("anywhere")], {at("hall")}),
     ],
 )
-def test_what_holds_after_an_action(closing: Closing, interrupted: List[Change], left: Set[Change]) -> None:
+def test_what_holds_after_an_action(
+    closing: Closing, interrupted: List[FactChange], left: Set[FactChange]
+) -> None:
     world = World(at("hall"))
     carry_out(world, durative(), closing, interrupted)
     assert world.facts == left

@@ -4,16 +4,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from merlin_actions.core.ending import Closing, Ending, after_closing, closing_of
-from merlin_actions.core.execution_queue import Decision, Do, ExecutionQueue
+from merlin_actions.core.execution_queue import ExecutionQueue, QueueDecision, QueueStep
 
 FIRST, SECOND, OTHER_PLAN = (1, 0), (1, 1), (2, 0)
 
 
 def test_a_second_execution_waits_for_the_end_of_the_first():
     queue = ExecutionQueue(concurrent=False)
-    assert queue.arrive(FIRST) == [Decision(Do.RUN, FIRST)]
-    assert queue.arrive(SECOND) == [Decision(Do.WAIT, SECOND)]
-    assert queue.end(FIRST) == [Decision(Do.RUN, SECOND)]
+    assert queue.arrive(FIRST) == [QueueDecision(QueueStep.RUN, FIRST)]
+    assert queue.arrive(SECOND) == [QueueDecision(QueueStep.WAIT, SECOND)]
+    assert queue.end(FIRST) == [QueueDecision(QueueStep.RUN, SECOND)]
 
 
 def test_it_does_not_wait_for_ever():
@@ -21,7 +21,7 @@ def test_it_does_not_wait_for_ever():
     queue.arrive(FIRST)
     queue.arrive(SECOND)
     (refused,) = queue.waited_too_long(SECOND)
-    assert (refused.what, refused.key) == (Do.REFUSE, SECOND)
+    assert (refused.what, refused.key) == (QueueStep.REFUSE, SECOND)
     assert "runs already" in refused.reason
     assert queue.end(FIRST) == []
 
@@ -30,7 +30,7 @@ def test_a_newer_plan_interrupts_what_the_older_one_has_left():
     queue = ExecutionQueue(concurrent=False)
     queue.arrive(FIRST)
     waits, interrupts = queue.arrive(OTHER_PLAN)
-    assert (waits.what, interrupts.what, interrupts.key) == (Do.WAIT, Do.INTERRUPT, FIRST)
+    assert (waits.what, interrupts.what, interrupts.key) == (QueueStep.WAIT, QueueStep.INTERRUPT, FIRST)
 
 
 def test_an_execution_that_is_dispatched_twice_runs_once():
@@ -51,15 +51,15 @@ def test_each_execution_ends_once_and_no_two_run_at_once(concurrent, events):
     def carry_out(decisions):
         for decision in decisions:
             key = decision.key
-            if decision.what is Do.RUN:
+            if decision.what is QueueStep.RUN:
                 assert key not in running
                 assert concurrent or not running
                 waiting.discard(key)
                 running.add(key)
-            elif decision.what is Do.WAIT:
+            elif decision.what is QueueStep.WAIT:
                 assert key not in waiting
                 waiting.add(key)
-            elif decision.what is Do.REFUSE:
+            elif decision.what is QueueStep.REFUSE:
                 waiting.remove(key)
                 assert decision.reason
             else:

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_actions.core.machine_slot import Decision, Do, MachineSlot
+from merlin_actions.core.machine_slot import MachineSlot, SlotDecision, SlotStep
 
 
 def kinds(decisions):
@@ -12,17 +12,17 @@ def kinds(decisions):
 
 def test_a_newer_goal_preempts_the_older_and_starts_after_it():
     slot = MachineSlot()
-    assert slot.arrive("a") == [Decision(Do.START, "a")]
-    assert kinds(slot.arrive("b")) == [(Do.PREEMPT, "a")]
-    assert kinds(slot.end("a")) == [(Do.START, "b")]
+    assert slot.arrive("a") == [SlotDecision(SlotStep.START, "a")]
+    assert kinds(slot.arrive("b")) == [(SlotStep.PREEMPT, "a")]
+    assert kinds(slot.end("a")) == [(SlotStep.START, "b")]
 
 
 def test_a_run_that_does_not_stop_is_abandoned():
     slot = MachineSlot()
     slot.arrive("a")
-    assert kinds(slot.cancel("a", "cancelled")) == [(Do.PREEMPT, "a")]
+    assert kinds(slot.cancel("a", "cancelled")) == [(SlotStep.PREEMPT, "a")]
     slot.arrive("b")
-    assert kinds(slot.limit_passed("a")) == [(Do.ABANDON, "a"), (Do.START, "b")]
+    assert kinds(slot.limit_passed("a")) == [(SlotStep.ABANDON, "a"), (SlotStep.START, "b")]
     assert slot.end("a") == []  # late, and of no interest any more
 
 
@@ -44,12 +44,12 @@ def test_every_goal_is_answered_and_one_runs_at_a_time(events):
 
     def carry_out(decisions):
         for what, goal, _ in decisions:
-            if what is Do.START:
+            if what is SlotStep.START:
                 assert not running
                 running.append(goal)
-            elif what is Do.PREEMPT:
+            elif what is SlotStep.PREEMPT:
                 assert running == [goal]
-            elif what is Do.ABANDON:
+            elif what is SlotStep.ABANDON:
                 assert running == [goal]
                 running.clear()
                 open_goals.remove(goal)

@@ -7,14 +7,14 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from merlin_executor.core.agenda import Agenda, Answer, Client, Decision, StopRun, Ticket
+from merlin_executor.core.agenda import Agenda, AgendaAnswer, Client, Decision, StopRun, Ticket
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 
 CANCELLED = Verdict(Outcome.CANCELLED, "cancelled")
 
 
 def answers(decisions: List[Decision]) -> Dict[Ticket, Verdict]:
-    return {decision.ticket: decision.verdict for decision in decisions if isinstance(decision, Answer)}
+    return {decision.ticket: decision.verdict for decision in decisions if isinstance(decision, AgendaAnswer)}
 
 
 def stops(decisions: List[Decision]) -> List[Ticket]:
@@ -198,7 +198,7 @@ class AgendaMachine(RuleBasedStateMachine):
 
     def take(self, decisions: List[Decision]) -> None:
         for decision in decisions:
-            if isinstance(decision, Answer):
+            if isinstance(decision, AgendaAnswer):
                 assert decision.ticket not in self.answered, "answered twice"
                 assert decision.ticket is not self.running, "answered while it runs"
                 self.answered[decision.ticket] = decision.verdict

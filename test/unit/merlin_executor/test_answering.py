@@ -3,7 +3,7 @@
 import pytest
 
 from merlin_executor.core.activity import LONGEST_REASON, Activity
-from merlin_executor.core.answering import Answer, answer_for, unreadable
+from merlin_executor.core.answering import ClientAnswer, answer_for, unreadable
 from merlin_executor.core.outcome import Outcome, Verdict
 
 
@@ -11,9 +11,9 @@ from merlin_executor.core.outcome import Outcome, Verdict
 @pytest.mark.parametrize("accepted", [True, False])
 def test_the_verb_says_what_the_outcome_says(outcome: Outcome, accepted: bool) -> None:
     answer = answer_for(outcome, accepted)
-    assert (answer is Answer.SUCCEED) == outcome.achieved
-    assert (answer is Answer.CANCEL) == (outcome in (Outcome.CANCELLED, Outcome.DROPPED))
-    assert (answer is Answer.REJECT) == (outcome is Outcome.REFUSED and not accepted)
+    assert (answer is ClientAnswer.SUCCEED) == outcome.achieved
+    assert (answer is ClientAnswer.CANCEL) == (outcome in (Outcome.CANCELLED, Outcome.DROPPED))
+    assert (answer is ClientAnswer.REJECT) == (outcome is Outcome.REFUSED and not accepted)
 
 
 def test_a_request_that_cannot_be_read_is_refused_unless_it_was_taken_back() -> None:

@@ -1,6 +1,6 @@
 """The guard and goals whose client died before its first lease, or was restarted."""
 
-from merlin_guard.lease_book import LeaseBook, Ownership
+from merlin_guard.lease_book import BaseOwnership, GuardLeases
 from merlin_guard.motion_permit import LEASED, MotionPermit, Send, State
 from merlin_guard.motion_server import GoalReport
 from merlin_guard.settings import GuardSettings
@@ -9,12 +9,12 @@ ACTIVE = 1
 
 
 def test_a_late_lease_of_a_former_life_costs_the_new_one_nothing():
-    book = LeaseBook(GuardSettings())
+    book = GuardLeases(GuardSettings())
     book.receive("/client", "a", ["old"], [], 0.0)
     book.receive("/client", "b", ["new"], [], 0.1)
     book.receive("/client", "a", ["old"], [], 0.2)
-    assert book.claim("new", 0.2).ownership is Ownership.HELD
-    assert book.claim("old", 0.2).ownership is Ownership.LOST
+    assert book.claim("new", 0.2).ownership is BaseOwnership.HELD
+    assert book.claim("old", 0.2).ownership is BaseOwnership.LOST
 
 
 def passing(goal_id: str) -> bool:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from merlin_sm.dispatch_progress import (
     PART,
     Action,
-    Answer,
+    DispatchAnswer,
     DispatchProgress,
     DispatchResult,
     Reply,
@@ -26,13 +26,13 @@ def book(*actions: Action, taken: bool = True) -> DispatchProgress:
     for action in actions:
         progress.dispatched(action)
         if taken:
-            progress.answered(action.id, action.plan_id, Answer.TAKEN, {})
+            progress.answered(action.id, action.plan_id, DispatchAnswer.TAKEN, {})
     return progress
 
 
 def test_actions_run_until_they_are_answered() -> None:
     progress = book(NAVIGATE, WAVE)
-    assert progress.answered(1, 7, Answer.SUCCEEDED, {})
+    assert progress.answered(1, 7, DispatchAnswer.SUCCEEDED, {})
     assert progress.steps_done == 1
     assert [action.text for action in progress.running.values()] == ["(wave)"]
     assert progress.result(Reply(achieved=True)) == DispatchResult(True)
@@ -40,23 +40,23 @@ def test_actions_run_until_they_are_answered() -> None:
 
 def test_goals_that_do_not_hold_are_named() -> None:
     progress = book(NAVIGATE)
-    progress.answered(1, 7, Answer.SUCCEEDED, {})
+    progress.answered(1, 7, DispatchAnswer.SUCCEEDED, {})
     result = progress.result(Reply(), reason="these goals do not hold: (told)", unmet=["(told)"])
     assert result == DispatchResult(False, reason="these goals do not hold: (told)", unmet=("(told)",))
 
 
 def test_answers_of_other_plans_and_unknown_actions_are_ignored() -> None:
     progress = book(NAVIGATE)
-    assert not progress.answered(1, 6, Answer.FAILED, {})
-    assert not progress.answered(9, 7, Answer.FAILED, {})
-    assert progress.answered(1, 0, Answer.SUCCEEDED, {})
-    assert not progress.answered(1, 7, Answer.FAILED, {})
+    assert not progress.answered(1, 6, DispatchAnswer.FAILED, {})
+    assert not progress.answered(9, 7, DispatchAnswer.FAILED, {})
+    assert progress.answered(1, 0, DispatchAnswer.SUCCEEDED, {})
+    assert not progress.answered(1, 7, DispatchAnswer.FAILED, {})
     assert progress.failed == ""
 
 
 def test_a_failure_names_its_action_and_reason() -> None:
     progress = book(NAVIGATE)
-    progress.answered(1, 7, Answer.FAILED, {"reason": "the way is blocked"})
+    progress.answered(1, 7, DispatchAnswer.FAILED, {"reason": "the way is blocked"})
     result = progress.result(Reply())
     assert (result.action, result.reason) == ("(navigate hall kitchen)", "the way is blocked")
     assert not result.cancelled and not result.unstopped
@@ -64,19 +64,19 @@ def test_a_failure_names_its_action_and_reason() -> None:
 
 def test_the_first_failure_is_told_not_that_of_what_was_stopped_with_it() -> None:
     progress = book(NAVIGATE, WAVE)
-    progress.answered(1, 7, Answer.FAILED, {"reason": "the way is blocked"})
-    progress.answered(2, 7, Answer.FAILED, CANCELLED)
+    progress.answered(1, 7, DispatchAnswer.FAILED, {"reason": "the way is blocked"})
+    progress.answered(2, 7, DispatchAnswer.FAILED, CANCELLED)
     assert progress.result(Reply()).reason == "the way is blocked"
     progress = book(NAVIGATE, WAVE)
-    progress.answered(2, 7, Answer.FAILED, CANCELLED)
-    progress.answered(1, 7, Answer.FAILED, {"reason": "the way is blocked"})
+    progress.answered(2, 7, DispatchAnswer.FAILED, CANCELLED)
+    progress.answered(1, 7, DispatchAnswer.FAILED, {"reason": "the way is blocked"})
     assert progress.result(Reply()).action == "(navigate hall kitchen)"
 
 
 def test_a_cancel_that_everything_obeys() -> None:
     progress = book(NAVIGATE)
     progress.stop()
-    progress.answered(1, 7, Answer.FAILED, CANCELLED)
+    progress.answered(1, 7, DispatchAnswer.FAILED, CANCELLED)
     result = progress.result(Reply(), reason="cancelled by cancel_dispatch")
     assert result.cancelled and not result.unstopped
 
@@ -84,8 +84,8 @@ def test_a_cancel_that_everything_obeys() -> None:
 def test_what_says_that_it_did_not_stop_is_named() -> None:
     progress = book(NAVIGATE, WAVE)
     progress.stop()
-    progress.answered(1, 7, Answer.FAILED, STUCK)
-    progress.answered(2, 7, Answer.FAILED, CANCELLED)
+    progress.answered(1, 7, DispatchAnswer.FAILED, STUCK)
+    progress.answered(2, 7, DispatchAnswer.FAILED, CANCELLED)
     result = progress.result(Reply(), "(navigate hall kitchen)", "cancelled by cancel_dispatch")
     assert result.cancelled
     assert result.unstopped == ("(navigate hall kitchen)",)
@@ -93,8 +93,8 @@ def test_what_says_that_it_did_not_stop_is_named() -> None:
 
 def test_what_did_not_stop_beside_a_failure_is_named_too() -> None:
     progress = book(NAVIGATE, WAVE)
-    progress.answered(2, 7, Answer.FAILED, {"reason": "no hand"})
-    progress.answered(1, 7, Answer.FAILED, STUCK)
+    progress.answered(2, 7, DispatchAnswer.FAILED, {"reason": "no hand"})
+    progress.answered(1, 7, DispatchAnswer.FAILED, STUCK)
     result = progress.result(Reply())
     assert not result.cancelled
     assert (result.action, result.unstopped) == ("(wave)", ("(navigate hall kitchen)",))
@@ -146,7 +146,7 @@ def test_a_dispatcher_that_hangs_on_a_cancel() -> None:
 
 def test_a_dispatcher_that_hangs_after_a_failure_counts_as_gone() -> None:
     progress = book(NAVIGATE)
-    progress.answered(1, 7, Answer.FAILED, {"reason": "its owner is gone"})
+    progress.answered(1, 7, DispatchAnswer.FAILED, {"reason": "its owner is gone"})
     result = progress.hung("/d", 5.0)
     assert result.gone and not result.timed_out
     assert "does not answer" in result.reason
@@ -166,7 +166,9 @@ def test_another_plan_than_the_one_that_is_meant_is_noticed() -> None:
 @given(
     st.lists(
         st.tuples(
-            st.integers(0, 3), st.sampled_from(["dispatch", "stop", *Answer]), st.sampled_from([{}, STUCK])
+            st.integers(0, 3),
+            st.sampled_from(["dispatch", "stop", *DispatchAnswer]),
+            st.sampled_from([{}, STUCK]),
         )
     )
 )
@@ -185,11 +187,11 @@ def test_whatever_is_heard_a_dispatch_that_was_cancelled_hides_nothing(events: L
             progress.stop()
         else:
             progress.answered(number, 1, event, information)
-            if number in open_actions and event is Answer.TAKEN:
+            if number in open_actions and event is DispatchAnswer.TAKEN:
                 taken.add(number)
             elif number in open_actions:
                 open_actions.discard(number)
-                if event is Answer.FAILED and information:
+                if event is DispatchAnswer.FAILED and information:
                     stuck.add(number)
     progress.stop()
     expected = {f"(a{number})" for number in stuck | (open_actions & taken)}
@@ -205,5 +207,5 @@ def test_the_result_says_that_another_try_cannot_help() -> None:
     ):
         progress = DispatchProgress()
         progress.dispatched(Action(1, 1, "Prescribe", ("Ann",)))
-        progress.answered(1, 1, Answer.FAILED, information)
+        progress.answered(1, 1, DispatchAnswer.FAILED, information)
         assert progress.result(Reply(), "(prescribe ann)", "no").in_vain == in_vain

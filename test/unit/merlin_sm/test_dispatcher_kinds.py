@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import DispatchStatus
 
-from merlin_sm.dispatch_progress import Action, Answer, DispatchProgress, Reply
+from merlin_sm.dispatch_progress import Action, DispatchAnswer, DispatchProgress, Reply
 from merlin_sm.dispatcher_kinds import FAILURE_GRACE, ReportingDispatcher, SilentDispatcher
 
 IDLE = DispatchStatus(state=DispatchStatus.IDLE)
@@ -28,7 +28,7 @@ def test_without_a_status_only_what_was_dispatched_shows_that_it_runs() -> None:
     assert not silent.started(progress()), "a cancel now would stop the next dispatch instead"
     assert silent.started(progress(DRIVE))
     failed = progress(DRIVE)
-    failed.answered(DRIVE.id, DRIVE.plan_id, Answer.FAILED, {})
+    failed.answered(DRIVE.id, DRIVE.plan_id, DispatchAnswer.FAILED, {})
     assert silent.started(failed)
     assert not silent.busy and silent.at_rest, "nothing more is to be waited for"
 

@@ -11,7 +11,7 @@ from merlin.launch_config import LaunchConfig
 from merlin.launch_request import LaunchError, LaunchRequest
 from merlin.master import Master
 from merlin_actions.action_classes import make_machines
-from merlin_actions.core.application_check import ApplicationError, World, check_application
+from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, check_application
 from merlin_actions.machine_survey import survey
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import read_domain
@@ -88,7 +88,7 @@ def check_host(config: LaunchConfig, namespace: str, host: Node) -> str:
     }
     points = list(config.param(f"{namespace}world/points_of_interest", {}))
     served = config.servers(namespace)
-    world = World(
+    world = ApplicationWorld(
         operators,
         lambda kind: _objects(domain, problem, kind),
         points,

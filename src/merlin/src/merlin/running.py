@@ -17,7 +17,7 @@ from merlin.launch_request import LaunchError
 from merlin_ros.master.master_link import ERRORS, MASTER_TIMEOUT, bounded_proxy
 
 
-class Run(NamedTuple):
+class LaunchRun(NamedTuple):
     """A run that lives."""
 
     pid: int
@@ -35,7 +35,7 @@ def folder() -> Path:
 @contextlib.contextmanager
 def announced(uri: str, launch_file: Path, log_folder: Path) -> Iterator[None]:
     """Within it, other processes find this run. A folder that cannot be written keeps no run from going."""
-    run = Run(os.getpid(), _began(os.getpid()), uri, str(launch_file), str(log_folder))
+    run = LaunchRun(os.getpid(), _began(os.getpid()), uri, str(launch_file), str(log_folder))
     note = folder() / f"{run.pid}.json"
     with contextlib.suppress(OSError):
         note.parent.mkdir(parents=True, exist_ok=True)
@@ -47,12 +47,12 @@ def announced(uri: str, launch_file: Path, log_folder: Path) -> Iterator[None]:
             note.unlink()
 
 
-def living() -> List[Run]:
+def living() -> List[LaunchRun]:
     """The runs of this machine, oldest first; notes of runs that were killed are removed."""
     runs = []
     for note in folder().glob("*.json"):
         try:
-            run = Run(**json.loads(note.read_text(encoding="utf-8")))
+            run = LaunchRun(**json.loads(note.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):
             continue  # it ends, or is being written
         if _began(run.pid) == run.began:

@@ -18,7 +18,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from merlin_actions.core.declared import bound, numeric_apart
 from merlin_actions.core.ending import Ending, after_closing, closing_of
 from merlin_actions.core.execution import Execution
-from merlin_actions.core.execution_queue import Decision, Do, ExecutionQueue, Key
+from merlin_actions.core.execution_queue import ExecutionQueue, Key, QueueDecision, QueueStep
 from merlin_actions.core.names import IF_INTERRUPTED, WHILE_RUNNING, action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
 from merlin_actions.left_executions import settle_left
@@ -211,18 +211,18 @@ class ActionInterface:
         self._answer(dispatch, ActionFeedback.ACTION_ENABLED)
         self._carry_out(decisions)
 
-    def _carry_out(self, decisions: List[Decision]) -> None:
+    def _carry_out(self, decisions: List[QueueDecision]) -> None:
         """Does what the queue has decided; without the lock."""
         for decision in decisions:
             with self._changed:
                 execution = self._executions.get(decision.key)
             if execution is None:
                 continue
-            if decision.what is Do.RUN:
+            if decision.what is QueueStep.RUN:
                 self._spawn(execution)
-            elif decision.what is Do.INTERRUPT:
+            elif decision.what is QueueStep.INTERRUPT:
                 execution.cancel(decision.reason)
-            elif decision.what is Do.WAIT:
+            elif decision.what is QueueStep.WAIT:
                 name = f"wait of {execution.text}"
                 threading.Thread(target=self._limit_wait, args=(execution,), name=name, daemon=True).start()
             else:

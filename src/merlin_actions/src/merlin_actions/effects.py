@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainOperator, KnowledgeItem
 
-from merlin_actions.core.effect_changes import Change, EffectChanges
+from merlin_actions.core.effect_changes import EffectChanges, FactChange
 from merlin_actions.core.ending import Closing
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceProxy, ServiceUnavailable
@@ -146,7 +146,7 @@ class UpdateEffects(Effects):
         if_interrupted = _literals(opening.if_interrupted)
         self._update(self._changes.close(opening.token, _binding(opening), closing, if_interrupted))
 
-    def _update(self, changes: Sequence[Change]) -> None:
+    def _update(self, changes: Sequence[FactChange]) -> None:
         self._knowledge.update(
             [
                 Update(ADD if change.becomes_true else REMOVE, fact(change.name, *change.arguments))
@@ -154,20 +154,20 @@ class UpdateEffects(Effects):
             ]
         )
 
-    def _true_now(self, changes: Sequence[Change]) -> List[bool]:
+    def _true_now(self, changes: Sequence[FactChange]) -> List[bool]:
         return self._knowledge.query([fact(change.name, *change.arguments) for change in changes])
 
 
-def _changes(formulas: Sequence[DomainFormula], becomes_true: bool) -> List[Change]:
+def _changes(formulas: Sequence[DomainFormula], becomes_true: bool) -> List[FactChange]:
     return [
-        Change(becomes_true, formula.name, tuple(pair.key for pair in formula.typed_parameters))
+        FactChange(becomes_true, formula.name, tuple(pair.key for pair in formula.typed_parameters))
         for formula in formulas
     ]
 
 
-def _literals(items: Sequence[KnowledgeItem]) -> List[Change]:
+def _literals(items: Sequence[KnowledgeItem]) -> List[FactChange]:
     return [
-        Change(not item.is_negative, item.attribute_name, tuple(pair.value for pair in item.values))
+        FactChange(not item.is_negative, item.attribute_name, tuple(pair.value for pair in item.values))
         for item in items
     ]
 

@@ -9,7 +9,7 @@ from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
 
 import smach
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN
-from merlin_actions.core.machine_slot import Decision, Do, MachineSlot
+from merlin_actions.core.machine_slot import MachineSlot, SlotDecision, SlotStep
 from merlin_actions.core.names import DECLARED, action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
@@ -137,15 +137,15 @@ class MerlinActionServer:
             decisions = self._slot.cancel(goal.id, goal.cancel_reason)
         self._carry_out(decisions)
 
-    def _carry_out(self, decisions: List[Decision]) -> None:
+    def _carry_out(self, decisions: List[SlotDecision]) -> None:
         """Does what the slot has decided; without the lock."""
         for decision in decisions:
             with self._changed:
                 goal = self._goals[decision.goal]
-                if decision.what is Do.START:
+                if decision.what is SlotStep.START:
                     self._machines[goal.id] = self.machine
                 machine = self._machines.get(goal.id, self.machine)
-            if decision.what is Do.START:
+            if decision.what is SlotStep.START:
                 machine.prepare()
                 goal.accept()
                 thread = threading.Thread(
@@ -154,14 +154,14 @@ class MerlinActionServer:
                 with self._changed:
                     self._threads[goal.id] = thread
                 thread.start()
-            elif decision.what is Do.PREEMPT:
+            elif decision.what is SlotStep.PREEMPT:
                 goal.request_cancel(decision.reason)
                 # In threads of their own: users' code may loop in its preempt.
                 for target, what in ((self._preempt, "preempt"), (self._limit, "limit of")):
                     threading.Thread(
                         target=target, args=(goal, machine), name=f"{what} {self.operator}", daemon=True
                     ).start()
-            elif decision.what is Do.ABANDON:
+            elif decision.what is SlotStep.ABANDON:
                 self._abandon(goal, machine)
             else:
                 self._forget(goal)

@@ -7,7 +7,7 @@ import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
 
-from merlin_executor.resending import END, RETURN_WAIT, Decision, Next, Resending, executor_was_lost
+from merlin_executor.resending import END, RETURN_WAIT, Next, ResendDecision, Resending, executor_was_lost
 from merlin_ros.actions.action_client import ActionClient, ClientGoal
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe_by
@@ -115,7 +115,7 @@ class ExecutorRequest:
         rospy.logwarn(f"the executor is lost; the goal is sent again when it is back ({self._sent.text})")
         is_there = self._returned()
         with self._lock:
-            decision: Decision = self._resending.executor(is_there, RETURN_WAIT)
+            decision: ResendDecision = self._resending.executor(is_there, RETURN_WAIT)
             if decision.next is Next.SEND:
                 self._sent = self._send()
         if decision.next is Next.FINISH:

@@ -66,7 +66,7 @@ class Next(Enum):
     """Send the goal again."""
 
 
-class Decision(NamedTuple):
+class ResendDecision(NamedTuple):
     """What to do, and why."""
 
     next: Next
@@ -98,28 +98,28 @@ class Resending:
         """Whether it was cancelled."""
         return self._cancelled
 
-    def ended(self, lost: bool) -> Decision:
+    def ended(self, lost: bool) -> ResendDecision:
         """The goal has ended at the Executor.
 
         :param lost: because the Executor is gone, or went down.
         """
         if not lost or not self._resend or self._cancelled:
-            return Decision(Next.FINISH)
+            return ResendDecision(Next.FINISH)
         if self.sent_again >= self._resends:
-            return Decision(Next.FINISH, f"the executor was lost {self.sent_again + 1} times")
-        return Decision(Next.AWAIT)
+            return ResendDecision(Next.FINISH, f"the executor was lost {self.sent_again + 1} times")
+        return ResendDecision(Next.AWAIT)
 
-    def executor(self, is_there: bool, waited: float) -> Decision:
+    def executor(self, is_there: bool, waited: float) -> ResendDecision:
         """The wait for the Executor is over.
 
         :param waited: s.
         """
         if self._cancelled:
-            return Decision(Next.FINISH, "cancelled while the executor was gone")
+            return ResendDecision(Next.FINISH, "cancelled while the executor was gone")
         if not is_there:
-            return Decision(Next.FINISH, f"the executor is gone and did not return within {waited:g} s")
+            return ResendDecision(Next.FINISH, f"the executor is gone and did not return within {waited:g} s")
         self.sent_again += 1
-        return Decision(Next.SEND)
+        return ResendDecision(Next.SEND)
 
     def verdict(self, status: int, text: str, reason: str, said: str) -> Optional[Verdict]:
         """What the client of a goal that has ended is answered; None: the Executor's own result.

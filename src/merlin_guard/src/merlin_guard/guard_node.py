@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_guard.goal_header import read_goal_header
 from merlin_guard.guard_parameters import GuardParameters, read_parameters
-from merlin_guard.motion_permit import Decision, MotionPermit, Send, State, View
+from merlin_guard.motion_permit import MotionPermit, PermitDecision, Send, State, View
 from merlin_guard.motion_server import GoalReport
 from merlin_guard.ros_graph import MASTER_ERRORS, living_guard_of_this_name
 from merlin_guard.surroundings import Surroundings
@@ -212,7 +212,7 @@ class GuardNode:
             except (rospy.ROSException, *MASTER_ERRORS) as error:
                 rospy.logerr(f"{rospy.get_name()}: the master does not keep the stop for a restart: {error}")
 
-    def _apply(self, decision: Decision, velocity: Optional[Twist] = None) -> None:
+    def _apply(self, decision: PermitDecision, velocity: Optional[Twist] = None) -> None:
         """Does what was decided; called with the lock held."""
         if self._closing:
             return

@@ -18,7 +18,7 @@ KEEP_OWNER = 60.0  # s of silence after which an owner is forgotten
 KEEP_FORMER = 256  # ids an owner let go of that are remembered
 
 
-class Ownership(Enum):
+class BaseOwnership(Enum):
     """What the leases say about a goal."""
 
     FOREIGN = "foreign"
@@ -32,14 +32,14 @@ class Ownership(Enum):
 class Claim(NamedTuple):
     """The ownership of a goal and the reason, a clause about the owner; empty when it is foreign or held."""
 
-    ownership: Ownership
+    ownership: BaseOwnership
     reason: str = ""
     heard_at: float = 0.0
     """When its owner was last heard, s."""
 
 
-FOREIGN = Claim(Ownership.FOREIGN)
-_RANK = {Ownership.FOREIGN: 0, Ownership.LOST: 1, Ownership.SUSPENDED: 2, Ownership.HELD: 3}
+FOREIGN = Claim(BaseOwnership.FOREIGN)
+_RANK = {BaseOwnership.FOREIGN: 0, BaseOwnership.LOST: 1, BaseOwnership.SUSPENDED: 2, BaseOwnership.HELD: 3}
 
 
 class _Owner:
@@ -55,7 +55,7 @@ class _Owner:
         self.former: OrderedDict[str, Tuple[float, str]] = OrderedDict()  # id → when it is lost, and why
 
 
-class LeaseBook:
+class GuardLeases:
     """The leases of the clients of one motion server. Times are s of the guard's own clock.
 
     :param settings: of the guard.
@@ -116,22 +116,22 @@ class LeaseBook:
         former = owner.former.get(goal_id)
         if former is not None:
             lost_at, reason = former
-            ownership = Ownership.LOST if now >= lost_at else Ownership.SUSPENDED
+            ownership = BaseOwnership.LOST if now >= lost_at else BaseOwnership.SUSPENDED
             return Claim(ownership, reason, owner.heard_at)
         suspended = goal_id in owner.suspended
         if not suspended and goal_id not in owner.held:
             return FOREIGN
         silent = now - owner.heard_at
         if owner.gone and silent > min(LOSE_GONE_AFTER, self._settings.lose_after):
-            return Claim(Ownership.LOST, f"its owner {name} is gone", owner.heard_at)
+            return Claim(BaseOwnership.LOST, f"its owner {name} is gone", owner.heard_at)
         for ownership, limit in (
-            (Ownership.LOST, self._settings.lose_after),
-            (Ownership.SUSPENDED, self._settings.suspend_after),
+            (BaseOwnership.LOST, self._settings.lose_after),
+            (BaseOwnership.SUSPENDED, self._settings.suspend_after),
         ):
             if silent > limit:
                 return Claim(ownership, f"its owner {name} has been silent for {limit:g} s", owner.heard_at)
         if suspended:
             return Claim(
-                Ownership.SUSPENDED, f"its owner {name} says that its own owner is silent", owner.heard_at
+                BaseOwnership.SUSPENDED, f"its owner {name} says that its own owner is silent", owner.heard_at
             )
-        return Claim(Ownership.HELD, heard_at=owner.heard_at)
+        return Claim(BaseOwnership.HELD, heard_at=owner.heard_at)

@@ -4,7 +4,7 @@ from enum import Enum
 from typing import Collection, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_guard.attention_clock import AttentionClock
-from merlin_guard.lease_book import Ownership
+from merlin_guard.lease_book import BaseOwnership
 from merlin_guard.motion_server import GoalReport, MotionGoal, MotionServer
 from merlin_guard.settings import GuardSettings
 
@@ -32,7 +32,7 @@ class State(Enum):
     STOPPED = "STOPPED"
 
 
-class Verdict(NamedTuple):
+class PermitVerdict(NamedTuple):
     """A state and its reason, one sentence."""
 
     state: State
@@ -49,7 +49,7 @@ class Cancel(NamedTuple):
     """Whether it is asked for the first time."""
 
 
-class Decision(NamedTuple):
+class PermitDecision(NamedTuple):
     """What has to happen because of an event."""
 
     send: Send
@@ -98,19 +98,19 @@ class MotionPermit:
             reason = "a motion goal may move the base, but no command comes"
         return View(state, reason, self._moving, goals)
 
-    def status(self, server: str, reports: Iterable[GoalReport], now: float) -> Decision:
+    def status(self, server: str, reports: Iterable[GoalReport], now: float) -> PermitDecision:
         """A motion server has published its status list."""
         self._clock.advance(now)
         self._servers[server].report(reports)
         return self._settle()
 
-    def goal_sent(self, server: str, goal_id: str, stamp: float, now: float) -> Decision:
+    def goal_sent(self, server: str, goal_id: str, stamp: float, now: float) -> PermitDecision:
         """A client has sent a goal, at `stamp` (s of ROS time)."""
         self._clock.advance(now)
         self._servers[server].goal_sent(goal_id, stamp)
         return self._settle()
 
-    def cancel(self, server: str, goal_id: str, stamp: float, now: float) -> Decision:
+    def cancel(self, server: str, goal_id: str, stamp: float, now: float) -> PermitDecision:
         """A client has sent a cancel; `goal_id` and `stamp` as in actionlib."""
         self._clock.advance(now)
         self._servers[server].cancel(goal_id, stamp)
@@ -118,13 +118,13 @@ class MotionPermit:
 
     def lease(
         self, server: str, owner: str, life: str, held: Iterable[str], suspended: Iterable[str], now: float
-    ) -> Decision:
+    ) -> PermitDecision:
         """A client of a motion server has published its lease."""
         self._clock.advance(now)
         self._servers[server].leases.receive(owner, life, held, suspended, self._clock.wall)
         return self._settle()
 
-    def command(self, moving: bool, now: float) -> Decision:
+    def command(self, moving: bool, now: float) -> PermitDecision:
         """A velocity has come.
 
         :param moving: whether it is not zero.
@@ -136,31 +136,31 @@ class MotionPermit:
         self._commanded_at = self._clock.world if passes else None
         return settled._replace(send=Send.COMMAND if passes or not moving else Send.ZERO)
 
-    def stop(self, reason: str, now: float) -> Decision:
+    def stop(self, reason: str, now: float) -> PermitDecision:
         """Stops the base until :meth:`release`, and cancels the goals that run or come until then."""
         self._clock.advance(now)
         self._stopped = self._stopped or reason
         return self._settle()._replace(send=Send.ZERO)
 
-    def release(self, now: float) -> Decision:
+    def release(self, now: float) -> PermitDecision:
         """Ends a stop; goals that were cancelled by it stay cancelled."""
         self._clock.advance(now)
         self._stopped = ""
         return self._settle()
 
-    def halt(self, reason: str, now: float) -> Decision:
+    def halt(self, reason: str, now: float) -> PermitDecision:
         """Refuses the motion of all goals there are, for good, and cancels them; newer ones may move."""
         self._clock.advance(now)
         self._refuse_all(reason)
         return self._settle()._replace(send=Send.ZERO)
 
-    def world_rate(self, rate: float, now: float) -> Decision:
+    def world_rate(self, rate: float, now: float) -> PermitDecision:
         """Says how fast the world runs, s per s of wall time; 0: it is paused."""
         self._clock.advance(now)
         self._clock.set_rate(rate)
         return self._settle()
 
-    def tick(self, now: float, clients: Optional[Mapping[str, Collection[str]]] = None) -> Decision:
+    def tick(self, now: float, clients: Optional[Mapping[str, Collection[str]]] = None) -> PermitDecision:
         """Time has passed; to be called several times per second.
 
         :param clients: by motion server the nodes whose lease connection is open; None: not known.
@@ -172,7 +172,7 @@ class MotionPermit:
             server.forget_silent()
         return self._settle()
 
-    def _settle(self) -> Decision:
+    def _settle(self) -> PermitDecision:
         """Judges anew what holds now; the base stops when it may move no longer."""
         if self._stopped:
             self._refuse_all(self._stopped)
@@ -187,25 +187,27 @@ class MotionPermit:
         if self._moving and self._commanded_at is None:
             self._moving = False
             send = Send.ZERO
-        return Decision(send, tuple(self._due_cancels()))
+        return PermitDecision(send, tuple(self._due_cancels()))
 
     def _command_is_old(self) -> bool:
         at = self._commanded_at
         return at is not None and self._clock.world - at > self.settings.command_timeout
 
-    def _judge(self) -> Verdict:
+    def _judge(self) -> PermitVerdict:
         if self._stopped:
-            return Verdict(State.STOPPED, self._stopped)
+            return PermitVerdict(State.STOPPED, self._stopped)
         active = [(server, goal) for server, goal in self._goals() if goal.active]
         if not active:
-            return Verdict(State.IDLE, NO_GOAL)
+            return PermitVerdict(State.IDLE, NO_GOAL)
         refused = [(server, goal.refused) for server, goal in active if goal.refused]
         for server, reason in refused or [
             (server, self._why_not_now(server, goal)) for server, goal in active
         ]:
             if reason:
-                return Verdict(State.HOLDING, f"a goal of {server.name} must not move the base: {reason}")
-        return Verdict(State.PASSING, f"{active[0][0].name} drives")
+                return PermitVerdict(
+                    State.HOLDING, f"a goal of {server.name} must not move the base: {reason}"
+                )
+        return PermitVerdict(State.PASSING, f"{active[0][0].name} drives")
 
     def _why_not_now(self, server: MotionServer, goal: MotionGoal) -> str:
         """Why an active goal must not move the base at the moment; empty when it may."""
@@ -213,9 +215,9 @@ class MotionPermit:
         if reason:
             return reason
         claim = server.claim(goal)
-        if claim.ownership is Ownership.FOREIGN:
+        if claim.ownership is BaseOwnership.FOREIGN:
             return self._why_lease_needed(goal)
-        if claim.ownership is not Ownership.HELD:
+        if claim.ownership is not BaseOwnership.HELD:
             return claim.reason
         if claim.heard_at < self._clock.back_at:
             return "the guard was held up and has not heard its owner since"
@@ -229,9 +231,9 @@ class MotionPermit:
         if goal.cancelled_at is not None and now - goal.cancelled_at > self.settings.cancel_deadline:
             return f"it was cancelled and still runs {self.settings.cancel_deadline:g} s later"
         claim = server.claim(goal)
-        if claim.ownership is Ownership.LOST:
+        if claim.ownership is BaseOwnership.LOST:
             return claim.reason
-        if claim.ownership is Ownership.FOREIGN and now - goal.seen_at > self.settings.lose_after:
+        if claim.ownership is BaseOwnership.FOREIGN and now - goal.seen_at > self.settings.lose_after:
             return self._why_lease_needed(goal)
         return ""
 

@@ -4,7 +4,7 @@ from collections import OrderedDict
 from typing import Dict, Iterable, List, NamedTuple, Optional
 
 from merlin_guard.attention_clock import AttentionClock
-from merlin_guard.lease_book import Claim, LeaseBook, Ownership
+from merlin_guard.lease_book import BaseOwnership, Claim, GuardLeases
 from merlin_guard.settings import GuardSettings
 
 # Values of actionlib_msgs/GoalStatus; the core needs no ROS.
@@ -74,7 +74,7 @@ class MotionServer:
 
     def __init__(self, name: str, settings: GuardSettings, clock: AttentionClock) -> None:
         self.name = name
-        self.leases = LeaseBook(settings)
+        self.leases = GuardLeases(settings)
         self.goals: Dict[str, MotionGoal] = {}
         self._forgotten: Dict[str, MotionGoal] = {}  # of a silent server; it may come back with them
         self._settings = settings
@@ -137,10 +137,10 @@ class MotionServer:
     def claim(self, goal: MotionGoal) -> Claim:
         """What the leases say about a goal; one that had an owner which is forgotten by now is lost."""
         claim = self.leases.claim(goal.id, self._clock.wall)
-        if claim.ownership is not Ownership.FOREIGN:
+        if claim.ownership is not BaseOwnership.FOREIGN:
             goal.owned = True
         elif goal.owned:
-            return Claim(Ownership.LOST, "its owner is gone")
+            return Claim(BaseOwnership.LOST, "its owner is gone")
         return claim
 
     def why_not_heard(self) -> str:

@@ -15,7 +15,15 @@ from merlin_ros.actions.lease import LOSE_AFTER
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_ros.deadline import Deadline, limit, running_time
 from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
-from merlin_sm.dispatch_progress import PART, Action, Answer, DispatchProgress, DispatchResult, Reply, ground
+from merlin_sm.dispatch_progress import (
+    PART,
+    Action,
+    DispatchAnswer,
+    DispatchProgress,
+    DispatchResult,
+    Reply,
+    ground,
+)
 from merlin_sm.dispatcher_kinds import DispatcherKind, ReportingDispatcher, SilentDispatcher
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
 from merlin_sm.planning_client import Interruptible
@@ -30,9 +38,9 @@ LISTEN = 1.0  # s of a client's life after which it would have heard the owner o
 _BUSY = "is being dispatched already"
 _DISPATCHER = "dispatcher"  # key in the information of feedback that a dispatcher published itself
 _ANSWERS = {
-    ActionFeedback.ACTION_ENABLED: Answer.TAKEN,
-    ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE: Answer.SUCCEEDED,
-    ActionFeedback.ACTION_FAILED: Answer.FAILED,
+    ActionFeedback.ACTION_ENABLED: DispatchAnswer.TAKEN,
+    ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE: DispatchAnswer.SUCCEEDED,
+    ActionFeedback.ACTION_FAILED: DispatchAnswer.FAILED,
 }
 
 

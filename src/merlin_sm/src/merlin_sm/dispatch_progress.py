@@ -20,7 +20,7 @@ _CANCELLED = "cancelled"
 _UNANSWERED = "no answer to the cancel from "
 
 
-class Answer(Enum):
+class DispatchAnswer(Enum):
     """What an action interface says of an action."""
 
     TAKEN = "taken"
@@ -126,7 +126,9 @@ class DispatchProgress:
             self._seen = action.ground
         self.running[action.id] = action
 
-    def answered(self, action_id: int, plan_id: int, answer: Answer, information: Mapping[str, str]) -> bool:
+    def answered(
+        self, action_id: int, plan_id: int, answer: DispatchAnswer, information: Mapping[str, str]
+    ) -> bool:
         """An action interface has answered.
 
         :param plan_id: 0 when it does not say.
@@ -136,11 +138,11 @@ class DispatchProgress:
         action = self.running.get(action_id)
         if action is None or plan_id not in (0, action.plan_id):
             return False
-        if answer is Answer.TAKEN:
+        if answer is DispatchAnswer.TAKEN:
             self._taken.add(action_id)
             return False
         del self.running[action_id]
-        if answer is Answer.SUCCEEDED:
+        if answer is DispatchAnswer.SUCCEEDED:
             self.steps_done += 1
             return True
         reason = information.get("reason", NO_REASON)

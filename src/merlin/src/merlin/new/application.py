@@ -39,7 +39,7 @@ class Refused(ValueError):
 
 
 @dataclass(frozen=True)
-class Action:
+class NewAction:
     """One operator and its class.
 
     :param at: the variable of the place where it happens; empty: anywhere.
@@ -98,7 +98,7 @@ class Application:
     """
 
     package: str
-    actions: List[Action]
+    actions: List[NewAction]
     points: List[str] = field(default_factory=lambda: list(POINTS))
     objects: Dict[str, str] = field(default_factory=dict)
     types: Dict[str, str] = field(default_factory=dict)
@@ -185,7 +185,7 @@ def application_of(package: str, domain_file: Path, problem_file: Path) -> Appli
             continue
         check_operator(operator.name)
         variables = tuple(parameter.label for parameter in operator.parameters)
-        actions.append(Action(operator.name, variables, ()))
+        actions.append(NewAction(operator.name, variables, ()))
     _check_modules(actions)
     application = Application(package, actions, navigates=navigates)
     application.domain_text = domain_file.read_text(encoding="utf-8-sig")
@@ -235,7 +235,7 @@ def _new_types(domain: Domain, kinds: Sequence[str]) -> Dict[str, str]:
     return found
 
 
-def _read_action(spec: str, domain: Domain) -> Action:
+def _read_action(spec: str, domain: Domain) -> NewAction:
     """Reads ``fetch ?o - object ?from ?to - place``, in parentheses or not.
 
     :raises NameRefused: for names that cannot be used.
@@ -263,7 +263,7 @@ def _read_action(spec: str, domain: Domain) -> Action:
         if len(variable.types) > 1:
             raise Refused(f"--action '{spec}': give {variable.name} one type, not (either …)")
     places = [v.name for v in variables if domain.types.is_a(v.types[0], "place")]
-    return Action(
+    return NewAction(
         operator,
         tuple(v.label for v in variables),
         tuple(v.types[0] for v in variables),
@@ -271,7 +271,7 @@ def _read_action(spec: str, domain: Domain) -> Action:
     )
 
 
-def _check_modules(actions: Sequence[Action]) -> None:
+def _check_modules(actions: Sequence[NewAction]) -> None:
     seen: Dict[str, str] = {}
     for action in actions:
         other = seen.setdefault(action.module, action.operator)
@@ -293,7 +293,7 @@ def _add_objects(application: Application, domain: Domain) -> None:
                 application.points.extend(name for name in names if name not in application.points)
 
 
-def _goal(action: Action, application: Application, domain: Domain) -> str:
+def _goal(action: NewAction, application: Application, domain: Domain) -> str:
     """The action done with the objects of the problem; the places differ where they can."""
     used: List[str] = []
     for kind in action.types:

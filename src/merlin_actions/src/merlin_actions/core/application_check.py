@@ -25,7 +25,7 @@ class Needs(NamedTuple):
     """A sentence for each userdata key that is read and never set."""
 
 
-class World(NamedTuple):
+class ApplicationWorld(NamedTuple):
     """What there is to compare with.
 
     :param operators: of the domain, in its order.
@@ -50,7 +50,7 @@ class ApplicationError(ValueError):
         self.mistakes = tuple(mistakes)
 
 
-def check_application(classes: Sequence[Needs], world: World, complete: bool = True) -> List[str]:
+def check_application(classes: Sequence[Needs], world: ApplicationWorld, complete: bool = True) -> List[str]:
     """The mistakes of an application, one sentence each; empty when its parts fit.
 
     :param complete: every operator of the domain has to have a class.
@@ -78,7 +78,7 @@ def check_application(classes: Sequence[Needs], world: World, complete: bool = T
     return list(dict.fromkeys(found))
 
 
-def _operator(needs: Needs, world: World) -> Iterator[str]:
+def _operator(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
     if needs.operator not in world.operators:
         names = ", ".join(world.operators) or "none"
         near = difflib.get_close_matches(needs.operator, list(world.operators), 1)
@@ -96,7 +96,7 @@ def _operator(needs: Needs, world: World) -> Iterator[str]:
         )
 
 
-def _points(needs: Needs, world: World) -> Iterator[str]:
+def _points(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
     there = ", ".join(sorted(world.points)) or "none"
     add = f"add it to points_of_interest; there are: {there}"
     for point in needs.points:
@@ -112,7 +112,7 @@ def _points(needs: Needs, world: World) -> Iterator[str]:
                 )
 
 
-def _servers(needs: Needs, world: World) -> Iterator[str]:
+def _servers(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
     for path, server in needs.servers:
         if world.servers is not None and server not in world.servers:
             there = ", ".join(sorted(world.servers)) or "none"

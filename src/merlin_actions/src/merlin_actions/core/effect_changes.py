@@ -8,7 +8,7 @@ from typing import Callable, Dict, Iterable, List, Mapping, NamedTuple, Sequence
 from merlin_actions.core.ending import Closing
 
 
-class Change(NamedTuple):
+class FactChange(NamedTuple):
     """A fact becomes true, or false."""
 
     becomes_true: bool
@@ -24,19 +24,19 @@ class EffectChanges:
         it has ended.
     """
 
-    def __init__(self, start: Sequence[Change], end: Sequence[Change], plain: bool) -> None:
+    def __init__(self, start: Sequence[FactChange], end: Sequence[FactChange], plain: bool) -> None:
         self._start = [] if plain else list(start)
         self._end = list(start if plain else end)
-        self._undo: Dict[str, List[Change]] = {}  # token → what undoes the start effects
-        self._take_back: Dict[str, List[Change]] = {}  # token → what undoes the facts of its run
+        self._undo: Dict[str, List[FactChange]] = {}  # token → what undoes the start effects
+        self._take_back: Dict[str, List[FactChange]] = {}  # token → what undoes the facts of its run
 
     def open(
         self,
         token: str,
         binding: Mapping[str, str],
-        while_running: Sequence[Change],
-        true_now: Callable[[Sequence[Change]], Sequence[bool]],
-    ) -> List[Change]:
+        while_running: Sequence[FactChange],
+        true_now: Callable[[Sequence[FactChange]], Sequence[bool]],
+    ) -> List[FactChange]:
         """An execution begins.
 
         :param binding: variable → object.
@@ -49,8 +49,8 @@ class EffectChanges:
         return [*start, *meanwhile]
 
     def close(
-        self, token: str, binding: Mapping[str, str], closing: Closing, if_interrupted: Sequence[Change]
-    ) -> List[Change]:
+        self, token: str, binding: Mapping[str, str], closing: Closing, if_interrupted: Sequence[FactChange]
+    ) -> List[FactChange]:
         """An execution has ended.
 
         :param if_interrupted: what holds after an interruption; none: what held before.
@@ -63,21 +63,21 @@ class EffectChanges:
         return changes + undo
 
     @staticmethod
-    def _ground(changes: Sequence[Change], binding: Mapping[str, str]) -> List[Change]:
+    def _ground(changes: Sequence[FactChange], binding: Mapping[str, str]) -> List[FactChange]:
         return in_order(
             change._replace(arguments=tuple(binding.get(each, each) for each in change.arguments))
             for change in changes
         )
 
 
-def in_order(changes: Iterable[Change]) -> List[Change]:
+def in_order(changes: Iterable[FactChange]) -> List[FactChange]:
     """Deletions first: a fact that is deleted and added is true afterwards."""
     return sorted(changes, key=lambda change: change.becomes_true)
 
 
 def _reverse(
-    changes: Sequence[Change], true_now: Callable[[Sequence[Change]], Sequence[bool]]
-) -> List[Change]:
+    changes: Sequence[FactChange], true_now: Callable[[Sequence[FactChange]], Sequence[bool]]
+) -> List[FactChange]:
     """What undoes some changes: only of what they change now."""
     return [
         change._replace(becomes_true=was_true)

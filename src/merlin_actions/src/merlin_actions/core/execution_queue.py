@@ -7,7 +7,7 @@ Key = Tuple[int, int]
 """Plan id and action id."""
 
 
-class Do(Enum):
+class QueueStep(Enum):
     """What to do with an execution."""
 
     RUN = "run"
@@ -18,10 +18,10 @@ class Do(Enum):
     """It ends without having begun."""
 
 
-class Decision(NamedTuple):
+class QueueDecision(NamedTuple):
     """What to do with one execution, and why."""
 
-    what: Do
+    what: QueueStep
     key: Key
     reason: str = ""
 
@@ -45,49 +45,51 @@ class ExecutionQueue:
         """Whether nothing runs or waits."""
         return not self._running and not self._waiting
 
-    def arrive(self, key: Key) -> List[Decision]:
+    def arrive(self, key: Key) -> List[QueueDecision]:
         """An execution is dispatched. None when it is there already: it runs once."""
         if key in self._running or key in self._waiting:
             return []
         if self._concurrent or self.idle:
             self._running[key] = False
-            return [Decision(Do.RUN, key)]
+            return [QueueDecision(QueueStep.RUN, key)]
         self._waiting.append(key)
-        decisions = [Decision(Do.WAIT, key)]
+        decisions = [QueueDecision(QueueStep.WAIT, key)]
         for other in self._running:
             if other[0] != key[0]:
                 decisions += self._interrupt(other, f"plan {key[0]} has taken the place of plan {other[0]}")
         return decisions
 
-    def cancel(self, key: Key, reason: str) -> List[Decision]:
+    def cancel(self, key: Key, reason: str) -> List[QueueDecision]:
         """An execution has to stop."""
         if key in self._waiting:
             self._waiting.remove(key)
-            return [Decision(Do.REFUSE, key, reason)]
+            return [QueueDecision(QueueStep.REFUSE, key, reason)]
         return self._interrupt(key, reason)
 
-    def cancel_all(self, reason: str) -> List[Decision]:
+    def cancel_all(self, reason: str) -> List[QueueDecision]:
         """All have to stop."""
         return [decision for key in [*self._waiting, *self._running] for decision in self.cancel(key, reason)]
 
-    def waited_too_long(self, key: Key) -> List[Decision]:
+    def waited_too_long(self, key: Key) -> List[QueueDecision]:
         """The limit for a waiting execution has passed."""
         if key not in self._waiting:
             return []
         self._waiting.remove(key)
-        return [Decision(Do.REFUSE, key, "it runs already, and the execution before it does not end")]
+        return [
+            QueueDecision(QueueStep.REFUSE, key, "it runs already, and the execution before it does not end")
+        ]
 
-    def end(self, key: Key) -> List[Decision]:
+    def end(self, key: Key) -> List[QueueDecision]:
         """A running execution has ended."""
         self._running.pop(key, None)
         if self._running or not self._waiting:
             return []
         following = self._waiting.pop(0)
         self._running[following] = False
-        return [Decision(Do.RUN, following)]
+        return [QueueDecision(QueueStep.RUN, following)]
 
-    def _interrupt(self, key: Key, reason: str) -> List[Decision]:
+    def _interrupt(self, key: Key, reason: str) -> List[QueueDecision]:
         if self._running.get(key, True):
             return []
         self._running[key] = True
-        return [Decision(Do.INTERRUPT, key, reason)]
+        return [QueueDecision(QueueStep.INTERRUPT, key, reason)]

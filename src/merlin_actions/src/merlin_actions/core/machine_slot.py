@@ -9,7 +9,7 @@ from enum import Enum
 from typing import List, NamedTuple, Optional
 
 
-class Do(Enum):
+class SlotStep(Enum):
     """What to do with a goal."""
 
     START = "start"
@@ -21,10 +21,10 @@ class Do(Enum):
     """It never began."""
 
 
-class Decision(NamedTuple):
+class SlotDecision(NamedTuple):
     """What to do with one goal, and why."""
 
-    what: Do
+    what: SlotStep
     goal: str
     reason: str = ""
 
@@ -37,42 +37,44 @@ class MachineSlot:
         self._waiting: Optional[str] = None
         self._stopping = False
 
-    def arrive(self, goal: str) -> List[Decision]:
+    def arrive(self, goal: str) -> List[SlotDecision]:
         """A goal is received."""
         if self.running is None:
             return self._start(goal)
         replaced, self._waiting = self._waiting, goal
-        decisions = [] if replaced is None else [Decision(Do.RECALL, replaced, "a newer goal took its place")]
+        decisions = []
+        if replaced is not None:
+            decisions.append(SlotDecision(SlotStep.RECALL, replaced, "a newer goal took its place"))
         return decisions + self._preempt("a newer goal takes its place")
 
-    def cancel(self, goal: str, reason: str) -> List[Decision]:
+    def cancel(self, goal: str, reason: str) -> List[SlotDecision]:
         """A goal has to stop."""
         if goal == self._waiting:
             self._waiting = None
-            return [Decision(Do.RECALL, goal, reason)]
+            return [SlotDecision(SlotStep.RECALL, goal, reason)]
         return self._preempt(reason) if goal == self.running else []
 
-    def end(self, goal: str) -> List[Decision]:
+    def end(self, goal: str) -> List[SlotDecision]:
         """The run of a goal has ended."""
         return self._next() if goal == self.running else []
 
-    def limit_passed(self, goal: str) -> List[Decision]:
+    def limit_passed(self, goal: str) -> List[SlotDecision]:
         """A preempted run has not ended in time."""
         if goal != self.running or not self._stopping:
             return []
-        return [Decision(Do.ABANDON, goal), *self._next()]
+        return [SlotDecision(SlotStep.ABANDON, goal), *self._next()]
 
-    def _start(self, goal: str) -> List[Decision]:
+    def _start(self, goal: str) -> List[SlotDecision]:
         self.running, self._stopping = goal, False
-        return [Decision(Do.START, goal)]
+        return [SlotDecision(SlotStep.START, goal)]
 
-    def _next(self) -> List[Decision]:
+    def _next(self) -> List[SlotDecision]:
         self.running = None
         following, self._waiting = self._waiting, None
         return [] if following is None else self._start(following)
 
-    def _preempt(self, reason: str) -> List[Decision]:
+    def _preempt(self, reason: str) -> List[SlotDecision]:
         if self.running is None or self._stopping:
             return []
         self._stopping = True
-        return [Decision(Do.PREEMPT, self.running, reason)]
+        return [SlotDecision(SlotStep.PREEMPT, self.running, reason)]

@@ -9,7 +9,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_actions.action_classes import read_machines
 from merlin_actions.action_interface import wait_for_knowledge_base
-from merlin_actions.core.application_check import ApplicationError, World, check_application
+from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, check_application
 from merlin_actions.core.application_modules import ApplicationModules
 from merlin_actions.core.names import by_ros_name
 from merlin_actions.machine_survey import survey
@@ -40,7 +40,7 @@ def check_machines(machines: List[MerlinActionSM], knowledge_base: str, complete
         name: [(parameter.key, parameter.value) for parameter in formula.typed_parameters]
         for name, formula in client.operators().items()
     }
-    world = World(operators, client.instances, list(get_param(POINTS_PARAM, {})))
+    world = ApplicationWorld(operators, client.instances, list(get_param(POINTS_PARAM, {})))
     mistakes = check_application([survey(machine) for machine in machines], world, complete)
     if mistakes:
         raise ApplicationError(mistakes)

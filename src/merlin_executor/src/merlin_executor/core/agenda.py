@@ -1,6 +1,7 @@
 """The agenda of the Executor: which request runs, which wait, which stop. Events in, decisions out.
 
-Pure and not thread-safe. Every request that was received gets exactly one :class:`Answer`; at most one runs.
+Pure and not thread-safe. Every request that was received gets exactly one :class:`AgendaAnswer`; at most one
+runs.
 """
 
 from enum import Enum
@@ -53,7 +54,7 @@ class Ticket:
 T = TypeVar("T", bound=Ticket)
 
 
-class Answer(NamedTuple):
+class AgendaAnswer(NamedTuple):
     """The request has ended: its client gets this verdict."""
 
     ticket: Ticket
@@ -66,7 +67,7 @@ class StopRun(NamedTuple):
     ticket: Ticket
 
 
-Decision = Union[Answer, StopRun]
+Decision = Union[AgendaAnswer, StopRun]
 
 
 class Agenda(Generic[T]):
@@ -100,9 +101,9 @@ class Agenda(Generic[T]):
         :param cancelled: its client has taken it back already.
         """
         if self._closing:
-            return [Answer(ticket, Verdict(Outcome.REFUSED, StopKind.SHUTDOWN.value))]
+            return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, StopKind.SHUTDOWN.value))]
         if cancelled:
-            return [Answer(ticket, Verdict(Outcome.CANCELLED, NOT_BEGUN))]
+            return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, NOT_BEGUN))]
         self._queue(ticket)
         return self._interrupt()
 
@@ -115,7 +116,7 @@ class Agenda(Generic[T]):
         self._waiting.remove(ticket)
         not_run = NOT_RESUMED if ticket.interrupted else NOT_BEGUN
         reason = not_run if stop.kind is StopKind.CANCELLED else f"{not_run}: {stop.reason}"
-        return [Answer(ticket, Verdict(Outcome.CANCELLED, reason))]
+        return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, reason))]
 
     def client(self, ticket: T, client: Client, reason: str = "") -> List[Decision]:
         """The client of a request is silent, is back, or is gone.
@@ -149,15 +150,15 @@ class Agenda(Generic[T]):
         self._running = None
         stop = ticket.stop
         if verdict.outcome is not Outcome.CANCELLED or stop is None:
-            return [Answer(ticket, verdict)]
+            return [AgendaAnswer(ticket, verdict)]
         reason = f"cancelled: {stop.reason}" if stop.kind is StopKind.CLIENT_LOST else stop.reason
         reason = f"{reason}; {verdict.trouble}" if verdict.trouble else reason
         if stop.is_final:
-            return [Answer(ticket, Verdict(Outcome.CANCELLED, reason))]
+            return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, reason))]
         if not ticket.resumes:
-            return [Answer(ticket, Verdict(Outcome.DROPPED, reason))]
+            return [AgendaAnswer(ticket, Verdict(Outcome.DROPPED, reason))]
         if self._closing:
-            return [Answer(ticket, Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value))]
+            return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value))]
         ticket.interrupted = True
         self._queue(ticket)
         return []
@@ -167,7 +168,9 @@ class Agenda(Generic[T]):
         self._closing = True
         left, self._waiting = self._waiting, []
         reason = StopKind.SHUTDOWN.value
-        decisions: List[Decision] = [Answer(ticket, Verdict(Outcome.CANCELLED, reason)) for ticket in left]
+        decisions: List[Decision] = [
+            AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, reason)) for ticket in left
+        ]
         return [*decisions, *self._stop(Stop(StopKind.SHUTDOWN))]
 
     # --- the rules ------------------------------------------------------------------------------------

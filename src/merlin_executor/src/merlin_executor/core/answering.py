@@ -6,7 +6,7 @@ from merlin_executor.core.agenda import NOT_BEGUN
 from merlin_executor.core.outcome import Outcome, Verdict
 
 
-class Answer(Enum):
+class ClientAnswer(Enum):
     """The verbs that end a goal of an action server."""
 
     SUCCEED = "succeed"
@@ -15,18 +15,18 @@ class Answer(Enum):
     ABORT = "abort"
 
 
-def answer_for(outcome: Outcome, accepted: bool) -> Answer:
+def answer_for(outcome: Outcome, accepted: bool) -> ClientAnswer:
     """The verb for an outcome.
 
     :param accepted: whether the client was told that its request runs; such a request cannot be rejected.
     """
     if outcome.achieved:
-        return Answer.SUCCEED
+        return ClientAnswer.SUCCEED
     if outcome in (Outcome.CANCELLED, Outcome.DROPPED):
-        return Answer.CANCEL
+        return ClientAnswer.CANCEL
     if outcome is Outcome.REFUSED and not accepted:
-        return Answer.REJECT
-    return Answer.ABORT
+        return ClientAnswer.REJECT
+    return ClientAnswer.ABORT
 
 
 def unreadable(reason: str, cancelled: bool = False) -> Verdict:

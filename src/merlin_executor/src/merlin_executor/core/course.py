@@ -3,7 +3,7 @@
 from typing import Dict, List, NamedTuple, Sequence, Tuple
 
 from merlin_executor.core.outcome import Outcome, Verdict
-from merlin_executor.core.replanning import Decision, Failure, Replanning
+from merlin_executor.core.replanning import Failure, ReplanDecision, Replanning
 
 PLAN = "PLAN"
 REPLAN = "REPLAN"
@@ -113,12 +113,12 @@ class Course:
         self.end = end
         self.unreachable = end.gone or (end.stage == REPLAN and self.unreachable)
 
-    def replan(self) -> Decision:
+    def replan(self) -> ReplanDecision:
         """Whether the request is planned again after the stage that ended last."""
         end = self.end
         failed = (end.stage, end.outcome) == (DISPATCH_PLAN, "failed")
         if not failed and not (end.gone and end.outcome == "aborted"):
-            return Decision(False, reason=end.reason)
+            return ReplanDecision(False, reason=end.reason)
         decision = self._replanning.failed(Failure(end.reason, self.action, end.gone, self.in_vain))
         if not decision.again:
             self.end = end._replace(reason=decision.reason)

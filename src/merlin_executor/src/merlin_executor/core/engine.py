@@ -7,7 +7,7 @@ import logging
 import threading
 from typing import Callable, Generic, List, Optional, Tuple, TypeVar, cast
 
-from merlin_executor.core.agenda import Agenda, Answer, Decision, StopRun, Ticket
+from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun, Ticket
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
 
 TIDY_PERIOD = 1.0  # s between two attempts to remove what a run has left
@@ -113,7 +113,7 @@ class Engine(Generic[J]):
             self._changed.notify_all()
         self._on_queue()
         for decision in decisions:
-            if isinstance(decision, Answer):
+            if isinstance(decision, AgendaAnswer):
                 cast(J, decision.ticket).end(decision.verdict)
 
     def decide_on(self, wanted: Callable[[J], bool], event: Callable[[Agenda[J], J], List[Decision]]) -> None:
@@ -168,7 +168,7 @@ class Engine(Generic[J]):
         with self._changed:
             decisions = self._agenda.ended(verdict)
             self._changed.notify_all()
-        final = next((answer.verdict for answer in decisions if isinstance(answer, Answer)), None)
+        final = next((answer.verdict for answer in decisions if isinstance(answer, AgendaAnswer)), None)
         try:
             shown = final or Verdict(Outcome.CANCELLED, StopKind.INTERRUPTED.value)
             self._on_end(request, shown, error)

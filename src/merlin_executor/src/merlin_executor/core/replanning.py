@@ -22,7 +22,7 @@ class Failure(NamedTuple):
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
 
 
-class Decision(NamedTuple):
+class ReplanDecision(NamedTuple):
     """What to do about a failure."""
 
     again: bool
@@ -49,7 +49,7 @@ class Replanning:
         """New plans so far."""
         self.last: Optional[Failure] = None
 
-    def failed(self, failure: Failure) -> Decision:
+    def failed(self, failure: Failure) -> ReplanDecision:
         """Decides about a failure."""
         self.last = failure
         if failure.in_vain:
@@ -58,19 +58,19 @@ class Replanning:
             if (
                 failure.in_vain.lower() in known or self.count >= self._limit
             ):  # or it was planned all the same
-                return Decision(False, reason=failure.reason)
+                return ReplanDecision(False, reason=failure.reason)
             self.count += 1
-            return Decision(True)
+            return ReplanDecision(True)
         key = (failure.action.lower(), failure.reason)
         same = self._failures[key] = self._failures.get(key, 0) + 1
         if self.count >= self._limit:
             times = f" (planned again {_times(self.count)})" if self._limit else ""
-            return Decision(False, reason=failure.reason + times)
+            return ReplanDecision(False, reason=failure.reason + times)
         if same >= SAME_FAILURE and not failure.gone:
             # The world has not changed enough for another end, or the planner would have found another way.
-            return Decision(False, reason=f"{failure.reason} ({same} times for the same reason)")
+            return ReplanDecision(False, reason=f"{failure.reason} ({same} times for the same reason)")
         self.count += 1
-        return Decision(True, REPLAN_WAIT * 2 ** (self.count - 2) if self.count > 1 else 0.0)
+        return ReplanDecision(True, REPLAN_WAIT * 2 ** (self.count - 2) if self.count > 1 else 0.0)
 
 
 def _times(count: int) -> str:

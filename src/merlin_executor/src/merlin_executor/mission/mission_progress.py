@@ -17,7 +17,7 @@ class MissionState(IntEnum):
     CANCELLED = 5
 
 
-class Progress(NamedTuple):
+class MissionPoint(NamedTuple):
     """What is published of a mission."""
 
     state: MissionState
@@ -33,7 +33,7 @@ class MissionProgress:
         self._task = 0
         self._doing = "starting"
         self._paused = False
-        self.now = Progress(MissionState.STARTING, 0, self._doing)
+        self.now = MissionPoint(MissionState.STARTING, 0, self._doing)
         """The present progress."""
 
     def task(self, description: str) -> bool:
@@ -44,18 +44,18 @@ class MissionProgress:
         self._task += 1
         self._doing = description
         if not self._paused:
-            self.now = Progress(MissionState.RUNNING, self._task, description)
+            self.now = MissionPoint(MissionState.RUNNING, self._task, description)
         return not self._paused
 
     def pause(self, paused: bool) -> None:
         """The mission was paused, or goes on."""
         self._paused = paused
         state = MissionState.PAUSED if paused else MissionState.RUNNING
-        self.now = Progress(state, self._task, PAUSED_TEXT if paused else self._doing)
+        self.now = MissionPoint(state, self._task, PAUSED_TEXT if paused else self._doing)
 
     def report(self, state: MissionState, description: str) -> None:
         """The mission has reached a state."""
-        self.now = Progress(state, self._task, description)
+        self.now = MissionPoint(state, self._task, description)
 
 
 class Switched(NamedTuple):

@@ -8,7 +8,7 @@ from merlin_msgs.msg import ExecuteGoal, ExecuteResult, QueuedGoal, StageTime
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_executor.core.answering import Answer, answer_for
+from merlin_executor.core.answering import ClientAnswer, answer_for
 from merlin_executor.core.course import Course
 from merlin_executor.core.engine import Job
 from merlin_executor.core.outcome import Verdict
@@ -59,10 +59,10 @@ class Request(Job):
         """Answers the client with the actionlib state that fits; False when that was done before."""
         accepted = self.goal.status not in (GoalStatus.PENDING, GoalStatus.RECALLING)
         verbs = {
-            Answer.SUCCEED: self.goal.succeed,
-            Answer.CANCEL: self.goal.cancelled,
-            Answer.REJECT: self.goal.reject,
-            Answer.ABORT: self.goal.abort,
+            ClientAnswer.SUCCEED: self.goal.succeed,
+            ClientAnswer.CANCEL: self.goal.cancelled,
+            ClientAnswer.REJECT: self.goal.reject,
+            ClientAnswer.ABORT: self.goal.abort,
         }
         return verbs[answer_for(verdict.outcome, accepted)](self._result(verdict), verdict.reason)
 

@@ -12,7 +12,7 @@ import rospy
 from rospy.core import is_shutdown_requested
 
 from merlin_ros.master import master_link
-from merlin_ros.master.master_watch import Decision, MasterWatch
+from merlin_ros.master.master_watch import MasterWatch, WatchDecision
 from merlin_ros.master.registration import ERRORS, KeptParameters, register_again
 
 #: Between two questions to the master, s of wall time.
@@ -97,11 +97,11 @@ class MasterKeeper:
         while self._going_on():
             begun = time.monotonic()
             decision = self._ask()
-            if decision is Decision.LOST:
+            if decision is WatchDecision.LOST:
                 self._lose()
-            elif decision in (Decision.BACK_SAME, Decision.BACK_NEW):
+            elif decision in (WatchDecision.BACK_SAME, WatchDecision.BACK_NEW):
                 self._register(decision)
-            elif decision is Decision.TAKEN:
+            elif decision is WatchDecision.TAKEN:
                 rospy.logerr(
                     f"{self._name}: the master has another node of this name; "
                     "this one cannot be reached any more and has to be ended"
@@ -111,7 +111,7 @@ class MasterKeeper:
             count += 1
             self._stopped.wait(max(0.0, PERIOD - (time.monotonic() - begun)))
 
-    def _ask(self) -> Decision:
+    def _ask(self) -> WatchDecision:
         try:
             process, address = self._ping()
         except (OSError, xmlrpc.client.Error, ExpatError, ValueError, TypeError):
@@ -140,7 +140,7 @@ class MasterKeeper:
         with self._callbacks_lock:
             self._told.put(list(self._on_lost))
 
-    def _register(self, decision: Decision) -> None:
+    def _register(self, decision: WatchDecision) -> None:
         was_lost = self._watch.lost
         master_link.lost.clear()
         master = master_link.bounded_master(PING_TIMEOUT)
@@ -148,7 +148,7 @@ class MasterKeeper:
             if not self._going_on():
                 return  # the node has taken itself back, it was not forgotten
             try:
-                if decision is Decision.BACK_NEW:
+                if decision is WatchDecision.BACK_NEW:
                     self._parameters.restore(master)
                 register_again(master, self._going_on)
             except ERRORS as error:
@@ -158,12 +158,12 @@ class MasterKeeper:
         if not self._going_on():
             return
         self._watch.registered()
-        what = "is back" if decision is Decision.BACK_SAME else "was started anew"
+        what = "is back" if decision is WatchDecision.BACK_SAME else "was started anew"
         rospy.logwarn(f"{self._name}: the master at {self._master_uri} {what}; this node is registered again")
         with self._callbacks_lock:
             if was_lost:
                 self._told.put(list(self._on_back))
-            if decision is Decision.BACK_NEW:
+            if decision is WatchDecision.BACK_NEW:
                 self._told.put(list(self._on_replaced))
 
     def _tell(self) -> None:

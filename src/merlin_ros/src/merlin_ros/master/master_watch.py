@@ -11,7 +11,7 @@ from typing import Optional
 PATIENCE = 3
 
 
-class Decision(Enum):
+class WatchDecision(Enum):
     """What to do after a question."""
 
     NOTHING = "nothing"
@@ -37,19 +37,19 @@ class MasterWatch:
         self._patience = patience
         self._failures = 0
         self._process: Optional[int] = None
-        self._due: Optional[Decision] = None  # what is to be registered and has not been confirmed
+        self._due: Optional[WatchDecision] = None  # what is to be registered and has not been confirmed
         self._taken = False
         self.lost = False
 
-    def failed(self) -> Decision:
+    def failed(self) -> WatchDecision:
         """The master did not answer."""
         self._failures += 1
         if self._failures < self._patience or self.lost:
-            return Decision.NOTHING
+            return WatchDecision.NOTHING
         self.lost = True
-        return Decision.LOST
+        return WatchDecision.LOST
 
-    def answered(self, process: int, address: Optional[str]) -> Decision:
+    def answered(self, process: int, address: Optional[str]) -> WatchDecision:
         """The master answered.
 
         :param process: the master's process id.
@@ -59,15 +59,15 @@ class MasterWatch:
         if address not in (None, self._uri):
             # `lost` stays: this node is cut off until the other one ends.
             first, self._taken = not self._taken, True
-            return Decision.TAKEN if first else Decision.NOTHING
+            return WatchDecision.TAKEN if first else WatchDecision.NOTHING
         self._taken = False
         # A new master may know the node already, by something that it registered just now.
         if address is None or self._process not in (None, process):
-            self._due = Decision.BACK_NEW
+            self._due = WatchDecision.BACK_NEW
         elif self.lost and self._due is None:
-            self._due = Decision.BACK_SAME
+            self._due = WatchDecision.BACK_SAME
         self._process = process
-        return self._due or Decision.NOTHING
+        return self._due or WatchDecision.NOTHING
 
     def registered(self) -> None:
         """Everything is registered again; until this is said each answer decides the same anew."""
