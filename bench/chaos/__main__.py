@@ -17,6 +17,7 @@ import yaml
 
 from chaos import endurance, table
 from chaos.campaign import Campaign
+from chaos.evidence import PATIENCE
 from chaos.faults import NODES, all_faults
 from chaos.moments import Moment
 from chaos.network import why_impossible, why_slow
@@ -66,6 +67,12 @@ def arguments(words: List[str]) -> argparse.Namespace:
         nargs="+",
         default=[RESULTS],
         help="folder of the rows; several only for --markdown, which puts them together",
+    )
+    parser.add_argument(
+        "--patience",
+        type=float,
+        default=PATIENCE,
+        help="how many times a limit a starved machine may make of it (%(default)g)",
     )
     parser.add_argument("--fresh", action="store_true", help="a new system for every trial")
     parser.add_argument("--keep", action="store_true", help="add to the rows that are there")
@@ -141,7 +148,7 @@ def _run(options: argparse.Namespace, rows: Path, trials: Iterator[Trial], count
         print(f"chaos: no trials with a cut link: {why_impossible()}", file=sys.stderr)
     elif why_slow():
         print(f"chaos: after a cut of 30 s the next goal comes late: {why_slow()}", file=sys.stderr)
-    campaign = Campaign(rows, points_of_interest(), sys.stdout, reuse=not options.fresh)
+    campaign = Campaign(rows, points_of_interest(), sys.stdout, not options.fresh, options.patience)
     seconds = None if options.minutes is None else options.minutes * 60.0
     try:
         return EXIT_VIOLATED if campaign.run(trials, count, seconds) else 0

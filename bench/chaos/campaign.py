@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Dict, Iterator, List, Optional, TextIO, Tuple
 
 from chaos import events, table
+from chaos.evidence import PATIENCE
 from chaos.faults import LINK
 from chaos.network import why_impossible
 from chaos.result import Result
@@ -27,11 +28,18 @@ class Campaign:
     :param points: x, y of the points of interest.
     :param out: takes a line per trial.
     :param reuse: use a healthy system for the next trial.
+    :param patience: see :class:`.evidence.Evidence`.
     """
 
     def __init__(
-        self, results: Path, points: Dict[str, Tuple[float, float]], out: TextIO, reuse: bool = True
+        self,
+        results: Path,
+        points: Dict[str, Tuple[float, float]],
+        out: TextIO,
+        reuse: bool = True,
+        patience: float = PATIENCE,
     ) -> None:
+        self._patience = patience
         self._results = results
         self._points = points
         self._out = out
@@ -119,7 +127,7 @@ class Campaign:
                 if attempt + 1 == STARTS:
                     raise
                 self._say(f"      the system did not start: {error}; again")
-        self._runner = Runner(system, self._points)
+        self._runner = Runner(system, self._points, self._patience)
         return True
 
     def _tell(self, number: int, result: Result, seconds: float) -> None:

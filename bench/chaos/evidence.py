@@ -24,11 +24,18 @@ class Evidence:
     :param log: its events in the order of time.
     :param points: x, y of the points of interest.
     :param notes: facts that the knowledge base has acknowledged.
+    :param patience: how many times a limit a starved machine may make of it.
     """
 
     def __init__(
-        self, trial: Trial, log: Sequence[Event], points: Dict[str, Tuple[float, float]], notes: Sequence[str]
+        self,
+        trial: Trial,
+        log: Sequence[Event],
+        points: Dict[str, Tuple[float, float]],
+        notes: Sequence[str],
+        patience: float = PATIENCE,
     ) -> None:
+        self._patience = patience
         self.trial = trial
         self.log = list(log)
         self.points = points
@@ -61,7 +68,7 @@ class Evidence:
                 break
             if share >= STARVED:
                 end += share * (min(event.at, end) - max(since, begin))
-        return min(end, begin + PATIENCE * limit)
+        return min(end, begin + self._patience * limit)
 
     def looks_before_next(self) -> List[Event]:
         """The looks at the knowledge between the trial's end and the next goal; the last of them counts."""

@@ -8,12 +8,12 @@ from typing import Callable, Dict, List, Optional, Set, Tuple
 
 from chaos import events, processes
 from chaos.events import Event, LogClosed
-from chaos.evidence import NEXT, REQUEST, Evidence, settled
+from chaos.evidence import NEXT, PATIENCE, REQUEST, Evidence, settled
 from chaos.faults import CLIENT, DISK_FULL, MASTER, NONE, SECOND_NODE
 from chaos.injector import SIGNALS, WRITTEN_FACTS, Injector
 from chaos.moments import WINDOWS, Moment, begins, holds
 from chaos.result import Result
-from chaos.rules import Judgement, judge
+from chaos.rules import NEXT_LIMIT_HELPED, Judgement, judge
 from chaos.scene import DRIVING_SPEED, Scene, scene_at
 from chaos.system import StartError, System
 from chaos.trials import DRIVE, LISTEN, REQUESTS, SPEAK, Trial
@@ -28,8 +28,8 @@ UNTOLD_WATCH = 10.5
 GOES_ON = 4.0
 #: The same without a master, which is missed later.
 GOES_ON_MASTER = 7.0
-#: s; longer than a starved machine may make the limit.
-NEXT_WATCH = 21.0
+#: s that the next goal is waited for beyond what a starved machine may make of its limit.
+NEXT_MARGIN = 1.0
 #: s watched after an end, for what must not move any more.
 SETTLE = 1.5
 LOOK_WATCH = 12.0
@@ -51,10 +51,14 @@ class Runner:
     """Runs trials on one system.
 
     :param points: x, y of the points of interest.
+    :param patience: see :class:`.evidence.Evidence`.
     """
 
-    def __init__(self, system: System, points: Dict[str, Tuple[float, float]]) -> None:
+    def __init__(
+        self, system: System, points: Dict[str, Tuple[float, float]], patience: float = PATIENCE
+    ) -> None:
         self._system = system
+        self._patience = patience
         self._points = points
         self._notes: List[str] = []
         self._number = 0
@@ -65,7 +69,9 @@ class Runner:
         watchdog.name, watchdog.daemon = "watchdog", True
         watchdog.start()
         try:
-            return _Course(self._system, trial, self._points, self._notes, self._take_number()).run()
+            return _Course(
+                self._system, trial, self._points, self._notes, self._take_number(), self._patience
+            ).run()
         except LogClosed as closed:
             broken = Judgement((f"the trial was broken off: {closed}",), None, None, None, "")
             return Result(trial, broken)
@@ -89,8 +95,10 @@ class _Course:
         points: Dict[str, Tuple[float, float]],
         notes: List[str],
         number: int,
+        patience: float,
     ) -> None:
         self._system = system
+        self._patience = patience
         self._log = system.log
         self._trial = trial
         self._points = points
@@ -129,7 +137,7 @@ class _Course:
         self._look()
         self._report(events.CLOSED)
         log = [event for event in self._log.since(self._begin) if not self._too_late(event)]
-        judgement = judge(Evidence(trial, log, self._points, self._notes))
+        judgement = judge(Evidence(trial, log, self._points, self._notes, self._patience))
         note = "; ".join(f"{event['do']}: {event['error']}" for event in log if event.kind == "failed")
         return Result(trial, judgement, note, log, ", ".join(helped), os.getloadavg()[0])
 
@@ -289,7 +297,8 @@ class _Course:
                 return False
             return True if scene.speed > DRIVING_SPEED and scene.active.get("move_base") else None
 
-        found = self._log.wait_for(position, find, time.monotonic() + NEXT_WATCH, time.monotonic)
+        until = time.monotonic() + self._patience * NEXT_LIMIT_HELPED + NEXT_MARGIN
+        found = self._log.wait_for(position, find, until, time.monotonic)
         return bool(found)
 
     def _look_until_settled(self) -> None:

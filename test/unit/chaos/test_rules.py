@@ -5,7 +5,7 @@ from typing import Any, Dict, List, Optional
 import pytest
 from chaos import events
 from chaos.events import Event
-from chaos.evidence import NEXT, REQUEST, Evidence
+from chaos.evidence import NEXT, PATIENCE, REQUEST, Evidence
 from chaos.faults import NONE, SECOND_NODE, SIGNAL, Fault
 from chaos.moments import Moment
 from chaos.rules import Judgement, judge
@@ -60,10 +60,10 @@ class Story:
         self.add(at + after + 0.15, events.GOALS, server="move_base", active=[], ended={"a": 2, "b": 2})
         return self.told(at + after + 0.2, label=NEXT)
 
-    def judge(self, trial: Trial = DRIVING) -> Judgement:
+    def judge(self, trial: Trial = DRIVING, patience: float = PATIENCE) -> Judgement:
         log = sorted(self.events, key=lambda event: event.at)
         log.append(Event(log[-1].at + 0.01, events.CLOSED))
-        return judge(Evidence(trial, log, POINTS, NOTES))
+        return judge(Evidence(trial, log, POINTS, NOTES, patience))
 
 
 def good() -> Story:
@@ -134,15 +134,17 @@ def starve(story: Story, begin: float, end: float, share: float) -> Story:
 
 
 def test_what_a_starved_machine_has_taken_is_given_back() -> None:
-    def late() -> Story:
-        story = Story().drive(6.0, 11.4, 20.0).add(10.01, events.CANCEL, label=REQUEST)
-        story.add(11.4, events.GOALS, server="move_base", active=[], ended={"a": 2})
-        return story.told(11.6).facts(12.0)
+    def late(stop: float = 11.4) -> Story:
+        story = Story().drive(6.0, stop, 20.0).add(10.01, events.CANCEL, label=REQUEST)
+        story.add(stop, events.GOALS, server="move_base", active=[], ended={"a": 2})
+        return story.told(stop + 0.2).facts(stop + 0.6)
 
     only(late().judge(), "stands only 1.40 s after")
     assert starve(late(), 10.0, 11.0, 0.8).judge().violations == ()
     only(starve(late(), 10.0, 11.0, 0.2).judge(), "stands only")  # as always on a machine that has time
     only(starve(late(), 6.0, 10.0, 1.0).judge(), "stands only")  # before the fault
+    only(starve(late(13.0), 10.0, 13.0, 1.0).judge(), "stands only")  # not for ever
+    assert starve(late(13.0), 10.0, 13.0, 1.0).judge(patience=4.0).violations == ()
 
 
 def test_a_starved_machine_does_not_excuse_a_base_that_drives_on() -> None:
