@@ -77,7 +77,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_sim": ("world", "robot people", "engine", "node"),
     "merlin_actions": ("core", ".", "actions nodes testing"),
     "merlin_executor": ("core goals", ".", "mission node testing"),
-    "merlin_monitor": ("text drawing", "state", "listeners", "panels", ".", "web terminal"),
+    "merlin_monitor": ("text drawing access", "state", "listeners", "panels", ".", "web terminal"),
     "merlin": ("new", ".", "testing"),
     "merlin_home": (".", "actions"),
     "merlin_restaurant": (".", "actions"),
@@ -89,6 +89,7 @@ WITHOUT_ROS: Dict[str, str] = {
     "merlin_pddl": "*",
     "merlin_actions": "core",
     "merlin_executor": "core goals",
+    "merlin_monitor": "access",
     "merlin_rosplan": "knowledge planning dispatch storage supervision",
 }
 ROS = re.compile(r"(ros\w+|actionlib|smach\w*|tf2_ros|diagnostic_updater|bondpy|\w+_msgs|\w+_srvs)\Z")

@@ -6,6 +6,7 @@ Usage: tools/in_workspace.sh python tools/monitor_screenshots.py [folder, defaul
 
 import os
 import re
+import secrets
 import signal
 import subprocess
 import sys
@@ -16,6 +17,8 @@ from typing import Any, Dict
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / "test" / "rostest"))
 from chromium import Visit, chromium  # noqa: E402
+
+from merlin_monitor.access.operators import write_operators  # noqa: E402
 
 DESKTOP = {"width": 1360, "height": 1130}
 PICTURES: Dict[str, Dict[str, Any]] = {
@@ -29,6 +32,7 @@ DRIVING = """() => {
     && document.querySelectorAll(".node.active").length >= 2;
 }"""
 LIMIT = 240.0  # s for the mission to get where the pictures are taken
+HELD = "monitor-held.png"  # taken on the phone, after a press of the button
 STOP = 20.0  # s for the mission to end
 
 
@@ -36,23 +40,35 @@ def main() -> int:
     """Runs a mission and takes the pictures; returns the exit code."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "images"
     folder.mkdir(parents=True, exist_ok=True)
+    token = secrets.token_urlsafe()
     with tempfile.TemporaryDirectory(prefix="merlin_screenshots_") as results:
+        write_operators(Path(results, "merlin", "operators.yaml"), {"Ana": token})
         mission = subprocess.Popen(
             ["rosrun", "merlin", "run", "home.launch", "tasks:=20", "rtf:=1", f"results:={results}/results"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            env={**os.environ, "ROS_HOME": results},
         )
         try:
             address = _address(mission)
             with chromium() as browser:
                 visits = {name: Visit(browser, address, **options) for name, options in PICTURES.items()}
+                for visit in visits.values():
+                    visit.page.click("#operator")
+                    visit.page.fill("#token", token)
+                    visit.page.keyboard.press("Enter")
+                    visit.wait_text("#operator", "Ana")
                 for name, visit in visits.items():
                     # On the way to a later task's place, so that there is something to look back at.
                     visit.wait(DRIVING, limit=LIMIT)
                     visit.page.screenshot(path=folder / name)
                     print(folder / name)
+                visit.page.click("#stop")
+                visit.wait_text("#now-doing", "stopped and held")
+                visit.page.screenshot(path=folder / HELD)
+                print(folder / HELD)
         finally:
             os.killpg(mission.pid, signal.SIGINT)
             try:

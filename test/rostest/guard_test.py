@@ -18,7 +18,7 @@ from merlin_msgs.msg import GuardStatus, SimStatus
 from move_base_msgs.msg import MoveBaseActionGoal
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import Joy
-from std_msgs.msg import Empty
+from std_msgs.msg import Empty, String
 from std_srvs.srv import Empty as EmptyService
 from std_srvs.srv import SetBool, Trigger
 
@@ -135,12 +135,13 @@ class Guard(unittest.TestCase):
         rospy.wait_for_service("move_base/stubborn", LONG)
         cls.stubborn = rospy.ServiceProxy("move_base/stubborn", SetBool)
         cls.stop_topic = rospy.Publisher("merlin/stop", Empty, queue_size=1)
+        cls.stop_by = rospy.Publisher("merlin/stop_by", String, queue_size=1)
         cls.joy = rospy.Publisher("joy", Joy, queue_size=1)
         cls.witness.wait(lambda: cls.witness.status is not None and cls.connected())
 
     @classmethod
     def connected(cls):
-        peers = (cls.cancel, 2), (cls.commands, 1), (cls.stop_topic, 1), (cls.joy, 1)
+        peers = (cls.cancel, 2), (cls.commands, 1), (cls.stop_topic, 1), (cls.stop_by, 1), (cls.joy, 1)
         return all(publisher.get_num_connections() >= count for publisher, count in peers)
 
     def setUp(self):
@@ -377,12 +378,16 @@ class Guard(unittest.TestCase):
         side.wait(lambda: not side.velocities[-1])
 
     def test_a_guard_that_was_killed_is_still_stopped(self):
-        self.call("merlin/stop")
+        self.stop_by.publish("Ana\n")
+        self.witness.state(STOPPED, "stopped by Ana ")
         with self.witness.changed:
+            since = self.witness.status.since
             self.witness.status = None
         os.kill(pid_of("/merlin_guard"), signal.SIGKILL)
         self.witness.wait(lambda: self.witness.status is not None and self.connected())
-        self.witness.state(STOPPED)
+        self.witness.state(STOPPED, "stopped by Ana ")
+        # As far as a parameter keeps it.
+        self.assertAlmostEqual(self.witness.status.since.to_sec(), since.to_sec(), places=3)
         goal = self.client.ask("drive")
         self.ended(goal)
 

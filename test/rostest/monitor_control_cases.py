@@ -7,8 +7,8 @@ from pathlib import Path
 
 import rosgraph
 import rospy
-from merlin_msgs.msg import ExecutorStatus, GuardStatus, MissionStatus
-from monitor_fixture import TOKEN, PageCases
+from merlin_msgs.msg import ExecutorStatus, GuardStatus
+from monitor_fixture import OPERATOR, TOKEN, PageCases
 from monitor_process import LONG
 from std_srvs.srv import Trigger
 
@@ -28,6 +28,12 @@ def parent_of(pid):
 
 
 class ControlCases(PageCases):
+    def setUp(self):
+        super().setUp()
+        # A case that failed must not hold the robot for the others.
+        for service in ("merlin/release", "merlin/resume"):
+            rospy.ServiceProxy(service, Trigger)()
+
     # --- what is not known any more ------------------------------------------------------------------------
 
     def test_5_a_monitor_that_hangs_is_not_live(self):
@@ -94,18 +100,23 @@ class ControlCases(PageCases):
         page.keyboard.press("Tab")
         self.assertEqual(goal.input_value(), "(checked kitchen)")
         page.get_by_role("button", name="Send goal").click()
-        visit.wait_text("#control-said", "A token is needed")
         page.fill("#token", "wrong")
-        page.get_by_role("button", name="Send goal").click()
-        visit.wait_text("#control-said", "not the right one")
+        page.keyboard.press("Enter")
+        visit.wait_text("#sign-in-said", "not the right one")
         self.assertEqual(self.status.message.state, ExecutorStatus.IDLE)
-        page.fill("#token", TOKEN)
+        visit.wait_text("#history-list .said", "wrong token from 127.0.0.1")
+        page.click("#sign-in-not")
         page.fill("#goal", "(checked moon)")
         page.keyboard.press("Enter")
+        page.fill("#token", TOKEN)
+        page.keyboard.press("Enter")
         visit.wait_text("#control-said", "moon")
+        visit.wait_text("#operator", OPERATOR)
+        self.assertEqual(goal.input_value(), "(checked moon)")
         page.fill("#goal", LONG_GOAL)
         page.get_by_role("button", name="Send goal").click()
         visit.wait_text("#control-said", "Sent as")
+        visit.wait("() => document.getElementById('goal').value === ''")
         self.assertTrue(self.status.wait(lambda status: bool(status.running)))
         self.assertIn("(checked dorm_room)", " ".join(self.status.message.goals))
         page.locator("#queue-list .cancel").first.click()
@@ -115,45 +126,111 @@ class ControlCases(PageCases):
             any(not self.knowledge.holds(f"(checked {poi})") for poi in ("kitchen", "bathroom", "main_door"))
         )
 
-    def test_7_a_mission_is_paused_and_resumed(self):
-        visit = self.visit()
-        visit.page.fill("#token", TOKEN)
-        mission, thread, ended = self.start_round()
-        visit.page.get_by_role("button", name="Pause the mission").click()
-        self.assertTrue(self.mission.wait(lambda status: status.state == MissionStatus.PAUSED))
-        resume = visit.page.get_by_role("button", name="Resume the mission")
-        resume.wait_for()
-        self.assertTrue(self.status.wait(lambda status: status.state == ExecutorStatus.IDLE))
+        events = visit.page.evaluate("async () => (await fetch('/history.json')).json()")
+        mine = [event["text"] for event in events if event["detail"].get("by") == OPERATOR]
+        self.assertTrue(any(text.startswith("Ana sends (and (checked kitchen)") for text in mine), mine)
+        self.assertTrue(any(text.startswith("Ana cancels ") for text in mine), mine)
+
+    def test_6_an_unknown_request_cannot_be_cancelled(self):
+        visit = self.operator()
+        answer = visit.page.evaluate(
+            """async (token) => {
+              const answer = await fetch("/control/cancel", {
+                method: "POST", headers: { "X-Merlin-Token": token }, body: '{"request": "/nobody-1"}' });
+              return [answer.status, (await answer.json()).error];
+            }""",
+            TOKEN,
+        )
+        self.assertEqual(answer[0], 409)
+        self.assertIn("no such request", answer[1])
+
+    def test_7_a_pause_lets_the_goal_end_and_no_other_begin(self):
+        visit = self.operator()
+        page = visit.page
+        _, thread, ended = self.start_round()
+        page.click("#pause")
+        self.assertTrue(self.status.wait(lambda status: status.paused))
         visit.wait_text("#now-doing", "paused")
-        resume.click()
-        self.assertTrue(self.mission.wait(lambda status: status.state == MissionStatus.RUNNING))
-        mission.cancel()
+        self.assertTrue(self.status.wait(lambda status: status.state == ExecutorStatus.IDLE))
+        visit.wait_text("#queue-note", "1 waiting")
+        self.assertEqual(ended, [])
+        visit.wait_text("#history-list .said", "Ana pauses")
+        page.get_by_role("button", name="Resume").click()
+        self.assertTrue(self.status.wait(lambda status: not status.paused and bool(status.running)))
+        page.click("#cancel-all")
+        visit.wait_text("#control-said", "cancel of all requests")
         thread.join(LONG)
         self.assertEqual(ended, [False])
-        with self.assertRaises(rospy.ServiceException):
-            rospy.ServiceProxy("merlin/mission/pause", Trigger)()
 
-    def test_7_the_stop_button_stops_the_base_until_its_release(self):
-        visit = self.visit()
+    def test_7_stop_and_hold_on_a_phone_while_the_executor_hangs(self):
+        visit = self.visit(viewport={"width": 390, "height": 800})
         page = visit.page
-        page.set_viewport_size({"width": 390, "height": 800})
-        page.locator("#stop").click()
-        visit.wait_text("#control-said", "A token is needed")
-        page.fill("#token", TOKEN)
-        request = self.client.send(
-            "(and (checked kitchen) (checked bathroom) (checked dorm_room) (checked main_door))"
-        )
+        box = page.locator("#stop").bounding_box()
+        self.assertGreater(box["width"], 300)
+        self.assertGreaterEqual(box["height"], 60)
+        request = self.client.send(LONG_GOAL)
         self.assertTrue(self.guard.wait(lambda status: status.moving))
-        page.locator("#stop").click()
-        visit.wait_text("#guard-says", "The base is stopped")
-        self.assertTrue(self.guard.wait(lambda status: status.state == GuardStatus.STOPPED))
-        self.assertFalse(self.guard.message.moving)
+        pid = pid_of("/merlin_executor")
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            page.click("#stop")
+            visit.wait_text("#sign-in-said", "NOT stopped yet")
+            page.fill("#token", TOKEN)
+            page.keyboard.press("Enter")
+            visit.wait_text("#control-said", "confirmed by the guard")
+            self.assertTrue(self.guard.wait(lambda status: status.state == GuardStatus.STOPPED))
+            self.assertFalse(self.guard.message.moving)
+            self.assertEqual(self.guard.message.reason, "stopped by Ana")
+            visit.wait_text("#now-doing", "stopped and held by Ana since ")
+            visit.wait_text("#now-because", "the Executor does not answer")
+            visit.wait_text("#guard-says", "until it is released")
+        finally:
+            os.kill(pid, signal.SIGCONT)
         self.assertTrue(request.wait(LONG))
-        self.assertEqual(outcome_name(request.result.outcome), "CANCELLED", request.result.reason)
-        result = self.client.execute("(checked bathroom)", LONG)
-        self.assertEqual(outcome_name(result.outcome), "ACTION_FAILED")
-        self.assertIn("has stopped the base", result.reason)
-        page.locator("#release").click()
+        self.assertIn(
+            outcome_name(request.result.outcome), ("CANCELLED", "ACTION_FAILED"), request.result.reason
+        )
+        # Another page says it too, and offers to release.
+        other = self.operator()
+        other.wait_text("#now-doing", "stopped and held by Ana since ")
+        self.assertEqual(self.guard.message.state, GuardStatus.STOPPED)
+        other.page.click("#release")
+        self.assertTrue(self.guard.wait(lambda status: status.state == GuardStatus.IDLE))
         visit.wait("() => document.getElementById('guard').hidden")
+        visit.wait_text("#history-list .said", "Ana releases the base")
+        self.knowledge.remove_facts("(checked bathroom)")
         result = self.client.execute("(checked bathroom)", LONG)
         self.assertEqual(outcome_name(result.outcome), "SUCCEEDED", result.reason)
+
+    def test_7_goals_that_are_sent_meanwhile_wait_for_the_release(self):
+        visit = self.operator()
+        running = self.client.send(LONG_GOAL)
+        self.assertTrue(self.guard.wait(lambda status: status.moving))
+        visit.page.click("#stop")
+        visit.wait_text("#control-said", "confirmed by the guard")
+        self.assertTrue(running.wait(LONG))
+        self.assertEqual(outcome_name(running.result.outcome), "CANCELLED", running.result.reason)
+        self.assertTrue(self.status.wait(lambda status: status.paused))
+        waiting = self.client.send("(checked bathroom)")
+        visit.wait_text("#queue-note", "1 waiting")
+        visit.page.click("#release")
+        visit.wait_text("#control-said", "the next goal may begin")
+        self.assertTrue(waiting.wait(LONG))
+        self.assertEqual(outcome_name(waiting.result.outcome), "SUCCEEDED", waiting.result.reason)
+
+    def test_7_a_stop_that_the_guard_does_not_confirm_is_told(self):
+        visit = self.operator()
+        pid = pid_of("/merlin_guard")
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            visit.page.click("#stop")
+            visit.wait_text("#control-said[data-bad]", "NOT confirmed")
+            visit.wait_text("#guard-says", "does not answer")
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        # It was told nevertheless, and obeys as soon as it can.
+        visit.wait_text("#now-doing", "stopped and held by Ana")
+        self.assertTrue(self.status.wait(lambda status: status.paused))
+        visit.page.click("#release")
+        visit.wait("() => document.getElementById('guard').hidden")
+        self.assertTrue(self.status.wait(lambda status: not status.paused))

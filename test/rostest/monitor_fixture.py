@@ -14,7 +14,8 @@ from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.mission.goal_dispatcher import GoalDispatcher
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
-TOKEN = "test token"
+TOKEN = "token of the test"
+OPERATOR = "Ana"
 KB = "rosplan_knowledge_base"
 
 
@@ -43,7 +44,7 @@ class PageCases(unittest.TestCase):
         cls.changes = Latest(f"{KB}/changes", KnowledgeChanges)
         assert cls.status.wait(lambda status: status.state == ExecutorStatus.IDLE), "no status"
         cls.monitor = Monitor()
-        cls.monitor.start(TOKEN)
+        cls.monitor.start({OPERATOR: TOKEN})
         cls.stack = contextlib.ExitStack()
         cls.browser = cls.stack.enter_context(chromium())
 
@@ -66,6 +67,15 @@ class PageCases(unittest.TestCase):
     def visit(self, **options):
         self.visits.append(Visit(self.browser, self.monitor.address, **options))
         return self.visits[-1]
+
+    def operator(self, **options):
+        """A page on which the operator has signed in."""
+        visit = self.visit(**options)
+        visit.page.click("#operator")
+        visit.page.fill("#token", TOKEN)
+        visit.page.keyboard.press("Enter")
+        visit.wait_text("#operator", OPERATOR)
+        return visit
 
     def start_round(self):
         mission = Round(tasks=3)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import rospy
 
+from merlin_monitor.access.operators import write_operators
+
 LONG = 60.0
 
 
@@ -38,12 +40,15 @@ class Monitor:
         self.port = 0
         self.process = None
         self.history = Path(os.environ.get("ROS_LOG_DIR", "/tmp")) / f"monitor-{os.getpid()}.sqlite"
+        self.operators = self.history.with_name(f"operators-{os.getpid()}.yaml")
 
-    def start(self, token, panels=(), environment=None):
+    def start(self, operators=None, panels=(), environment=None):
         with contextlib.suppress(KeyError):
             rospy.delete_param("/merlin_monitor/address")
         rospy.set_param("/merlin_monitor/port", self.port)
-        rospy.set_param("/merlin_monitor/token", token)
+        if operators is not None:
+            write_operators(self.operators, operators)
+        rospy.set_param("/merlin_monitor/operators", str(self.operators) if operators else "")
         rospy.set_param("/merlin_monitor/history", str(self.history))
         rospy.set_param("/merlin_monitor/panels", list(panels))
         self.process = subprocess.Popen(

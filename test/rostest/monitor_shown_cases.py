@@ -216,7 +216,7 @@ class ShownCases(PageCases):
         visit.wait_text("#history-list .said", "(checked bathroom) added")
         self.assertLess(self.monitor.stop(), 10.0)
         visit.wait_text("#connection", "no news since")
-        self.monitor.start("")
+        self.monitor.start()
         visit.wait_text("#connection", "live")
         visit.wait_text("#knowledge-list .fact", "(checked bathroom)")
         self.knowledge.add_facts("(checked kitchen)")
@@ -238,8 +238,10 @@ class ShownCases(PageCases):
         self.assertEqual(visit.texts("#history-list .said"), wanted)
         self.assertTrue(any(text.startswith("(checked kitchen): succeeded") for text in wanted))
 
-        # Started without a token, it only shows.
-        visit.wait("() => document.getElementById('control').hidden")
+        # Started without operators, it only shows.
+        visit.wait(
+            "() => document.getElementById('control').hidden && document.getElementById('stop').hidden"
+        )
         answer = visit.page.evaluate(
             "async () => { const answer = await fetch('/control/pause', {method: 'POST'});"
             " return [answer.status, await answer.text()]; }"
@@ -265,7 +267,7 @@ class ShownCases(PageCases):
                 "PYTHONPATH": f"{folder}/my_robot/src:{os.environ['PYTHONPATH']}",
             }
             self.monitor.stop()
-            self.monitor.start("", ["my_robot.battery_panel:BatteryPanel", TABLES], path)
+            self.monitor.start(None, ["my_robot.battery_panel:BatteryPanel", TABLES], path)
             visit = self.visit()
             battery = rospy.Publisher("battery", BatteryState, latch=True, queue_size=1)
             battery.publish(BatteryState(percentage=0.75))

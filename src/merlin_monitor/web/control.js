@@ -1,37 +1,103 @@
-// Asks the robot to do something, for operators: each request carries the token.
+// Asks the robot to do something, for operators: each request carries the token of one.
 import { byId, setHidden, setText } from "./dom.js";
 
 const TOKEN = "merlin-token";
+const PATIENCE = 15000; // ms for an answer; that of a stop comes within 3 s
+const STOP_PATIENCE = 6000;
+const READ = 12000; // ms that what was done stays in sight; what was not done stays
 
 export class Control {
   constructor(store) {
     this.store = store;
-    byId("stop").addEventListener("click", async () => {
-      if (!(await this.ask("stop", {}))) byId("control").scrollIntoView({ block: "center" });
+    this.token = sessionStorage.getItem(TOKEN) || "";
+    this.waiting = null; // what is asked as soon as the token is known
+    this.forget = 0;
+    byId("stop").addEventListener("click", () => this.ask("stop"));
+    byId("operator").addEventListener("click", () => (this.token ? this.signOut() : this.signIn()));
+    byId("sign-in-not").addEventListener("click", () => this.close());
+    byId("sign-in").addEventListener("cancel", () => { this.waiting = null; });
+    byId("sign-in").querySelector("form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.enter(byId("token").value);
     });
-    store.view("meta", () => setHidden(byId("stop"), !this.possible()));
+    byId("control-said").addEventListener("click", () => setHidden(byId("control-said"), true));
+    store.view("meta", () => this.draw());
+    this.name = "";
   }
 
   possible() {
     return Boolean((this.store.state.meta || {}).control);
   }
 
-  get token() {
-    return sessionStorage.getItem(TOKEN) || "";
+  draw() {
+    setHidden(byId("stop"), !this.possible());
+    setHidden(byId("operator"), !this.possible());
+    if (this.possible() && this.token && !this.name) this.learnName();
+    setText(byId("operator"), this.token ? `${this.name || "operator"} – sign out` : "Sign in");
   }
 
-  set token(token) {
+  async learnName() {
+    this.name = "operator";
+    const { status, words } = await this.send("who", {}, this.token);
+    if (status === 200) this.name = words;
+    if (status === 403) this.signOut();
+    this.draw();
+  }
+
+  signIn(words = "") {
+    setText(byId("sign-in-said"), words);
+    if (!byId("sign-in").open) byId("sign-in").showModal();
+    byId("token").focus();
+  }
+
+  signOut() {
+    this.token = this.name = "";
+    sessionStorage.removeItem(TOKEN);
+    this.draw();
+  }
+
+  close() {
+    this.waiting = null;
+    byId("token").value = "";
+    byId("sign-in").close();
+  }
+
+  async enter(token) {
+    // A stop does not wait until the name is known.
+    const [what, fields, answer] = this.waiting || ["who", {}, () => {}];
+    const told = await this.send(what, fields, token);
+    if (told.status === 403 || told.status === 0) {
+      setText(byId("sign-in-said"), told.words);
+      return;
+    }
+    this.token = token;
     sessionStorage.setItem(TOKEN, token);
+    this.name = "";
+    this.close();
+    this.draw();
+    if (what !== "who") this.say(told);
+    answer(told.status === 200);
   }
 
-  // Whether it was done; what was said about it stands in the panel.
-  async ask(what, fields) {
-    const said = byId("control-said");
+  // Whether it was done; what was said about it is shown. Without a token, the operator is asked for it first.
+  async ask(what, fields = {}) {
+    if (!this.token) {
+      this.signIn(what === "stop" ? "The robot is NOT stopped yet: a token is needed." : "");
+      return new Promise((answer) => { this.waiting = [what, fields, answer]; });
+    }
+    const told = await this.send(what, fields, this.token);
+    if (told.status === 403 && told.wrong) this.signOut();
+    this.say(told);
+    return told.status === 200;
+  }
+
+  async send(what, fields, token) {
     try {
       const answer = await fetch(`/control/${what}`, {
         method: "POST",
-        headers: { "Content-Type": "application/json", "X-Merlin-Token": encodeToken(this.token) },
+        headers: { "Content-Type": "application/json", "X-Merlin-Token": encodeToken(token) },
         body: JSON.stringify(fields),
+        signal: AbortSignal.timeout(what === "stop" ? STOP_PATIENCE : PATIENCE),
       });
       const text = await answer.text();
       let words = text;
@@ -41,14 +107,20 @@ export class Control {
       } catch {
         // a refusal is plain text
       }
-      said.toggleAttribute("data-bad", !answer.ok);
-      setText(said, words.trim());
-      return answer.ok;
+      return { status: answer.status, words: words.trim(), wrong: words.includes("not the right one") };
     } catch {
-      said.toggleAttribute("data-bad", true);
-      setText(said, "The monitor does not answer.");
-      return false;
+      const stop = what === "stop" ? " The stop is NOT confirmed: use the button on the robot." : "";
+      return { status: 0, words: `The monitor does not answer.${stop}` };
     }
+  }
+
+  say({ status, words }) {
+    const said = byId("control-said");
+    said.toggleAttribute("data-bad", status !== 200);
+    setText(said, words);
+    setHidden(said, false);
+    clearTimeout(this.forget);
+    if (status === 200) this.forget = setTimeout(() => setHidden(said, true), READ);
   }
 }
 

@@ -293,3 +293,23 @@ def test_a_stop_says_why() -> None:
     assert Stop(StopKind.SHUTDOWN).reason == "the executor shuts down"
     assert Stop(StopKind.CLIENT_LOST, "its client /x is gone").reason == "its client /x is gone"
     assert not Stop(StopKind.INTERRUPTED).is_final
+
+
+def test_a_pause_lets_what_runs_go_on_and_nothing_begin(agenda: "Agenda[Ticket]") -> None:
+    first, urgent = Ticket(0), Ticket(1, priority=5)
+    agenda.receive(first)
+    agenda.begin()
+    assert agenda.pause(True) == []
+    assert agenda.receive(urgent) == [], "what could not begin interrupts nothing"
+    agenda.ended(Verdict(Outcome.SUCCEEDED))
+    assert agenda.begin() is None and agenda.waiting == [urgent]
+    assert agenda.pause(False) == [] and agenda.begin() is urgent
+
+
+def test_what_is_more_urgent_interrupts_when_the_pause_ends(agenda: "Agenda[Ticket]") -> None:
+    first, urgent = Ticket(0), Ticket(1, priority=5)
+    agenda.receive(first)
+    agenda.begin()
+    agenda.pause(True)
+    agenda.receive(urgent)
+    assert stops(agenda.pause(False)) == [first]

@@ -7,14 +7,15 @@ from typing import Any, Dict, List, Optional
 
 import aiohttp
 
+from merlin_monitor.access.operators import Operators, write_operators
+from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.web.control import Control, ControlError
-from merlin_monitor.web.web_access import WebAccess
 from merlin_monitor.web.web_server import WebServer
 
 WEB = Path(__file__).resolve().parents[3] / "src" / "merlin_monitor" / "web"
-TOKEN = "ünguessable"
+TOKEN = "ünguessable, really"
 
 
 class FakeRobot:
@@ -27,22 +28,27 @@ class FakeRobot:
         if "moon" in goal:
             raise ControlError("there is no object 'moon'")
 
-    def send(self, goal: str, priority: int) -> str:
-        self.calls.append(("send", goal, priority))
+    def send(self, goal: str, priority: int, by: str) -> str:
+        self.calls.append(("send", goal, priority, by))
         return "/monitor-1"
 
-    def cancel(self, request: str) -> None:
-        self.calls.append(("cancel", request))
+    def cancel(self, request: str, by: str) -> str:
+        self.calls.append(("cancel", request, by))
+        return "Sent."
 
-    def pause_mission(self, pause: bool) -> str:
-        self.calls.append(("pause", pause))
+    def cancel_all(self, by: str) -> str:
+        self.calls.append(("cancel_all", by))
+        return "Sent."
+
+    def pause(self, pause: bool, by: str) -> str:
+        self.calls.append(("pause", pause, by))
         return "Paused."
 
-    def stop(self) -> str:
-        self.calls.append(("stop",))
+    def stop(self, by: str) -> str:
+        self.calls.append(("stop", by))
         return "stopped until merlin/release is called"
 
-    def release(self) -> str:
+    def release(self, by: str) -> str:
         raise ControlError("The base was not released: no velocity guard runs.")
 
 
@@ -53,10 +59,13 @@ class Served:
         self.state = MonitorModel(Inbox(), folder / "history.sqlite")
         self.robot = FakeRobot()
         control = Control(self.robot) if token else None
+        self.operators = folder / "operators.yaml"
+        if token:
+            write_operators(self.operators, {"Ana": token})
         self.server = WebServer(
             self.state,
             WEB,
-            WebAccess("127.0.0.1", token=token),
+            WebAccess("127.0.0.1", operators=Operators(self.operators)),
             control,
             scripts={"plan": WEB / "panels" / "plan.js"},
         )

@@ -3,12 +3,14 @@
 from typing import Tuple
 
 import pytest
+import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 from merlin_msgs.msg import (
     ExecuteActionResult,
     ExecuteResult,
     ExecutorStatus,
     GoalQueue,
+    GuardStatus,
     MissionStatus,
     QueuedGoal,
 )
@@ -16,6 +18,7 @@ from messages import Told, dispatch, executor, feedback, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
 from merlin_monitor.state.freshness import Freshness
+from merlin_monitor.state.guard_section import GuardSection
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.machine_section import MachineSection
 from merlin_monitor.state.now_section import NowSection
@@ -44,6 +47,31 @@ def test_a_request_of_somebody_else_is_not_the_missions() -> None:
             executor(ExecutorStatus.RUNNING, request=request, goals=["(checked hall)"], stage="PLAN"), 1.0
         )
         assert tree.get("now", "because") == f"because (checked hall) was requested by {who}"
+
+
+def test_a_pause_is_in_the_headline() -> None:
+    tree, now, _, _ = section()
+    action = running(1, "navigate", ("from", "kitchen"), ("to", "hall"))
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, running=[action], paused=True), 1.0)
+    assert tree.get("now", "doing").endswith(", then pausing")
+    now.executor(executor(ExecutorStatus.IDLE, paused=True), 2.0)
+    assert tree.get("now", "doing") == "paused"
+    now.executor(executor(ExecutorStatus.IDLE), 3.0)
+    assert tree.get("now", "doing") == "idle"
+
+
+def test_a_held_base_is_the_headline_whatever_the_executor_does() -> None:
+    tree, now, _, told = section()
+    now.executor(executor(ExecutorStatus.IDLE), 1.0)
+    guard = GuardSection(tree, told)
+    stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana", since=rospy.Time(42.5))
+    guard.status(stopped, 43.0, 1.0)
+    now.refresh()
+    assert tree.get("now", "doing") == "stopped and held by Ana since 42.5 s"
+    assert tree.get("now", "because") == "the Executor: idle"
+    guard.status(GuardStatus(state=GuardStatus.IDLE), 44.0, 1.0)
+    now.refresh()
+    assert tree.get("now", "doing") == "idle"
 
 
 def test_a_request_that_is_gone_on_with_began_when_it_began() -> None:

@@ -50,6 +50,16 @@ def test_a_plan_is_carried_out() -> None:
     assert told[1].detail["began"] == 11.0 and told[1].detail["ended"] == 21.0
 
 
+def test_a_step_that_is_told_behind_the_end_of_its_request_is_not_dropped() -> None:
+    tree, plan, _ = section()
+    plan.planned(*sequential_steps(PLAN), 0.0)
+    plan.request_ended()
+    assert states(tree) == {"0": "dropped", "1": "dropped"}
+    plan.feedback(feedback(0, 2, plan=7), 1.0)
+    plan.dispatched(dispatch(0, "navigate", ("from", "hall"), ("to", "kitchen"), plan=7), 1.1)
+    assert states(tree) == {"0": "succeeded", "1": "dropped"}
+
+
 def test_failures_say_why() -> None:
     tree, plan, told = section()
     plan.planned(*sequential_steps(PLAN), 0.0)

@@ -9,7 +9,7 @@ import aiohttp
 import pytest
 from served import TOKEN, Served, ask
 
-from merlin_monitor.web.web_access import RequestRefused, WebAccess
+from merlin_monitor.access.web_access import RequestRefused, WebAccess
 
 
 @pytest.mark.parametrize(
@@ -102,13 +102,15 @@ def test_control_with_the_token(served: Served) -> None:
     sent = ask(served.url, "control/send", "POST", CONTROL, {"goal": " (checked kitchen) ", "priority": 3})
     assert sent.status == 200 and json.loads(sent.said) == {"done": "Sent as /monitor-1."}
     assert ask(served.url, "control/cancel", "POST", CONTROL, {"request": "/a-1"}).status == 200
+    assert ask(served.url, "control/cancel_all", "POST", CONTROL).status == 200
     assert ask(served.url, "control/pause", "POST", CONTROL).status == 200
     assert ask(served.url, "control/resume", "POST", CONTROL).status == 200
     assert served.robot.calls == [
-        ("send", "(checked kitchen)", 3),
-        ("cancel", "/a-1"),
-        ("pause", True),
-        ("pause", False),
+        ("send", "(checked kitchen)", 3, "Ana"),
+        ("cancel", "/a-1", "Ana"),
+        ("cancel_all", "Ana"),
+        ("pause", True, "Ana"),
+        ("pause", False, "Ana"),
     ]
 
 
@@ -116,7 +118,7 @@ def test_the_stop_button(served: Served) -> None:
     assert ask(served.url, "control/stop", "POST", {}).status in (401, 403)
     stopped = ask(served.url, "control/stop", "POST", CONTROL)
     assert stopped.status == 200 and "stopped until" in stopped.said
-    assert served.robot.calls == [("stop",)]
+    assert served.robot.calls == [("stop", "Ana")]
     released = ask(served.url, "control/release", "POST", CONTROL)
     assert released.status == 409 and "no velocity guard" in released.said
 

@@ -10,7 +10,7 @@ import rospy
 from actionlib_msgs.msg import GoalID, GoalStatusArray
 from geometry_msgs.msg import Twist
 from merlin_msgs.msg import GuardStatus, Lease, SimStatus
-from std_msgs.msg import Empty
+from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_guard.goal_header import read_goal_header
@@ -30,7 +30,8 @@ WARN_AFTER = 0.25  # s; an owner lets go of a goal some moments before the end o
 REMEMBER = 1.0  # s to wait for the master to keep a stop; one that hangs must not hold up a stop
 CANNOT_BEGIN = 2  # exit code that says: starting it again does not help
 FLUSH = 0.05  # s for the last zero velocity to leave the process
-STOPPED_PARAM = "~stopped"  # keeps a stop over a restart of the node
+STOPPED_PARAM, SINCE_PARAM = "~stopped", "~stopped_since"  # keep a stop over a restart of the node
+LONGEST_NAME = 100  # characters of the name of an operator
 
 _STATES = {
     State.IDLE: GuardStatus.IDLE,
@@ -57,6 +58,7 @@ class GuardNode:
         self._memory = threading.Lock()  # orders the writers of the parameter that keeps a stop
         self._permit = MotionPermit(parameters.servers, parameters.settings, stopped)
         self._told: Optional[View] = None
+        self._since = rospy.Time.from_sec(float(rospy.get_param(SINCE_PARAM, 0.0)) if stopped else 0.0)
         self._told_at = -math.inf
         self._born = rospy.Time.now()
         self._closing = False
@@ -95,6 +97,7 @@ class GuardNode:
         self._subscribers = [
             listen(SIM_STATUS_TOPIC, SimStatus, self._receive_simulation),
             listen("merlin/stop", Empty, lambda _: self._stop("stopped on the topic merlin/stop")),
+            listen("merlin/stop_by", String, lambda name: self._stop(f"stopped by {_name(name.data)}")),
         ]
         self._leases = {
             server: listen(f"{server}/lease", Lease, self._receive_lease, callback_args=server)
@@ -206,8 +209,9 @@ class GuardNode:
     def _write_stop(self) -> None:
         with self._memory:
             with self._lock:
-                view = self._permit.view  # now, so that of two writers the later one is right
+                view, since = self._permit.view, self._since  # now, so that of two writers the later is right
             try:
+                rospy.set_param(SINCE_PARAM, since.to_sec())
                 rospy.set_param(STOPPED_PARAM, view.reason if view.state is State.STOPPED else "")
             except (rospy.ROSException, *MASTER_ERRORS) as error:
                 rospy.logerr(f"{rospy.get_name()}: the master does not keep the stop for a restart: {error}")
@@ -233,11 +237,18 @@ class GuardNode:
         now = time.monotonic()
         if view == self._told and now - self._told_at < STATUS_PERIOD:
             return
+        stamp = rospy.Time.now()
+        if self._since.is_zero() or (self._told is not None and view.state is not self._told.state):
+            self._since = stamp
         self._told, self._told_at = view, now
         status = GuardStatus(
-            state=_STATES[view.state], reason=view.reason, moving=view.moving, goals=list(view.goals)
+            state=_STATES[view.state],
+            reason=view.reason,
+            since=self._since,
+            moving=view.moving,
+            goals=list(view.goals),
         )
-        status.header.stamp = rospy.Time.now()
+        status.header.stamp = stamp
         self._status.publish(status)
 
     def _tick(self) -> None:
@@ -295,6 +306,11 @@ def _stop_button(index: int, stop: Any) -> rospy.Subscriber:
             stop(f"stopped by button {index} of {rospy.resolve_name('joy')}")
 
     return rospy.Subscriber("joy", Joy, receive, tcp_nodelay=True, queue_size=10)
+
+
+def _name(text: str) -> str:
+    """The name of an operator as one line of a status shows it."""
+    return "".join(letter if letter.isprintable() else " " for letter in text[:LONGEST_NAME]) or "an operator"
 
 
 def _caller(request: TriggerRequest) -> str:

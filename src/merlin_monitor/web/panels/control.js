@@ -8,15 +8,12 @@ export function show(section, { store, control }) {
     "aria-autocomplete": "list", spellcheck: "false", placeholder: "(checked kitchen)",
   });
   const priority = el("input", { id: "priority", type: "number", value: "0", step: "1" });
-  const token = el("input", { id: "token", type: "password", autocomplete: "off" });
   const field = (input, label, ...more) => el("div", { class: "field" }, el("label", { for: input.id }, label), input, ...more);
   const goalField = field(goal, "Goal in PDDL", el("ul", { id: "goal-choices", role: "listbox", "aria-label": "Completions", hidden: true }));
   goalField.classList.add("grow");
   const form = el("form", { id: "goal-form", autocomplete: "off" },
-    goalField, field(priority, "Priority"), field(token, "Token"), el("button", { type: "submit", class: "primary" }, "Send goal"));
-  section.append(form, el("p", { id: "control-said", role: "status" }));
-  token.value = control.token;
-  token.addEventListener("input", () => { control.token = token.value; });
+    goalField, field(priority, "Priority"), el("button", { type: "submit", class: "primary" }, "Send goal"));
+  section.append(form);
   const completion = new Completion(store, goal);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();

@@ -8,18 +8,17 @@ export function show(section, { store, control }) {
     el("p", { id: "now-trouble", role: "alert", hidden: true }),
     el("p", { id: "now-why" }, el("span", { id: "now-because" }), " ", el("span", { id: "now-step" })),
     el("p", { id: "now-last" }),
-    el("div", { id: "mission-control", class: "buttons", hidden: true }),
+    el("div", { id: "robot-control", class: "buttons", hidden: true }),
   );
-  const box = byId("mission-control");
-  function showPause(mission) {
-    const state = mission && control.possible() ? mission.state : "";
-    const wanted = state === "running" ? "pause" : state === "paused" ? "resume" : "";
-    setHidden(box, !wanted);
-    if (box.dataset.wanted === wanted) return;
-    box.dataset.wanted = wanted;
-    const label = wanted === "pause" ? "Pause the mission" : "Resume the mission";
-    box.replaceChildren(...(wanted ? [el("button", { type: "button", onclick: () => control.ask(wanted, {}) }, label)] : []));
-  }
+  const buttons = byId("robot-control");
+  const pause = el("button", { type: "button", id: "pause", onclick: () => control.ask(paused() ? "resume" : "pause") });
+  buttons.append(pause, el("button", { type: "button", id: "cancel-all", onclick: () => control.ask("cancel_all") }, "Cancel all"));
+  const paused = () => Boolean(((store.state.now || {}).executor || {}).paused);
+  const showButtons = () => {
+    setHidden(buttons, !control.possible() || !(store.state.now || {}).executor);
+    setText(pause, paused() ? "Resume" : "Pause");
+    pause.title = paused() ? "Lets the next goal begin" : "Lets what runs end, and nothing else begin";
+  };
   store.view("now", (now) => {
     setText(byId("now-doing"), now.doing);
     setText(byId("now-because"), now.because);
@@ -36,7 +35,7 @@ export function show(section, { store, control }) {
     setHidden(byId("now-trouble"), trouble.length === 0);
     setText(byId("now-trouble"), trouble.join(" · "));
     document.title = now.doing ? `${now.doing} – MERLIN` : "MERLIN";
-    showPause(now.mission);
+    showButtons();
   });
-  store.view("meta", () => showPause((store.state.now || {}).mission));
+  store.view("meta", showButtons);
 }

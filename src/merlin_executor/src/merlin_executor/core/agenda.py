@@ -77,6 +77,12 @@ class Agenda(Generic[T]):
         self._waiting: List[T] = []
         self._running: Optional[T] = None
         self._closing = False
+        self._paused = False
+
+    @property
+    def paused(self) -> bool:
+        """Whether no further request begins until it is resumed."""
+        return self._paused
 
     @property
     def running(self) -> Optional[T]:
@@ -130,10 +136,15 @@ class Agenda(Generic[T]):
             return self.cancel(ticket, Stop(StopKind.CLIENT_LOST, reason))
         return self._interrupt()
 
+    def pause(self, paused: bool) -> List[Decision]:
+        """No further request begins, or the next one may; what runs goes on."""
+        self._paused = paused
+        return self._interrupt()
+
     def begin(self) -> Optional[T]:
         """The next request, which runs from now on; None when none may run now."""
         ticket = self._next()
-        if self._running is not None or self._closing or ticket is None:
+        if self._running is not None or self._closing or self._paused or ticket is None:
             return None
         self._waiting.remove(ticket)
         ticket.stop = None
@@ -184,7 +195,7 @@ class Agenda(Generic[T]):
     def _interrupt(self) -> List[Decision]:
         """Stops what runs when something more urgent may run."""
         ticket, running = self._next(), self._running
-        if ticket is None or running is None or ticket.priority <= running.priority:
+        if self._paused or ticket is None or running is None or ticket.priority <= running.priority:
             return []
         return self._stop(Stop(StopKind.INTERRUPTED))
 

@@ -94,6 +94,11 @@ class Engine(Generic[J]):
         self._worker.join(timeout)
 
     @property
+    def paused(self) -> bool:
+        """Whether no further request begins."""
+        return self._agenda.paused
+
+    @property
     def running(self) -> Optional[J]:
         """The request that runs."""
         return self._agenda.running

@@ -29,6 +29,7 @@ from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
 from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.own_goals import OwnGoals
+from merlin_executor.node.pause_services import PauseServices
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
@@ -102,6 +103,7 @@ class Executor:
         self._introspection = show("EXECUTOR", self._machine)
         self._publish_status()
         self._publish_queue()
+        self._pauses = PauseServices(self._pause)
         self._engine.start()
         self._server.start()
 
@@ -116,6 +118,10 @@ class Executor:
         running = self._engine.running
         report = self._activity.report(running.texts if running else (), len(self._engine.waiting))
         return Health(WARN if report.ill else OK, report.text, report.values)
+
+    def _pause(self, paused: bool) -> None:
+        self._engine.decide(lambda agenda: agenda.pause(paused))
+        self._publish_status()
 
     # --- events, in threads of the action server ----------------------------------------------------------
 
@@ -190,6 +196,7 @@ class Executor:
         with self._publishing:
             request = self._engine.running
             status = ExecutorStatus(state=ExecutorStatus.IDLE, reason=self._activity.reason)
+            status.paused = self._engine.paused
             status.header.stamp = rospy.Time.now()
             if request is not None:
                 status.state = ExecutorStatus.CANCELLING if request.stop else ExecutorStatus.RUNNING

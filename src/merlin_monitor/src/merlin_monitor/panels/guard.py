@@ -16,10 +16,12 @@ class GuardPanel(Panel):
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)
-        self._guard = self.subscribe(
-            "merlin/guard", GuardStatus, lambda status, at: state.guard.status(status, at, time.monotonic())
-        )
+        self._guard = self.subscribe("merlin/guard", GuardStatus, self._take)
 
     def check(self, at: float, wall: float) -> None:
         """Notices a silent guard."""
         self.state.guard.check_silence(at, wall)
+
+    def _take(self, status: GuardStatus, at: float) -> None:
+        self.state.guard.status(status, at, time.monotonic())
+        self.state.now.refresh()

@@ -5,6 +5,7 @@ from typing import Any, Dict, List, Optional, Set, Tuple
 
 from merlin_monitor.state.events import Event, Tell
 from merlin_monitor.state.freshness import SILENT, Freshness
+from merlin_monitor.state.guard_section import GUARD, HELD
 from merlin_monitor.state.machine_section import MachineSection
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
@@ -38,6 +39,7 @@ _STAGES = {
 }
 _ENDS = {"succeeded": "ended", "failed": "failed", "cancelled": "been cancelled"}
 _REQUEST = re.compile(r"(?P<node>[^-]+)(?:-[0-9a-f]{12})?-\d+-\d+\.\d+(?:-leased)?\Z")
+PAUSED = "no further goal begins until the robot is resumed"
 LIVE = ("starting", "running", "paused")
 ENDED = ("succeeded", "failed", "cancelled")
 
@@ -112,6 +114,7 @@ class NowSection:
             "total": message.steps_total,
             "replans": message.replans,
             "reason": message.reason,
+            "paused": message.paused,
             "running": [
                 {
                     "id": action.action_id,
@@ -177,6 +180,10 @@ class NowSection:
         if silent is not None:
             # What was known of it may not be true any more.
             doing, because, step = f"not known: the Executor {silent['what']}", f"before: {doing}", ""
+        held = self._tree.get(GUARD, HELD)
+        if held:
+            # What the Executor does comes second: nothing of it moves the base.
+            doing, because = held, f"the Executor: {doing}"
         for name, value in (
             ("trouble", [f"{node} does not answer" for node in self._freshness.others_silent()]),
             ("doing", doing),
@@ -200,8 +207,9 @@ class NowSection:
     def _sentence(self) -> Tuple[str, str, str]:
         actions = self._actions()
         executor = self._executor
+        paused = bool(executor.get("paused"))
         if not actions and executor.get("state", "idle") == "idle":
-            return self._idle(), "", ""
+            return ("paused", PAUSED, "") if paused else (self._idle(), "", "")
         goals = executor.get("goals", [])
         because = f"because {listed(goals)} was requested by {self._who()}" if goals else ""
         if executor.get("state") == "cancelling":
@@ -210,7 +218,9 @@ class NowSection:
                 doing += " " + listed([self._in_words(action) for action in actions])
             return doing, executor.get("reason") or because, self._step(actions)
         if actions:
-            return listed([self._in_words(action) for action in actions]), because, self._step(actions)
+            then = ", then pausing" if paused else ""
+            doing = listed([self._in_words(action) for action in actions]) + then
+            return doing, because, self._step(actions)
         stage = executor.get("stage", "")
         return _STAGES.get(stage, stage.replace("_", " ").lower() or "working"), because, ""
 

@@ -12,6 +12,8 @@ SECTION = "plan"
 WAITING, DISPATCHED, RUNNING = "waiting", "dispatched", "running"
 SUCCEEDED, FAILED, CANCELLED, DROPPED = "succeeded", "failed", "cancelled", "dropped"
 ENDED = (SUCCEEDED, FAILED, CANCELLED, DROPPED)
+#: Topics overtake each other: the end of a request may come before the dispatch of its last step.
+NOT_DISPATCHED = (WAITING, DROPPED)
 CANCEL_ACTION = "cancel_action"
 MOST_REPLANS = 20  # that are shown
 LONGEST_WORDS = 4000  # characters of what a planner printed
@@ -103,7 +105,7 @@ class PlanSection:
         text = atom_text(message.name, [parameter.value for parameter in message.parameters])
         if step is None or step["text"] != text:
             return  # latched, of a plan nobody has told us
-        if step["state"] == WAITING:
+        if step["state"] in NOT_DISPATCHED:
             self._put(step, state=DISPATCHED, began=at)
         early = self._early.pop((message.plan_id, message.action_id), None)
         if early is not None:
@@ -114,7 +116,7 @@ class PlanSection:
         reason = next((pair.value for pair in message.information if pair.key == "reason"), "")
         step = self._steps.get(message.action_id)
         known = message.plan_id in (0, self._dispatch)
-        if step is None or not known or step["state"] == WAITING:
+        if step is None or not known or step["state"] in NOT_DISPATCHED:
             # Latched by each interface: it may be of an earlier plan, or of a dispatch yet to be heard of.
             if len(self._early) > 200:
                 self._early.clear()

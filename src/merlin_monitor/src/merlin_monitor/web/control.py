@@ -4,7 +4,7 @@ from typing import Any, Dict, Protocol
 
 LONGEST_GOAL = 4000  # characters
 HIGHEST_PRIORITY = 2**31 - 1
-REQUESTS = ("check", "send", "cancel", "pause", "resume", "stop", "release")
+REQUESTS = ("who", "check", "send", "cancel", "cancel_all", "pause", "resume", "stop", "release")
 
 
 class ControlError(Exception):
@@ -12,25 +12,31 @@ class ControlError(Exception):
 
 
 class ControlledRobot(Protocol):
-    """What can be asked of the robot; each method raises ControlError when it cannot be done."""
+    """What can be asked of the robot; each method raises ControlError when it cannot be done.
+
+    `by` is the name of the operator, which the history shows.
+    """
 
     def check(self, goal: str) -> None:
         """Compares a goal in PDDL with the domain and the world."""
 
-    def send(self, goal: str, priority: int) -> str:
+    def send(self, goal: str, priority: int, by: str) -> str:
         """Sends a goal; returns the id of the request."""
 
-    def cancel(self, request: str) -> None:
-        """Cancels a request."""
+    def cancel(self, request: str, by: str) -> str:
+        """Cancels a request; returns what was done."""
 
-    def pause_mission(self, pause: bool) -> str:
-        """Pauses the mission, or lets it go on; returns what it answered."""
+    def cancel_all(self, by: str) -> str:
+        """Cancels all requests; returns what was done."""
 
-    def stop(self) -> str:
+    def pause(self, pause: bool, by: str) -> str:
+        """Lets no further request begin, or the next one; returns what the Executor answered."""
+
+    def stop(self, by: str) -> str:
         """Stops the base until it is released, and cancels all requests; returns what was done."""
 
-    def release(self) -> str:
-        """Lets the base drive again; returns what the guard answered."""
+    def release(self, by: str) -> str:
+        """Lets the base drive again; returns what was done."""
 
 
 class Control:
@@ -42,32 +48,37 @@ class Control:
     def __init__(self, robot: ControlledRobot) -> None:
         self._robot = robot
 
-    def carry_out(self, what: str, fields: Dict[str, Any]) -> str:
+    def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> str:
         """Does something; returns a sentence.
 
-        :param what: check, send, cancel, pause, resume, stop or release.
+        :param what: one of `REQUESTS`.
         :param fields: goal and priority, or request.
+        :param by: the operator.
         :raises ControlError: it cannot be done.
         """
+        robot = self._robot
+        if what == "who":
+            return by
         if what == "check":
-            self._robot.check(_goal(fields))
+            robot.check(_goal(fields))
             return "The goal can be sent."
         if what == "send":
             goal, priority = _goal(fields), _priority(fields)
-            self._robot.check(goal)
-            return f"Sent as {self._robot.send(goal, priority)}."
+            robot.check(goal)
+            return f"Sent as {robot.send(goal, priority, by)}."
         if what == "cancel":
             request = fields.get("request")
             if not isinstance(request, str) or not request:
                 raise ControlError("Name the request that is to be cancelled.")
-            self._robot.cancel(request)
-            return "The cancel was sent."
+            return robot.cancel(request, by)
+        if what == "cancel_all":
+            return robot.cancel_all(by)
         if what in ("pause", "resume"):
-            return self._robot.pause_mission(what == "pause")
+            return robot.pause(what == "pause", by)
         if what == "stop":
-            return self._robot.stop()
+            return robot.stop(by)
         if what == "release":
-            return self._robot.release()
+            return robot.release(by)
         raise ControlError(f"There is nothing called {what!r}; there is {', '.join(REQUESTS)}.")
 
 

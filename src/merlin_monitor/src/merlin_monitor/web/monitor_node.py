@@ -8,13 +8,14 @@ from typing import List, Optional
 import rospkg
 import rospy
 
+from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.panel_board import PanelBoard
+from merlin_monitor.panels.control import operators_of_node
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.web.control import Control
 from merlin_monitor.web.robot_control import RobotControl
-from merlin_monitor.web.web_access import WebAccess
 from merlin_monitor.web.web_server import ServerError, WebServer
 from merlin_ros.health import OK, Health, HealthReporter
 from merlin_ros.node import on_master_replaced, run_node
@@ -42,14 +43,12 @@ def _start() -> None:
     make_folder = bool(rospy.get_param("~make_folder", True))
     state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder)
     panels = PanelBoard(state, _class_paths("~panels"))
-    token = str(rospy.get_param("~token", ""))
-    control: Optional[Control] = None
-    if token:
-        control = Control(RobotControl(state))
+    operators = operators_of_node()
+    # Operators may come later; the files of a monitor that never has any stay unwritten.
+    control = Control(RobotControl(state)) if operators is not None else None
     names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
     folder = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
-    server = WebServer(state, folder, WebAccess(host, names, token), control, host, port, panels.scripts)
-    state.tree.set("meta", "control", bool(token))
+    server = WebServer(state, folder, WebAccess(host, names, operators), control, host, port, panels.scripts)
     state.start()
     panels.start()
     server.start()

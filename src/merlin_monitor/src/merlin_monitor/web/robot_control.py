@@ -1,47 +1,56 @@
-"""Control of the robot over ROS: the Executor's public client, the mission's and the guard's services."""
+"""Control of the robot over ROS: the Executor's public client, its services, and the guard itself.
 
-import re
+A stop needs neither Executor nor planner nor state machine: the guard is told by a topic whose connection
+is there already, and its own status says whether it obeyed.
+"""
+
+import threading
+from typing import Any
 
 import rospy
 from actionlib_msgs.msg import GoalID
-from std_msgs.msg import Empty
+from merlin_msgs.msg import GuardStatus
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_monitor.state.events import Event
+from merlin_monitor.state.freshness import SILENT
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.web.control import ControlError
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import knowledge_client
 from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal
 
-MISSION_ANSWERS = 5.0  # s of wall time
+EXECUTOR_ANSWERS = 3.0  # s of wall time
 GUARD_ANSWERS = 1.0  # s of wall time
 ALL_REQUESTS = GoalID()  # a cancel without name and time is for all goals of an action (actionlib)
-_REQUEST = re.compile(r"[^\x00-\x1f]{1,500}\Z")
 
 
 class RobotControl:
     """The robot as :class:`merlin_monitor.web.control.ControlledRobot` wants it.
 
-    :param state: takes the events.
+    :param state: takes the events, and knows which requests there are.
     """
 
     def __init__(self, state: MonitorModel) -> None:
         self._state = state
         executor = str(rospy.get_param("~executor", "merlin/execute"))
-        knowledge_base = str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base"))
-        self._knowledge = knowledge_client(knowledge_base)
+        self._knowledge = knowledge_client(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
         self._client = MerlinExecutorClient(executor, knowledge_base=None)
         self._cancels = rospy.Publisher(f"{executor}/cancel", GoalID, queue_size=10)
-        self._mission = {
-            pause: ServiceProxy(f"merlin/mission/{name}", Trigger, timeout=MISSION_ANSWERS)
+        self._pause = {
+            pause: ServiceProxy(f"merlin/{name}", Trigger, timeout=EXECUTOR_ANSWERS)
             for pause, name in ((True, "pause"), (False, "resume"))
         }
-        self._stops = rospy.Publisher("merlin/stop", Empty, queue_size=1)
+        self._stops = rospy.Publisher("merlin/stop_by", String, queue_size=10, tcp_nodelay=True)
         self._stop = ServiceProxy("merlin/stop", Trigger, timeout=GUARD_ANSWERS)
         self._release = ServiceProxy("merlin/release", Trigger, timeout=GUARD_ANSWERS)
+        self._told = threading.Condition()  # guards the fields below
+        self._stopped = False
+        self._keep_paused = False  # after a release: an operator had paused before the stop
+        self._guard = rospy.Subscriber("merlin/guard", GuardStatus, self._guard_told, tcp_nodelay=True)
 
     def check(self, goal: str) -> None:
         """Compares a goal with the domain and the objects."""
@@ -50,61 +59,106 @@ class RobotControl:
         except (PDDLSyntaxError, GoalError, ServiceError) as error:
             raise ControlError(str(error)) from error
 
-    def send(self, goal: str, priority: int) -> str:
+    def send(self, goal: str, priority: int, by: str) -> str:
         """Sends a goal to the Executor."""
         if not self._client.executor_alive:
             raise ControlError("There is no Executor to send the goal to.")
         request = self._client.send(goal, priority)
-        self._tell(f"{goal} sent from the page, priority {priority}")
+        self._tell(by, f"sends {goal}, priority {priority}")
         return request.id
 
-    def cancel(self, request: str) -> None:
-        """Cancels a request of anybody."""
-        if not _REQUEST.match(request):
-            raise ControlError("That is no name of a request.")
+    def cancel(self, request: str, by: str) -> str:
+        """Cancels a request, whoever sent it."""
+        tree = self._state.tree
+        known = [waiting["request"] for waiting in tree.get("queue", "waiting") or []]
+        if request not in (*known, tree.get("now", "executor", "request")):
+            raise ControlError("There is no such request: it has ended, or there never was one.")
         self._cancels.publish(GoalID(id=request))
-        self._tell(f"cancel of {request} sent from the page")
+        self._tell(by, f"cancels {request}")
+        return f"The cancel was sent.{self._silent_executor()}"
 
-    def pause_mission(self, pause: bool) -> str:
-        """Asks the mission to pause or to go on."""
-        service = self._mission[pause]
-        if not service.available():
-            raise ControlError("The mission offers no pausing.")
-        try:
-            answer = service()
-        except ServiceError as error:
-            raise ControlError(str(error)) from error
-        if not answer.success:
-            raise ControlError(answer.message or "The mission refused.")
-        self._tell(f"mission {'paused' if pause else 'resumed'} from the page")
-        return str(answer.message)
-
-    def stop(self) -> str:
-        """Has the guard stop the base until its release, and cancels all requests of the Executor.
-
-        The topics come first: they need no answer of a process that may hang.
-        """
-        self._stops.publish(Empty())
+    def cancel_all(self, by: str) -> str:
+        """Cancels all requests."""
         self._cancels.publish(ALL_REQUESTS)
-        self._tell("stop from the page: the base stops, all requests are cancelled")
-        self._ask_guard(self._stop, "All requests were cancelled, but the base was not stopped")
-        return "All requests were cancelled; the base stands until it is released."
+        self._tell(by, "cancels all requests")
+        return f"The cancel of all requests was sent.{self._silent_executor()}"
 
-    def release(self) -> str:
+    def pause(self, pause: bool, by: str) -> str:
+        """Asks the Executor to let no further request begin, or the next one."""
+        answer = _ask(self._pause[pause], "The Executor does not pause" if pause else "It stays paused")
+        self._tell(by, "pauses: no further goal begins" if pause else "resumes: the next goal may begin")
+        return answer
+
+    def stop(self, by: str) -> str:
+        """Has the guard hold the base until its release, and cancels all requests of the Executor.
+
+        The Executor is paused too, or a mission would lose one task after the other to the stop. That may
+        take time, or not come true; nothing waits for it.
+        """
+        listening = self._stops.get_num_connections() > 0
+        self._stops.publish(String(by))
+        self._cancels.publish(ALL_REQUESTS)
+        with self._told:
+            if not self._stopped:
+                self._keep_paused = bool(self._state.tree.get("now", "executor", "paused"))
+        threading.Thread(target=self._hold_requests, args=(by,), name="hold requests", daemon=True).start()
+        self._tell(by, "stops and holds: the base stops, all requests are cancelled")
+        if not (listening and self._wait_stopped()):
+            otherwise = "The cancel of all requests was sent, but the base is NOT confirmed to be held"
+            try:
+                _ask(self._stop, otherwise)
+            except ControlError as error:
+                self._tell(by, f"stop not confirmed: {error}")
+                raise
+        return (
+            "Stopped and held, confirmed by the guard, until it is released. All requests were cancelled."
+            + self._silent_executor()
+        )
+
+    def release(self, by: str) -> str:
         """Lets the base drive again."""
-        self._ask_guard(self._release, "The base was not released")
-        self._tell("base released from the page")
-        return "The base may drive again."
-
-    def _ask_guard(self, service: ServiceProxy, otherwise: str) -> None:
-        if not service.available():
-            raise ControlError(f"{otherwise}: no velocity guard runs.")
+        _ask(self._release, "The base was not released")
+        self._tell(by, "releases the base")
+        with self._told:
+            keep, self._keep_paused = self._keep_paused, False
+        if keep:
+            return "The base may drive again. The Executor stays paused, as it was before."
         try:
-            answer = service()
-        except ServiceError as error:
-            raise ControlError(f"{otherwise}: {error}") from error
-        if not answer.success:
-            raise ControlError(f"{otherwise}: {answer.message}")
+            _ask(self._pause[False], "the Executor was not resumed")
+        except ControlError as error:
+            return f"The base may drive again; {error}"
+        return "The base may drive again, and the next goal may begin."
 
-    def _tell(self, text: str) -> None:
-        self._state.tell(Event("control", text, rospy.get_time()))
+    def _hold_requests(self, by: str) -> None:
+        try:
+            _ask(self._pause[True], "the Executor was not paused")
+        except ControlError as error:
+            self._tell(by, f"stops, but {error}")
+
+    def _guard_told(self, status: GuardStatus) -> None:
+        with self._told:
+            self._stopped = status.state == GuardStatus.STOPPED
+            self._told.notify_all()
+
+    def _wait_stopped(self) -> bool:
+        with self._told:
+            return self._told.wait_for(lambda: self._stopped, GUARD_ANSWERS)
+
+    def _silent_executor(self) -> str:
+        silent = self._state.tree.get("now", SILENT)
+        return f" The Executor {silent['what']}: it obeys when it is back." if silent else ""
+
+    def _tell(self, by: str, text: str) -> None:
+        self._state.tell(Event("control", f"{by} {text}", rospy.get_time(), {"by": by}))
+
+
+def _ask(service: Any, otherwise: str) -> str:
+    if not service.available():
+        raise ControlError(f"{otherwise}: nothing offers {service.name}.")
+    try:
+        answer = service()
+    except ServiceError as error:
+        raise ControlError(f"{otherwise}: {error}") from error
+    if not answer.success:
+        raise ControlError(f"{otherwise}: {answer.message}")
+    return str(answer.message)

@@ -11,11 +11,20 @@ from typing import Any, Awaitable, Callable, List, Mapping, Optional
 
 from aiohttp import web
 
+from merlin_monitor.access.web_access import (
+    HEADERS,
+    READ_ONLY,
+    TOKEN_HEADER,
+    RequestRefused,
+    WebAccess,
+    WrongToken,
+)
+from merlin_monitor.access.wrong_tokens import WrongTokens
+from merlin_monitor.state.events import Event
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.web.control import Control, ControlError
 from merlin_monitor.web.live_feed import LiveFeed
-from merlin_monitor.web.web_access import HEADERS, TOKEN_HEADER, RequestRefused, WebAccess
 
 PORTS_TRIED = 20  # from the wanted one on
 FILES = (".html", ".css", ".js", ".svg")
@@ -58,6 +67,7 @@ class WebServer:
         self._access = access
         self._control = control
         self._scripts = dict(scripts or {})
+        self._wrong_tokens = WrongTokens(self._tell)
         self._socket = listen(host, port)
         self.port: int = self._socket.getsockname()[1]
         shown = host if host not in ("", "0.0.0.0", "::") else socket.gethostname()
@@ -205,9 +215,13 @@ class WebServer:
     # --- control -------------------------------------------------------------------------------------------
 
     async def _serve_control(self, request: web.Request) -> web.StreamResponse:
-        self._access.check_token(request.headers.get(TOKEN_HEADER))
         if self._control is None:
-            raise RequestRefused("This monitor is read-only; start it with token:=… to control the robot.")
+            raise RequestRefused(READ_ONLY)
+        try:
+            by = self._access.operator(request.headers.get(TOKEN_HEADER))
+        except WrongToken:
+            await self._wrong_tokens.slow_down(request.remote or "an unknown address")
+            raise
         try:
             fields = json.loads(await request.text() or "{}")
             if not isinstance(fields, dict):
@@ -216,10 +230,14 @@ class WebServer:
             return web.json_response({"error": "The request is no JSON object."}, status=400)
         control, what = self._control, request.match_info["what"]
         try:
-            said = await self._loop.run_in_executor(None, lambda: control.carry_out(what, fields))
+            said = await self._loop.run_in_executor(None, lambda: control.carry_out(what, fields, by))
         except ControlError as error:
             return web.json_response({"error": str(error)}, status=409)
         return web.json_response({"done": said})
+
+    def _tell(self, text: str) -> None:
+        logging.getLogger(__name__).warning("%s", text)
+        self._state.tell(Event("control", text, self._state.tree.get("meta", "time") or 0.0))
 
 
 def listen(host: str, port: int) -> socket.socket:

@@ -1,11 +1,12 @@
 """Who may ask the page for what: Host, Origin, token, and the headers that bind the browser."""
 
-import hmac
 import ipaddress
 import re
 import socket
 from typing import FrozenSet, Iterable, Optional
 from urllib.parse import urlsplit
+
+from merlin_monitor.access.operators import Operators
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -29,20 +30,27 @@ class RequestRefused(Exception):
     """A request that is refused; the text is a sentence for who asked."""
 
 
+class WrongToken(RequestRefused):
+    """The token is no operator's."""
+
+
+READ_ONLY = "This monitor is read-only: it has no operators. Make one: rosrun merlin_monitor operator <name>"
+
+
 class WebAccess:
     """Decides about requests.
 
     :param host: address that is listened on; one that is not of this machine alone lets in requests for its
         own names and for any numeric address.
     :param names: further names under which the page may be asked for.
-    :param token: without which nothing can be controlled; empty: nothing can be at all.
+    :param operators: who may control the robot; without any, it is only shown.
     """
 
-    def __init__(self, host: str, names: Iterable[str] = (), token: str = "") -> None:
+    def __init__(self, host: str, names: Iterable[str] = (), operators: Optional[Operators] = None) -> None:
         self._any_address = not _is_loopback(host)
         own = (socket.gethostname(), socket.getfqdn()) if self._any_address else ()
         self._names: FrozenSet[str] = _LOCAL | {name.lower() for name in (host, *own, *names) if name}
-        self._token = token
+        self._operators = operators or Operators(None)
 
     def check_host(self, host: Optional[str]) -> None:
         """Refuses requests meant for another name: a foreign page that had its name point here.
@@ -71,17 +79,20 @@ class WebAccess:
         if not own:
             raise RequestRefused("Requests from pages of other sites are refused.")
 
-    def check_token(self, token: Optional[str]) -> None:
-        """Lets a request control the robot only with the right token.
+    def operator(self, token: Optional[str]) -> str:
+        """The name of the operator who has the token.
 
-        :raises RequestRefused: when the token is missing or wrong, or the monitor is read-only.
+        :raises WrongToken: when it is nobody's.
+        :raises RequestRefused: when there is none, or the monitor is read-only.
         """
-        if not self._token:
-            raise RequestRefused("This monitor is read-only; start it with token:=… to control the robot.")
+        if not self._operators.names:
+            raise RequestRefused(READ_ONLY)
         if not token:
             raise RequestRefused("A token is needed to control the robot.")
-        if not hmac.compare_digest(*(text.encode("utf-8", "surrogatepass") for text in (token, self._token))):
-            raise RequestRefused("The token is not the right one.")
+        name = self._operators.name_of(token)
+        if name is None:
+            raise WrongToken("The token is not the right one.")
+        return name
 
     def _knows(self, name: str) -> bool:
         if name in self._names:

@@ -1,0 +1,129 @@
+"""Who may control the robot: names and tokens, from a file that only its owner reads."""
+
+import hmac
+import os
+import re
+import secrets
+import threading
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Tuple
+
+import yaml
+
+SHORTEST_TOKEN = 12  # characters; a wrong one costs time, so that is out of reach for guessing
+MADE_TOKEN = 12  # bytes of a token that is made
+_NAME = re.compile(r"[\w][\w .-]{0,39}\Z")
+
+
+class OperatorsError(ValueError):
+    """The file cannot be used; the text names it and says why. Tokens are not in it."""
+
+
+class Operators:
+    """The operators of a file, read again when it has changed. Thread-safe.
+
+    :param path: ``name: token`` in YAML; None: there are no operators. It need not exist yet.
+    :raises OperatorsError: when the file exists and cannot be used.
+    """
+
+    def __init__(self, path: Optional[Path]) -> None:
+        self._path = path
+        self._lock = threading.Lock()  # guards the fields below
+        self._seen: Tuple[int, ...] = ()
+        self._tokens: Dict[str, str] = {}
+        self.trouble = ""
+        """Why the file was not taken when it was changed last; those of before stay. Empty: it was."""
+        self._refresh()
+        if self.trouble:
+            raise OperatorsError(self.trouble)
+
+    @property
+    def names(self) -> List[str]:
+        """The operators there are now."""
+        self._refresh()
+        with self._lock:
+            return list(self._tokens)
+
+    def name_of(self, token: str) -> Optional[str]:
+        """The operator with this token; None: there is none. All are compared, so the time tells nothing."""
+        self._refresh()
+        given = token.encode("utf-8", "surrogatepass")
+        with self._lock:
+            known = [(name, own.encode("utf-8")) for name, own in self._tokens.items()]
+        found = [name for name, own in known if hmac.compare_digest(given, own)]
+        return found[0] if found else None
+
+    def _refresh(self) -> None:
+        if self._path is None:
+            return
+        with self._lock:
+            try:
+                status = os.stat(self._path)
+                seen: Tuple[int, ...] = (status.st_mtime_ns, status.st_size, status.st_mode, status.st_ino)
+            except FileNotFoundError:
+                seen = ()
+            except OSError as error:
+                self.trouble = f"the operators' file {self._path} cannot be read: {error}"
+                return
+            if seen == self._seen:
+                return
+            self._seen = seen
+            try:
+                self._tokens = read_operators(self._path) if seen else {}
+                self.trouble = ""
+            except OperatorsError as error:
+                self.trouble = str(error)
+
+
+def read_operators(path: Path) -> Dict[str, str]:
+    """Names and tokens of a file.
+
+    :raises OperatorsError: when it cannot be used.
+    """
+    try:
+        mode = path.stat().st_mode
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise OperatorsError(f"the operators' file {path} cannot be read: {error}") from error
+    if mode & 0o077:
+        raise OperatorsError(f"the operators' file {path} is open to others; run: chmod 600 {path}")
+    try:
+        found: Any = yaml.safe_load(text) or {}
+    except yaml.YAMLError:  # its text would show a line, with the token
+        raise OperatorsError(f"the operators' file {path} is not YAML; write name: token") from None
+    if not isinstance(found, dict):
+        raise OperatorsError(f"the operators' file {path} is no list of name: token")
+    for name, token in found.items():
+        if not isinstance(name, str) or not _NAME.match(name):
+            raise OperatorsError(f"the operators' file {path} has {name!r}, which is no name")
+        if not isinstance(token, str) or len(token) < SHORTEST_TOKEN:
+            raise OperatorsError(
+                f"the operators' file {path}: the token of {name} has to be a text of {SHORTEST_TOKEN} or "
+                "more characters, in quotes"
+            )
+    if len(set(found.values())) < len(found):
+        raise OperatorsError(f"the operators' file {path} gives one token to two operators")
+    return found
+
+
+def write_operators(path: Path, tokens: Dict[str, str]) -> None:
+    """Replaces the file as a whole, readable for its owner only.
+
+    :raises OSError: when it cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_name(f"{path.name}.{os.getpid()}")
+    handle = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with open(handle, "w", encoding="utf-8") as file:
+        yaml.safe_dump(tokens, file, allow_unicode=True)
+    os.replace(new, path)
+
+
+def make_token() -> str:
+    """A token that cannot be guessed."""
+    return secrets.token_urlsafe(MADE_TOKEN)
+
+
+def is_name(text: str) -> bool:
+    """Whether an operator may be called so."""
+    return bool(_NAME.match(text))
