@@ -9,7 +9,7 @@ import threading
 import unittest
 
 import rospy
-from actionlib_msgs.msg import GoalStatus
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseActionResult
@@ -39,8 +39,10 @@ class Bridges(unittest.TestCase):
         cls.velocity = rospy.Subscriber("cmd_vel", Twist, cls.receive_velocity)
         cls.base_result = None
         rospy.Subscriber("move_base/result", MoveBaseActionResult, cls.receive_result)
-        cls.speech = threading.Event()
-        rospy.Subscriber("sound_play/goal", SoundRequestActionGoal, lambda message: cls.speech.set())
+        cls.asked, cls.speech = threading.Event(), threading.Event()
+        cls.sentence = ""
+        rospy.Subscriber("sound_play/goal", SoundRequestActionGoal, cls.receive_sentence)
+        rospy.Subscriber("sound_play/status", GoalStatusArray, cls.receive_speech)
         cls.health = {}
         rospy.Subscriber("/diagnostics", DiagnosticArray, cls.receive_health)
         cls.number = 0
@@ -65,6 +67,18 @@ class Bridges(unittest.TestCase):
         with cls.changed:
             cls.answers.append(message)
             cls.changed.notify_all()
+
+    @classmethod
+    def receive_sentence(cls, message):
+        cls.sentence = message.goal_id.id
+        cls.asked.set()
+
+    @classmethod
+    def receive_speech(cls, message):
+        """The server speaks: a cancel before that ends the sentence unspoken."""
+        running = [s.goal_id.id for s in message.status_list if s.status == GoalStatus.ACTIVE]
+        if cls.sentence in running:
+            cls.speech.set()
 
     @classmethod
     def receive_velocity(cls, message):
@@ -106,6 +120,12 @@ class Bridges(unittest.TestCase):
             with self.changed:
                 self.health.clear()
             self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.ERROR)
+
+    def hush(self):
+        """Forgets what was spoken before."""
+        type(self).sentence = ""
+        self.asked.clear()
+        self.speech.clear()
 
     def wait_for_connections(self):
         while not self.connected():
@@ -302,7 +322,7 @@ class Bridges(unittest.TestCase):
 
     def test_a_machine_that_does_not_stop_is_named(self):
         self.serve()
-        self.speech.clear()
+        self.hush()
         dispatch = self.dispatch("ask", p="kitchen")
         self.assertTrue(self.speech.wait(LONG))
         self.cancel(dispatch)
@@ -325,9 +345,9 @@ class Bridges(unittest.TestCase):
     def test_without_a_cancel_limit_a_machine_may_take_its_time(self):
         self.serve()
         self.bridge("ask", cancel_limit=0.0)
-        self.speech.clear()
+        self.hush()
         dispatch = self.dispatch("ask", p="kitchen")
-        self.assertTrue(self.speech.wait(LONG))
+        self.assertTrue(self.asked.wait(LONG))
         self.cancel(dispatch)
         self.assertNotIn("does not stop (", self.reason(self.final(dispatch)))
 
