@@ -124,3 +124,10 @@ def test_an_action_without_states_is_refused_when_it_is_made() -> None:
     with pytest.raises(NotImplementedError, match="Nothing has to implement build"):
         Nothing()
     assert make_machines([]) == []
+
+
+def test_a_token_tells_the_life_that_has_begun_it() -> None:
+    token = Token.read("3/1/life_1/7")
+    assert (token.key, token.life, token.number) == ((3, 1), "life_1", "7")
+    assert token.left_by_earlier("life_2") and not token.left_by_earlier("life_1")
+    assert Token.read("of another program").key is None

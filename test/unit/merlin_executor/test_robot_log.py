@@ -8,8 +8,9 @@ from merlin_msgs.msg import ExecutorStatus, ListenActionResult, ListenResult
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from sound_play.msg import SoundRequest, SoundRequestActionGoal, SoundRequestGoal
 
+from merlin_executor.core.robot_story import RobotStory, Screen
 from merlin_executor.mission import robot_log
-from merlin_executor.mission.robot_log import RobotLog, Screen
+from merlin_executor.mission.robot_log import RobotLog
 
 
 class Log:
@@ -77,12 +78,36 @@ def test_speech_is_told(log: Log) -> None:
     assert log.lines == ['says "Hello."', 'understands "yes"', "hears something it does not understand"]
 
 
-def test_lines_have_the_time_since_the_first(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+def test_lines_have_the_time_since_the_first(capsys: Any) -> None:
     times = iter([100.0, 103.25])
-    monkeypatch.setattr(robot_log.rospy, "get_time", lambda: next(times))
-    screen = Screen()
+    screen = Screen(lambda: next(times))
     screen.line("robot", "goal (checked hall)")
     screen.line("robot", "(ask hall)")
     assert (
         capsys.readouterr().out == "    0.0 s  robot   goal (checked hall)\n    3.2 s  robot   (ask hall)\n"
     )
+
+
+def test_an_action_ends_once_and_a_cancelled_one_is_no_failure() -> None:
+    lines: List[str] = []
+    failures: List[str] = []
+    story = RobotStory(lines.append, lambda action, reason: failures.append(action))
+    story.end((1, 1), 5.0, None)  # it began before this log did
+    story.begin((1, 2), "(ask hall)", 6.0)
+    story.begin((1, 3), "(ask kitchen)", 6.5)
+    story.end((1, 2), 8.0, "cancelled")
+    story.end((1, 2), 9.0, "late")
+    story.end((1, 3), 9.5, None)
+    assert [(deed.text, deed.ended, deed.reason) for deed in story.deeds] == [
+        ("(ask hall)", 8.0, "cancelled"),
+        ("(ask kitchen)", 9.5, ""),
+    ]
+    assert lines == ["(ask hall)", "(ask kitchen)", "(ask hall): cancelled"] and failures == []
+
+
+def test_what_is_seen_is_told_with_its_place() -> None:
+    lines: List[str] = []
+    story = RobotStory(lines.append, lambda action, reason: None)
+    story.see([("cup", 1.23, -0.5)])
+    story.see([])
+    assert lines == ["sees cup (1.2, -0.5)", "sees nothing"]

@@ -1,12 +1,10 @@
 """The action classes of an application, as its launch file names them."""
 
-import traceback
-from pathlib import Path
 from typing import List, Sequence
 
 import rospy
 
-from merlin_actions.core.application_check import ApplicationError
+from merlin_actions.core.application_check import ApplicationError, cannot_be_made
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.class_path import load_class
 
@@ -44,12 +42,7 @@ def make_machines(paths: Sequence[str]) -> List[MerlinActionSM]:
         try:
             machines.append(action_class())
         except Exception as error:  # users' code
-            where = traceback.extract_tb(error.__traceback__)[-1]
-            own = next(
-                (f for f in reversed(traceback.extract_tb(error.__traceback__)) if f.name == "build"), where
-            )
-            said = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-            mistakes.append(f"{path} cannot be made: {said} ({Path(own.filename).name}, line {own.lineno})")
+            mistakes.append(cannot_be_made(path, error))
     if mistakes:
         raise ApplicationError(mistakes)
     return machines

@@ -16,7 +16,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_actions.core.declared import bound, numeric_apart
-from merlin_actions.core.ending import Ending, after_closing, closing_of
+from merlin_actions.core.ending import Ending, after_closing, closing_of, information_of
 from merlin_actions.core.execution import Execution
 from merlin_actions.core.execution_queue import ExecutionQueue, Key, QueueDecision, QueueStep
 from merlin_actions.core.names import IF_INTERRUPTED, WHILE_RUNNING, action_param
@@ -187,18 +187,16 @@ class ActionInterface:
         return False
 
     def _begin(self, dispatch: ActionDispatch) -> None:
+        key = dispatch.plan_id, dispatch.action_id
         given = {parameter.key: parameter.value for parameter in dispatch.parameters}
         variables = [parameter.key for parameter in self.formula.typed_parameters]
         missing = [variable for variable in variables if variable not in given]
         if missing:
-            self._answer(
-                dispatch,
-                ActionFeedback.ACTION_FAILED,
-                f"{self.operator}: no value for parameter {', '.join('?' + name for name in missing)}",
-            )
+            names = ", ".join("?" + name for name in missing)
+            self._answer(key, Ending(False, f"{self.operator}: no value for parameter {names}"))
             return
         if master_is_lost():
-            self._answer(dispatch, ActionFeedback.ACTION_FAILED, MASTER_LOST)
+            self._answer(key, Ending(False, MASTER_LOST))
             return
         execution = Execution(dispatch, [KeyValue(key, given[key]) for key in variables], LIFE)
         with self._changed:
@@ -208,7 +206,7 @@ class ActionInterface:
         if not decisions:
             rospy.logwarn(f"{execution.text} was dispatched twice with the same ids; it runs once")
             return
-        self._answer(dispatch, ActionFeedback.ACTION_ENABLED)
+        self._answer(execution.key)
         self._carry_out(decisions)
 
     def _carry_out(self, decisions: List[QueueDecision]) -> None:
@@ -260,17 +258,9 @@ class ActionInterface:
             decisions = self._queue.end(execution.key)
         ownership.resume(execution.token)
         self._owners.forget(f"{execution.key[0]}/{execution.key[1]}")
-        if ending.succeeded:
-            self._answer(execution.dispatch, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
-        else:
+        if not ending.succeeded:
             rospy.loginfo(f"{execution.text} did not succeed: {ending.reason}")
-            self._answer(
-                execution.dispatch,
-                ActionFeedback.ACTION_FAILED,
-                ending.reason,
-                bool(ending.unstopped),
-                ending.in_vain,
-            )
+        self._answer(execution.key, ending)
         with self._changed:
             self._changed.notify_all()
         self._carry_out(decisions)
@@ -320,22 +310,13 @@ class ActionInterface:
         """
         return dict(get_param(rospy.resolve_name(action_param(self.operator)), {}))
 
-    def _answer(
-        self,
-        dispatch: ActionDispatch,
-        status: int,
-        reason: str = "",
-        unstopped: bool = False,
-        in_vain: str = "",
-    ) -> None:
-        information = [KeyValue("reason", reason)] if reason else []
-        if in_vain:
-            information.append(KeyValue("final", in_vain))
-        if unstopped:
-            information.append(KeyValue("stopped", "no"))
-        feedback = ActionFeedback(
-            action_id=dispatch.action_id, plan_id=dispatch.plan_id, status=status, information=information
-        )
+    def _answer(self, key: Key, ending: Optional[Ending] = None) -> None:
+        """Tells the dispatcher that an execution has ended; without an ending: that it is accepted."""
+        feedback = ActionFeedback(plan_id=key[0], action_id=key[1], status=ActionFeedback.ACTION_ENABLED)
+        if ending is not None:
+            succeeded = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
+            feedback.status = succeeded if ending.succeeded else ActionFeedback.ACTION_FAILED
+            feedback.information = [KeyValue(name, value) for name, value in information_of(ending).items()]
         publish(self._feedback, feedback)
 
     def _announce(self) -> None:
@@ -362,11 +343,8 @@ class ActionInterface:
     def _settle(self) -> None:
         for left in settle_left(self.knowledge, self.operator):
             rospy.logwarn(f"{left.text} was running when this node ended; its knowledge is put right")
-            self._answer(
-                ActionDispatch(plan_id=left.key[0], action_id=left.key[1]),
-                ActionFeedback.ACTION_FAILED,
-                f"the action interface of {self.operator} was restarted while it ran",
-            )
+            reason = f"the action interface of {self.operator} was restarted while it ran"
+            self._answer(left.key, Ending(False, reason))
 
 
 def wait_for_knowledge_base(name: str, timeout: float) -> None:

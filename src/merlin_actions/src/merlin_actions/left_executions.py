@@ -36,7 +36,7 @@ def settle_left(knowledge: KnowledgeClient, operator: str) -> List[LeftExecution
     settled = []
     for execution in listed(owner=rospy.get_name()).executions:
         token = Token.read(execution.token)
-        if execution.operator_name.lower() != operator.lower() or token.life == LIFE:
+        if execution.operator_name.lower() != operator.lower() or not token.left_by_earlier(LIFE):
             continue
         answer = apply(
             operator_name=execution.operator_name,

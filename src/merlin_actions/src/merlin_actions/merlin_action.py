@@ -9,12 +9,21 @@ from merlin_msgs.msg import DispatchStatus, RunActionAction, RunActionGoal
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_actions.action_interface import ActionInterface
-from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending, in_vain
+from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
+from merlin_actions.core.machine_end import GoalEnd, MachineEnd, ending_of
 from merlin_actions.core.names import ros_name
 from merlin_ros.actions.action_client import ActionClient, ClientGoal
 from merlin_ros.deadline import limit
 from merlin_ros.health import ERROR, Health
+
+_HOW = {
+    GoalStatus.SUCCEEDED: GoalEnd.SUCCEEDED,
+    GoalStatus.PREEMPTED: GoalEnd.PREEMPTED,
+    GoalStatus.RECALLED: GoalEnd.RECALLED,
+    GoalStatus.REJECTED: GoalEnd.REJECTED,
+    GoalStatus.LOST: GoalEnd.LOST,
+}
 
 
 class MerlinAction(ActionInterface):
@@ -88,8 +97,8 @@ class MerlinAction(ActionInterface):
             )
         if late and sent.status != GoalStatus.SUCCEEDED:
             reason = f"{execution.text} did not end within {self._run_limit:g} s and was stopped"
-            return Ending(False, reason, unstopped=_unstopped(sent))
-        return self._ending(execution, sent)
+            return Ending(False, reason, unstopped=_end_of(sent).unstopped)
+        return ending_of(_HOW.get(sent.status, GoalEnd.ABORTED), _end_of(sent), execution, sent.text)
 
     def _wait(self, ended: threading.Event) -> bool:
         """Waits for the end or a cancel; True when the run limit passed."""
@@ -101,25 +110,6 @@ class MerlinAction(ActionInterface):
             if longest is not None and rospy.Time.now() - begin > longest:
                 return True
         return False
-
-    @staticmethod
-    def _ending(execution: Execution, sent: ClientGoal) -> Ending:
-        if sent.status == GoalStatus.SUCCEEDED:
-            return Ending(True)
-        reason = getattr(sent.result, "reason", "") or sent.text
-        begun = sent.status not in (GoalStatus.RECALLED, GoalStatus.REJECTED)
-        if execution.cancelled.is_set() and sent.status in (GoalStatus.PREEMPTED, GoalStatus.RECALLED):
-            return Ending(False, execution.cancel_reason, begun)
-        if sent.status == GoalStatus.LOST:
-            return Ending(False, f"the state machine of {execution.text} is gone: {sent.text}")
-        reason = reason or f"{execution.text} ended with status {sent.status}"
-        outcome = getattr(sent.result, "outcome", "")
-        begun = begun and outcome != NOT_BEGUN
-        hopeless = ""
-        if outcome in (GIVEN_UP, NOT_BEGUN):
-            arguments = [parameter.value for parameter in execution.parameters]
-            hopeless = in_vain(execution.dispatch.name, arguments, str(getattr(sent.result, "about", "")))
-        return Ending(False, reason, begun, _unstopped(sent), hopeless)
 
     def start(self) -> None:
         """See :meth:`ActionInterface.start`."""
@@ -136,5 +126,6 @@ class MerlinAction(ActionInterface):
         return (dispatch.plan_id, dispatch.action_id) in self._running
 
 
-def _unstopped(sent: ClientGoal) -> str:
-    return str(getattr(sent.result, "unstopped", ""))
+def _end_of(sent: ClientGoal) -> MachineEnd:
+    """The result of a goal; a lost one has none."""
+    return MachineEnd(*(str(getattr(sent.result, name, "")) for name in MachineEnd._fields))

@@ -9,6 +9,7 @@ from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
 
 import smach
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN
+from merlin_actions.core.machine_end import GoalEnd, MachineEnd, answer_of
 from merlin_actions.core.machine_slot import MachineSlot, SlotDecision, SlotStep
 from merlin_actions.core.names import DECLARED, action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
@@ -17,7 +18,7 @@ from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
 from merlin_sm.introspection import show
 from merlin_sm.states.action_state import give_up_goals
-from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, MerlinState
 
 SHUTDOWN_WAIT = 2.0
 """Wall seconds in which a running machine can stop the robot when its node ends."""
@@ -240,23 +241,15 @@ class MerlinActionServer:
             self._crash = crash
             decisions = self._slot.end(goal.id)
         self._forget(goal)
-        self._end(goal, RunActionResult(outcome, reason, unstopped, about))
+        self._answer(goal, MachineEnd(outcome, reason, unstopped, about))
         self._carry_out(decisions)
         self._show()  # when its class was edited meanwhile
 
-    def _end(self, goal: ServerGoal, result: RunActionResult) -> None:
-        end = goal.abort
-        if result.outcome == SUCCEEDED:
-            goal.succeed(RunActionResult(outcome=SUCCEEDED))
-            return
-        if result.unstopped:
-            result.reason = f"{result.unstopped} did not stop when {self.operator} was cancelled"
-        elif goal.cancel_requested and result.outcome == PREEMPTED:
-            result.reason = result.reason or goal.cancel_reason
-            end = goal.cancelled
-        else:
-            result.reason = result.reason or f"the machine ended with {result.outcome}"
-        end(result, result.reason)
+    def _answer(self, goal: ServerGoal, end: MachineEnd) -> None:
+        reason = goal.cancel_reason if goal.cancel_requested else None
+        how, end = answer_of(end, self.operator, reason)
+        answer = {GoalEnd.SUCCEEDED: goal.succeed, GoalEnd.PREEMPTED: goal.cancelled}.get(how, goal.abort)
+        answer(RunActionResult(*end), end.reason)
 
     def _prepare(self, machine: MerlinActionSM) -> None:
         """Registers callbacks that report the present state of a machine."""

@@ -1,5 +1,6 @@
 """What the robot does, believes and says, for log, timeline and record. It changes nothing."""
 
+import threading
 from typing import Callable, List, Set
 
 import rospy
@@ -24,7 +25,9 @@ class RobotWatch(RobotLog):
         on_delivery: Callable[[str, List[str]], None],
         on_failure: Callable[[str, str], None],
     ) -> None:
+        self._log = log
         self._on_delivery = on_delivery
+        self._lock = threading.Lock()  # guards the facts
         self._facts: Set[str] = set()
         super().__init__(log, on_failure)
         for topic, kind, receive in (

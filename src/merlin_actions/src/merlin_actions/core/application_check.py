@@ -4,6 +4,8 @@ Each mistake is one sentence: where it is, what is wrong, what to do.
 """
 
 import difflib
+import traceback
+from pathlib import Path
 from typing import Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 Parameters = Sequence[Tuple[str, str]]  # variable without '?', type
@@ -120,3 +122,15 @@ def _servers(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
                 f"state {path} of {needs.name} uses the action server {server!r}, which the launch file "
                 f"does not start; start it, or remap it. It starts: {there}"
             )
+
+
+def cannot_be_made(path: str, error: Exception) -> str:
+    """Why a class of actions cannot be made, and at which line of it.
+
+    :param path: ``package.module:Class``.
+    :param error: which its constructor or its ``build`` has raised.
+    """
+    frames = traceback.extract_tb(error.__traceback__)
+    place = next((frame for frame in reversed(frames) if frame.name == "build"), frames[-1])
+    said = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    return f"{path} cannot be made: {said} ({Path(place.filename).name}, line {place.lineno})"

@@ -1,7 +1,7 @@
 """How an execution ends: its effects on the knowledge base, and the answer to the dispatcher."""
 
 from enum import Enum
-from typing import NamedTuple, Sequence
+from typing import Dict, NamedTuple, Sequence
 
 
 class Ending(NamedTuple):
@@ -15,6 +15,14 @@ class Ending(NamedTuple):
     """Name of the server that did not stop after a cancel; empty when everything has ended."""
     in_vain: str = ""
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
+
+
+def information_of(ending: Ending) -> Dict[str, str]:
+    """What a dispatcher is told beside success or failure: ``ActionFeedback.information``."""
+    if ending.succeeded:
+        return {}
+    said = {"reason": ending.reason, "final": ending.in_vain, "stopped": "no" if ending.unstopped else ""}
+    return {key: value for key, value in said.items() if value}
 
 
 GIVEN_UP = "given_up"

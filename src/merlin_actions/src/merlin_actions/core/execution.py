@@ -24,6 +24,13 @@ class Token(NamedTuple):
         plan, action = self.key or ("", "")
         return f"{plan}/{action}/{self.life}/{self.number}"
 
+    def left_by_earlier(self, life: str) -> bool:
+        """Whether another process than the one of this life has begun it: an earlier one of the same node.
+
+        :param life: of this process.
+        """
+        return self.life != life
+
     @staticmethod
     def read(text: str) -> "Token":
         """The token that was written as a text."""

@@ -11,8 +11,9 @@ from typing import Type
 import rospy
 from rosgraph.names import load_mappings
 
+from merlin_executor.core.robot_story import Screen
 from merlin_executor.mission.mission_node import MissionNode, run_mission
-from merlin_executor.mission.robot_log import RobotLog, Screen
+from merlin_executor.mission.robot_log import RobotLog
 from merlin_ros.class_path import load_class
 from merlin_ros.node import CANNOT_BEGIN, init_node
 
@@ -29,7 +30,7 @@ def main(path: str = "") -> int:
     except ValueError as error:
         print(f"mission: {error}", file=sys.stderr)
         return CANNOT_BEGIN
-    screen = Screen()
+    screen = Screen(rospy.get_time)
     if rospy.get_param("~tell", mission_class.tells):
         RobotLog(lambda text: screen.line("robot", text))
     return run_mission(mission_class)

@@ -1,0 +1,128 @@
+"""What a robot does, says, hears and sees, one line each: what was received goes in, lines come out."""
+
+import threading
+from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
+
+CANCELLED = "cancelled"
+
+
+class Deed(NamedTuple):
+    """One action that the robot carried out, s of ROS time.
+
+    Attributes:
+        text: as PDDL.
+        reason: why it failed; empty: it succeeded.
+    """
+
+    text: str
+    begun: float
+    ended: float
+    reason: str
+
+
+class RobotStory:
+    """Puts what happens into lines. Several threads may use it; :meth:`pursue` is for one.
+
+    :param log: takes a line of what happens.
+    :param on_failure: called with an action as PDDL and the reason.
+    """
+
+    def __init__(self, log: Callable[[str], None], on_failure: Callable[[str, str], None]) -> None:
+        self._log = log
+        self._on_failure = on_failure
+        self._lock = threading.Lock()  # guards the two below
+        self._running: Dict[Tuple[int, int], Tuple[str, float]] = {}
+        self.deeds: List[Deed] = []
+        self._request = ""
+        self._goal = ""
+        self._known_requests: Set[str] = set()
+
+    def pursue(self, request: str, goals: Sequence[str], priority: int, reason: str) -> None:
+        """The Executor works on a request; one line when it is another one than before.
+
+        :param request: its id; empty: on none.
+        :param reason: why the last one ended, ``goals: reason``.
+        """
+        if request == self._request:
+            return
+        if self._request:
+            self._log(f"goal {self._goal}: {reason.partition(': ')[2] or 'left'}")
+        self._request = request
+        if request:
+            self._goal = goal_text(goals, priority)
+            again = "goes on with" if request in self._known_requests else "goal"
+            self._known_requests.add(request)
+            self._log(f"{again} {self._goal}")
+
+    def begin(self, key: Tuple[int, int], text: str, at: float) -> None:
+        """An action is dispatched.
+
+        :param key: plan id and action id.
+        :param at: s of ROS time.
+        """
+        with self._lock:
+            self._running[key] = (text, at)
+        self._log(text)
+
+    def end(self, key: Tuple[int, int], at: float, failure: Optional[str]) -> None:
+        """An action has ended; one that never began, or has ended before, is left out.
+
+        :param failure: why it failed; None: it succeeded.
+        """
+        reason = "" if failure is None else failure or "failed"
+        with self._lock:
+            text, begun = self._running.pop(key, ("", 0.0))
+            if text:
+                self.deeds.append(Deed(text, begun, at, reason))
+        if text and failure is not None:
+            self._log(f"{text}: {reason}")
+            if reason != CANCELLED:
+                self._on_failure(text, reason)
+
+    def speak(self, text: str) -> None:
+        """The robot says something."""
+        self._log(f'says "{text}"')
+
+    def hear(self, text: str, heard: bool) -> None:
+        """The robot has listened.
+
+        :param text: what it understood; empty: nothing.
+        :param heard: whether there was anything to hear.
+        """
+        if text:
+            self._log(f'understands "{text}"')
+        elif heard:
+            self._log("hears something it does not understand")
+
+    def see(self, seen: Sequence[Tuple[str, float, float]]) -> None:
+        """The robot has looked.
+
+        :param seen: name, x, y of what it recognised.
+        """
+        things = [f"{name} ({x:.1f}, {y:.1f})" for name, x, y in seen]
+        self._log(f"sees {', '.join(things) or 'nothing'}")
+
+
+class Screen:
+    """Prints lines with the time since the first one, one line at a time.
+
+    :param clock: s.
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()  # guards the begin, and keeps lines apart
+        self._begin: Optional[float] = None
+
+    def line(self, speaker: str, text: str) -> None:
+        """Prints a line."""
+        with self._lock:
+            now = self._clock()
+            self._begin = now if self._begin is None else self._begin
+            print(f"{now - self._begin:7.1f} s  {speaker:<7} {text}", flush=True)
+
+
+def goal_text(goals: Sequence[str], priority: int) -> str:
+    """Goals in a few words."""
+    more = f" and {len(goals) - 1} more" if len(goals) > 1 else ""
+    return f"{goals[0] if goals else ''}{more}{', urgent' if priority else ''}"
