@@ -1,4 +1,4 @@
-"""Lets the tests of the planning system import `dispatch_world`."""
+"""Lets the tests of the planning system import `dispatch_world` and `execution_store`."""
 
 import sys
 from pathlib import Path

@@ -1,0 +1,114 @@
+"""Numbers of an interrupted execution: what was really done is charged."""
+
+import shutil
+
+import pytest
+from execution_store import add, apply, facts, value
+
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
+from merlin_rosplan.storage.state_file import StateFile
+
+COURIER = parse_domain(
+    """(define (domain courier) (:types place)
+    (:predicates (at ?p - place)) (:functions (battery) (heat) (cost ?p - place))
+    (:durative-action drive :parameters (?from ?to - place) :duration (= ?duration 10)
+      :effect (and (at start (not (at ?from))) (at start (decrease (battery) 5)) (increase (heat) (* #t 2))
+        (at end (at ?to)))))"""
+)
+GIVE_BACK = "(increase (battery) (* 5 (- 1 (/ #t ?duration))))"
+
+
+class Clock:
+    seconds = 0.0
+
+    def __call__(self):
+        return int(self.seconds * 1e9) + 1
+
+
+@pytest.fixture
+def courier():
+    clock = Clock()
+    store = KnowledgeStore(COURIER, clock=clock)
+    add(store, Instance("place", "a"), Instance("place", "b"), Fact("at", ("a",)))
+    add(
+        store,
+        FunctionValue("battery", (), 50.0),
+        FunctionValue("heat", (), 0.0),
+        FunctionValue("cost", ("b",), 3.0),
+    )
+    return store, clock
+
+
+WAY = {"from": "a", "to": "b"}
+
+
+@pytest.mark.parametrize(
+    ("seconds", "battery"), [(0.0, 50.0), (0.3, 49.85), (5.0, 47.5), (10.0, 45.0), (99.0, 45.0)]
+)
+def test_an_interruption_charges_what_was_really_done(courier, seconds, battery):
+    store, clock = courier
+    apply(store, "start", "t", "drive", WAY, "/n", [], ["(at b)", GIVE_BACK])
+    assert value(store, "battery") == 45
+    clock.seconds = seconds
+    assert apply(store, "interrupt", "t") == ""
+    assert value(store, "battery") == pytest.approx(battery)
+    assert value(store, "heat") == pytest.approx(2 * min(seconds, 10.0))
+    assert facts(store) == {"(at b)"}
+    assert apply(store, "interrupt", "t") == "nothing to interrupt"  # and not twice
+    assert value(store, "battery") == pytest.approx(battery)
+
+
+def test_continuous_effects_count_where_the_rest_is_undone(courier):
+    store, clock = courier
+    apply(store, "start", "t", "drive", WAY)
+    clock.seconds = 2.0
+    apply(store, "interrupt", "t")
+    assert (value(store, "battery"), value(store, "heat"), facts(store)) == (50, 4, {"(at a)"})
+    apply(store, "start", "u", "drive", WAY)
+    clock.seconds = 4.0
+    apply(store, "rollback", "u")  # it never began
+    assert (value(store, "battery"), value(store, "heat")) == (50, 4)
+
+
+def test_numbers_of_an_interruption_survive_a_crash_of_the_knowledge_base(tmp_path):
+    clock = Clock()
+    path = tmp_path / "state"
+    store = KnowledgeStore(COURIER, clock=clock, journal=StateFile(str(path), COURIER))
+    add(store, Instance("place", "a"), Instance("place", "b"), FunctionValue("battery", (), 50.0))
+    add(store, FunctionValue("heat", (), 0.0), FunctionValue("cost", ("b",), 3.0))
+    apply(store, "start", "t", "drive", WAY, "/n", [], [GIVE_BACK, "(decrease (battery) (cost b))"])
+    shutil.copytree(tmp_path, tmp_path / "copy", ignore=shutil.ignore_patterns("copy"))
+    back = KnowledgeStore(COURIER, clock=clock, journal=StateFile(str(tmp_path / "copy" / "state"), COURIER))
+    clock.seconds = 4.0
+    for found in (store, back):
+        assert apply(found, "interrupt", "t") == ""
+        assert value(found, "battery") == pytest.approx(50 - 5 * 0.4 - 3)
+    assert back.executions() == []
+
+
+def test_an_interruption_ends_although_a_number_is_gone(courier):
+    store, _ = courier
+    apply(store, "start", "t", "drive", WAY, "/n", [], ["(at b)", "(decrease (battery) (cost b))"])
+    with store.transaction() as change:
+        change.remove(Instance("place", "b"))
+    assert "there is no number: (decrease (battery) (cost b))" in apply(store, "interrupt", "t")
+    assert store.executions() == [] and value(store, "battery") == 45
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("(decrease (batery) 1)", "batery"),
+        ("(decrease (battery))", "takes a function and a value"),
+        ("(decrease (battery) (cost moon))", "unknown object 'moon'"),
+        ("(decrease (battery) lots)", "lots"),
+    ],
+)
+def test_numbers_of_an_interruption_are_checked_before_anything_begins(courier, text, reason):
+    store, _ = courier
+    with pytest.raises(UpdateRefused, match=reason):
+        apply(store, "start", "t", "drive", WAY, "/n", [], [text])
+    assert value(store, "battery") == 50 and store.executions() == []
