@@ -102,7 +102,7 @@ export class GraphView {
     if (first && first.id !== this.followed) this.follow(first);
   }
 
-  // Scrolls to a node of a picture that is larger than its box, unless somebody is looking around in it.
+  // Scrolls to a node of a picture that is larger than its box, unless the user is looking around in it.
   follow(node) {
     const box = this.container;
     const root = box.querySelector("svg");

@@ -1,6 +1,6 @@
 """Passes on what the nodes of a run write to standard error, until the run ends.
 
-A node that is stopped while it still starts dies with a traceback that tells nobody anything; a warning in
+A node that is stopped while it still starts dies with a traceback that says nothing to a user; a warning in
 the middle of a run does. So the lines go to the screen while the run lasts, and to the log file always.
 """
 

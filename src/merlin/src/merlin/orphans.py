@@ -25,7 +25,7 @@ def adopt_orphans() -> bool:
 
 
 def children() -> List[int]:
-    """Process ids of the children of this process, ended ones that nobody waited for included."""
+    """Process ids of the children of this process, ended ones that were not waited for included."""
     found = []
     for entry in os.listdir("/proc"):
         if not entry.isdigit():

@@ -81,8 +81,8 @@ class ServiceProxy:
     :param name: of the service, relative names allowed.
     :param service_class: the generated service type.
     :param timeout: longest wait for an answer, s of wall time; None: as long as it takes.
-    :param patience: longest wait of the first call for the service to be offered, s of wall time: whoever is
-        started together with the server may call at once.
+    :param patience: longest wait of the first call for the service to be offered, s of wall time: a client
+        that is started together with the server may call at once.
     """
 
     def __init__(

@@ -27,7 +27,7 @@ _NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,250}[A-Za-z0-9])?\Z")
 
 
 class RequestRefused(Exception):
-    """A request that is refused; the text is a sentence for who asked."""
+    """A request that is refused; the text is a sentence for the client."""
 
 
 class WrongToken(RequestRefused):
@@ -43,7 +43,7 @@ class WebAccess:
     :param host: address that is listened on; one that is not of this machine alone lets in requests for its
         own names and for any numeric address.
     :param names: further names under which the page may be asked for.
-    :param operators: who may control the robot; without any, it is only shown.
+    :param operators: those that may control the robot; without any, it is only shown.
     """
 
     def __init__(self, host: str, names: Iterable[str] = (), operators: Optional[Operators] = None) -> None:
@@ -82,7 +82,7 @@ class WebAccess:
     def operator(self, token: Optional[str]) -> str:
         """The name of the operator who has the token.
 
-        :raises WrongToken: when it is nobody's.
+        :raises WrongToken: when no operator has it.
         :raises RequestRefused: when there is none, or the monitor is read-only.
         """
         if not self._operators.names:

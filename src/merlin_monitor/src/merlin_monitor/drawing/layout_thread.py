@@ -1,4 +1,4 @@
-"""A thread that has pictures laid out, so that nobody waits for Graphviz."""
+"""A thread that has pictures laid out, so that no caller waits for Graphviz."""
 
 import threading
 from typing import Any, Callable, Dict, Optional, Tuple

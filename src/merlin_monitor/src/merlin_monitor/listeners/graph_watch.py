@@ -1,4 +1,4 @@
-"""Notices topics and services that appear and vanish. The master tells nobody, so it is asked."""
+"""Notices topics and services that appear and vanish. The master sends no events, so it is asked."""
 
 import threading
 from typing import Callable, Dict, List, Optional
@@ -11,7 +11,7 @@ PERIOD = 1.0  # s of wall time
 
 
 class GraphWatch:
-    """Asks the master once per period and tells who wants to know.
+    """Asks the master once per period which topics have publishers.
 
     :param look: called with the topics that have publishers (name → type), in the watch's thread.
     """

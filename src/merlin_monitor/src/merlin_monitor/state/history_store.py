@@ -38,8 +38,8 @@ class HistoryStore:
     :param path: of the file.
     :param limit: most events that are kept; the oldest go first.
     :param on_events: called with the events as they were stored, in the store's thread.
-    :param make_folder: whether the file's folder is made. Otherwise events are kept in memory until somebody
-        has made it, so that a run which never began leaves nothing behind.
+    :param make_folder: whether the file's folder is made. Otherwise events are kept in memory until it
+        exists, so that a run which never began leaves nothing behind.
     :raises HistoryError: the file cannot be used.
     """
 
@@ -117,7 +117,7 @@ class HistoryStore:
                 if job is not None and isinstance(job[1], Future):
                     _answer(*job)
             if None in jobs:
-                with contextlib.suppress(sqlite3.Error):  # nobody is left to be told
+                with contextlib.suppress(sqlite3.Error):  # there is no one left to report to
                     self._leave_memory()
                 self._connection.close()
                 return
@@ -222,7 +222,7 @@ def _begin(connection: sqlite3.Connection) -> int:
 def _answer(question: Callable[[], A], answer: "Future[A]") -> None:
     try:
         answer.set_result(question())
-    except Exception as error:  # told to who asked; the history goes on
+    except Exception as error:  # raised in the caller; the history goes on
         answer.set_exception(HistoryError(f"the history could not be read: {error}"))
 
 

@@ -7,7 +7,7 @@ import time
 import traceback
 from typing import Any, Callable, Optional
 
-WAITING = 2000  # messages; who brings more waits, and rospy drops the oldest of its topic
+WAITING = 2000  # messages; a callback that brings more waits, and rospy drops the oldest of its topic
 
 
 class Inbox:

@@ -52,7 +52,7 @@ class KnowledgeSection:
     def replace(self, contents: Contents, by: str, at: float, first: bool) -> None:
         """Takes all there is, read by services.
 
-        :param by: who is said to have changed what differs from before.
+        :param by: the node that is said to have changed what differs from before.
         :param at: ROS time, s.
         :param first: whether there was nothing before, so that nothing counts as changed.
         """

@@ -17,7 +17,7 @@ _INK = {"free": 0, "unknown": 40, "occupied": 255}  # opacity
 
 
 class MapSection:
-    """Keeps the section ``map`` of the state; the picture itself is fetched by who draws."""
+    """Keeps the section ``map`` of the state; the picture itself is fetched by the page."""
 
     def __init__(self, tree: StateTree) -> None:
         self._tree = tree
@@ -66,7 +66,7 @@ class MapSection:
             try:
                 points[name] = [float(place["x"]), float(place["y"]), float(place.get("yaw", 0.0))]
             except (TypeError, KeyError, ValueError, AttributeError):
-                continue  # somebody else's parameter of that name
+                continue  # another node's parameter of that name
         self._tree.set(SECTION, "points", points)
         return list(points)
 

@@ -78,7 +78,7 @@ class NowSection:
     def mission(self, message: Any, at: float, node: str = "") -> None:
         """Takes a message with the fields of merlin_msgs/MissionStatus.
 
-        :param node: that sent it; with its name a request of somebody else is told from the mission's.
+        :param node: that sent it; with its name a request of another client is told from the mission's.
         """
         self._mission_node = node
         state = _word(MISSION_STATES, message.state)

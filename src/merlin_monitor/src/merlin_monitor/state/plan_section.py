@@ -104,7 +104,7 @@ class PlanSection:
         step = self._steps.get(message.action_id)
         text = atom_text(message.name, [parameter.value for parameter in message.parameters])
         if step is None or step["text"] != text:
-            return  # latched, of a plan nobody has told us
+            return  # latched, of a plan that was not received
         if step["state"] in NOT_DISPATCHED:
             self._put(step, state=DISPATCHED, began=at)
         early = self._early.pop((message.plan_id, message.action_id), None)
@@ -186,7 +186,7 @@ class PlanSection:
                 self._put(step, state=DROPPED)
 
     def _catch_up(self, at: float) -> None:
-        """Whoever comes in the middle of a dispatch gets the latched messages before or after the plan."""
+        """Started in the middle of a dispatch, it gets the latched messages before or after the plan."""
         self.dispatcher(self._status, at)
         for (plan_id, identity), (status, reason, told) in list(self._early.items()):
             step = self._steps.get(identity)

@@ -1,6 +1,6 @@
 """The state that is shown: a tree of plain values, and feeds of what changed in it.
 
-A change is a path and its new value, or a path alone for what is gone. Whoever reads slower than the state
+A change is a path and its new value, or a path alone for what is gone. A reader that is slower than the state
 changes misses nothing and stores little: of several changes of one path only the last is kept, and beyond
 a limit the whole state takes their place.
 """

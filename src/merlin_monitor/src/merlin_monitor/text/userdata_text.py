@@ -1,6 +1,6 @@
 """Userdata of a state machine as text, read from its pickle without making a single object of it.
 
-A pickle is a program: whoever unpickles it runs what it names. This reader follows the opcodes itself and
+A pickle is a program: unpickling runs what it names. This reader follows the opcodes itself and
 keeps a note where the program would import or call something, so nothing is executed and nothing imported.
 """
 

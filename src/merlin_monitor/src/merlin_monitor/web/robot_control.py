@@ -68,7 +68,7 @@ class RobotControl:
         return request.id
 
     def cancel(self, request: str, by: str) -> str:
-        """Cancels a request, whoever sent it."""
+        """Cancels a request of any client."""
         tree = self._state.tree
         known = [waiting["request"] for waiting in tree.get("queue", "waiting") or []]
         if request not in (*known, tree.get("now", "executor", "request")):

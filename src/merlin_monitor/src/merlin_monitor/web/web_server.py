@@ -44,7 +44,7 @@ class WebServer:
 
     :param state: the model that is shown.
     :param folder: of the page's files.
-    :param access: who may come in.
+    :param access: which requests are served.
     :param control: of the robot; None: it is only shown.
     :param host: address to listen on.
     :param port: wanted; if it is taken, the next free one. 0: any free one.
@@ -113,7 +113,7 @@ class WebServer:
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_until_complete(self._serve())
-        except Exception as error:  # told to who waits for the start
+        except Exception as error:  # reported to the thread that waits for the start
             self._failed = f"the web server failed: {type(error).__name__}: {error}"
         finally:
             self._started.set()
@@ -129,7 +129,7 @@ class WebServer:
         await self._live.close()
         await runner.cleanup()
 
-    # --- who comes in --------------------------------------------------------------------------------------
+    # --- requests ------------------------------------------------------------------------------------------
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -145,7 +145,7 @@ class WebServer:
         except web.HTTPException as error:
             error.headers.update(HEADERS)
             raise
-        except Exception as error:  # told without a traceback to who asked, and with the headers
+        except Exception as error:  # answered without a traceback, and with the headers
             logging.getLogger(__name__).exception("%s %s", request.method, request.path)
             response = web.Response(status=500, text=f"The monitor failed: {type(error).__name__}.\n")
         if not response.prepared:

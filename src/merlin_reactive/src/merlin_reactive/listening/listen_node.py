@@ -54,7 +54,7 @@ class ListenNode:
         if self._trouble:
             return Health(ERROR, self._trouble, values)
         if not self._subscriber.get_num_connections():
-            return Health(WARN, f"nobody publishes {self._subscriber.name}: there is nothing to hear", values)
+            return Health(WARN, f"no publisher on {self._subscriber.name}: there is nothing to hear", values)
         return Health(OK, "listening" if self._listening else "ready", values)
 
     def _receive(self, message: AudioData) -> None:
@@ -116,12 +116,12 @@ class ListenNode:
             if left <= 0.0 and utterance is None:
                 utterance = detector.finish()
                 if utterance is None:
-                    goal.succeed(ListenResult(), f"nobody spoke within {timeout:.1f} s")
+                    goal.succeed(ListenResult(), f"no speech within {timeout:.1f} s")
                     return
         said = self._recognizer.understand(utterance)
         self._heard += 1
         self._understood += bool(said.text)
-        text = f"understood: {said.text}" if said.text else "somebody spoke, but was not understood"
+        text = f"understood: {said.text}" if said.text else "speech that was not understood"
         goal.succeed(ListenResult(text=said.text, confidence=said.confidence, heard=True), text)
 
 

@@ -48,8 +48,8 @@ class Component(metaclass=_ComponentType):
     :param scope: namespace of this component's names and parameters, relative to the node's namespace or
         absolute. A component that has a node of its own takes the name of that node.
 
-    A subclass makes its publishers, services and subscribers in ``__init__`` (in this order: whoever is
-    called must be able to publish) and raises :class:`ComponentError` when it cannot start.
+    A subclass makes its publishers, services and subscribers in ``__init__`` (in this order: a callback
+    must be able to publish) and raises :class:`ComponentError` when it cannot start.
     """
 
     _running: ClassVar[Dict[str, "Component"]] = {}

@@ -9,7 +9,7 @@ import smach
 from smach.exceptions import InvalidStateError, InvalidTransitionError, InvalidUserCodeError
 from smach.state import State
 
-CHECK_SHUTDOWN = 1.0  # s between looks at smach.is_shutdown, where nobody calls smach.log.notify_shutdown
+CHECK_SHUTDOWN = 1.0  # s between looks at smach.is_shutdown, where smach.log.notify_shutdown is not called
 SHUTDOWN_GRACE = 1.0  # s that children get to end after a shutdown
 
 
@@ -40,7 +40,7 @@ class ConcurrentRun:
         :return: False if it was ended by a shutdown.
         :raises InvalidStateError: a child or a callback failed; its cause is the first failure.
         """
-        # All are registered before the first runs, so whoever ends at once can preempt all others.
+        # All are registered before the first runs, so a child that ends at once can preempt all others.
         begins = {
             label: self._container._start_child(label, child) for label, child in self._children.items()
         }
@@ -159,7 +159,7 @@ class ConcurrentRun:
         return list(self._children) if answer else []
 
     def _fail(self, what: str, error: BaseException) -> None:
-        """Notes the first failure and preempts who still runs."""
+        """Notes the first failure and preempts the children that still run."""
         text = "".join(traceback.format_exception(type(error), error, error.__traceback__))
         failure = InvalidStateError(f"{what}: {type(error).__name__}: {error}\n{text}")
         failure.__cause__ = error

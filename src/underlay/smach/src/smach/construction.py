@@ -51,7 +51,7 @@ def innermost(kind: type, method: str) -> Any:
     """The innermost open container of this thread.
 
     :param kind: the class it must be of.
-    :param method: who asks, for the error.
+    :param method: the method that asks, for the error.
     :raises InvalidStateError: none is open, or one of another kind.
     """
     if not _stack.open:

@@ -19,7 +19,7 @@ class InvalidStateError(SmachError):
 
 
 class InvalidTransitionError(SmachError):
-    """An outcome or a transition that nobody declared."""
+    """An outcome or a transition that was not declared."""
 
 
 class InvalidConstructionError(SmachError):

@@ -77,7 +77,7 @@ class State:
     def prepare_run(self) -> None:
         """Begins the next run before it is executed: requests up to now are forgotten, later ones count.
 
-        For who starts the execution in another thread and may preempt it before that has come to
+        For a caller that starts the execution in another thread and may preempt it before that has come to
         ``execute()``. SMACH has no such method.
         """
         with flag_lock:

@@ -14,7 +14,7 @@ _strict = True
 
 
 class MissingKeyError(KeyError, AttributeError):
-    """A userdata key that nobody has set; both kinds of error, for it is read both ways."""
+    """A userdata key that was never set; both kinds of error, for it is read both ways."""
 
     def __str__(self) -> str:
         return str(self.args[0]) if self.args else ""
@@ -89,7 +89,7 @@ class UserData:
         raise MissingKeyError(f"userdata has no key '{key}'; its keys: {known}")
 
     def __setitem__(self, key: str, value: Any) -> None:
-        # Who writes from another thread while the container runs is not part of that run.
+        # A thread that writes while the container runs is not part of that run.
         self._put(key, value, self._in_run and run_context.executing())
 
     def __delitem__(self, key: str) -> None:

@@ -170,7 +170,7 @@ class ActionConnection:
             self.forget(goal)
 
     def forget(self, goal: SentGoal) -> None:
-        """Nobody waits for this goal any more."""
+        """Drops a goal: no state waits for it any more."""
         with self.changed:
             self._goals.pop(goal.id, None)
 
@@ -223,7 +223,7 @@ class ActionConnection:
 
 
 class _Listener(rospy.SubscribeListener):
-    """Wakes who waits for a server."""
+    """Wakes states that wait for a server."""
 
     def __init__(self, changed: threading.Condition) -> None:
         super().__init__()

@@ -1,8 +1,8 @@
 """Introspection: containers shown to, and set up from, other processes such as smach_viewer.
 
-The topics of a server carry all its containers, so latching, which keeps one message, cannot serve who comes
-late. Instead every new subscriber gets the state of all containers at once, to itself. One thread per server
-encodes and publishes; a container that makes a transition only leaves a note for it.
+The topics of a server carry all its containers, so latching, which keeps one message, cannot serve a late
+viewer. Instead every new subscriber gets the state of all containers at once, to itself. One thread per
+server encodes and publishes; a container that makes a transition only leaves a note for it.
 """
 
 import threading

@@ -18,7 +18,7 @@ from smach.state import names
 from smach_ros.user_callback import UserCallback, check_slots, fill
 from smach_ros.waiting import Duration, WallDeadline, wait
 
-ASK_MASTER = 0.1  # s between questions for a service that does not exist yet; nobody announces it
+ASK_MASTER = 0.1  # s between questions for a service that does not exist yet; there is no event for it
 
 
 class ServiceState(smach.State):
@@ -210,7 +210,7 @@ class _Call:
     def give_up(self) -> None:
         """Breaks the connection, which ends the thread."""
         transport = self._proxy.transport
-        # Closing a socket does not wake who reads from it; shutting it down does.
+        # Closing a socket does not wake a thread that reads from it; shutting it down does.
         with contextlib.suppress(OSError, AttributeError):
             transport.socket.shutdown(socket.SHUT_RDWR)
 

@@ -140,7 +140,7 @@ class SimpleActionState(smach.State):
             rospy.logerr(f"Action {self._action_name}: no goal could be made\n{traceback.format_exc()}")
             return "aborted"
         with connection.changed:
-            # Whoever preempts sets the flag first and looks for a goal to cancel then, under the same lock.
+            # A preempting thread sets the flag first, then looks for a goal to cancel, under the same lock.
             if self.preempt_requested():
                 return self._preempted()
             try:
@@ -188,7 +188,7 @@ class SimpleActionState(smach.State):
         return False
 
     def _wait_for_end(self, connection: ActionConnection, sent: SentGoal) -> bool:
-        """Waits until the goal has ended or nobody will end it.
+        """Waits until the goal has ended or its server is lost.
 
         :return: whether exec_timeout passed.
         """

@@ -1,7 +1,7 @@
 """Userdata in introspection messages: a protocol-2 pickle of the dict, base64, as smach_viewer expects it.
 
-Reading builds plain values and ROS messages only. A pickle may name any function and have it called; whoever
-can publish could run code, so every other name is refused.
+Reading builds plain values and ROS messages only. A pickle may name any function and have it called; any
+node that can publish could run code, so every other name is refused.
 """
 
 import base64
