@@ -113,9 +113,12 @@ class Planner(unittest.TestCase):
             self.assertEqual(sent.result.result_status, state, sent.text)
             if state == "SOLVED":
                 with self.changed:
-                    self.assertTrue(self.changed.wait_for(lambda: self.plans, LONG))
-                    self.assertNotIn("(navigate anywhere bathroom)", self.plans[-1].lower())
-                    self.assertIn("bathroom", self.plans[-1].lower())
+                    # An earlier test's plan may come first; none of them has to do with the bathroom.
+                    found = self.changed.wait_for(
+                        lambda: [plan for plan in self.plans if "bathroom" in plan.lower()], LONG
+                    )
+                self.assertTrue(found, self.plans)
+                self.assertNotIn("(navigate anywhere bathroom)", found[0].lower())
         self.assertTrue(self.plan(goal))
         with self.changed:
             fits = "(navigate anywhere bathroom)"
@@ -129,8 +132,9 @@ class Planner(unittest.TestCase):
         subscriber = rospy.Subscriber(f"{NODE}/planner_output", String, lambda m: self.note(late, m.data))
         self.addCleanup(subscriber.unregister)
         with self.changed:
-            self.assertTrue(self.changed.wait_for(lambda: late, LONG))
-        self.assertIn("(navigate anywhere kitchen)", late[0])
+            # rospy hands a further subscriber what this process received last: first an older plan.
+            arrived = self.changed.wait_for(lambda: any("anywhere kitchen" in plan for plan in late), LONG)
+            self.assertTrue(arrived, late)
 
     def test_why_there_is_no_plan_reaches_service_action_and_topic(self):
         for goal, command, state, part in (
