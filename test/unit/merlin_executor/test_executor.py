@@ -144,6 +144,7 @@ class Bench:
             ("GuardClient", lambda: None),
             ("OwnGoals", lambda *_: own),
             ("LeaseHolder", lambda topic: None),
+            ("PauseServices", self.serve_pause),
             ("ExecutorSM", lambda *_: self.machine),
             ("show", lambda *_: SimpleNamespace(stop=lambda: None)),
             ("publish", lambda publisher, message: self.statuses.append(message)),
@@ -155,6 +156,9 @@ class Bench:
             monkeypatch.setattr(rospy, level, lambda *_: None)
         self.executor = Executor(self.knowledge, None)  # type: ignore[arg-type]
         self.executor.start()
+
+    def serve_pause(self, switch: Callable[[bool], None]) -> None:
+        self.pause = switch
 
     def send(self, goal: Goal) -> Goal:
         self.callbacks["goal"](goal)
@@ -173,6 +177,19 @@ class Bench:
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     return Bench(monkeypatch)
+
+
+def test_a_pause_lets_the_running_request_go_on_and_keeps_the_next_one_waiting(bench: Bench) -> None:
+    first = bench.run(Goal("(checked kitchen)"))
+    bench.pause(True)
+    second = bench.send(Goal("(checked hall)"))
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert first.end()[1] == "SUCCEEDED"
+    assert not bench.machine.begun.acquire(blocking=False) and bench.statuses
+    bench.pause(False)
+    assert bench.machine.begun.acquire(timeout=LONG)
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert second.end()[1] == "SUCCEEDED"
 
 
 def test_a_request_is_run_and_answered(bench: Bench) -> None:
