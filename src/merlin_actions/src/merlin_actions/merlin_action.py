@@ -61,7 +61,8 @@ class MerlinAction(ActionInterface):
         if not self._client.wait_for_server(self._server_wait, execution.cancelled.is_set):
             if execution.cancelled.is_set():
                 return Ending(False, execution.cancel_reason, begun=False)
-            reason = f"no action server {self._client.name} within {self._server_wait:g} s"
+            missing = self._client.missing
+            reason = f"no action server {self._client.name} within {self._server_wait:g} s ({missing})"
             return Ending(False, reason, begun=False)
         return None
 

@@ -152,18 +152,30 @@ class ActionClient:
 
     @property
     def alive(self) -> bool:
-        """Whether a server is connected and not silent.
+        """Whether a server is connected and not silent; see :attr:`missing`."""
+        return not self.missing
+
+    @property
+    def missing(self) -> str:
+        """What keeps the server from being used, as part of a sentence; empty when nothing does.
 
         Its link for results counts when a status has come after it: rospy's publisher greets a subscriber
         before it sends to it, so the result of a goal that is sent at once could be lost.
         """
         last = self._last_status
-        return (
-            last is not None
-            and self._proved == self._server
-            and self._connected()
-            and running_time() - last < CONNECTED_SILENCE
-        )
+        if last is None:
+            return "its status was never heard"
+        silent = running_time() - last
+        if silent >= CONNECTED_SILENCE:
+            return f"it has been silent for {silent:.1f} s"
+        links = {
+            "goals": self._goal_publisher.impl.has_connection(self._server),
+            "cancels": self._cancel_publisher.impl.has_connection(self._server),
+            "results": self._proved == self._server,
+            "status and feedback": self._connected(),
+        }
+        lacking = next((name for name, there in links.items() if not there), "")
+        return f"it speaks, but has no connection for {lacking}" if lacking else ""
 
     def wait_for_server(
         self, timeout: Optional[float] = None, unless: Callable[[], bool] = lambda: False
