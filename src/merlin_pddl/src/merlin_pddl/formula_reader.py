@@ -281,10 +281,9 @@ class FormulaReader:
         for part, parameter in zip(node[1:], wanted):
             term = self.term(part, scope)
             actual = self.types_of(term, scope)
-            # a variable of a wider type may still hold an object that fits
-            if not self._domain.accepts(parameter.types, actual) and not self._domain.accepts(
-                actual, parameter.types
-            ):
+            # A variable of a wider type may still hold an object that fits; an object is what it is.
+            may_fit = term.startswith("?") and self._domain.accepts(actual, parameter.types)
+            if not may_fit and not self._domain.accepts(parameter.types, actual):
                 raise part.error(
                     f"'{term}' is of type {' or '.join(actual)}, but '{signature.name}' takes "
                     f"{' or '.join(parameter.types)} here"

@@ -1,6 +1,6 @@
 """What other parsers do not read although it is valid here: keywords as names, and an empty goal."""
 
-from typing import Iterator, List
+from typing import Dict, Iterator, List
 
 from merlin_pddl.domain_reader import open_definition
 from merlin_pddl.formula_reader import TRAJECTORY
@@ -35,6 +35,31 @@ def warnings(text: str, source: str) -> List[str]:
         )
         if section.head == ":goal" and len(section) == 2 and _empty(section[1]):
             found.append(f"{_place(section)}: warning: the goal is empty: POPF and ROSPlan refuse it")
+    return found
+
+
+def declared_twice(text: str, source: str) -> List[str]:
+    """Objects of a problem that are declared more than once; allowed, an object then has all of the types.
+
+    :param text, source: as of :func:`warnings`.
+    :raises PddlError: it is not a problem.
+    """
+    _, sections = open_definition(read_expression(text, source), "problem")
+    first: Dict[str, Word] = {}
+    found: List[str] = []
+    for section in sections:
+        types = 0  # words behind a '-' are types
+        for node in section[1:] if section.head == ":objects" else []:
+            if node == "-":
+                types = 1
+            elif types or not isinstance(node, Word):
+                types = 0
+            elif first.setdefault(str(node), node) is not node:
+                before = first[str(node)]
+                found.append(
+                    f"{_place(node)}: warning: '{node}' is declared in line {before.line} already; "
+                    "it has the types of both"
+                )
     return found
 
 

@@ -1,0 +1,35 @@
+"""What a problem says of its objects: of the types that are asked for, and declared once."""
+
+import pytest
+
+from merlin_pddl.checks.portability import declared_twice
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.problem_reader import parse_problem
+from merlin_pddl.text_reader import PddlError
+
+DOMAIN = parse_domain("""(define (domain d)
+    (:requirements :typing) (:types place item - object room - place)
+    (:predicates (at ?p - place) (ordered ?i - item ?r - room))
+    (:action tidy :parameters (?p - place ?i - item) :precondition (ordered ?i ?p) :effect (at ?p)))""")
+
+
+def problem(objects, init):
+    return f"(define (problem p) (:domain d)\n(:objects\n{objects})\n(:init {init}))"
+
+
+def test_an_object_of_a_wider_type_is_refused_where_a_variable_may_stand():
+    objects = "lobby - place suite - room towel - item"
+    assert parse_problem(problem(objects, "(ordered towel suite) (at suite)"), DOMAIN).facts
+    with pytest.raises(PddlError, match="4:23: 'lobby' is of type place, but 'ordered' takes room"):
+        parse_problem(problem(objects, "(ordered towel lobby)"), DOMAIN)
+
+
+def test_an_object_with_two_types_is_of_both():
+    objects = "lobby - place lobby - room towel - item"
+    assert parse_problem(problem(objects, "(ordered towel lobby)"), DOMAIN).facts
+
+
+def test_objects_that_are_declared_twice_are_named():
+    text = problem("lobby - (either place item)\ntowel lobby\n - item\nroom_1 place - room", "(at lobby)")
+    (twice,) = declared_twice(text, "p.pddl")
+    assert twice.startswith("p.pddl:4:7: warning: 'lobby' is declared in line 3 already")
