@@ -215,6 +215,48 @@ def test_no_call_waits_for_a_master_that_hangs(master: Any) -> None:
     assert node.ended() == 0
 
 
+# Keeps the nodes of others registered, and says when it has looked at them.
+KEEPER = """
+import sys
+from merlin_ros.master.foreign_nodes import ForeignNodes
+from merlin_ros.node import keep_foreign_nodes, run_node
+
+look = ForeignNodes.look
+def told(self, master):
+    look(self, master)
+    print("LOOKED", flush=True)
+ForeignNodes.look = told
+
+def start():
+    keep_foreign_nodes()
+    print("started", flush=True)
+sys.exit(run_node("keeper", start))
+"""
+ROBOT = """<robot name="r"><link name="base"/><link name="laser"/>
+<joint name="j" type="fixed"><parent link="base"/><child link="laser"/></joint></robot>"""
+
+
+def test_nodes_of_others_are_found_at_a_master_that_was_started_anew(master: Any) -> None:
+    master.api.setParam("/test", "/use_sim_time", False)
+    master.api.setParam("/test", "/robot_description", ROBOT)
+    publisher = master.spawn("rosrun", "robot_state_publisher", "robot_state_publisher")
+    ended = master.spawn("rostopic", "pub", "/ended", "std_msgs/Int32", "5")
+    for topic in ("/tf_static", "/ended"):
+        master.spawn("rostopic", "echo", "-n", "1", topic).expect("---")
+    keeper = master.node(KEEPER)
+    keeper.expect("started")
+    keeper.expect("LOOKED")
+    ended.process.kill()
+    master.kill()
+    keeper.expect("does not answer")
+    master.start()
+    assert "registered /robot_state_publisher" in keeper.expect("registered /")
+    echo = master.spawn("rostopic", "echo", "-n", "1", "/tf_static")
+    echo.expect("laser")
+    assert "/ended" not in str(master.api.getSystemState("/test"))
+    assert publisher.process.poll() is None
+
+
 # Everything here subscribes for the first time while the master is lost.
 LATE = """
 import sys, threading, time

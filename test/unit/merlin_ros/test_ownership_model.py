@@ -1,21 +1,13 @@
 """Everything that can happen to the ownership protocol with few faults, on a model (`ownership_model`)."""
 
-import importlib.util
-import sys
-from pathlib import Path
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
+import ownership_model as model
+import ownership_world as parts
 import pytest
 
-_SPEC = importlib.util.spec_from_file_location(
-    "ownership_model", Path(__file__).with_name("ownership_model.py")
-)
-model = importlib.util.module_from_spec(_SPEC)
-sys.modules[_SPEC.name] = model
-_SPEC.loader.exec_module(model)
-
 Event = Tuple[str, ...]
-PER_FAULT = model.LOSE + 2  # rounds by which each further fault may put the end off
+PER_FAULT = parts.LOSE + 2  # rounds by which each further fault may put the end off
 SETTLE = 60  # rounds in which everything has to end once all live
 
 
@@ -26,22 +18,22 @@ class Found(NamedTuple):
     story: List[str]
 
 
-def stands_within(rules: "model.Rules") -> int:
+def stands_within(rules: "parts.Rules") -> int:
     """Rounds after which nothing moves any more that lost its owner: invariant (a)."""
-    return model.SUSPEND + 1 + rules.length + 2
+    return parts.SUSPEND + 1 + rules.length + 2
 
 
-def ends_within(rules: "model.Rules") -> int:
+def ends_within(rules: "parts.Rules") -> int:
     """Rounds after which nothing runs any more that lost its owner: invariant (b)."""
-    return model.LOSE + 1 + rules.length + model.SILENCE + 3
+    return parts.LOSE + 1 + rules.length + parts.SILENCE + 3
 
 
-def wrong(rules: "model.Rules", world: "model.World", faults: int) -> str:
+def wrong(rules: "parts.Rules", world: "parts.World", faults: int) -> str:
     """The invariant that the world breaks; empty: none."""
     more = max(0, faults - 1)
-    moving = model.passing(world)
+    moving = parts.passing(world)
     for goal, age in world.unowned:
-        if goal in moving and age > stands_within(rules) + more * (model.SUSPEND + 2):
+        if goal in moving and age > stands_within(rules) + more * (parts.SUSPEND + 2):
             return f"{goal} moves the base {age} rounds after it lost its owner"
         if age > ends_within(rules) + more * PER_FAULT:
             return f"{goal} still runs {age} rounds after it lost its owner"
@@ -56,12 +48,12 @@ class Search:
     :param budget: events.
     """
 
-    def __init__(self, rules: "model.Rules", actions: str, budget: int) -> None:
+    def __init__(self, rules: "parts.Rules", actions: str, budget: int) -> None:
         self._rules = rules
         self._budget = budget
-        begin = (model.begin(rules, actions), budget)
+        begin = (parts.begin(rules, actions), budget)
         self._from: Dict[tuple, Optional[Tuple[tuple, Optional[Event]]]] = {begin: None}
-        self._settled: Dict[model.World, bool] = {}
+        self._settled: Dict[parts.World, bool] = {}
         self._front = [begin]
 
     @property
@@ -99,10 +91,10 @@ class Search:
             self._front.append(new)
         return None
 
-    def _settles(self, world: "model.World") -> bool:
+    def _settles(self, world: "parts.World") -> bool:
         """Invariant (c): everything ends once all live and nothing is wanted, and the next goal runs."""
         world = model.healed(self._rules, world)
-        passed: List[model.World] = []
+        passed: List[parts.World] = []
         for _ in range(SETTLE):
             known = self._settled.get(world)
             if known is not None:
@@ -116,11 +108,11 @@ class Search:
         self._settled.update((each, result) for each in passed)
         return result
 
-    def _next_goal_runs(self, world: "model.World") -> bool:
+    def _next_goal_runs(self, world: "parts.World") -> bool:
         world = model.wanted(world, "N")
         for _ in range(self._rules.length + 4):
             world = model.after(self._rules, world)
-        return len(model.passing(world)) == 1
+        return len(parts.passing(world)) == 1
 
     def _story(self, node: tuple) -> List[str]:
         events: List[str] = []
@@ -142,7 +134,7 @@ class Search:
     [(5, "AB", 1), (2, "AB", 2)],
 )
 def test_no_story_breaks_an_invariant(length: int, actions: str, budget: int) -> None:
-    search = Search(model.Rules(length), actions, budget)
+    search = Search(parts.Rules(length), actions, budget)
     assert search.run() is None
     assert search.states > 500
 
@@ -150,12 +142,12 @@ def test_no_story_breaks_an_invariant(length: int, actions: str, budget: int) ->
 @pytest.mark.long
 @pytest.mark.parametrize(("length", "actions", "budget"), [(3, "A", 2), (5, "A", 2), (2, "A", 3)])
 def test_no_long_story_breaks_an_invariant(length: int, actions: str, budget: int) -> None:
-    assert Search(model.Rules(length), actions, budget).run() is None
+    assert Search(parts.Rules(length), actions, budget).run() is None
 
 
-def play(rules: "model.Rules", script: Dict[int, List[str]], rounds: int = 60) -> str:
+def play(rules: "parts.Rules", script: Dict[int, List[str]], rounds: int = 60) -> str:
     """What goes wrong when these events happen; empty: nothing."""
-    world = model.begin(rules, "A")
+    world = parts.begin(rules, "A")
     faults = 0
     for moment in range(rounds):
         for event in script.get(moment, []):
@@ -193,27 +185,27 @@ NEEDED = {
 @pytest.mark.parametrize("case", NEEDED)
 def test_each_rule_is_needed(case: str) -> None:
     without, script = NEEDED[case]
-    assert play(model.Rules(2)._replace(**without), script), "the story does no harm"
+    assert play(parts.Rules(2)._replace(**without), script), "the story does no harm"
     kept = {key: value for key, value in without.items() if key == "server_leases"}
-    assert play(model.Rules(2)._replace(**kept), script) == ""
+    assert play(parts.Rules(2)._replace(**kept), script) == ""
 
 
 @pytest.mark.parametrize("length", [2, 5])
 def test_a_short_hang_loses_nothing(length: int) -> None:
     """Invariant (d): of one process or of two, at any moments."""
-    rules = model.Rules(length)
-    everybody = [*range(length + 1), model.GUARD]
+    rules = parts.Rules(length)
+    everybody = [*range(length + 1), parts.GUARD]
     for first in everybody:
         for second in everybody:
-            for offset in range(model.LOSE + 2):
-                world = model.begin(rules, "A")
+            for offset in range(parts.LOSE + 2):
+                world = parts.begin(rules, "A")
                 script: Dict[int, List[Event]] = {}
                 for process, begin in {(first, 8), (second, 8 + offset if second != first else 8)}:
                     script.setdefault(begin, []).append(("hang", str(process)))
-                    script.setdefault(begin + model.LOSE - 1, []).append(("resume", str(process)))
+                    script.setdefault(begin + parts.LOSE - 1, []).append(("resume", str(process)))
                 for moment in range(30):
                     for event in script.get(moment, []):
                         world = model.struck(rules, world, event)
                     world = model.after(rules, world)
-                assert len(model.passing(world)) == 1, (first, second, offset)
+                assert len(parts.passing(world)) == 1, (first, second, offset)
                 assert not world.unowned

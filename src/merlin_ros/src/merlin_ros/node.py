@@ -21,7 +21,7 @@ from rospy.impl.paramserver import get_param_server_cache
 from rospy.names import get_caller_id
 
 from merlin_ros.deadline import running_time
-from merlin_ros.master import master_link
+from merlin_ros.master import master_link, publisher_updates
 from merlin_ros.master.master_keeper import MasterKeeper
 from merlin_ros.master.namesake import living_namesake
 from merlin_ros.parameters import ParameterError
@@ -137,6 +137,7 @@ def init_node(name: str, **options: Any) -> None:
     _ending.install()
     end_lightly()
     master_link.bound_rospy()
+    publisher_updates.keep_all()
     _wait_for_master(name)
     if not options.get("anonymous"):
         _refuse_second(name)
@@ -258,6 +259,15 @@ def keep_params(name: str) -> None:
     """
     if _keeper is not None:
         _keeper.keep_params(name)
+
+
+def keep_foreign_nodes() -> None:
+    """Registers the nodes that are not MERLIN's, too, at a master that was started anew.
+
+    One node of a robot does it for all. What they have registered is looked at every 5 s.
+    """
+    if _keeper is not None:
+        _keeper.keep_foreign_nodes()
 
 
 def _refuse(name: str, text: str) -> None:

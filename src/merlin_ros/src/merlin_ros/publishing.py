@@ -1,7 +1,7 @@
 """Publishing: whether there are subscribers, and publishing while the node goes down."""
 
 import threading
-from typing import Any
+from typing import Any, Callable
 
 import rospy
 from rospy.core import is_shutdown_requested
@@ -20,6 +20,21 @@ class Subscribed(rospy.SubscribeListener):
     def peer_subscribe(self, *_: object) -> None:
         """Called by rospy."""
         self.there.set()
+
+
+class OnSubscriber(rospy.SubscribeListener):
+    """Calls a function with each new subscriber of a topic; for `rospy.Publisher`.
+
+    :param call: gets a function that publishes a message to the new subscriber alone.
+    """
+
+    def __init__(self, call: Callable[[Callable[[Any], None]], None]) -> None:
+        super().__init__()
+        self._call = call
+
+    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
+        """Called by rospy."""
+        self._call(peer_publish)
 
 
 def publish(publisher: rospy.Publisher, message: Any) -> None:

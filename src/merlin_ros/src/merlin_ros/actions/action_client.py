@@ -16,11 +16,12 @@ from typing import Any, Callable, Dict, List, Optional, Set
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
+from merlin_ros.actions.client_goal import TERMINAL, ClientGoal
 from merlin_ros.actions.lease import LEASED
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_ros.actions.peers import connected_peers
 from merlin_ros.deadline import Deadline, running_time
-from merlin_ros.publishing import publish
+from merlin_ros.publishing import OnSubscriber, publish
 
 SILENCE = 3.0  # s of running time without status after which a server that is not connected counts as dead
 CONNECTED_SILENCE = 7.0  # s of that after which one counts as dead that is
@@ -28,77 +29,12 @@ GONE_SILENCE = 1.0  # s of that after which one counts as dead whose process has
 LONGEST_TICK = 0.5  # s of silence that one look may count
 REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
 KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when the server names it again
+SPEAKING = 2.0  # s since its last status within which a server is waited for beyond the time-out
+CONNECTING = 10.0  # s of that: rospy tries a connection that failed again at growing intervals
 LATE_RESULT = 3.0  # s that a result may come behind the status that announces it
 
-TERMINAL = frozenset(
-    (
-        GoalStatus.PREEMPTED,
-        GoalStatus.SUCCEEDED,
-        GoalStatus.ABORTED,
-        GoalStatus.REJECTED,
-        GoalStatus.RECALLED,
-        GoalStatus.LOST,
-    )
-)
 _STOPPING = TERMINAL | {GoalStatus.PREEMPTING, GoalStatus.RECALLING}
 _numbers = itertools.count(1)
-
-
-class ClientGoal:
-    """A goal that was sent."""
-
-    def __init__(
-        self,
-        client: "ActionClient",
-        goal_id: GoalID,
-        on_done: Optional[Callable[["ClientGoal"], None]],
-        on_feedback: Optional[Callable[["ClientGoal", Any], None]],
-        owner: Optional[str] = None,
-    ) -> None:
-        self._client = client
-        self.goal_id = goal_id
-        self.owner = owner
-        self.status = GoalStatus.PENDING
-        self.text = ""
-        self.result: Any = None
-        self.feedback: Any = None
-        self._on_done = on_done
-        self._on_feedback = on_feedback
-        self._ended = threading.Event()
-        self.sent = running_time()
-        self.seen = False  # in a status list of the server
-        self.ended_on_server: Optional[float] = None  # running time of the terminal status
-        self.cancel_sent: Optional[float] = None  # running time of the last cancel
-
-    @property
-    def id(self) -> str:
-        """The actionlib goal id."""
-        return str(self.goal_id.id)
-
-    @property
-    def done(self) -> bool:
-        """Whether it has ended; `status`, `text` and `result` are final then."""
-        return self._ended.is_set()
-
-    def cancel(self) -> None:
-        """Asks the server to stop it; the answer comes as its end. Repeated until the server reacts."""
-        if not self.done:
-            self._client._send_cancel(self)
-
-    def wait(self, timeout: Optional[float] = None) -> bool:
-        """Waits for its end.
-
-        :param timeout: s of running time; None: as long as the server lives.
-        :return: whether it has ended.
-        """
-        return Deadline(timeout).wait_event(self._ended)
-
-    def _finish(self, status: int, text: str, result: Any) -> None:
-        """Called once, without the client's lock."""
-        self.status, self.text, self.result = status, text, result
-        self._ended.set()
-        if self._on_done is not None:
-            self._on_done(self)
 
 
 class ActionClient:
@@ -128,7 +64,7 @@ class ActionClient:
         self._watchdog: Optional[threading.Thread] = None
         self._node = rospy.get_name()
         self._lease = LeaseHolder(self.name + "/lease")
-        listener = _Connected(self._changed)
+        listener = OnSubscriber(lambda _: self._wake())
         self._goal_publisher = rospy.Publisher(
             self.name + "/goal", self._goal_type, subscriber_listener=listener, queue_size=10
         )
@@ -154,6 +90,11 @@ class ActionClient:
     def alive(self) -> bool:
         """Whether a server is connected and not silent; see :attr:`missing`."""
         return not self.missing
+
+    @property
+    def heard(self) -> bool:
+        """Whether a server was ever heard."""
+        return self._last_status is not None
 
     @property
     def missing(self) -> str:
@@ -182,13 +123,17 @@ class ActionClient:
     ) -> bool:
         """Waits until a server is connected both ways.
 
-        :param timeout: s of running time; None: until ROS shuts down.
+        :param timeout: s of running time; None: until ROS shuts down. A server that speaks meanwhile, and
+            whose connections are not complete, gets `CONNECTING` more; not with 0, which is one look.
         :param unless: ends the wait when it is true.
         """
         deadline = Deadline(timeout)
+        longest = Deadline(timeout + CONNECTING) if timeout else deadline
         with self._changed:
             while not self.alive:
                 left = deadline.remaining()
+                if left <= 0.0 and running_time() - (self._last_status or -SPEAKING) < SPEAKING:
+                    left = longest.remaining()
                 if left <= 0.0 or rospy.is_shutdown() or self._stopped or unless():
                     return False
                 # rospy announces a connection of our publishers, but not one of our subscribers.
@@ -212,9 +157,9 @@ class ActionClient:
         goal_id = GoalID(
             stamp=now, id=f"{self._node}-{LIFE}-{next(_numbers)}-{now.secs}.{now.nsecs:09d}{LEASED}"
         )
-        sent = ClientGoal(self, goal_id, on_done, on_feedback, owner)
+        sent = ClientGoal(goal_id, self._send_cancel, on_done, on_feedback, owner)
         if owner is not None and owner in self._dead_owners:
-            sent._finish(GoalStatus.LOST, "the goal on whose behalf it was sent is over", self._result_type())
+            sent.finish(GoalStatus.LOST, "the goal on whose behalf it was sent is over", self._result_type())
             return sent
         message = self._goal_type(goal_id=goal_id, goal=goal)
         message.header.stamp = now
@@ -260,7 +205,11 @@ class ActionClient:
         for topic in [*self._subscribers, self._goal_publisher, self._cancel_publisher]:
             topic.unregister()
         for goal in goals:
-            goal._finish(GoalStatus.LOST, "the client was shut down", self._result_type())
+            goal.finish(GoalStatus.LOST, "the client was shut down", self._result_type())
+
+    def _wake(self) -> None:
+        with self._changed:
+            self._changed.notify_all()
 
     def _connected(self) -> bool:
         # The server's node, not any: a guard and a recorder subscribe to goals and cancels, too.
@@ -282,15 +231,15 @@ class ActionClient:
             goal = self._goals.pop(status.goal_id.id, None)
         if goal is not None:
             self._lease.release(goal.id)
-            goal._finish(status.status, status.text, message.result)
+            goal.finish(status.status, status.text, message.result)
 
     def _receive_feedback(self, message: Any) -> None:
         with self._changed:
             goal = self._goals.get(message.status.goal_id.id)
         if goal is not None:
             goal.feedback = message.feedback
-            if goal._on_feedback is not None:
-                goal._on_feedback(goal, message.feedback)
+            if goal.on_feedback is not None:
+                goal.on_feedback(goal, message.feedback)
 
     def _receive_status(self, message: GoalStatusArray) -> None:
         statuses = {status.goal_id.id: status for status in message.status_list}
@@ -344,7 +293,7 @@ class ActionClient:
             self._given_up[goal.id] = running_time()
         self._publish_cancel(goal.id)
         self._lease.release(goal.id)
-        goal._finish(GoalStatus.LOST, why, self._result_type())
+        goal.finish(GoalStatus.LOST, why, self._result_type())
 
     def _publish_cancel(self, goal_id: str) -> None:
         # Never with a stamp: a server would also cancel every goal sent in the same tick of the clock.
@@ -363,6 +312,9 @@ class ActionClient:
                 now = running_time()
                 self._silence += min(now - looked, LONGEST_TICK)
                 looked = now
+                if self._last_status is not None and not connected_peers(self._subscribers[-1]):
+                    for goal in self._goals.values():
+                        goal.alone = now
                 ended = [
                     (goal, why) for goal in self._goals.values() for why in [self._why_lost(goal, now)] if why
                 ]
@@ -387,20 +339,12 @@ class ActionClient:
             return f"the process of the action server {self.name} is gone"
         if silent > (CONNECTED_SILENCE if self._connected() else self.silence):
             return f"the action server {self.name} has been silent for {silent:.1f} s"
-        if not goal.seen and last - goal.sent > self.silence:
+        if goal.alone is None:
+            since, patience = goal.sent, self.silence
+        else:  # what answers now is another process than the one that it was sent to
+            since, patience = goal.alone, GONE_SILENCE
+        if not goal.seen and last - since > patience:
             return f"the action server {self.name} never acknowledged the goal"
         if goal.ended_on_server is not None and now - goal.ended_on_server > LATE_RESULT:
             return f"the action server {self.name} ended the goal without a result: {goal.text}"
         return ""
-
-
-class _Connected(rospy.SubscribeListener):
-    """Wakes the waiters for a server when one connects."""
-
-    def __init__(self, changed: threading.Condition) -> None:
-        super().__init__()
-        self._changed = changed
-
-    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
-        with self._changed:
-            self._changed.notify_all()

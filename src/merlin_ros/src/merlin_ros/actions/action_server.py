@@ -3,7 +3,7 @@
 Differences from the stock server that clients can rely on: connections without Nagle's delay; status on wall
 time, so that a stopped ``/clock`` does not look like a dead server; callbacks run without a lock held, so a
 cancel callback may wait for what an execution holds; a goal whose client leases it and dies is cancelled
-(:mod:`merlin_ros.actions.lease`).
+(:mod:`merlin_ros.actions.lease`); a server that has hung reads cancels before it takes goals.
 """
 
 import itertools
@@ -15,6 +15,7 @@ from typing import Any, Callable, Dict, List, Optional
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
+from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
@@ -239,6 +240,7 @@ class ActionServer:
         publish(self._feedback_publisher, message)
 
     def _receive_goal(self, message: Any) -> None:
+        hangs.wait_settled(self._stopped.is_set)
         with self.lock:
             goal_id = message.goal_id
             if not goal_id.id:
@@ -316,6 +318,8 @@ class ActionServer:
 
     def _beat(self) -> None:
         while not self._stopped.wait(STATUS_PERIOD) and not rospy.is_shutdown():
+            hangs.beat()
             with self.lock:
                 if not self._stopped.is_set():
                     self.publish_status()
+        hangs.rest()

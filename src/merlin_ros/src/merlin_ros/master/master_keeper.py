@@ -12,6 +12,7 @@ import rospy
 from rospy.core import is_shutdown_requested
 
 from merlin_ros.master import master_link
+from merlin_ros.master.foreign_nodes import ForeignNodes
 from merlin_ros.master.master_watch import MasterWatch, WatchDecision
 from merlin_ros.master.registration import ERRORS, KeptParameters, register_again
 
@@ -21,6 +22,8 @@ PERIOD = 1.0
 PING_TIMEOUT = 1.0
 #: Questions between two looks at the node's parameters.
 LOOKS = 5
+#: s of wall time that nodes have to register at a master that was started anew, before it is done for them.
+FOREIGN_GRACE = 3.0
 #: Longest wait for a registration that is under way when the node ends, s of wall time.
 END_TIMEOUT = 3.0
 
@@ -43,6 +46,8 @@ class MasterKeeper:
         self._proxy = master_link.bounded_proxy(self._master_uri, PING_TIMEOUT)
         self._stopped = threading.Event()
         self._registering = threading.Lock()  # held while something is registered
+        self._foreign: Optional[ForeignNodes] = None
+        self._foreign_due: Optional[float] = None  # monotonic time from which they are registered
         self._told: queue.SimpleQueue[Optional[List[Callback]]] = queue.SimpleQueue()
         self._callbacks_lock = threading.Lock()  # guards the lists
         self._on_lost: List[Callback] = []
@@ -76,6 +81,10 @@ class MasterKeeper:
         self._parameters.keep(name)
         self._look()
 
+    def keep_foreign_nodes(self) -> None:
+        """Registers other nodes at a master that was started anew, where they do not do that themselves."""
+        self._foreign = ForeignNodes()
+
     def start(self) -> None:
         """Begins to ask."""
         self._look()
@@ -108,6 +117,9 @@ class MasterKeeper:
                 )
             elif count % LOOKS == 0 and not self._watch.lost:
                 self._look()
+                self._look_at_others()
+            if self._foreign_due is not None and time.monotonic() >= self._foreign_due:
+                self._register_foreign()
             count += 1
             self._stopped.wait(max(0.0, PERIOD - (time.monotonic() - begun)))
 
@@ -131,6 +143,14 @@ class MasterKeeper:
             self._parameters.look(master_link.bounded_master(PING_TIMEOUT))
         except ERRORS:
             return  # the next call shows whether the master is lost
+
+    def _look_at_others(self) -> None:
+        if self._foreign is None or self._foreign_due is not None:
+            return
+        try:
+            self._foreign.look(master_link.bounded_master(PING_TIMEOUT))
+        except ERRORS:
+            return  # as before
 
     def _lose(self) -> None:
         master_link.lost.set()
@@ -158,6 +178,8 @@ class MasterKeeper:
         if not self._going_on():
             return
         self._watch.registered()
+        if decision is WatchDecision.BACK_NEW and self._foreign is not None:
+            self._foreign_due = time.monotonic() + FOREIGN_GRACE
         what = "is back" if decision is WatchDecision.BACK_SAME else "was started anew"
         rospy.logwarn(f"{self._name}: the master at {self._master_uri} {what}; this node is registered again")
         with self._callbacks_lock:
@@ -165,6 +187,17 @@ class MasterKeeper:
                 self._told.put(list(self._on_back))
             if decision is WatchDecision.BACK_NEW:
                 self._told.put(list(self._on_replaced))
+
+    def _register_foreign(self) -> None:
+        assert self._foreign is not None
+        with self._registering:
+            try:
+                done = self._foreign.restore(master_link.bounded_master(PING_TIMEOUT), self._going_on)
+            except ERRORS:
+                return  # the next question shows whether the master is lost
+        self._foreign_due = None
+        if done:
+            rospy.logwarn(f"{self._name}: registered {', '.join(done)} at the master that was started anew")
 
     def _tell(self) -> None:
         while True:

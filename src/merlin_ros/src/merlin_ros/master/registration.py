@@ -2,7 +2,7 @@
 
 import threading
 import xmlrpc.client
-from typing import Any, Callable, Dict, List, Set, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Set
 
 import rosgraph
 import rospy
@@ -16,6 +16,17 @@ OWN_TIMEOUT = 2.0
 
 class RegistrationError(Exception):
     """The master refused something; the text says what and why."""
+
+
+class Registrations(NamedTuple):
+    """What a node has registered."""
+
+    published: Dict[str, str]
+    """Topic → type."""
+    subscribed: Dict[str, str]
+    """Topic → type."""
+    served: Dict[str, str]
+    """Service → address."""
 
 
 class KeptParameters:
@@ -86,35 +97,49 @@ def register_again(master: rosgraph.Master, going_on: Callable[[], bool]) -> Non
     """
     uri, name = rospy.core.get_node_uri(), rospy.get_name()
     node = master_link.bounded_proxy(uri, OWN_TIMEOUT)
-    published, subscribed, served = _own(node, name)
-    for topic, kind in published.items():
-        if not going_on():
-            return
-        _value(master.handle.registerPublisher(name, topic, kind, uri))
-    for topic, kind in subscribed.items():
-        if not going_on():
-            return
-        publishers = _value(master.handle.registerSubscriber(name, topic, kind, uri))
-        if publishers:
-            node.publisherUpdate("/master", topic, publishers)
-    for service, address in served.items():
-        if not going_on():
-            return
-        _value(master.handle.registerService(name, service, address, uri))
+    register_at(master, name, uri, _own(node, name), going_on)
     if going_on():
         _take_back(master, node, name, uri)
 
 
-def _own(node: xmlrpc.client.ServerProxy, name: str) -> Tuple[Dict[str, str], Dict[str, str], Dict[str, str]]:
-    """What this node publishes and subscribes (with types) and serves (with addresses)."""
+def register_at(
+    master: rosgraph.Master, name: str, uri: str, things: Registrations, going_on: Callable[[], bool]
+) -> None:
+    """Registers what a node has, and connects it to the publishers that the master names.
+
+    :param name: of the node, which may be another one than this.
+    :param uri: of its XML-RPC server.
+    :param going_on: asked before each step.
+    :raises OSError: when the master, or the node, does not answer.
+    :raises RegistrationError: when the master refuses.
+    """
+    node = master_link.bounded_proxy(uri, OWN_TIMEOUT)
+    for topic, kind in things.published.items():
+        if not going_on():
+            return
+        answer_of(master.handle.registerPublisher(name, topic, kind, uri))
+    for topic, kind in things.subscribed.items():
+        if not going_on():
+            return
+        publishers = answer_of(master.handle.registerSubscriber(name, topic, kind, uri))
+        if publishers:
+            node.publisherUpdate("/master", topic, publishers)
+    for service, address in things.served.items():
+        if not going_on():
+            return
+        answer_of(master.handle.registerService(name, service, address, uri))
+
+
+def _own(node: xmlrpc.client.ServerProxy, name: str) -> Registrations:
+    """What this node has."""
     # Asked as another node would ask: rospy's own list may be locked by a call that waits for the master.
-    published = dict(_value(node.getPublications(name)))
-    subscribed = dict(_value(node.getSubscriptions(name)))
+    published = dict(answer_of(node.getPublications(name)))
+    subscribed = dict(answer_of(node.getSubscriptions(name)))
     services = get_service_manager()
     if not services.lock.acquire(timeout=OWN_TIMEOUT):
         raise master_link.MasterSilent(f"{name} is busy announcing a service")
     try:
-        return published, subscribed, dict(services.get_services())
+        return Registrations(published, subscribed, dict(services.get_services()))
     finally:
         services.lock.release()
 
@@ -130,7 +155,11 @@ def _take_back(master: rosgraph.Master, node: xmlrpc.client.ServerProxy, name: s
         master.handle.unregisterService(name, service, master.lookupService(service))
 
 
-def _value(answer: Any) -> Any:
+def answer_of(answer: Any) -> Any:
+    """The value in an answer of a master or a node.
+
+    :raises RegistrationError: when it is a refusal.
+    """
     code, text, value = answer
     if code != 1:
         raise RegistrationError(text)

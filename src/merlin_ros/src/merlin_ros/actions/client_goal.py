@@ -1,0 +1,83 @@
+"""A goal as the process that sent it sees it."""
+
+import threading
+from typing import Any, Callable, Optional
+
+from actionlib_msgs.msg import GoalID, GoalStatus
+
+from merlin_ros.deadline import Deadline, running_time
+
+TERMINAL = frozenset(
+    (
+        GoalStatus.PREEMPTED,
+        GoalStatus.SUCCEEDED,
+        GoalStatus.ABORTED,
+        GoalStatus.REJECTED,
+        GoalStatus.RECALLED,
+        GoalStatus.LOST,
+    )
+)
+
+
+class ClientGoal:
+    """A goal that was sent.
+
+    :param cancel: sends its cancel; repeats it until the server reacts.
+    :param on_done: called once, when it has ended.
+    :param on_feedback: called with each feedback.
+    :param owner: id of the goal of this process's own server on whose behalf it was sent.
+    """
+
+    def __init__(
+        self,
+        goal_id: GoalID,
+        cancel: Callable[["ClientGoal"], None],
+        on_done: Optional[Callable[["ClientGoal"], None]],
+        on_feedback: Optional[Callable[["ClientGoal", Any], None]],
+        owner: Optional[str] = None,
+    ) -> None:
+        self._cancel = cancel
+        self.goal_id = goal_id
+        self.owner = owner
+        self.status = GoalStatus.PENDING
+        self.text = ""
+        self.result: Any = None
+        self.feedback: Any = None
+        self._on_done = on_done
+        self.on_feedback = on_feedback
+        self._ended = threading.Event()
+        self.sent = running_time()
+        self.seen = False  # in a status list of the server
+        self.alone: Optional[float] = None  # running time when no server was connected
+        self.ended_on_server: Optional[float] = None  # running time of the terminal status
+        self.cancel_sent: Optional[float] = None  # running time of the last cancel
+
+    @property
+    def id(self) -> str:
+        """The actionlib goal id."""
+        return str(self.goal_id.id)
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended; `status`, `text` and `result` are final then."""
+        return self._ended.is_set()
+
+    def cancel(self) -> None:
+        """Asks the server to stop it; the answer comes as its end. Repeated until the server reacts."""
+        if not self.done:
+            self._cancel(self)
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        """Waits for its end.
+
+        :param timeout: s of running time; None: as long as the server lives.
+        :return: whether it has ended.
+        """
+        return Deadline(timeout).wait_event(self._ended)
+
+    def finish(self, status: int, text: str, result: Any) -> None:
+        """Ends it; for its client, once, without a lock."""
+        self.status, self.text, self.result = status, text, result
+        self._ended.set()
+        if self._on_done is not None:
+            self._on_done(self)

@@ -1,0 +1,66 @@
+"""Whether this process has just hung: what it reads first then may be taken back in what it reads next."""
+
+import threading
+import time
+from typing import Callable, Optional
+
+import rospy
+
+HUNG = 1.0  # s of wall time without a beat after which the process counts as hung
+SETTLE = 0.3  # s in which the threads of all connections have read what came meanwhile
+LONGEST = 2.0  # s of wall time that a wait lasts at most, also when the beat never comes
+
+
+class HangWatch:
+    """Beats in threads of a process; lets others wait until everything that came during a hang is read.
+
+    A hung process (stopped, or its computer asleep) goes on with a goal whose cancel waits in another
+    connection. It would begin, and stop at once. A process in which nothing beats is not watched.
+
+    :param clock: s of wall time.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._changed = threading.Condition()  # guards the fields below
+        self._last: Optional[float] = None  # beat; None: nothing beats
+        self._settled = 0.0
+
+    def beat(self) -> None:
+        """The process lives; to be called more often than every `HUNG`."""
+        with self._changed:
+            now = self._clock()
+            if self._last is not None and now - self._last > HUNG:
+                self._settled = now + SETTLE
+            self._last = now
+            self._changed.notify_all()
+
+    def rest(self) -> None:
+        """What has called :meth:`beat` ends; where something else still does, the watch goes on with that."""
+        with self._changed:
+            self._last = None
+            self._changed.notify_all()
+
+    def unsettled(self) -> float:
+        """For how long, s, one has to wait at least before what is read counts; 0: not at all."""
+        with self._changed:
+            now = self._clock()
+            if self._last is not None and now - self._last > HUNG:
+                return SETTLE  # the beat comes
+            return max(0.0, self._settled - now)
+
+    def wait_settled(self, unless: Callable[[], bool]) -> None:
+        """Waits until what came during a hang is read.
+
+        :param unless: ends the wait when it is true; looked at every `SETTLE` at least.
+        """
+        with self._changed:
+            end = self._clock() + LONGEST
+            left = self.unsettled()
+            while left > 0.0 and self._clock() < end and not unless() and not rospy.is_shutdown():
+                self._changed.wait(left)
+                left = self.unsettled()
+
+
+hangs = HangWatch()
+"""That of this process: each action server beats."""

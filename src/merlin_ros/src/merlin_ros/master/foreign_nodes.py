@@ -1,0 +1,82 @@
+"""Nodes that do not register again by themselves, as those of roscpp and plain rospy: one does it for them.
+
+What the master has of all nodes is looked at now and then. At a master that was started anew those are
+registered that it does not know and that live.
+"""
+
+import xmlrpc.client
+from typing import Any, Callable, Dict, List, Optional, Set
+
+import rosgraph
+import rospy
+
+from merlin_ros.master import master_link
+from merlin_ros.master.registration import ERRORS, OWN_TIMEOUT, Registrations, answer_of, register_at
+
+
+class ForeignNodes:
+    """The nodes of one master. For one thread."""
+
+    def __init__(self) -> None:
+        self._state: Any = None  # as the master gives it
+        self._addresses: Dict[str, str] = {}  # node -> its XML-RPC server
+        self._services: Dict[str, str] = {}  # service -> its address
+
+    def look(self, master: rosgraph.Master) -> None:
+        """Notes what is registered now.
+
+        :param master: with calls that end.
+        :raises OSError: when it does not answer.
+        """
+        state = master.getSystemState()
+        nodes = sorted({node for part in state for _, names in part for node in names})
+        addresses = _asked(master, "lookupNode", nodes)
+        if (state, addresses) == (self._state, self._addresses):
+            return
+        self._services = _asked(master, "lookupService", [service for service, _ in state[2]])
+        self._state, self._addresses = state, addresses
+
+    def restore(self, master: rosgraph.Master, going_on: Callable[[], bool]) -> List[str]:
+        """Registers those that a new master does not know.
+
+        :param going_on: asked before each step.
+        :return: their names.
+        :raises OSError: when the master does not answer.
+        """
+        known = _asked(master, "lookupNode", list(self._addresses))
+        done = []
+        for name, uri in self._addresses.items():
+            if name in known or name == rospy.get_name():
+                continue
+            try:
+                things = self._registrations(name, uri)
+            except ERRORS:  # it has ended
+                continue
+            if things is not None and going_on():
+                register_at(master, name, uri, things, going_on)
+                done.append(name)
+        return done
+
+    def _registrations(self, name: str, uri: str) -> Optional[Registrations]:
+        """What a node has, by its own words; None: another node has its address."""
+        node = master_link.bounded_proxy(uri, OWN_TIMEOUT)
+        published = dict(answer_of(node.getPublications(name)))
+        subscribed = dict(answer_of(node.getSubscriptions(name)))
+        if not self._topics(0, name) <= set(published) or not self._topics(1, name) <= set(subscribed):
+            return None
+        served = {service: self._services[service] for service in self._topics(2, name) & set(self._services)}
+        return Registrations(published, subscribed, served)
+
+    def _topics(self, part: int, name: str) -> Set[str]:
+        return {thing for thing, nodes in self._state[part] if name in nodes}
+
+
+def _asked(master: rosgraph.Master, call: str, names: List[str]) -> Dict[str, str]:
+    """The answers of the master to one call for each name; names that it does not know are left out."""
+    if not names:
+        return {}
+    calls = xmlrpc.client.MultiCall(master.handle)
+    for name in names:
+        getattr(calls, call)(rospy.get_name(), name)
+    answers: Any = calls()
+    return {name: str(value) for name, (code, _, value) in zip(names, answers) if code == 1}

@@ -1,0 +1,90 @@
+"""A process that has hung reads everything before it begins something."""
+
+import threading
+
+import pytest
+
+from merlin_ros.actions.hang_watch import HUNG, SETTLE, HangWatch
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def watch(clock):
+    watch = HangWatch(clock)
+    watch.beat()
+    return watch
+
+
+def hung():
+    watch = HangWatch()
+    watch.beat()
+    watch._last -= 2 * HUNG
+    return watch
+
+
+@pytest.mark.parametrize("rests", [False, True])
+def test_where_nothing_beats_nothing_waits(clock, rests):
+    watch = HangWatch(clock)
+    if rests:
+        watch.beat()
+        watch.rest()
+    clock.now += 5.0
+    assert watch.unsettled() == 0.0
+    watch.beat()
+    assert watch.unsettled() == 0.0
+
+
+def test_a_process_that_beats_is_settled(watch, clock):
+    for _ in range(5):
+        clock.now += HUNG
+        watch.beat()
+        assert watch.unsettled() == 0.0
+
+
+@pytest.mark.parametrize("beats_first", [False, True])
+def test_after_a_hang_it_settles_whichever_thread_goes_on_first(watch, clock, beats_first):
+    clock.now += 5.0
+    if not beats_first:
+        assert watch.unsettled() > 0.0
+    watch.beat()
+    assert watch.unsettled() == pytest.approx(SETTLE)
+    clock.now += SETTLE
+    watch.beat()
+    assert watch.unsettled() == 0.0
+
+
+def test_a_wait_ends_when_the_process_has_settled():
+    watch = hung()
+    passed = threading.Event()
+    waits = threading.Thread(target=lambda: (watch.wait_settled(lambda: False), passed.set()), daemon=True)
+    waits.start()
+    watch.beat()
+    assert watch.unsettled() > 0.0 or passed.is_set()
+    while not passed.wait(HUNG / 4):
+        watch.beat()
+    waits.join(60.0)
+
+
+def test_a_wait_ends_when_it_is_not_wanted_any_more():
+    watch = hung()
+    watch.wait_settled(lambda: True)
+    assert watch.unsettled() > 0.0
+
+
+def test_a_wait_ends_when_the_beat_never_comes():
+    watch = hung()
+    waits = threading.Thread(target=watch.wait_settled, args=(lambda: False,), daemon=True)
+    waits.start()
+    waits.join(60.0)
+    assert not waits.is_alive() and watch.unsettled() > 0.0
