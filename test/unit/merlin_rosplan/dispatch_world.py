@@ -41,6 +41,7 @@ class World(DispatchEnvironment):
         self.answers = []
         self.silences = {}
         self.young_operators = set()
+        self.robot_of = lambda action, unmet: ""
         self.changed_event = threading.Condition()
         self.on_send = lambda action: None
         self.broken = False
@@ -94,6 +95,9 @@ class World(DispatchEnvironment):
         with self.changed_event:
             assert self.changed_event.wait_for(lambda: len(self.answers) >= count, LONG)
 
+    def robot_left(self, action, unmet):
+        return self.robot_of(action, unmet)
+
     def seconds_silent(self, operator):
         return self.silences.get(operator)
 
@@ -142,8 +146,8 @@ class Run:
     def _run(self):
         self._report = self.dispatch.run()
 
-    def feedback(self, action_id, status, plan_id=PLAN_ID, reason=""):
-        self.dispatch.put(Feedback(action_id, int(status), plan_id, reason))
+    def feedback(self, action_id, status, plan_id=PLAN_ID, reason="", robot=""):
+        self.dispatch.put(Feedback(action_id, int(status), plan_id, reason, robot))
 
     def report(self):
         self._thread.join(LONG)

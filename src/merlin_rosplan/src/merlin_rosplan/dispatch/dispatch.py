@@ -11,6 +11,7 @@ import threading
 from collections import deque
 from typing import Any, Deque, Dict, FrozenSet, List, Optional, Set
 
+from merlin_pddl.breakpoints import Breakpoints
 from merlin_rosplan.dispatch.coming_conditions import ComingConditions
 from merlin_rosplan.dispatch.dispatch_environment import (
     CancelRequest,
@@ -25,10 +26,10 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     FeedbackStatus,
     KnowledgeChanged,
     Tick,
+    together,
 )
 from merlin_rosplan.dispatch.dispatch_running import Running, broken_over_all
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
-from merlin_rosplan.dispatch.operator_model import over_all_before_start
 
 _log = logging.getLogger(__name__)
 _NOTHING: FrozenSet[str] = frozenset()
@@ -43,6 +44,7 @@ class PlanDispatch:
     :param plan_id: number of this run; feedback about another run is ignored. Feedback with plan id 0 is from
         ROSPlan's own interfaces, which do not set it: it counts once the interface has taken the action.
     :param events: where events come from, for a simulation that keeps its own time; None: a queue of its own.
+    :param breakpoints: actions before which it is held; after a change of them it has to get a :class:`Tick`.
     """
 
     def __init__(
@@ -52,17 +54,20 @@ class PlanDispatch:
         limits: DispatchLimits,
         plan_id: int = 0,
         events: "Optional[queue.Queue[Event]]" = None,
+        breakpoints: Optional[Breakpoints] = None,
     ) -> None:
         self.plan_id = plan_id
         self._schedule = schedule
         self._environment = environment
         self._limits = limits
         self._events: queue.Queue[Event] = queue.Queue() if events is None else events
+        self._breakpoints = Breakpoints() if breakpoints is None else breakpoints
         self._taken_in: Deque[Event] = deque()  # taken from the queue and not handled
         self._cancelled = threading.Event()
         self._suspended = threading.Event()
         self._running: Dict[int, Running] = {}
         self._failure: Optional[DispatchFailure] = None
+        self._robot_left: Optional[DispatchFailure] = None  # what runs goes on, and nothing else starts
         self._began = 0.0
         self._done = 0
         self._untold = False  # whether the report has changed since it was told
@@ -110,16 +115,19 @@ class PlanDispatch:
             if self._failure is not None:
                 self._stop_running()
         finally:
+            failed = self._failure is not None and self._failure.state == DispatchState.FAILED
+            self._breakpoints.ended(stepping=failed)  # a plan that failed may be replaced
             self._environment.wake_at(None)
             if self._last is not None:
                 self._environment.close(self._last)
             self.ended.set()
-        report = self._report()
-        return report
+        return self._report()
 
     def _loop(self) -> None:
         while self._failure is None:
             looked = self._start_ready()
+            if not self._running:
+                self._failure = self._failure or self._robot_left
             if self._failure is not None or (self._schedule.finished and not self._running):
                 return
             if self._untold:
@@ -142,16 +150,8 @@ class PlanDispatch:
 
     def _patience(self) -> float:
         """Seconds until one of the running actions may have to be given up."""
-        patience = math.inf
-        for record in self._running.values():
-            if not record.taken:
-                first = record.acknowledge.remaining()
-                patience = min(patience, first if first > 0 else min(record.accept.remaining(), 1.0))
-            else:
-                patience = min(patience, 1.0)  # its interface may die without an answer
-            if record.grace is not None:
-                patience = min(patience, record.grace.remaining())
-        patience = min([patience, *self._coming.time_left(self._running.values())])
+        running = self._running.values()
+        patience = min([math.inf, *(each.patience() for each in running), *self._coming.time_left(running)])
         for action_id in self._schedule.awaited():
             record = self._running[action_id]
             if record.applied is not None:
@@ -171,16 +171,21 @@ class PlanDispatch:
         now = self._environment.now()
         while not self._cancelled.is_set():
             self._see_starts(now)
-            if self._suspended.is_set():
+            if self._suspended.is_set() or self._robot_left is not None:
                 return now
             ready = [action for action in self._schedule.ready(now) if action.id not in tried]
+            if self._breakpoints.armed:
+                held = self._breakpoints.held
+                ready = [ready[index] for index in self._breakpoints.admit([str(each) for each in ready])]
+                self._untold = self._untold or self._breakpoints.held != held
             if not ready:
                 break
             tried.update(action.id for action in ready)
             if not self._start_all(ready):
                 return now
             now = self._environment.now()
-        idle = not self._running and not self._coming.expected and not self._cancelled.is_set()
+        waits = self._breakpoints.held or self._cancelled.is_set() or self._coming.expected
+        idle = not self._running and not waits
         if idle and not self._schedule.finished and self._wake_time(now) is None and not self._overtaken:
             waiting = self._schedule.waiting()
             if waiting:
@@ -198,10 +203,7 @@ class PlanDispatch:
             Running.make(action, self._environment.operator(action), self._environment, self._limits)
             for action in ready
         ]
-        needed = [
-            (record.action, record.operator.at_start + over_all_before_start(record.operator))
-            for record in records
-        ]
+        needed = [(record.action, record.needed_at_start) for record in records]
         together: List[Running] = []
         for record, unmet in zip(records, self._environment.false_of_each(needed)):
             if unmet.empty:
@@ -211,10 +213,12 @@ class PlanDispatch:
             together = []
             if self._cancelled.is_set():
                 return False
-            if self._coming.may_come(record.action, unmet, self._began, self._running.values()):
+            robot = self._environment.robot_left(record.action, unmet)  # no action brings it back
+            running = self._running.values()
+            if not robot and self._coming.may_come(record.action, unmet, self._began, running):
                 continue
             self._environment.tell(record.action, FeedbackStatus.PRECONDITION_FALSE)
-            self._fail(f"{record.action} cannot start: {unmet.as_false()}", record.action)
+            self._fail(f"{record.action} cannot start: {unmet.as_false()}", record.action, robot)
             return False
         self._send(together)
         return not self._cancelled.is_set()
@@ -230,6 +234,8 @@ class PlanDispatch:
             action = self._last = record.action
             self._environment.send(action)
             self._environment.tell(action, FeedbackStatus.ENABLED)
+            if self._breakpoints.armed:
+                self._breakpoints.began(str(action))
             self._schedule.started(action.id, self._environment.now(), record.seen_at_once)
 
     # --- what happens -------------------------------------------------------------------------------
@@ -242,7 +248,7 @@ class PlanDispatch:
             elif isinstance(event, Feedback):
                 self._feedback(event)
             elif isinstance(event, KnowledgeChanged):
-                self._changes = _together(self._changes, event.names)
+                self._changes = together(self._changes, event.names)
                 for record in self._running.values():
                     record.changed(event.names)
 
@@ -252,7 +258,7 @@ class PlanDispatch:
         self._changes = _NOTHING
         self._check_over_all(affected)
         late = self._schedule.late(self._environment.now())
-        if late is not None:
+        if late is not None and self._robot_left is None:
             self._fail(f"a time bound of the plan is broken: {late}")
         self._check_order()
         for record in list(self._running.values()):
@@ -277,8 +283,8 @@ class PlanDispatch:
             self._schedule.ended(feedback.action_id, self._environment.now())
         elif status == FeedbackStatus.FAILED:
             del self._running[feedback.action_id]
-            why = f": {feedback.reason}" if feedback.reason else ""
-            self._fail(f"{record.action} failed{why}", record.action)
+            why = f"{record.action} failed{': ' if feedback.reason else ''}{feedback.reason}"
+            self._fail(why, record.action, feedback.robot)
         elif status in (FeedbackStatus.ENABLED, FeedbackStatus.DISPATCHED_TO_START_STATE):
             if record.applied is None:
                 record.applied = self._environment.deadline(self._limits.settle)
@@ -326,9 +332,13 @@ class PlanDispatch:
         elif record.asks_again() and self._environment.just_announced(record.action.name):
             self._environment.send(record.action)
 
-    def _fail(self, reason: str, action: Optional[PlannedAction] = None) -> None:
-        if self._failure is None:
-            self._failure = DispatchFailure(DispatchState.FAILED, reason, action)
+    def _fail(self, reason: str, action: Optional[PlannedAction] = None, robot: str = "") -> None:
+        """Ends the dispatch; because of a robot that has left, once the others' actions have ended."""
+        failure = DispatchFailure(DispatchState.FAILED, reason, action)
+        if robot:
+            self._robot_left = self._robot_left or failure
+        else:
+            self._failure = self._failure or failure
 
     # --- stopping -----------------------------------------------------------------------------------
 
@@ -380,18 +390,9 @@ class PlanDispatch:
 
     def _report(self, state: Optional[DispatchState] = None) -> DispatchReport:
         self._untold = False
+        running = [record.action for record in self._running.values()]
         report = DispatchReport.of(
-            state,
-            self._failure,
-            self._schedule,
-            [record.action for record in self._running.values()],
-            self._done,
-            self._unanswered,
+            state, self._failure, self._schedule, running, self._done, self._unanswered
         )
         self._environment.changed(report)
         return report
-
-
-def _together(names: Optional[FrozenSet[str]], more: Optional[FrozenSet[str]]) -> Optional[FrozenSet[str]]:
-    """Names that changed; None stands for all."""
-    return None if names is None or more is None else names | more

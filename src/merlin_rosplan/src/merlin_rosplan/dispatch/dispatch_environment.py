@@ -175,6 +175,10 @@ class DispatchEnvironment(abc.ABC):
         """
         return None
 
+    def robot_left(self, action: PlannedAction, unmet: Conditions) -> str:
+        """The robot of an action that cannot start because that robot takes no actions; empty: it does."""
+        return ""
+
     @abc.abstractmethod
     def seconds_silent(self, operator: str) -> Optional[float]:
         """Seconds since the operator's interface last announced itself; None when it never has."""
@@ -199,6 +203,8 @@ class Feedback(NamedTuple):
     status: int
     plan_id: int = 0
     reason: str = ""
+    robot: str = ""
+    """The robot that takes no actions any more, which is why this one failed; those of others go on."""
 
 
 class CancelRequest(NamedTuple):
@@ -214,6 +220,11 @@ class KnowledgeChanged(NamedTuple):
     """
 
     names: Optional[FrozenSet[str]] = None
+
+
+def together(names: Optional[FrozenSet[str]], more: Optional[FrozenSet[str]]) -> Optional[FrozenSet[str]]:
+    """Names that changed; None stands for all."""
+    return None if names is None or more is None else names | more
 
 
 class Tick(NamedTuple):

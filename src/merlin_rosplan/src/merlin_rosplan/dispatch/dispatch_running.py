@@ -134,6 +134,14 @@ class Running:
             )
         return None
 
+    def patience(self) -> float:
+        """Seconds until it may have to be given up."""
+        patience = 1.0  # its interface may die without an answer
+        if not self.taken:
+            first = self.acknowledge.remaining()
+            patience = first if first > 0 else min(self.accept.remaining(), 1.0)
+        return patience if self.grace is None else min(patience, self.grace.remaining())
+
     def asks_again(self) -> bool:
         """Whether it may have to be sent once more; true once."""
         again = self._unanswered() and not self.sent_again
@@ -152,6 +160,11 @@ class Running:
             and all(entry.functions & own.names for entry in broken.comparisons)
             and all(entry.reads & own.names for entry in broken.expressions)
         )
+
+    @property
+    def needed_at_start(self) -> Conditions:
+        """What has to hold for it to start."""
+        return self.operator.at_start + over_all_before_start(self.operator)
 
     @property
     def needed_at_end(self) -> Conditions:

@@ -2,14 +2,16 @@
 
 import threading
 import time
-from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Set, Tuple
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import DispatchStatus, RunningAction
+from merlin_msgs.msg import DispatchStatus, RobotHost, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
+from merlin_actions.core.robot_book import AVAILABLE
+from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.publishing import publish
@@ -22,7 +24,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
 )
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.interface_watch import InterfaceWatch
-from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, Conditions
+from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, Conditions, PlanTerm
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.ros_alarm import RosAlarm
@@ -45,6 +47,7 @@ class DispatchTopics(DispatchEnvironment):
     :param on_tick: called when a time asked for has come.
     :param on_feedback: called with each feedback the dispatcher publishes.
     :param on_change: called at each change of a dispatch.
+    :param breakpoints: of the dispatcher, which its status tells.
     """
 
     def __init__(
@@ -55,11 +58,15 @@ class DispatchTopics(DispatchEnvironment):
         on_tick: Callable[[], None],
         on_feedback: Callable[[ActionFeedback], None],
         on_change: Callable[[], None],
+        breakpoints: Breakpoints,
     ) -> None:
         self._component = component
         self._knowledge = knowledge
         self._on_feedback = on_feedback
         self._on_change = on_change
+        self._breakpoints = breakpoints
+        self._telling = threading.Lock()  # keeps statuses in order; guards the field below
+        self._told = DispatchReport(DispatchState.IDLE, "nothing dispatched yet")
         # Interfaces latch their last feedback: an id from an earlier life of this node must not fit again.
         self.plan_id = int(time.time()) % 1_000_000 * 1000
         self._operators: Dict[str, ActionModel] = {}
@@ -80,11 +87,17 @@ class DispatchTopics(DispatchEnvironment):
             topic = str(component.param("action_feedback_topic", "action_feedback"))
             self._feedback = component.publisher(topic, ActionFeedback, queue_size=1000, latch=True)
         self._status = component.publisher("dispatch_status", DispatchStatus, queue_size=100, latch=True)
-        self.tell_status(DispatchReport(DispatchState.IDLE, "nothing dispatched yet"))
+        self.tell_again()
         component.subscriber(
             f"{component.knowledge_base}/pddl_action_parameters",
             DomainFormula,
             lambda message: self._interfaces.announce(message.name),
+        )
+        self._robots: Set[str] = set()  # of which a host was ever heard
+        component.subscriber(
+            f"{component.knowledge_base}/robots",
+            RobotHost,
+            lambda message: self._robots.add(message.robot.lower()),
         )
 
     def begin(self) -> int:
@@ -187,6 +200,12 @@ class DispatchTopics(DispatchEnvironment):
         """Asks a knowledge base of ours for its open executions."""
         return self._knowledge.begun(self.plan_id, action.id)
 
+    def robot_left(self, action: PlannedAction, unmet: Conditions) -> str:
+        """The robot of the action whose ``(available ?robot)`` does not hold; the bridges keep that fact."""
+        named = {value.lower() for _, value in action.parameters} & self._robots
+        lacking = [atom.arguments[0] for atom in unmet.positive if _is_available(atom)]
+        return next((robot for robot in lacking if robot.lower() in named), "")
+
     def seconds_silent(self, operator: str) -> Optional[float]:
         """Seconds since the operator's interface announced itself."""
         return self._interfaces.seconds_silent(operator)
@@ -227,6 +246,16 @@ class DispatchTopics(DispatchEnvironment):
 
     def tell_status(self, report: DispatchReport) -> None:
         """Publishes how a dispatch stands; one that has ended is idle."""
+        with self._telling:
+            self._told = report
+            self._publish_status(report)
+
+    def tell_again(self) -> None:
+        """Publishes the last status with the breakpoints as they are now; from any thread."""
+        with self._telling:
+            self._publish_status(self._told)
+
+    def _publish_status(self, report: DispatchReport) -> None:
         status = DispatchStatus(
             state=_WIRE_STATES.get(report.state, DispatchStatus.IDLE),
             plan_id=self.plan_id,
@@ -247,6 +276,12 @@ class DispatchTopics(DispatchEnvironment):
             unanswered=[str(action) for action in report.unanswered],
             goal_achieved=report.goal_achieved,
             unmet_goals=list(report.unmet_goals),
+            breakpoints=self._breakpoints.texts,
+            held=self._breakpoints.held,
         )
         status.header.stamp = rospy.Time.now()
         publish(self._status, status)
+
+
+def _is_available(atom: PlanTerm) -> bool:
+    return atom.name.lower() == AVAILABLE and len(atom.arguments) == 1

@@ -7,6 +7,7 @@ from typing import Any, Optional, Type
 
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
+from merlin_msgs.srv import Breakpoints as BreakpointsSrv
 from rosplan_dispatch_msgs.msg import (
     ActionFeedback,
     CompletePlan,
@@ -18,6 +19,7 @@ from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceRequest, D
 from rosplan_knowledge_msgs.msg import StatusUpdate
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
+from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.deadline import Deadline, limit
@@ -39,6 +41,7 @@ from merlin_rosplan.dispatcher.dispatch_topics import OWN_MARK, SHUTDOWN_DEADLIN
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component, caller
 from merlin_rosplan.transport.handover import Handover
+from merlin_sm.breakpoint_service import BreakpointService
 
 SCOPE = "rosplan_plan_dispatcher"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
@@ -48,8 +51,8 @@ SLACK = 1.0  # s beyond the cancel deadline for the dispatch of a lost owner to 
 class PlanDispatcher(Component):
     """Base of both dispatchers.
 
-    Services ``dispatch_plan``, ``cancel_dispatch``; action server ``dispatch_plan_action``; topics
-    ``action_dispatch``, ``dispatch_status`` and what the subclass adds.
+    Services ``dispatch_plan``, ``cancel_dispatch``, ``breakpoints``; action server ``dispatch_plan_action``;
+    topics ``action_dispatch``, ``dispatch_status`` and what the subclass adds.
     """
 
     plan_class: Type[Any] = CompletePlan
@@ -74,8 +77,15 @@ class PlanDispatcher(Component):
         )
         self._allow_redispatch = bool(self.param("allow_redispatch", False))
         self._knowledge = PlanKnowledge(self.knowledge_base)
+        self._breakpoints = Breakpoints()
         self._topics = DispatchTopics(
-            self, self._knowledge, self.publishes_feedback, self._tick, self._forward, self.progressed
+            self,
+            self._knowledge,
+            self.publishes_feedback,
+            self._tick,
+            self._forward,
+            self.progressed,
+            self._breakpoints,
         )
         self._settler = self.own(
             DispatchSettler(self.knowledge_base, self._topics.seconds_silent, self._limits.liveness)
@@ -103,6 +113,8 @@ class PlanDispatcher(Component):
         self._server.start()
         self.service("dispatch_plan", DispatchService, self._serve)
         self.service("cancel_dispatch", Empty, self._serve_cancel)
+        breakpoints = BreakpointService(self._breakpoints, self._breakpoints_changed)
+        self.service("breakpoints", BreakpointsSrv, breakpoints.answer)
 
     def on_shutdown(self) -> None:
         """Cancels the dispatch and waits a moment for its end."""
@@ -251,7 +263,9 @@ class PlanDispatcher(Component):
     def _run_plan(self) -> DispatchReport:
         plan = self._take_plan()
         schedule = self.make_schedule(plan)
-        dispatch = PlanDispatch(schedule, self._topics, self._limits, self._topics.begin())
+        dispatch = PlanDispatch(
+            schedule, self._topics, self._limits, self._topics.begin(), breakpoints=self._breakpoints
+        )
         with self._state:
             self._dispatch = dispatch
             goal = self._goal
@@ -307,10 +321,11 @@ class PlanDispatcher(Component):
         final = message.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
         if final and message.plan_id in (0, dispatch.plan_id):
             self._topics.answered(message.action_id)
-        reason = next((entry.value for entry in message.information if entry.key == "reason"), "")
+        said = {entry.key: entry.value for entry in reversed(message.information)}
         if goal is not None:  # first: the event may end the goal
             goal.feedback(NonBlockingDispatchFeedback(feedback=message))
-        dispatch.put(Feedback(message.action_id, message.status, message.plan_id, reason))
+        why = said.get("reason", ""), said.get("robot", "")
+        dispatch.put(Feedback(message.action_id, message.status, message.plan_id, *why))
 
     def _forward(self, message: ActionFeedback) -> None:
         with self._state:
@@ -340,6 +355,10 @@ class PlanDispatcher(Component):
             # A knowledge base that publishes the changes themselves says there what they were.
             told = self._changes.get_num_connections() > 0
             dispatch.put(KnowledgeChanged(frozenset() if told else None))
+
+    def _breakpoints_changed(self) -> None:
+        self._topics.tell_again()
+        self._tick()
 
     def _tick(self) -> None:
         with self._state:

@@ -126,9 +126,12 @@ class KnowledgeBase(Component):
             store = KnowledgeStore(self.domain, self.strict, ros_nanoseconds, journal, self._warn)
         except StateFileError as error:
             raise ComponentError(str(error)) from error
-        if path and reset:
-            # Once per launch: a respawned process goes on with what it knows.
-            rospy.set_param(self.resolve("reset_state"), False)
+        if path:
+            # Decided once per launch: a respawned process goes on with the same file and what it holds, also
+            # at a master that was started anew, which has another /run_id or none.
+            rospy.set_param(self.resolve("state_file"), path)
+            if reset:
+                rospy.set_param(self.resolve("reset_state"), False)
         return store
 
     def _state_path(self, value: str) -> str:

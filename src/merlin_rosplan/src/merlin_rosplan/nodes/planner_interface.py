@@ -21,6 +21,7 @@ from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import get_param
+from merlin_rosplan.nodes.preview_service import PreviewService
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHosts
@@ -34,9 +35,9 @@ SCOPE = "rosplan_planner_interface"
 class PlannerInterface(Component):
     """Plans on request, one problem at a time.
 
-    Services ``planning_server``, ``planning_server_params``; action servers ``start_planning`` and
-    ``plan_without``, whose cancel kills the planner; topics ``planner_output`` and ``planner_status``, both
-    latched.
+    Services ``planning_server``, ``planning_server_params``, ``preview_plan``; action servers
+    ``start_planning`` and ``plan_without``, whose cancel kills the planner; topics ``planner_output`` and
+    ``planner_status``, both latched.
     """
 
     def __init__(self, scope: str = SCOPE) -> None:
@@ -70,6 +71,7 @@ class PlannerInterface(Component):
             self.own(SerialActionServer(self.resolve(name), spec, execute, self._cancel)).start()
         self.service("planning_server", Empty, self._serve)
         self.service("planning_server_params", PlanningService, self._serve_params)
+        self._preview = PreviewService(self, self._settings, self._request_of_params)
         try:
             PlannerHosts.of_process().warm_up()
         except HostError as error:  # tried again at each planning, which then says why
@@ -112,7 +114,7 @@ class PlannerInterface(Component):
         values = get_param(self.scope, {})
         return PlanningServiceRequest(
             use_problem_topic=bool(values.get("use_problem_topic", False)),
-            domain_path=str(values.get("domain_path", "")),
+            domain_path=str(values.get("domain_path", "")) or self._domain_of_knowledge_base(),
             problem_path=str(values.get("problem_path", "")),
             data_path=str(values.get("data_path", "")),
             planner_command=str(values.get("planner_command", "")),
@@ -267,8 +269,12 @@ class PlannerInterface(Component):
             raise ValueError(f"no problem was received on {self._problem_topic}")
         path = Path(problem_path) if problem_path else Path(self._folder.name) / "problem.pddl"
         temporary = path.with_name(f".{path.name}.{os.getpid()}.{next(self._numbers)}")
-        temporary.write_text(problem)
-        temporary.replace(path)
+        try:
+            temporary.write_text(problem)
+            temporary.replace(path)
+        except OSError as error:  # also when the folder of this process goes away with its end
+            what = error.strerror or error
+            raise ValueError(f"{self.scope} ends, or cannot write the problem to {path}: {what}") from error
         return str(path)
 
     def _data_folder(self, data_path: str) -> Optional[str]:

@@ -3,7 +3,7 @@
 import os
 import tempfile
 import threading
-from typing import Optional, Tuple
+from typing import Tuple
 
 import rospy
 from rosplan_dispatch_msgs.srv import ProblemService, ProblemServiceRequest, ProblemServiceResponse
@@ -13,8 +13,8 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 from merlin_pddl.domain import Domain
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_writer import ProblemWriteError, write_problem
-from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError, KnowledgeSnapshots
-from merlin_rosplan.nodes.knowledge_base import knowledge_base_in_process
+from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
+from merlin_rosplan.nodes.world_reader import WorldReader
 from merlin_rosplan.transport.component import Component, ComponentError, run_component
 from merlin_rosplan.transport.handover import Handover, digest_service
 
@@ -36,19 +36,13 @@ class ProblemInterface(Component):
         self._generating = (
             threading.Lock()
         )  # held while a problem is generated: file and topic show the same problem
-        self._knowledge_base = self.knowledge_base  # asking the master each time costs as much as the problem
-        self._client: Optional[KnowledgeSnapshots] = None
+        self._world: WorldReader = self.own(WorldReader(self.knowledge_base))
         topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
         self._hand_over = self.own(Handover.sender(topic))
         self._publisher = self.publisher(topic, String, queue_size=1, latch=True)
         self.service(digest_service(topic), Trigger, self._hand_over.tell_digest)
         self.service("problem_generation_server", Empty, self._generate)
         self.service("problem_generation_server_params", ProblemService, self._generate_with)
-
-    def on_shutdown(self) -> None:
-        """Closes the connections to the knowledge base."""
-        if self._client is not None:
-            self._client.close()
 
     def _path(self, wanted: str) -> str:
         return wanted or str(self.param("problem_path", ""))
@@ -86,13 +80,8 @@ class ProblemInterface(Component):
             return text
 
     def _snapshot(self) -> Tuple[Domain, Problem]:
-        local = knowledge_base_in_process(self._knowledge_base)
-        if local is not None:
-            return local.snapshot()
-        if self._client is None:
-            self._client = KnowledgeSnapshots(self._knowledge_base)
         try:
-            return self._client.snapshot()
+            return self._world.snapshot()
         except KnowledgeBaseError as error:
             raise ProblemWriteError(str(error)) from error
 

@@ -1,0 +1,108 @@
+"""Plans that are shown and not carried out, beside what the robot plans itself."""
+
+import dataclasses
+import tempfile
+import threading
+from pathlib import Path
+from typing import Optional, Sequence, Tuple
+
+from merlin_pddl.domain import Domain
+from merlin_pddl.plan_text import NO_DURATION, PlanStep, parse_plan
+from merlin_pddl.problem import Problem
+from merlin_pddl.problem_writer import ProblemWriteError
+from merlin_pddl.text_reader import PddlError
+from merlin_rosplan.planning.goal_problem import write_goal_problem
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
+from merlin_rosplan.supervision.planning import Planning
+
+#: Longest time for a plan that is only looked at, s: its reader waits for it.
+PREVIEW_LIMIT = 10.0
+BUSY = "another plan is being looked for, only to be shown; ask again when it is there"
+
+
+class Previews:
+    """Plans goals one after the other; a second one at the same time is refused. Thread-safe.
+
+    :param settings: of the planner; its time limit is shortened.
+    """
+
+    def __init__(self, settings: PlannerSettings) -> None:
+        limit = min(settings.time_limit or PREVIEW_LIMIT, PREVIEW_LIMIT)
+        self._settings = dataclasses.replace(settings, time_limit=limit)
+        self._folder = tempfile.TemporaryDirectory(prefix="plan_preview-")
+        self._lock = threading.Lock()  # guards the fields below
+        self._busy = False
+        self._closed = False
+        self._planning: Optional[Planning] = None
+
+    def plan(
+        self,
+        world: Tuple[Domain, Problem],
+        domain_path: str,
+        command: str,
+        goals: Sequence[str],
+        without: Sequence[str],
+    ) -> PlanningOutcome:
+        """Plans.
+
+        :param world: domain and state; the goals in it do not count.
+        :param domain_path: PDDL file of the domain.
+        :param command: of the planner.
+        :param goals: PDDL text.
+        :param without: see :class:`PlannerSettings`.
+        """
+        with self._lock:
+            if self._busy or self._closed:
+                return PlanningOutcome(PlannerState.CANCELLED, BUSY)
+            self._busy = True
+        try:
+            return self._plan(world, domain_path, command, goals, without)
+        finally:
+            with self._lock:
+                self._busy = False
+                self._planning = None
+                if self._closed:
+                    self._folder.cleanup()
+
+    def shutdown(self) -> None:
+        """Ends the planning that runs, and plans no more."""
+        with self._lock:
+            self._closed = True
+            if self._planning is not None:
+                self._planning.cancel()
+            if not self._busy:
+                self._folder.cleanup()
+
+    def _plan(
+        self,
+        world: Tuple[Domain, Problem],
+        domain_path: str,
+        command: str,
+        goals: Sequence[str],
+        without: Sequence[str],
+    ) -> PlanningOutcome:
+        path = Path(self._folder.name) / "problem.pddl"
+        try:
+            path.write_text(write_goal_problem(*world, goals), encoding="utf-8")
+        except (PddlError, ProblemWriteError, OSError) as error:
+            return PlanningOutcome(PlannerState.INVALID, str(error))
+        settings = dataclasses.replace(self._settings, command=command, without=tuple(without))
+        planning = Planning(settings, domain_path, str(path))
+        with self._lock:
+            self._planning = planning
+            if self._closed:
+                planning.cancel()
+        return planning.run()
+
+
+def steps_of(plan: str) -> Sequence[PlanStep]:
+    """The steps of a plan in the order of their starts; 0 stands for no duration.
+
+    :raises PlanTextError: when it cannot be read.
+    """
+    steps = sorted(parse_plan(plan), key=lambda step: step.time) if plan.strip() else []
+    return [
+        dataclasses.replace(step, duration=step.duration if step.duration > NO_DURATION else 0.0)
+        for step in steps
+    ]
