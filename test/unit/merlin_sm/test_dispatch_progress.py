@@ -5,7 +5,7 @@ from typing import List, Tuple
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_sm.dispatch_progress import (
+from merlin_sm.dispatching.progress import (
     PART,
     Action,
     DispatchAnswer,

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import DispatchStatus
 
-from merlin_sm.dispatch_progress import Action, DispatchAnswer, DispatchProgress, Reply
-from merlin_sm.dispatcher_kinds import FAILURE_GRACE, ReportingDispatcher, SilentDispatcher
+from merlin_sm.dispatching.kinds import FAILURE_GRACE, ReportingDispatcher, SilentDispatcher
+from merlin_sm.dispatching.progress import Action, DispatchAnswer, DispatchProgress, Reply
 
 IDLE = DispatchStatus(state=DispatchStatus.IDLE)
 RUNNING = DispatchStatus(state=DispatchStatus.RUNNING)

@@ -10,6 +10,7 @@ from geometry_msgs.msg import PoseStamped
 from merlin_msgs.msg import ListenResult, RecognizeResult
 from vision_msgs.msg import Detection3D, ObjectHypothesisWithPose
 
+from merlin_ros.actions.hang_watch import HUNG, HangWatch
 from merlin_sm.states import action_state, navigation
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp
@@ -114,6 +115,19 @@ def test_how_the_servers_end_ends_the_state(
     drive.served_goal = "owner-1"
     assert drive.execute(userdata()) == outcome
     assert (drive.reason, drive.given_up, server.owners) == (reason, False, ["owner-1"])
+
+
+def test_after_a_hang_a_cancel_is_read_before_a_goal_is_sent(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch = HangWatch()
+    watch.beat()
+    watch._last -= 2 * HUNG
+    monkeypatch.setattr(action_state, "hangs", watch)
+    drive = state()
+    threading.Timer(0.05, drive.request_preempt).start()
+    assert drive.execute(userdata()) == PREEMPTED
+    assert server.goals == []
 
 
 def test_a_server_that_does_not_come_is_named(server: Server) -> None:

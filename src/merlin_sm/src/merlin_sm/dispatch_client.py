@@ -2,29 +2,31 @@
 
 import itertools
 import threading
-from typing import Callable, Dict, List, Optional, Sequence, Set
+from typing import Callable, List, Optional, Sequence, Set
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, Lease, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
-from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse
+from rosplan_dispatch_msgs.srv import DispatchService
 from rosplan_knowledge_msgs.msg import DomainFormula
+from rospy.core import is_shutdown_requested
 from std_srvs.srv import Empty
 
-from merlin_ros.actions.lease import LOSE_AFTER
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_ros.deadline import Deadline, limit, running_time
-from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
-from merlin_sm.dispatch_progress import (
+from merlin_ros.publishing import publish
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_sm.dispatching.kinds import DispatcherKind, Hold, ReportingDispatcher, SilentDispatcher
+from merlin_sm.dispatching.owners import DispatchOwners
+from merlin_sm.dispatching.progress import (
     PART,
     Action,
     DispatchAnswer,
     DispatchProgress,
     DispatchResult,
-    Reply,
     ground,
 )
-from merlin_sm.dispatcher_kinds import DispatcherKind, ReportingDispatcher, SilentDispatcher
+from merlin_sm.dispatching.reply import reply_of
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
 from merlin_sm.planning_client import Interruptible
 
@@ -32,6 +34,7 @@ CANCEL_ACTION = "cancel_action"
 INTERFACE_WAIT = 3.0  # s of running time for the action interfaces of a plan to announce themselves
 STATUS_GRACE = 0.5  # s of running time for the dispatcher's status behind its answer
 ANSWER_GRACE = 0.3  # s of running time for an interface's answer behind the end of the dispatch
+ORPHAN_GRACE = 1.0  # s of running time for the actions of a dispatcher that is gone to end
 SLACK = 1.0  # s that a dispatcher gets beyond its own cancel deadline
 OWNER_LOOK = 0.5  # s between two looks whether the owner of a foreign dispatch still lives
 LISTEN = 1.0  # s of a client's life after which it would have heard the owner of a foreign dispatch
@@ -52,7 +55,7 @@ class DispatchClient:
     :param dispatcher: its name (scope).
     :param knowledge_base: where action interfaces announce themselves.
     :param cancel_deadline: s of running time for a cancelled dispatch to end; zero or less: no limit.
-    :param on_change: called when the running actions or the steps done change, in a subscriber's thread.
+    :param on_change: called when the running actions, the steps done or the hold change, by a subscriber.
     """
 
     def __init__(
@@ -69,7 +72,6 @@ class DispatchClient:
         self._cancel = ServiceProxy(f"{dispatcher}/cancel_dispatch", Empty, timeout=2.0)
         self._numbers = itertools.count(1)
         self._lease = LeaseHolder(f"{dispatcher}/dispatch_plan/lease")
-        self._node = rospy.get_name()
         self._begun = running_time()
         self._changed = threading.Condition()  # guards the fields below
         self._progress = DispatchProgress()
@@ -80,7 +82,7 @@ class DispatchClient:
         self._ended = True
         self._announced: Set[str] = set()
         self._kind: DispatcherKind = SilentDispatcher()
-        self._owners: Dict[str, float] = {}  # other node that owns a dispatch -> running time of its renewal
+        self._owners = DispatchOwners(rospy.get_name())
         self._cancel_publisher = rospy.Publisher(
             f"{dispatcher}/action_dispatch", ActionDispatch, queue_size=10
         )
@@ -93,10 +95,6 @@ class DispatchClient:
             rospy.Subscriber(f"{dispatcher}/{topic}", message_class, callback, tcp_nodelay=True)
         announcements = f"{rospy.resolve_name(knowledge_base)}/pddl_action_parameters"
         rospy.Subscriber(announcements, DomainFormula, self._receive_interface)
-
-    def wait(self, timeout: float) -> bool:
-        """Waits until the dispatcher is there, s of wall time."""
-        return self._dispatch.wait(timeout)
 
     def available(self) -> bool:
         """Whether the dispatcher is there now."""
@@ -117,6 +115,11 @@ class DispatchClient:
     def steps_done(self) -> int:
         """Actions of this dispatch that have succeeded."""
         return self._progress.steps_done
+
+    @property
+    def hold(self) -> Hold:
+        """Where it is held, and where it will be."""
+        return self._kind.hold
 
     @property
     def busy(self) -> bool:
@@ -160,7 +163,8 @@ class DispatchClient:
             interruptible(None)
         if interrupted.is_set() or not self.busy:
             return ""
-        owner = self._living_owner()
+        with self._changed:
+            owner = self._owners.living
         if owner:
             return f"{PART} {self.name} carries out a plan of {owner}"
         return f"{PART} {self.name} carries out an earlier plan and does not stop"
@@ -193,7 +197,7 @@ class DispatchClient:
         The thread that waits for the dispatch sends the cancel: a hung dispatcher costs its caller no time.
         """
         with self._changed:
-            if not self._ended:
+            if self._active:
                 self._requested = self._cancelling = True
                 self._progress.stop()
                 self._changed.notify_all()
@@ -264,7 +268,8 @@ class DispatchClient:
                 self._cancelling = True
             if self._ended:
                 return True
-            if not Deadline(patience).wait(self._changed, lambda: self._ended or self._started()):
+            begun = self._kind.started
+            if not Deadline(patience).wait(self._changed, lambda: self._ended or begun(self._progress)):
                 return False
         self._send_cancel()
         with self._changed:
@@ -277,9 +282,6 @@ class DispatchClient:
                 return False
             return self._kind.may_hold_old_plan and self._progress.other_plan
 
-    def _started(self) -> bool:
-        return self._kind.started(self._progress)
-
     def _send_cancel(self) -> None:
         with self._changed:
             if self._cancel_sent or self._ended:
@@ -287,15 +289,17 @@ class DispatchClient:
             self._cancel_sent = True
             running = self._kind.to_cancel(self._progress)
         self._call_cancel()
-        for action in running:
-            self._cancel_publisher.publish(
-                ActionDispatch(
-                    action_id=action.id,
-                    plan_id=action.plan_id,
-                    name=CANCEL_ACTION,
-                    parameters=action.message.parameters,
-                )
+        self._cancel_actions(running)
+
+    def _cancel_actions(self, actions: Sequence[Action]) -> None:
+        for action in actions:
+            cancel = ActionDispatch(
+                action_id=action.id,
+                plan_id=action.plan_id,
+                name=CANCEL_ACTION,
+                parameters=action.message.parameters,
             )
+            publish(self._cancel_publisher, cancel)
 
     def _call_cancel(self) -> None:
         try:
@@ -303,8 +307,22 @@ class DispatchClient:
         except ServiceError as error:
             rospy.logwarn(f"cancel of {self.name}: {error}")
 
+    def _stop_orphans(self) -> None:
+        """Ends the actions of a dispatcher that is gone; they would run on until they miss it."""
+        with self._changed:
+            orphans = list(self._progress.running.values())
+        self._cancel_actions(orphans)
+        with self._changed:
+            Deadline(ORPHAN_GRACE).wait(self._changed, lambda: not self._progress.running)
+            if self._requested:  # then the answer says what has stopped
+                patience = Deadline(limit(self.cancel_deadline))
+                patience.wait(self._changed, lambda: not self._progress.unanswered)
+
     def _result(self, answer: object) -> DispatchResult:
-        reply = self._reply(answer)
+        with self._changed:
+            reply = reply_of(answer, self.name, self._progress.begun)
+        if reply.gone and not is_shutdown_requested():  # then everything ends by itself
+            self._stop_orphans()
         with self._changed:
             if not reply.achieved and not reply.gone:
                 # The last status may arrive a moment after the answer of the service.
@@ -313,31 +331,14 @@ class DispatchClient:
                 Deadline(ANSWER_GRACE).wait(self._changed, lambda: not self._progress.unanswered)
             return self._kind.result(self._progress, reply)
 
-    def _reply(self, answer: object) -> Reply:
-        if isinstance(answer, DispatchServiceResponse):
-            return Reply(achieved=answer.goal_achieved)
-        if not isinstance(answer, ServiceError):
-            return Reply(gone=f"the call of {PART} failed: {type(answer).__name__}: {answer}")
-        if not isinstance(answer, ServiceUnavailable):
-            return Reply(refused=str(answer))
-        with self._changed:
-            begun = self._progress.begun
-        if begun:
-            return Reply(gone=f"{PART} {self.name} ended while it carried out the plan")
-        return Reply(gone=f"{PART} does not answer: {answer}")
-
     # --- what is heard --------------------------------------------------------------------------------
 
     def _busy(self) -> bool:
         return not self._active and self._kind.busy
 
     def _abandoned(self) -> bool:
-        return running_time() - self._begun > LISTEN and not self._living_owner()
-
-    def _living_owner(self) -> str:
         with self._changed:
-            now = running_time()
-            return next((owner for owner, last in self._owners.items() if now - last < LOSE_AFTER), "")
+            return running_time() - self._begun > LISTEN and not self._owners.living
 
     def _receive_dispatch(self, dispatch: ActionDispatch) -> None:
         with self._changed:
@@ -382,17 +383,15 @@ class DispatchClient:
 
     def _receive_status(self, status: DispatchStatus) -> None:
         with self._changed:
+            before = self._kind.hold
             if isinstance(self._kind, ReportingDispatcher):
                 self._kind.receive(status)
             else:
                 self._kind = ReportingDispatcher(status)
             self._changed.notify_all()
+        if before != self._kind.hold:
+            self._on_change()
 
     def _receive_lease(self, lease: Lease) -> None:
-        if lease.owner == self._node:
-            return
         with self._changed:
-            if lease.held:
-                self._owners[lease.owner] = running_time()
-            else:
-                self._owners.pop(lease.owner, None)
+            self._owners.heard(lease)

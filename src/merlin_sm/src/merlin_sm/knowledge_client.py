@@ -1,6 +1,7 @@
 """Access to a ROSPlan knowledge base, ours or the original. One client per knowledge base and process."""
 
 import threading
+import time
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Type
 
 import rospy
@@ -163,6 +164,21 @@ def knowledge_client(name: str = DEFAULT_KNOWLEDGE_BASE) -> KnowledgeClient:
         if resolved not in _clients:
             _clients[resolved] = KnowledgeClient(resolved)
         return _clients[resolved]
+
+
+def wait_for_knowledge_base(name: str, timeout: float) -> None:
+    """Waits until a knowledge base answers.
+
+    :param timeout: s of wall time.
+    :raises KnowledgeBaseMissing: when it does not.
+    """
+    began = time.monotonic()
+    knowledge = knowledge_client(name)
+    if not knowledge.wait(timeout):
+        waited = time.monotonic() - began
+        raise KnowledgeBaseMissing(
+            f"no knowledge base {knowledge.name} after {waited:.0f} s; is it launched?"
+        )
 
 
 def fact(predicate: str, *arguments: str, negative: bool = False) -> KnowledgeItem:

@@ -1,9 +1,10 @@
 """MerlinSM: a SMACH state machine that knows the planning system (paper, Figure 2)."""
 
-from typing import Any, List, Mapping, Sequence
+from typing import Any, List, Mapping, Optional, Sequence
 
 import rospy
 
+from merlin_sm.holding.autonomy import read_levels
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from smach import State, StateMachine
 
@@ -30,15 +31,24 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         self.register_termination_cb(self._take_reason)
 
     @staticmethod
-    def add(label: str, state: State, *args: Any, **options: Any) -> State:
-        """Adds a state to the open machine as ``smach.StateMachine.add`` does, and notes its remapping."""
-        _note(state, args[1:], options)
+    def add(
+        label: str, state: State, *args: Any, autonomy: Optional[Mapping[str, str]] = None, **options: Any
+    ) -> State:
+        """Adds a state to the open machine as ``smach.StateMachine.add`` does, and notes its remapping.
+
+        :param autonomy: outcome → level that it requires, ``low``, ``high`` or ``full``: where the level of
+            the node is lower, the outcome is not taken before an operator confirms it.
+        :raises ValueError: the state has no such outcome, or there is no such level.
+        """
+        _note(state, args[1:], options, label, autonomy)
         return StateMachine.add(label, state, *args, **options)
 
     @staticmethod
-    def add_auto(label: str, state: State, *args: Any, **options: Any) -> State:
-        """Adds a state as ``smach.StateMachine.add_auto`` does, and notes its remapping."""
-        _note(state, args[2:], options)
+    def add_auto(
+        label: str, state: State, *args: Any, autonomy: Optional[Mapping[str, str]] = None, **options: Any
+    ) -> State:
+        """Adds a state as ``smach.StateMachine.add_auto`` does; `autonomy` as for :meth:`add`."""
+        _note(state, args[2:], options, label, autonomy)
         return StateMachine.add_auto(label, state, *args, **options)
 
     def prepare(self) -> None:
@@ -71,8 +81,16 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         self.reason = "; ".join(filter(None, reasons))
 
 
-def _note(state: Any, args: Sequence[Any], options: Mapping[str, Any]) -> None:
-    """Leaves with a state what SMACH does not give back, for the check of the userdata."""
+def _note(
+    state: Any,
+    args: Sequence[Any],
+    options: Mapping[str, Any],
+    label: str,
+    autonomy: Optional[Mapping[str, str]],
+) -> None:
+    """Leaves with a state what SMACH does not give back: for the check of the userdata, and for operators."""
     given = dict(zip(("remapping", "constants"), args), **options)
     state.remapping = dict(given.get("remapping") or {})
     state.constants = list(given.get("constants") or {})
+    if autonomy:
+        state.autonomy_levels = read_levels(label, state.get_registered_outcomes(), autonomy)

@@ -6,7 +6,9 @@ from typing import Any, Callable, Dict, Optional, Sequence
 import rospy
 from actionlib_msgs.msg import GoalStatus
 
-from merlin_ros.actions.action_client import ActionClient, ClientGoal
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.actions.client_goal import ClientGoal
+from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.deadline import Deadline
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
@@ -83,6 +85,9 @@ class ActionState(MerlinState):
             if self.preempt_requested():
                 return PREEMPTED
             return self.fail(f"no action server {self._client.name} within {self._server_wait:g} s")
+        hangs.wait_settled(self.preempt_requested)
+        if self.preempt_requested():
+            return PREEMPTED
         ended = threading.Event()
         sent = self._client.send(goal, on_done=lambda _: ended.set(), owner=self.served_goal)
         cancelled = threading.Event()

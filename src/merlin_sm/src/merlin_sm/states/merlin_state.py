@@ -1,7 +1,7 @@
 """MerlinState: a SMACH state that wakes at once when it is preempted, and says why it failed."""
 
 import threading
-from typing import Any, Callable, Optional, Sequence
+from typing import Any, Callable, Iterator, Optional, Sequence
 
 import smach
 
@@ -104,3 +104,12 @@ class MerlinState(smach.State):
             self._interrupt = interrupt
         if interrupt is not None and self.preempt_requested():
             interrupt()
+
+
+def merlin_states(container: Any) -> Iterator[MerlinState]:
+    """Every MERLIN state of a container, also of nested ones."""
+    for child in container.get_children().values():
+        if isinstance(child, MerlinState):
+            yield child
+        elif isinstance(child, smach.Container):
+            yield from merlin_states(child)

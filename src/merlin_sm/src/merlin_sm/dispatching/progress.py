@@ -191,8 +191,8 @@ class DispatchProgress:
         unstopped = self.unstopped(self._stopping, reason)
         why = reason or self.failed_reason or "the plan ended, but the goal does not hold"
         if reply.refused or reply.gone:
-            action, why = self.failed, reply.refused or reply.gone
-        named = action or self.failed
+            action, why = "", reply.refused or reply.gone
+        named = action or ("" if reply.gone and not self.failed_by_itself else self.failed)
         in_vain = self._in_vain.get(ground_text(named), "")
         return DispatchResult(
             False, cancelled, False, named, why, unstopped, bool(reply.gone), tuple(unmet), in_vain

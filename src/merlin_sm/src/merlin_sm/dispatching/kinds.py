@@ -5,14 +5,23 @@ goes on with :class:`ReportingDispatcher` from the first status on.
 """
 
 from abc import ABC, abstractmethod
-from typing import List, Optional
+from typing import List, NamedTuple, Optional, Tuple
 
 from merlin_msgs.msg import DispatchStatus
 
-from merlin_sm.dispatch_progress import Action, DispatchProgress, DispatchResult, Reply
+from merlin_sm.dispatching.progress import Action, DispatchProgress, DispatchResult, Reply
 
 #: Time for ROSPlan's dispatcher to stop by itself after a failed action, s of running time.
 FAILURE_GRACE = 0.5
+
+
+class Hold(NamedTuple):
+    """Where a dispatcher is held by an operator's wish."""
+
+    held: str = ""
+    """The action before which it is held now, as PDDL text; empty: it is not."""
+    breakpoints: Tuple[str, ...] = ()
+    """Actions before which it will be, with ``*`` for any argument."""
 
 
 class DispatcherKind(ABC):
@@ -36,6 +45,8 @@ class DispatcherKind(ABC):
     @abstractmethod
     def at_rest(self) -> bool:
         """False while a last status of the present dispatch may follow."""
+
+    hold = Hold()
 
     @abstractmethod
     def begin(self) -> None:
@@ -103,12 +114,12 @@ class ReportingDispatcher(DispatcherKind):
     stops_after_failure = True
 
     def __init__(self, status: DispatchStatus) -> None:
-        self._status = status
-        self._is_new = True
+        self.receive(status)
 
     def receive(self, status: DispatchStatus) -> None:
         """Takes a status."""
         self._status, self._is_new = status, True
+        self.hold = Hold(status.held, tuple(status.breakpoints))
 
     def begin(self) -> None:
         """Forgets that the present status is of this dispatch."""

@@ -1,0 +1,219 @@
+"""Sets the breakpoints of Executor, dispatcher and machines, and lets go on what they hold."""
+
+from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
+
+import rospy
+from merlin_msgs.srv import (
+    Breakpoints,
+    BreakpointsRequest,
+    BreakpointsResponse,
+    LeaveState,
+    SetAutonomy,
+)
+
+from merlin_pddl.breakpoints import BreakpointError, read_pattern
+from merlin_ros.master.master_link import ERRORS, bounded_master
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_sm.holding.node_holds import AUTONOMY_SERVICE, LEAVE_SERVICE, SERVICE
+from merlin_sm.holding.state_holds import names_state, read_state_pattern
+from merlin_sm.knowledge_client import KnowledgeClient
+
+LIMIT = 3.0  # s of wall time for an answer
+
+
+class Stepped(NamedTuple):
+    """What a step did."""
+
+    said: str
+    state: str
+    """The state that a machine entered; empty: it was a step of the plan."""
+
+
+class MachineNodes:
+    """All nodes of one robot that run state machines: their breakpoints, outcomes and autonomy levels.
+
+    All methods raise :class:`BreakpointError` when something is not done; the text says what.
+
+    :param namespace: of the robot, empty or with a slash at its end.
+    """
+
+    def __init__(self, namespace: str = "") -> None:
+        self._namespace = namespace
+        self._proxies: Dict[str, ServiceProxy] = {}
+
+    def set(self, texts: Sequence[str]) -> None:
+        """Replaces all breakpoints on states; where no machine has one of the states, all others are set."""
+        for text in texts:
+            read_state_pattern(text)
+        done = {text for answer in self._ask(BreakpointsRequest.SET, texts) for text in answer.breakpoints}
+        missing = [text for text in texts if text.strip() not in done]
+        if missing:
+            raise BreakpointError(f"no machine has a state {', '.join(missing)}")
+
+    def look(self) -> Tuple[List[str], List[str]]:
+        """The breakpoints, and the states before which machines are held."""
+        answers = self._ask(BreakpointsRequest.LOOK)
+        texts = dict.fromkeys(text for answer in answers for text in answer.breakpoints)
+        return list(texts), [answer.held for answer in answers if answer.held]
+
+    def release(self, what: int) -> str:
+        """Lets what is held before a state go on.
+
+        :param what: of a request: STEP, CONTINUE or CLEAR.
+        :return: what was held; empty: nothing.
+        """
+        return ", ".join(answer.held for answer in self._ask(what) if answer.held)
+
+    def leave(self, state: str, outcome: str, by: str, within: str = "") -> str:
+        """Has a state that runs, is held or waits left with an outcome.
+
+        :param state: ``NAVIGATE/DRIVE``.
+        :param outcome: one of the state; empty: the one with which it waits is confirmed.
+        :param by: the operator.
+        :param within: namespace of the node, with a slash at its end; empty: that of the robot.
+        :return: what happens now.
+        """
+        read_state_pattern(state)
+        missed: List[str] = []
+        # Robots in further namespaces may have states of the same names.
+        for node in self._nodes():
+            if f"{node.rpartition('/')[0]}/" != (within or self._inside()):
+                continue
+            answer = self._call(f"{node}/{LEAVE_SERVICE}", LeaveState, state, outcome, by)
+            if answer is not None and answer.success:
+                return str(answer.message)
+            if answer is not None and answer.here:
+                missed.append(answer.message)
+        raise BreakpointError("; ".join(missed) or f"no machine has a state {state}")
+
+    def set_autonomy(self, level: str) -> None:
+        """Sets the autonomy level of all nodes."""
+        answers = [self._call(f"{node}/{AUTONOMY_SERVICE}", SetAutonomy, level) for node in self._nodes()]
+        missed = dict.fromkeys(answer.message for answer in answers if answer and not answer.success)
+        if missed or not any(answers):
+            raise BreakpointError("; ".join(missed) or "no node runs state machines")
+
+    def _ask(self, what: int, texts: Sequence[str] = ()) -> List[BreakpointsResponse]:
+        """Asks every node; one that is gone has no breakpoints."""
+        answers, missed = [], []
+        for node in self._nodes():
+            proxy = self._proxy(f"{node}/{SERVICE}", Breakpoints)
+            if proxy.available():
+                try:
+                    answers.append(_call(proxy, what, texts))
+                except BreakpointError as error:
+                    missed.append(str(error))
+        if missed:
+            raise BreakpointError("; ".join(missed))
+        return answers
+
+    def _nodes(self) -> List[str]:
+        try:
+            services = bounded_master().getSystemState()[2]
+        except ERRORS as error:
+            raise BreakpointError(f"the ROS master does not answer: {error}") from error
+        inside, end = self._inside(), f"/{SERVICE}"
+        return [name[: -len(end)] for name, _ in services if name.startswith(inside) and name.endswith(end)]
+
+    def _inside(self) -> str:
+        return str(rospy.resolve_name(f"{self._namespace}{SERVICE}"))[: -len(SERVICE)]
+
+    def _proxy(self, name: str, service_class: type) -> ServiceProxy:
+        return self._proxies.setdefault(name, ServiceProxy(name, service_class, timeout=LIMIT))
+
+    def _call(self, name: str, service_class: type, *request: str) -> Any:
+        """The answer; None: nothing offers the service any more."""
+        proxy = self._proxy(name, service_class)
+        try:
+            return proxy(*request) if proxy.available() else None
+        except ServiceError as error:
+            raise BreakpointError(str(error)) from error
+
+
+class BreakpointClient:
+    """The breakpoints of one robot: on goals (Executor), actions (dispatcher) and states (machines).
+
+    All methods raise :class:`BreakpointError` when something is not done; the text says what.
+
+    :param knowledge: knows what is an action and what a goal.
+    :param namespace: of the robot, empty or with a slash at its end.
+    :param dispatcher: name of its dispatcher.
+    """
+
+    def __init__(
+        self, knowledge: KnowledgeClient, namespace: str = "", dispatcher: str = "rosplan_plan_dispatcher"
+    ) -> None:
+        self._knowledge = knowledge
+        self._goals = ServiceProxy(f"{namespace}merlin/breakpoints", Breakpoints, timeout=LIMIT)
+        self._actions = ServiceProxy(f"{namespace}{dispatcher}/breakpoints", Breakpoints, timeout=LIMIT)
+        self.states = MachineNodes(namespace)
+
+    def set(self, texts: Sequence[str]) -> None:
+        """Replaces all breakpoints: actions and facts of goals, with ``*`` for any argument; states."""
+        states = [text for text in texts if names_state(text)]
+        texts = [text for text in texts if text not in states]
+        of_actions, of_goals = self._sorted(texts) if texts else ([], [])
+        self._ask(BreakpointsRequest.SET, of_actions, of_goals)
+        self.states.set(states)
+
+    def _sorted(self, texts: Sequence[str]) -> Tuple[List[str], List[str]]:
+        """Those on actions, and those on goals."""
+        try:
+            actions = {name.lower() for name in self._knowledge.operators()}
+            facts = {name.lower() for name in self._knowledge.predicates()}
+            facts |= {name.lower() for name in self._knowledge.function_signatures()}
+        except ServiceError as error:
+            raise BreakpointError(f"the domain cannot be read: {error}") from error
+        heads = {text: read_pattern(text)[0] for text in texts}
+        for head in heads.values():
+            if head not in actions | facts:
+                raise BreakpointError(f"the domain has neither an action nor a predicate '{head}'")
+        of_actions = [text for text in texts if heads[text] in actions]
+        return of_actions, [text for text in texts if heads[text] in facts]
+
+    def step(self) -> Stepped:
+        """What is held begins, and the next one is held: a state where a machine is held, else an action."""
+        state = self.states.release(BreakpointsRequest.STEP)
+        if state:
+            return Stepped(f"{state} begins, and the next state is held.", state)
+        said = _call(self._actions, BreakpointsRequest.STEP, ()).message
+        return Stepped(f"{said} {_call(self._goals, BreakpointsRequest.CONTINUE, ()).message}", "")
+
+    def go_on(self) -> str:
+        """What is held begins, and what follows up to the next breakpoint."""
+        return self._ask(BreakpointsRequest.CONTINUE)
+
+    def clear(self) -> str:
+        """There are no breakpoints any more, and nothing is held."""
+        return self._ask(BreakpointsRequest.CLEAR)
+
+    def _ask(self, what: int, actions: Sequence[str] = (), goals: Sequence[str] = ()) -> str:
+        """Asks all, the further ones also when the first is not there."""
+        said: List[str] = []
+        missed: List[str] = []
+        for proxy, before in ((self._actions, actions), (self._goals, goals)):
+            try:
+                said.append(_call(proxy, what, before).message)
+            except BreakpointError as error:
+                missed.append(str(error))
+        if what != BreakpointsRequest.SET:
+            try:
+                state = self.states.release(what)
+                said += [f"{state} begins."] if state else []
+            except BreakpointError as error:
+                missed.append(str(error))
+        if missed:
+            raise BreakpointError("; ".join([*said, *missed]))
+        return " ".join(said)
+
+
+def _call(proxy: ServiceProxy, what: int, before: Sequence[str]) -> BreakpointsResponse:
+    if not proxy.available():
+        raise BreakpointError(f"nothing offers {proxy.name}")
+    try:
+        answer = proxy(what, list(before))
+    except ServiceError as error:
+        raise BreakpointError(str(error)) from error
+    if not answer.success:
+        raise BreakpointError(answer.message)
+    return answer

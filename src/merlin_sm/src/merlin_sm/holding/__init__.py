@@ -1,0 +1,1 @@
+"""Holds state machines before states, as operators ask for it."""

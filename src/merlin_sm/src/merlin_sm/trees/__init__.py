@@ -1,0 +1,1 @@
+"""Behaviour trees (py_trees) of MERLIN states; nothing else imports this package, nor py_trees."""

@@ -1,0 +1,25 @@
+"""Changes of knowledge as PDDL text."""
+
+import pytest
+
+from merlin_sm.knowledge_changes import parse_changes
+from merlin_sm.knowledge_client import ADD, REMOVE
+from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
+
+
+def test_facts_and_values_become_updates_in_their_order() -> None:
+    updates = parse_changes("(and (checked kitchen) (not (checked hall)) (= (battery) 20) (= (far a b) 1.5))")
+    assert [(update.kind, to_pddl(update.item)) for update in updates] == [
+        (ADD, "(checked kitchen)"),
+        (REMOVE, "(checked hall)"),
+        (ADD, "(= (battery) 20)"),
+        (ADD, "(= (far a b) 1.5)"),
+    ]
+
+
+@pytest.mark.parametrize(
+    "text", ["(>= (battery) 20)", "(= 20 (battery))", "(= (battery) (+ 1 2))", "(or (a) (b))", "checked", ""]
+)
+def test_what_is_no_change_is_refused(text: str) -> None:
+    with pytest.raises(PDDLSyntaxError):
+        parse_changes(text)
