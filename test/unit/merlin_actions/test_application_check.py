@@ -57,6 +57,20 @@ def test_each_mistake_is_one_sentence(classes, there, said):
     assert mistake.startswith(said) and "\n" not in mistake
 
 
+def test_what_a_class_declares_is_judged_once_its_operator_is_known():
+    there = world()._replace(declared_fault=lambda text, operator: f"{operator} has no {text}")
+    wrong = [NAVIGATE, ASK._replace(declared=("(quit)",))]
+    (mistake,) = check_application(wrong, there)
+    assert mistake.startswith("Ask declares '(quit)': ask has no (quit); correct its while_running")
+    unknown = [NAVIGATE, ASK, ASK._replace(name="Aks", operator="aks", declared=("(quit)",))]
+    (mistake,) = check_application(unknown, there)
+    assert "no operator 'aks'" in mistake
+
+
+def test_what_is_declared_is_read_from_the_class():
+    assert survey(Interrupted()).declared == ("(quiet)", "(robot_at anywhere)")
+
+
 def test_a_host_of_one_action_does_not_have_to_run_all():
     assert check_application([NAVIGATE], world(), complete=False) == []
 
@@ -110,6 +124,29 @@ def test_all_classes_that_cannot_be_made_are_named(monkeypatch):
     assert "test_application_check.py, line" in broken
     assert "names {q}, which is not among its keys: p" in unnamed
     assert "has no Gone" in gone
+
+
+class Interrupted(MerlinActionSM):
+    while_running = ["(quiet)"]
+    if_interrupted = ["(robot_at anywhere)"]
+
+    def build(self):
+        self.add("READ", self.state("function", lambda userdata: None))
+
+
+class Nowhere(Interrupted):
+    def build(self):
+        self.add("READ", self.state("function", lambda userdata: None), {"succeeded": "DECIDE"})
+
+
+def test_a_line_of_ours_is_not_named(monkeypatch):
+    module = types.ModuleType("my_actions")
+    module.Nowhere = Nowhere
+    monkeypatch.setitem(sys.modules, "my_actions", module)
+    with pytest.raises(ApplicationError) as error:
+        make_machines(["my_actions:Nowhere"])
+    (nowhere,) = error.value.mistakes
+    assert "leads to 'DECIDE', which is neither" in nowhere and ", line" not in nowhere
 
 
 class Prescribe(MerlinActionSM):

@@ -2,7 +2,8 @@
 
 import pytest
 
-from merlin_actions.core.declared import bound, numeric_apart
+from merlin_actions.core.declared import bound, declared_fault, numeric_apart
+from merlin_pddl.domain_reader import parse_domain
 
 
 def test_numbers_are_told_from_facts() -> None:
@@ -18,3 +19,33 @@ def test_variables_are_bound_and_the_duration_stays() -> None:
     )
     with pytest.raises(ValueError, match=r"\?from"):
         bound(text, {"to-day": "attic"})
+
+
+DOMAIN = parse_domain("""(define (domain d) (:requirements :typing :fluents) (:types place item)
+    (:constants anywhere - place) (:predicates (robot_at ?p - place) (quiet))
+    (:functions (battery) (way ?from ?to - place))
+    (:action go :parameters (?from ?to - place) :effect (robot_at ?to)))""")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("(robot_at anywhere)", ""),
+        ("(not (robot_at ?to))", ""),
+        ("(increase (battery) (* (way ?from dock) (- 1 (/ #t ?duration))))", ""),
+        ("(increase (batery) (* 2 #t))", "unknown function 'batery' (did you mean 'battery'?)"),
+        ("(robot_at anywere)", "unknown object 'anywere' (did you mean 'anywhere'?)"),
+        ("(robot_at ?too)", "unknown variable '?too' (did you mean '?to'?)"),
+        ("(not (robot_at towel))", "'towel' is of type item, but 'robot_at' takes place here"),
+        ("(quit)", "unknown predicate 'quit' (did you mean 'quiet'?)"),
+        ("(assign (battery))", "'assign' takes a function and a value"),
+        ("quiet", "expected"),
+    ],
+)
+def test_what_is_declared_is_compared_with_the_domain(text: str, said: str) -> None:
+    fault = declared_fault(text, "Go", DOMAIN, {"dock": ("place",), "towel": ("item",)})
+    assert fault.startswith(said) and bool(fault) == bool(said)
+
+
+def test_an_operator_that_the_domain_does_not_know_is_not_judged() -> None:
+    assert declared_fault("(quit)", "fly", DOMAIN, {}) == ""

@@ -1,5 +1,7 @@
 """The host refuses machines that do not fit the domain before any of them serves."""
 
+from pathlib import Path
+
 import pytest
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula
@@ -55,11 +57,41 @@ def test_machines_that_do_not_fit_the_domain_are_refused(monkeypatch: pytest.Mon
     operators = {
         "check_table": DomainFormula(typed_parameters=[KeyValue("t", "table"), KeyValue("c", "cup")])
     }
-    fields = {"operators": lambda self: operators, "instances": lambda self, kind: []}
+    fields = {
+        "operators": lambda self: operators,
+        "instances": lambda self, kind: [],
+        "types": lambda self: {},
+    }
     monkeypatch.setattr(fsm_host, "knowledge_client", lambda name: type("Knowledge", (), fields)())
     monkeypatch.setattr(fsm_host, "get_param", lambda name, default: default)
     with pytest.raises(ValueError, match="CheckTable"):
         fsm_host.check_machines([CheckTable()], "rosplan_knowledge_base", complete=False)
+
+
+class Greet(CheckTable):
+    parameters = ["p"]
+    if_interrupted = ["(robot_at anywere)"]
+
+
+def test_declared_effects_are_compared_with_the_file_of_the_domain(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    domain = tmp_path / "domain.pddl"
+    domain.write_text(
+        "(define (domain d) (:constants anywhere) (:predicates (robot_at ?p))"
+        " (:action greet :parameters (?p) :effect (robot_at ?p)))"
+    )
+    fields = {
+        "operators": lambda self: {"greet": DomainFormula(typed_parameters=[KeyValue("p", "object")])},
+        "instances": lambda self, kind, **options: [],
+        "types": lambda self: {},
+    }
+    monkeypatch.setattr(fsm_host, "knowledge_client", lambda name: type("Knowledge", (), fields)())
+    params = {"/kb/domain_path": str(domain)}
+    monkeypatch.setattr(fsm_host, "get_param", lambda name, default: params.get(name, default))
+    monkeypatch.setattr(fsm_host.rospy, "resolve_name", lambda name: f"/{name}")
+    with pytest.raises(ValueError, match=r"Greet declares '\(robot_at anywere\)': unknown object"):
+        fsm_host.check_machines([Greet()], "kb", complete=False)
 
 
 @pytest.fixture
@@ -67,7 +99,7 @@ def host(monkeypatch: pytest.MonkeyPatch) -> fsm_host.MachineHost:
     monkeypatch.setattr(fsm_host.rospy, "get_param", lambda name, default: default)
     monkeypatch.setattr(fsm_host, "read_machines", lambda: [CheckTable()])
     monkeypatch.setattr(fsm_host, "wait_for_knowledge_base", lambda name, timeout: None)
-    monkeypatch.setattr(fsm_host, "check_machines", lambda machines, knowledge_base, complete: None)
+    monkeypatch.setattr(fsm_host, "check_machines", lambda *_: {})
     return fsm_host.MachineHost()
 
 
@@ -86,7 +118,7 @@ def test_a_reload_of_wrong_classes_changes_nothing(
     (server,) = host.servers
     old = server.machine
 
-    def refuse(machines: list, knowledge_base: str, complete: bool) -> None:
+    def refuse(*_: object) -> None:
         MerlinStateFactory.register("speak", CheckTable)  # as the application's modules do
         raise ValueError("it does not fit")
 

@@ -1,4 +1,4 @@
-"""The goals of one state machine: one at a time, each answered, none in the way for ever."""
+"""The goals of state machines: one at a time in each, each answered, none in the way for ever."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -30,28 +30,44 @@ def test_a_limit_without_a_preempt_does_nothing():
     slot = MachineSlot()
     slot.arrive("a")
     assert slot.limit_passed("a") == []
-    assert slot.running == "a"
+    assert slot.running == ["a"]
+
+
+def test_with_two_machines_the_third_goal_preempts_the_oldest():
+    slot = MachineSlot(machines=2)
+    slot.arrive("a")
+    assert kinds(slot.arrive("b")) == [(SlotStep.START, "b")]
+    assert kinds(slot.arrive("c")) == [(SlotStep.PREEMPT, "a")]
+    assert kinds(slot.end("b")) == [(SlotStep.START, "c")]
+    assert slot.running == ["a", "c"]
+
+
+def test_a_further_machine_takes_what_waits():
+    slot = MachineSlot()
+    slot.arrive("a")
+    slot.arrive("b")
+    assert kinds(slot.resize(2)) == [(SlotStep.START, "b")]
+    assert kinds(slot.cancel_all("over")) == [(SlotStep.PREEMPT, "b")]
 
 
 _events = st.tuples(st.sampled_from(["arrive", "cancel", "end", "limit"]), st.integers(0, 5))
 
 
-@given(st.lists(_events, max_size=60))
-def test_every_goal_is_answered_and_one_runs_at_a_time(events):
-    slot = MachineSlot()
+@given(st.integers(1, 3), st.lists(_events, max_size=60))
+def test_every_goal_is_answered_and_a_machine_runs_one_at_a_time(machines, events):
+    slot = MachineSlot(machines)
     running, open_goals = [], set()
     number = 0
 
     def carry_out(decisions):
         for what, goal, _ in decisions:
             if what is SlotStep.START:
-                assert not running
                 running.append(goal)
+                assert len(running) <= machines
             elif what is SlotStep.PREEMPT:
-                assert running == [goal]
+                assert goal in running
             elif what is SlotStep.ABANDON:
-                assert running == [goal]
-                running.clear()
+                running.remove(goal)
                 open_goals.remove(goal)
             else:
                 assert goal not in running
@@ -68,11 +84,12 @@ def test_every_goal_is_answered_and_one_runs_at_a_time(events):
             carry_out(slot.cancel(goal, "cancelled"))
         elif event == "limit":
             carry_out(slot.limit_passed(goal))
-        elif running == [goal]:
-            running.clear()
+        elif goal in running:
+            running.remove(goal)
             open_goals.remove(goal)
             carry_out(slot.end(goal))
-        assert len(open_goals) <= 2
+        assert slot.running == running
+        assert len(open_goals) <= machines + 1
     while running:
         goal = running.pop()
         open_goals.remove(goal)

@@ -6,9 +6,8 @@ always exactly one final answer.
 """
 
 import threading
-import time
 import traceback
-from typing import Dict, List, Optional
+from typing import Any, Dict, List, Optional, Union
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -18,8 +17,8 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from merlin_actions.core.declared import bound, numeric_apart
 from merlin_actions.core.ending import Ending, after_closing, closing_of, information_of
 from merlin_actions.core.execution import Execution
-from merlin_actions.core.execution_queue import ExecutionQueue, Key, QueueDecision, QueueStep
-from merlin_actions.core.names import IF_INTERRUPTED, WHILE_RUNNING, action_param
+from merlin_actions.core.execution_queue import ExecutionQueue, Key, QueueDecision, QueueStep, at_once
+from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, WHILE_RUNNING, action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
 from merlin_actions.left_executions import settle_left
 from merlin_ros.actions.lease import LeaseChange, LeaseState
@@ -33,7 +32,6 @@ from merlin_ros.publishing import Subscribed, publish
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
-    KnowledgeBaseMissing,
     KnowledgeClient,
     KnowledgeError,
     knowledge_client,
@@ -61,8 +59,9 @@ class ActionInterface:
     :raises ValueError: when the knowledge base cannot apply its effects.
     """
 
-    concurrent = False
-    """Whether the operator may run several times at once; otherwise a second dispatch waits for the first."""
+    concurrent: Union[bool, int] = False
+    """How many executions may run at once, True: any number; the next one waits for an end. What the host of
+    the action declares, counts more."""
 
     def __init__(
         self,
@@ -79,9 +78,10 @@ class ActionInterface:
             raise KnowledgeError(f"no operator {operator!r} in {self.knowledge.name}: {error}") from error
         self.formula: DomainFormula = details.formula
         self._effects = effects_of(details, self.knowledge)
-        self._changed = threading.Condition()  # guards the two fields below
+        self._changed = threading.Condition()  # guards the three fields below
+        self._put_aside: Optional[ActionDispatch] = None  # was latched; its dispatcher may wait for it
         self._executions: Dict[Key, Execution] = {}
-        self._queue = ExecutionQueue(self.concurrent)
+        self._queue = ExecutionQueue(at_once(self.concurrent))
         self._stopped = threading.Event()
         self._newcomers = (
             Subscribed()
@@ -146,14 +146,29 @@ class ActionInterface:
 
     def _receive(self, dispatch: ActionDispatch) -> None:
         if dispatch.name == CANCEL_ACTION:
+            with self._changed:
+                if self._put_aside is not None and _key(self._put_aside) == _key(dispatch):
+                    self._put_aside = None
             for execution in self.executions():
                 if execution.matches(dispatch):
                     self._cancel(execution, "cancelled")
         elif dispatch.name.lower() == self.operator.lower():
-            if self._stale(dispatch):
-                rospy.loginfo(f"{self.operator}: ignored a dispatch that is older than this interface")
+            with self._changed:
+                stale = self._stale(dispatch)
+                self._put_aside = dispatch if stale else None
+            if stale:
+                rospy.loginfo(f"{self.operator}: put a dispatch aside that may be older than this interface")
                 return
             self._begin(dispatch)
+
+    def _begin_expected(self) -> None:
+        """Begins what was put aside if the dispatcher waits for it: its status may come later."""
+        with self._changed:
+            dispatch = self._put_aside
+            if dispatch is None or not self._expected(dispatch):
+                return
+            self._put_aside = None
+        self._begin(dispatch)
 
     def _cancel(self, execution: Execution, reason: str) -> None:
         with self._changed:
@@ -199,8 +214,9 @@ class ActionInterface:
             self._answer(key, Ending(False, MASTER_LOST))
             return
         execution = Execution(dispatch, [KeyValue(key, given[key]) for key in variables], LIFE)
+        execution.lane = self._lane(execution)
         with self._changed:
-            decisions = self._queue.arrive(execution.key)
+            decisions = self._queue.arrive(execution.key, execution.lane)
             if decisions:
                 self._executions[execution.key] = execution
         if not decisions:
@@ -258,19 +274,25 @@ class ActionInterface:
             decisions = self._queue.end(execution.key)
         ownership.resume(execution.token)
         self._owners.forget(f"{execution.key[0]}/{execution.key[1]}")
-        if not ending.succeeded:
-            rospy.loginfo(f"{execution.text} did not succeed: {ending.reason}")
-        self._answer(execution.key, ending)
+        if not execution.answered:
+            self._answer_end(execution, ending)
         with self._changed:
             self._changed.notify_all()
         self._carry_out(decisions)
+
+    def _answer_end(self, execution: Execution, ending: Ending) -> None:
+        if not ending.succeeded:
+            rospy.loginfo(f"{execution.text} did not succeed: {ending.reason}")
+        execution.answered = True
+        self._answer(execution.key, ending)
 
     def _run_with_effects(self, execution: Execution) -> Ending:
         missing = self.ready(execution)
         if missing is not None:
             return missing
         try:
-            declared = self._literals()
+            declared = self._declared(execution)
+            self._allow(execution, declared)
             interrupted, counts = numeric_apart(declared.get(IF_INTERRUPTED, []))
             opening = Opening(
                 execution.parameters,
@@ -286,11 +308,16 @@ class ActionInterface:
             return Ending(False, reason, begun=False)
         ending = self._run_guarded(execution)
         try:
-            self._effects.close(opening, closing_of(ending))
+            self._effects.close(opening, closing_of(ending), lambda: self._unsettled(execution, ending))
         except _KNOWLEDGE_ERRORS as error:
             rospy.logerr(f"{execution.text}: {error}")
             return after_closing(ending, [str(error)])
         return ending
+
+    def _unsettled(self, execution: Execution, ending: Ending) -> None:
+        """The knowledge base is gone. That an action has stopped is true without it; a success is not."""
+        if not ending.succeeded:
+            self._answer_end(execution, ending)
 
     def _run_guarded(self, execution: Execution) -> Ending:
         if execution.cancelled.is_set():
@@ -303,12 +330,27 @@ class ActionInterface:
         finally:
             execution.interruptible(None)
 
-    def _literals(self) -> Dict[str, List[str]]:
-        """Facts that the action's class declares; its host publishes them as parameters.
+    def _lane(self, execution: Execution) -> str:
+        """Executions of different lanes do not wait for each other; see :class:`.ExecutionQueue`."""
+        return ""
+
+    def _param(self, execution: Execution) -> str:
+        """Name of the parameters in which the host of an execution declares something."""
+        return action_param(self.operator)
+
+    def _allow(self, execution: Execution, declared: Dict[str, Any]) -> None:
+        """Lets as many run at once as the action's class says: others may wait since this one arrived."""
+        if CONCURRENT in declared and not execution.lane:
+            with self._changed:
+                decisions = self._queue.allow(at_once(declared[CONCURRENT]))
+            self._carry_out(decisions)
+
+    def _declared(self, execution: Execution) -> Dict[str, Any]:
+        """What the action's class declares; its host publishes it as parameters.
 
         All in one look-up: each costs a call to the master.
         """
-        return dict(get_param(rospy.resolve_name(action_param(self.operator)), {}))
+        return dict(get_param(rospy.resolve_name(self._param(execution)), {}))
 
     def _answer(self, key: Key, ending: Optional[Ending] = None) -> None:
         """Tells the dispatcher that an execution has ended; without an ending: that it is accepted."""
@@ -347,16 +389,5 @@ class ActionInterface:
             self._answer(left.key, Ending(False, reason))
 
 
-def wait_for_knowledge_base(name: str, timeout: float) -> None:
-    """Waits until a knowledge base answers.
-
-    :param timeout: s of wall time.
-    :raises KnowledgeBaseMissing: when it does not.
-    """
-    began = time.monotonic()
-    knowledge = knowledge_client(name)
-    if not knowledge.wait(timeout):
-        waited = time.monotonic() - began
-        raise KnowledgeBaseMissing(
-            f"no knowledge base {knowledge.name} after {waited:.0f} s; is it launched?"
-        )
+def _key(dispatch: ActionDispatch) -> Key:
+    return dispatch.plan_id, dispatch.action_id

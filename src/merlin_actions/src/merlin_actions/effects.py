@@ -25,6 +25,10 @@ _PHASES = {
 }
 
 
+def _nothing() -> None:
+    pass
+
+
 class Opening(NamedTuple):
     """An execution as the knowledge base opens it."""
 
@@ -52,8 +56,11 @@ class Effects:
         """Applies what is true as soon as the action begins, and what holds while it runs."""
         raise NotImplementedError
 
-    def close(self, opening: Opening, closing: Closing) -> None:
-        """Applies what is true after it."""
+    def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None] = _nothing) -> None:
+        """Applies what is true after it.
+
+        :param on_gone: called once when the knowledge base does not answer and is waited for.
+        """
         raise NotImplementedError
 
 
@@ -78,13 +85,13 @@ class ServiceEffects(Effects):
             if_interrupted=[*(to_pddl(item) for item in opening.if_interrupted), *opening.counts],
         )
 
-    def close(self, opening: Opening, closing: Closing) -> None:
+    def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None] = _nothing) -> None:
         """See :meth:`Effects.close`; one whose end the knowledge base refuses is closed as interrupted."""
         try:
-            when_back(lambda: self._call(opening, _PHASES[closing]))
+            when_back(lambda: self._call(opening, _PHASES[closing]), on_gone=on_gone)
         except KnowledgeError:
             if closing is Closing.END:  # its effects did not come true
-                self.close(opening, Closing.INTERRUPT)
+                self.close(opening, Closing.INTERRUPT, on_gone)
             raise
 
     def _call(self, opening: Opening, phase: int, **fields: object) -> None:
@@ -129,6 +136,7 @@ class UpdateEffects(Effects):
             *_changes(operator.at_start_add_effects, True),
         ]
         end = [*_changes(operator.at_end_del_effects, False), *_changes(operator.at_end_add_effects, True)]
+        self._lock = threading.Lock()  # guards the changes, and keeps a query and its update together
         self._changes = EffectChanges(start, end, plain=not any(later))
 
     def open(self, opening: Opening) -> None:
@@ -139,12 +147,14 @@ class UpdateEffects(Effects):
                 "use MERLIN's knowledge base"
             )
         while_running = _literals(opening.while_running)
-        self._update(self._changes.open(opening.token, _binding(opening), while_running, self._true_now))
+        with self._lock:
+            self._update(self._changes.open(opening.token, _binding(opening), while_running, self._true_now))
 
-    def close(self, opening: Opening, closing: Closing) -> None:
-        """See :meth:`Effects.close`."""
+    def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None] = _nothing) -> None:
+        """See :meth:`Effects.close`; it does not wait."""
         if_interrupted = _literals(opening.if_interrupted)
-        self._update(self._changes.close(opening.token, _binding(opening), closing, if_interrupted))
+        with self._lock:
+            self._update(self._changes.close(opening.token, _binding(opening), closing, if_interrupted))
 
     def _update(self, changes: Sequence[FactChange]) -> None:
         self._knowledge.update(
@@ -176,20 +186,26 @@ def _binding(opening: Opening) -> Dict[str, str]:
     return {parameter.key: parameter.value for parameter in opening.parameters}
 
 
-def when_back(call: Callable[[], None], limit: float = RETURN_LIMIT) -> None:
+def when_back(
+    call: Callable[[], None], limit: float = RETURN_LIMIT, on_gone: Callable[[], None] = _nothing
+) -> None:
     """Calls the knowledge base; one that does not answer is called again until it is back.
 
     :param limit: s of running time.
+    :param on_gone: called once when it does not answer.
     :raises merlin_ros.service_proxy.ServiceUnavailable: when it does not come back.
     """
     deadline = Deadline(limit)
-    pause = threading.Event()
+    pause, told = threading.Event(), False
     while True:
         try:
             return call()
         except ServiceUnavailable:
             if deadline.expired:
                 raise
+            if not told:
+                on_gone()
+            told = True
         # The master gives no event when a service is offered again.
         if pause.wait(min(RETRY, deadline.remaining() + 0.01)):
             return None

@@ -23,6 +23,9 @@ def survey(machine: MerlinActionSM) -> Needs:
         tuple(dict.fromkeys(fixed)),
         tuple((path, state.action) for path, state, _ in states if isinstance(state, ActionState)),
         tuple(_unset(machine, ())),
+        machine.robot_parameter,
+        machine.concurrent,
+        (*machine.while_running, *machine.if_interrupted),
     )
 
 

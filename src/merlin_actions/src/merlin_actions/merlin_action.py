@@ -1,21 +1,25 @@
 """MerlinAction: the bridge between a plan dispatcher and an action's state machine (paper, section 3.2.3)."""
 
 import threading
-from typing import Any, Optional
+from typing import Any, Dict, Optional, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import DispatchStatus, RunActionAction, RunActionGoal
+from merlin_msgs.msg import DispatchStatus, RunActionGoal
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_actions.action_interface import ActionInterface
+from merlin_actions.action_servers import ActionServers
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
+from merlin_actions.core.execution_queue import Key
 from merlin_actions.core.machine_end import GoalEnd, MachineEnd, ending_of
-from merlin_actions.core.names import ros_name
-from merlin_ros.actions.action_client import ActionClient, ClientGoal
+from merlin_actions.core.robot_book import RobotChange
+from merlin_actions.robot_watch import RobotWatch
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.deadline import limit
-from merlin_ros.health import ERROR, Health
+from merlin_ros.health import Health
 
 _HOW = {
     GoalStatus.SUCCEEDED: GoalEnd.SUCCEEDED,
@@ -32,6 +36,7 @@ class MerlinAction(ActionInterface):
     :param server_wait: s of running time to wait for the action server; zero or less: it has to be there.
     :param cancel_limit: s of running time in which the machine has to stop; zero or less: no limit.
     :param run_limit: s of ROS time in which it has to end; zero or less: no limit.
+    :param robots: where an action with a parameter of type ``robot`` runs on that robot; None: all run here.
 
     Further parameters are those of :class:`ActionInterface`.
     """
@@ -42,34 +47,40 @@ class MerlinAction(ActionInterface):
         server_wait: float = 4.0,
         cancel_limit: float = 3.5,
         run_limit: float = 1800.0,
+        robots: Optional[RobotWatch] = None,
         **options: Any,
     ) -> None:
         super().__init__(operator, **options)
         self._server_wait = server_wait
         self._cancel_limit = cancel_limit
         self._run_limit = run_limit
-        self._client = ActionClient(f"actions/{ros_name(operator)}", RunActionAction)
+        self._servers = ActionServers(self.formula, self.knowledge.types() if robots else {}, robots)
+        self._sent: Dict[Key, Tuple[ActionClient, ClientGoal]] = {}  # guarded by _changed
 
     def health(self) -> Health:
-        """Whether the action server answers."""
-        if self._client.alive:
-            return Health()
-        return Health(ERROR, f"no action server {self._client.name}; does the host of its machine run?")
+        """Whether the action servers answer."""
+        return self._servers.health()
 
     def ready(self, execution: Execution) -> Optional[Ending]:
         """Waits for the action server: until it is there, the declared facts may be an earlier one's."""
-        if not self._client.wait_for_server(self._server_wait, execution.cancelled.is_set):
+        robot = execution.lane
+        if robot:
+            why = self._servers.wait_for_robot(robot, self._server_wait, execution)
+            if why:
+                return Ending(False, why, begun=False, robot=robot)
+        client = self._servers.client(robot)
+        if not client.wait_for_server(self._server_wait, execution.cancelled.is_set):
             if execution.cancelled.is_set():
                 return Ending(False, execution.cancel_reason, begun=False)
-            missing = self._client.missing
-            reason = f"no action server {self._client.name} within {self._server_wait:g} s ({missing})"
+            reason = f"no action server {client.name} within {self._server_wait:g} s ({client.missing})"
             return Ending(False, reason, begun=False)
         return None
 
     def run(self, execution: Execution) -> Ending:
         """Sends the goal and waits for the machine's end."""
+        client = self._servers.client(execution.lane)
         ended = threading.Event()
-        sent = self._client.send(
+        sent = client.send(
             RunActionGoal(
                 parameters=execution.parameters,
                 action_id=execution.dispatch.action_id,
@@ -84,22 +95,38 @@ class MerlinAction(ActionInterface):
             sent.cancel()
             ended.set()
 
+        with self._changed:
+            self._sent[execution.key] = client, sent
         execution.interruptible(cancel)
+        if execution.lost:
+            client.give_up(sent, execution.lost)
+        try:
+            return self._end_of(execution, client, sent, ended)
+        finally:
+            with self._changed:
+                del self._sent[execution.key]
+
+    def _end_of(
+        self, execution: Execution, client: ActionClient, sent: ClientGoal, ended: threading.Event
+    ) -> Ending:
+        """Waits for the end of a goal."""
         late = self._wait(ended)
         if late:
             sent.cancel()
         if not sent.done and not sent.wait(limit(self._cancel_limit)):
             what = f"still runs after {self._run_limit:g} s" if late else "was cancelled"
-            self._client.give_up(sent, "it did not stop in time")
+            client.give_up(sent, "it did not stop in time")
             return Ending(
                 False,
-                f"{execution.text} {what}, and {self._client.name} does not stop ({self._cancel_limit:g} s)",
-                unstopped=self._client.name,
+                f"{execution.text} {what}, and {client.name} does not stop ({self._cancel_limit:g} s)",
+                unstopped=client.name,
             )
         if late and sent.status != GoalStatus.SUCCEEDED:
             reason = f"{execution.text} did not end within {self._run_limit:g} s and was stopped"
-            return Ending(False, reason, unstopped=_end_of(sent).unstopped)
-        return ending_of(_HOW.get(sent.status, GoalEnd.ABORTED), _end_of(sent), execution, sent.text)
+            return Ending(False, reason, unstopped=_result_of(sent).unstopped)
+        if sent.status == GoalStatus.LOST and execution.lane and not execution.lost:
+            self._servers.suspect(execution.lane, sent.text)
+        return ending_of(_HOW.get(sent.status, GoalEnd.ABORTED), _result_of(sent), execution, sent.text)
 
     def _wait(self, ended: threading.Event) -> bool:
         """Waits for the end or a cancel; True when the run limit passed."""
@@ -112,6 +139,47 @@ class MerlinAction(ActionInterface):
                 return True
         return False
 
+    def _lane(self, execution: Execution) -> str:
+        """The robot that runs it; empty: it needs none."""
+        return self._servers.robot(execution.binding)
+
+    def _param(self, execution: Execution) -> str:
+        return self._servers.param(execution.lane)
+
+    def _of_robot(self, execution: Execution, ending: Ending) -> Ending:
+        """What an end says when its robot takes no actions any more."""
+        robot = execution.lane
+        if not robot or ending.succeeded or ending.robot:
+            return ending
+        why = execution.lost or self._servers.why_not(robot, execution, ending)
+        return ending._replace(reason=why, robot=robot) if why else ending
+
+    def _run_with_effects(self, execution: Execution) -> Ending:
+        ending = self._of_robot(execution, super()._run_with_effects(execution))
+        if ending.robot:  # the next plan is made as soon as the dispatcher knows
+            self._servers.wait_told(ending.robot)
+        return ending
+
+    def _answer_end(self, execution: Execution, ending: Ending) -> None:
+        super()._answer_end(execution, self._of_robot(execution, ending))
+
+    def robot_changed(self, change: RobotChange) -> None:
+        """A robot takes actions, or takes none any more: then those that it runs fail."""
+        if change.available:
+            if self._servers.parameter:
+                self._servers.client(change.robot)  # connects meanwhile
+            return
+        for execution in self.executions():
+            if execution.lane != change.robot:
+                continue
+            if not change.answers:
+                execution.lost = change.reason
+            self._cancel(execution, change.reason)
+            with self._changed:
+                client, sent = self._sent.get(execution.key, (None, None))
+            if execution.lost and client is not None and sent is not None:
+                client.give_up(sent, change.reason)
+
     def start(self) -> None:
         """See :meth:`ActionInterface.start`."""
         self._running: frozenset = frozenset()
@@ -121,12 +189,14 @@ class MerlinAction(ActionInterface):
         super().start()
 
     def _note_dispatcher(self, status: DispatchStatus) -> None:
-        self._running = frozenset((action.plan_id, action.action_id) for action in status.running)
+        with self._changed:
+            self._running = frozenset((action.plan_id, action.action_id) for action in status.running)
+        self._begin_expected()
 
     def _expected(self, dispatch: ActionDispatch) -> bool:
         return (dispatch.plan_id, dispatch.action_id) in self._running
 
 
-def _end_of(sent: ClientGoal) -> MachineEnd:
+def _result_of(sent: ClientGoal) -> MachineEnd:
     """The result of a goal; a lost one has none."""
     return MachineEnd(*(str(getattr(sent.result, name, "")) for name in MachineEnd._fields))

@@ -2,7 +2,7 @@
 
 import threading
 import traceback
-from typing import Any, Dict, Iterator, List, Optional
+from typing import Any, Dict, Iterator, List, Tuple
 
 import rospy
 from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
@@ -11,14 +11,16 @@ import smach
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN
 from merlin_actions.core.machine_end import GoalEnd, MachineEnd, answer_of
 from merlin_actions.core.machine_slot import MachineSlot, SlotDecision, SlotStep
-from merlin_actions.core.names import DECLARED, action_param, ros_name
+from merlin_actions.core.names import CONCURRENT, DECLARED, action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
+from merlin_sm.holding.gate import gate
+from merlin_sm.holding.node_holds import node_holds
 from merlin_sm.introspection import show
 from merlin_sm.states.action_state import give_up_goals
-from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, MerlinState
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, MerlinState, merlin_states
 
 SHUTDOWN_WAIT = 2.0
 """Wall seconds in which a running machine can stop the robot when its node ends."""
@@ -29,10 +31,11 @@ the bridge gives the machine: the server knows in which state the machine hangs,
 
 
 class MerlinActionServer:
-    """Runs a :class:`MerlinActionSM` for the goals of its action, one at a time.
+    """Runs a :class:`MerlinActionSM` for the goals of its action, as many at once as its class says.
 
-    A newer goal preempts an older one. A run that does not end within the limit after its preempt is
-    abandoned: what it has sent loses its owner, and another instance of the machine takes its place.
+    Where no machine is free, a newer goal preempts the oldest one. A run that does not end within the limit
+    after its preempt is abandoned: what it has sent loses its owner, and another instance of the machine
+    takes its place.
 
     :param machine: it; its class makes further instances without arguments.
     :param cancel_limit: s of running time for a preempted machine to end; zero or less: no limit.
@@ -43,20 +46,24 @@ class MerlinActionServer:
         self._name = ros_name(self.operator).upper()
         self._cancel_limit = limit(cancel_limit)
         self._changed = threading.Condition()  # guards the fields below
-        self.machine = machine  # of the next goal
+        self._pool = self._instances(machine)  # of the present class
+        self._free = list(self._pool)
         self._machines: Dict[str, MerlinActionSM] = {}  # of the goals that were started
-        self._slot = MachineSlot()
+        self._slot = MachineSlot(len(self._pool))
         self._goals: Dict[str, ServerGoal] = {}  # accepted or waiting, not answered
         self._crash = ""  # what the last run raised
         self._threads: Dict[str, threading.Thread] = {}  # of the goals
         self._abandoned: List[threading.Thread] = []  # of runs that did not stop
-        self._showing = threading.Lock()  # guards the two below
-        self._shown: Optional[MerlinActionSM] = None
-        self._introspection: Any = None
+        self._showing = threading.Lock()  # guards the field below
+        self._shown: List[Tuple[MerlinActionSM, Any]] = []  # machines and what shows them
         self._server = ActionServer(
             f"actions/{ros_name(self.operator)}", RunActionAction, self._receive, self._cancel
         )
-        self._prepare(machine)
+
+    @property
+    def machine(self) -> MerlinActionSM:
+        """One of the present class."""
+        return self._pool[0]
 
     def start(self) -> None:
         """Declares the action's facts to its bridge, shows the machine and begins to serve."""
@@ -70,10 +77,12 @@ class MerlinActionServer:
         :param machine: of the same operator.
         :return: whether a goal runs, which the machine of before brings to its end.
         """
-        self._prepare(machine)
+        pool = self._instances(machine)
         with self._changed:
-            self.machine = machine
-            running = self._slot.running is not None
+            self._pool, self._free = pool, list(pool)
+            running = bool(self._slot.running)
+            decisions = self._slot.resize(len(pool))
+        self._carry_out(decisions)
         self._declare()
         if not running:
             self._show()
@@ -83,41 +92,46 @@ class MerlinActionServer:
         """Publishes the action's facts; its bridge reads them when an execution begins."""
         for key in DECLARED:
             rospy.set_param(f"{action_param(self.operator)}/{key}", list(getattr(self.machine, key)))
+        rospy.set_param(f"{action_param(self.operator)}/{CONCURRENT}", len(self._pool))
 
     def _show(self) -> None:
-        """Shows the present machine in place of an earlier one."""
+        """Shows the present machines in place of earlier ones."""
+        with self._changed:
+            pool = list(self._pool)
         with self._showing:
-            if self._shown is not self.machine:
-                if self._introspection is not None:
-                    self._introspection.stop()
-                self._shown = self.machine
-                self._introspection = show(self._name, self._shown)
+            for number, machine in enumerate(pool):
+                if number < len(self._shown):
+                    if self._shown[number][0] is machine:
+                        continue
+                    self._shown[number][1].stop()
+                name = f"{self._name}_{number + 1}" if number else self._name
+                self._shown[number : number + 1] = [(machine, show(name, machine))]
+            while len(self._shown) > len(pool):
+                self._shown.pop()[1].stop()
 
     def shutdown(self) -> None:
         """Preempts what runs, waits until it has stopped, at most ``SHUTDOWN_WAIT``, and stops serving."""
         with self._changed:
             running = self._slot.running
-            decisions = [] if running is None else self._slot.cancel(running, "its host shuts down")
+            decisions = self._slot.cancel_all("its host shuts down")
         self._carry_out(decisions)
         with self._changed:
-            self._changed.wait_for(lambda: self._slot.running != running or running is None, SHUTDOWN_WAIT)
+            self._changed.wait_for(lambda: not set(running) & set(self._slot.running), SHUTDOWN_WAIT)
         self._server.shutdown()
         with self._showing:
-            if self._introspection is not None:
-                self._introspection.stop()
-                self._introspection = None
+            while self._shown:
+                self._shown.pop()[1].stop()
 
     def master_lost(self) -> None:
         """Stops what runs: nothing else of the system can be found any more."""
         with self._changed:
-            running = self._slot.running
-            decisions = [] if running is None else self._slot.cancel(running, "the ROS master is lost")
+            decisions = self._slot.cancel_all("the ROS master is lost")
         self._carry_out(decisions)
 
     def health(self) -> Health:
         """What the machine does; a warning when its last run raised an exception, or one still hangs."""
         with self._changed:
-            running, crash = self._slot.running is not None, self._crash
+            running, crash = bool(self._slot.running), self._crash
             self._abandoned = [thread for thread in self._abandoned if thread.is_alive()]
             hanging = len(self._abandoned)
         doing = "running" if running else "idle"
@@ -144,7 +158,7 @@ class MerlinActionServer:
             with self._changed:
                 goal = self._goals[decision.goal]
                 if decision.what is SlotStep.START:
-                    self._machines[goal.id] = self.machine
+                    self._machines[goal.id] = self._free.pop() if self._free else self.machine
                 machine = self._machines.get(goal.id, self.machine)
             if decision.what is SlotStep.START:
                 machine.prepare()
@@ -171,9 +185,14 @@ class MerlinActionServer:
     def _forget(self, goal: ServerGoal) -> None:
         with self._changed:
             self._goals.pop(goal.id, None)
-            self._machines.pop(goal.id, None)
             self._threads.pop(goal.id, None)
             self._changed.notify_all()
+
+    def _release(self, goal: ServerGoal) -> None:
+        """The machine of a goal can take another one; called with the lock held."""
+        machine = self._machines.pop(goal.id, None)
+        if machine in self._pool and machine not in self._free:
+            self._free.append(machine)
 
     def _preempt(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
         try:
@@ -183,7 +202,7 @@ class MerlinActionServer:
 
     def _limit(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
         with self._changed:
-            if Deadline(self._cancel_limit).wait(self._changed, lambda: self._slot.running != goal.id):
+            if Deadline(self._cancel_limit).wait(self._changed, lambda: goal.id not in self._slot.running):
                 return
             decisions = self._slot.limit_passed(goal.id)
         self._carry_out(decisions)
@@ -202,10 +221,12 @@ class MerlinActionServer:
             rospy.logerr(f"{self.operator}: no other instance of {type(machine).__name__}: {error}")
         else:
             with self._changed:
-                if self.machine is machine:  # otherwise one of an edited class has taken its place
-                    self.machine = replaced
+                if machine in self._pool:  # otherwise one of an edited class has taken its place
+                    self._pool[self._pool.index(machine)] = replaced
+                    self._free.append(replaced)
             self._show()
         with self._changed:
+            self._release(goal)
             self._abandoned.append(self._threads[goal.id])
         self._forget(goal)
         goal.abort(RunActionResult(ABORTED, reason, culprit, ""), reason)
@@ -216,9 +237,10 @@ class MerlinActionServer:
         parameters = {parameter.key: parameter.value for parameter in goal.goal.parameters}
         crash = ""
         missing = [name for name in machine.parameters if name not in parameters]
-        for state in _states(machine):
+        for state in merlin_states(machine):
             state.served_goal = goal.id
             state.ran = state.given_up = False
+            state.unstopped = ""
         try:
             if missing:
                 outcome, reason = ABORTED, f"{self.operator}: no value for parameter {', '.join(missing)}"
@@ -234,12 +256,13 @@ class MerlinActionServer:
         about = ""
         if outcome == ABORTED and given_up(machine):
             outcome, about = given_up(machine), given_up_about(machine)
-        unstopped = ", ".join(state.unstopped for state in _states(machine) if state.unstopped)
+        unstopped = ", ".join(state.unstopped for state in merlin_states(machine) if state.unstopped)
         with self._changed:
             if self._goals.get(goal.id) is not goal:  # it was abandoned
                 return
             self._crash = crash
             decisions = self._slot.end(goal.id)
+            self._release(goal)
         self._forget(goal)
         self._answer(goal, MachineEnd(outcome, reason, unstopped, about))
         self._carry_out(decisions)
@@ -251,32 +274,37 @@ class MerlinActionServer:
         answer = {GoalEnd.SUCCEEDED: goal.succeed, GoalEnd.PREEMPTED: goal.cancelled}.get(how, goal.abort)
         answer(RunActionResult(*end), end.reason)
 
-    def _prepare(self, machine: MerlinActionSM) -> None:
-        """Registers callbacks that report the present state of a machine."""
+    def _instances(self, machine: MerlinActionSM) -> List[MerlinActionSM]:
+        """As many machines of its class as it says, this one first."""
+        number = machine.concurrent
+        if not isinstance(number, int) or number < 1:
+            raise ValueError(f"{type(machine).__name__}.concurrent has to be 1 or more, not {number!r}")
+        machines = [machine, *(type(machine)() for _ in range(1, number))]
+        for each in machines:
+            self._prepare(each)
+        return machines
 
-        def report(userdata: Any, states: List[str]) -> None:
+    def _prepare(self, machine: MerlinActionSM) -> None:
+        """Registers callbacks that report the present state of a machine, and puts breakpoints before it."""
+
+        def report(userdata: Any, states: List[str], within: str = "") -> None:
             with self._changed:
-                identity = self._slot.running or ""
-                running = self._goals.get(identity) if self._machines.get(identity) is machine else None
+                served = [goal for goal, used in self._machines.items() if used is machine]
+                running = self._goals.get(served[0]) if served else None
             if running is not None:
-                running.feedback(RunActionFeedback(state=f"{self._name}/{','.join(states)}"))
+                running.feedback(RunActionFeedback(state=f"{self._name}/{within}{','.join(states)}"))
 
         machine.register_start_cb(report)
         machine.register_transition_cb(report)
-
-
-def _states(container: Any) -> Iterator[MerlinState]:
-    """Every MERLIN state of a machine, also of nested ones."""
-    for child in container.get_children().values():
-        if isinstance(child, MerlinState):
-            yield child
-        elif isinstance(child, smach.Container):
-            yield from _states(child)
+        for label, child in machine.get_children().items():
+            if isinstance(child, smach.Container):
+                child.register_transition_cb(report, [f"{label}/"])
+        gate(machine, self._name, node_holds.outcomes)
 
 
 def given_up(machine: Any) -> str:
     """What an aborted machine ends with when the state that ran last gave up; empty when none did."""
-    states = list(_states(machine))
+    states = list(merlin_states(machine))
     if not _gave_up(machine):
         return ""
     # A state that is not one of MERLIN may have done something without a trace.
@@ -290,7 +318,7 @@ def given_up_about(machine: Any) -> str:
 
 
 def _gave_up(machine: Any) -> List[MerlinState]:
-    return [state for state in _states(machine) if state.given_up and state.reason in machine.reason]
+    return [state for state in merlin_states(machine) if state.given_up and state.reason in machine.reason]
 
 
 def _leaves(container: Any) -> int:

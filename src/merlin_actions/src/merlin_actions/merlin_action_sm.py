@@ -43,6 +43,13 @@ class MerlinActionSM(MerlinSM):
     the start effects are undone. Numeric effects may stand here too: ``(decrease (battery) (* 0.1 #t))`` with
     the seconds that have passed, ``#t``, and the planned ones, ``?duration``."""
 
+    robot_parameter = ""
+    """With several robots: the parameter that names the one on which it runs. Empty: the one of type
+    ``robot``, where there is one (docs/several-robots.md)."""
+
+    concurrent = 1
+    """How many of it may run at once, each in a machine of its own. Their states share one set of servers."""
+
     def __init__(self) -> None:
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *self.outcomes], input_keys=list(self.parameters))
         with self:

@@ -6,6 +6,7 @@ Each mistake is one sentence: where it is, what is wrong, what to do.
 import difflib
 import traceback
 from pathlib import Path
+from types import MappingProxyType
 from typing import Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 Parameters = Sequence[Tuple[str, str]]  # variable without '?', type
@@ -25,6 +26,12 @@ class Needs(NamedTuple):
     """Path of a state, and the action whose server it uses."""
     unset: Tuple[str, ...] = ()
     """A sentence for each userdata key that is read and never set."""
+    robot_parameter: str = ""
+    """The parameter that names the robot, as the class declares it."""
+    concurrent: int = 1
+    """How many of it run at once."""
+    declared: Tuple[str, ...] = ()
+    """What it declares with `while_running` and `if_interrupted`."""
 
 
 class ApplicationWorld(NamedTuple):
@@ -40,6 +47,10 @@ class ApplicationWorld(NamedTuple):
     objects: Callable[[str], Collection[str]]
     points: Collection[str]
     servers: Optional[Collection[str]] = None
+    parents: Mapping[str, str] = MappingProxyType({})
+    """Types of the domain -> their parents; empty: not needed, there are not several robots."""
+    declared_fault: Callable[[str, str], str] = lambda text, operator: ""
+    """What is wrong with a declared effect of an operator; empty: nothing, or the domain is not known."""
 
 
 class ApplicationError(ValueError):
@@ -67,6 +78,7 @@ def check_application(classes: Sequence[Needs], world: ApplicationWorld, complet
                 f"{needs.name} and {other} both run operator {needs.operator}; take one out of 'actions'"
             )
         found += [f"{needs.name}: {text}" for text in needs.unset]
+        found += _declared(needs, world)
         found += _points(needs, world)
         found += _servers(needs, world)
     if complete:
@@ -98,6 +110,14 @@ def _operator(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
         )
 
 
+def _declared(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
+    if needs.operator in world.operators:
+        for text in needs.declared:
+            fault = world.declared_fault(text, needs.operator)
+            if fault:
+                yield f"{needs.name} declares {text!r}: {fault}; correct its while_running or if_interrupted"
+
+
 def _points(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
     there = ", ".join(sorted(world.points)) or "none"
     add = f"add it to points_of_interest; there are: {there}"
@@ -125,12 +145,14 @@ def _servers(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
 
 
 def cannot_be_made(path: str, error: Exception) -> str:
-    """Why a class of actions cannot be made, and at which line of it.
+    """Why a class of actions cannot be made, and at which line of it, where one of its lines is to blame.
 
     :param path: ``package.module:Class``.
     :param error: which its constructor or its ``build`` has raised.
     """
     frames = traceback.extract_tb(error.__traceback__)
-    place = next((frame for frame in reversed(frames) if frame.name == "build"), frames[-1])
+    module = f"{path.partition(':')[0].replace('.', '/')}.py"
+    own = [frame for frame in frames if frame.name == "build" or frame.filename.endswith(module)]
+    place = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
     said = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-    return f"{path} cannot be made: {said} ({Path(place.filename).name}, line {place.lineno})"
+    return f"{path} cannot be made: {said}{place}"

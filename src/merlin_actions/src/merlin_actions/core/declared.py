@@ -1,7 +1,12 @@
-"""The numeric effects that an action declares for its interruption. Pure."""
+"""What an action declares for its run and its interruption: literals and numeric effects. Pure."""
 
 import re
 from typing import List, Mapping, Sequence, Tuple
+
+from merlin_pddl.domain import Domain
+from merlin_pddl.domain_reader import ASSIGNMENTS
+from merlin_pddl.formula_reader import FormulaReader
+from merlin_pddl.text_reader import Expression, PddlError, read_expression
 
 _NUMERIC = re.compile(r"\s*\(\s*(assign|increase|decrease|scale-up|scale-down)\s", re.IGNORECASE)
 _VARIABLE = re.compile(r"\?([A-Za-z_][\w-]*)")
@@ -30,3 +35,29 @@ def bound(text: str, binding: Mapping[str, str]) -> str:
         return binding[name]
 
     return _VARIABLE.sub(replace, text)
+
+
+def declared_fault(text: str, operator: str, domain: Domain, objects: Mapping[str, Tuple[str, ...]]) -> str:
+    """What is wrong with a literal or a numeric effect that an operator's class declares; empty: nothing.
+
+    :param objects: of the problem -> their types.
+    """
+    known = domain.operators.get(operator.lower())
+    if known is None:
+        return ""
+    scope = {variable.name: variable.types for variable in known.parameters}
+    reader = FormulaReader(domain, dict(objects))
+    try:
+        node = read_expression(text, "")
+        if node.head in ASSIGNMENTS and node.head not in domain.predicates:
+            if len(node) != 3:
+                raise node.error(f"'{node.head}' takes a function and a value")
+            reader.fluent(node[1], scope)
+            reader.numeric(node[2], scope)
+        else:
+            negated = node.head == "not" and len(node) == 2
+            part = node[1] if negated else node
+            reader.atom(part if isinstance(part, Expression) else node, scope)
+    except PddlError as error:
+        return error.message
+    return ""

@@ -15,13 +15,20 @@ class Ending(NamedTuple):
     """Name of the server that did not stop after a cancel; empty when everything has ended."""
     in_vain: str = ""
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
+    robot: str = ""
+    """The robot that takes no actions any more, which is why this one failed; those of other robots go on."""
 
 
 def information_of(ending: Ending) -> Dict[str, str]:
     """What a dispatcher is told beside success or failure: ``ActionFeedback.information``."""
     if ending.succeeded:
         return {}
-    said = {"reason": ending.reason, "final": ending.in_vain, "stopped": "no" if ending.unstopped else ""}
+    said = {
+        "reason": ending.reason,
+        "final": ending.in_vain,
+        "stopped": "no" if ending.unstopped else "",
+        "robot": ending.robot,
+    }
     return {key: value for key, value in said.items() if value}
 
 

@@ -54,6 +54,12 @@ class Execution:
         self.cancel_reason = "cancelled"
         self.left_queue = threading.Event()
         """Set when it waits for no other execution any more."""
+        self.lane = ""
+        """Only executions of the same one wait for each other; the robot that runs it."""
+        self.lost = ""
+        """Why nothing answers for it any more, as a sentence; empty: something does."""
+        self.answered = False
+        """Whether the dispatcher has its final answer."""
         self.token = str(Token(self.key, life, str(next(_numbers))))
         """See :class:`Token`."""
         self._lock = threading.Lock()  # guards _interrupt

@@ -1,12 +1,12 @@
-"""Which goal has the state machine of an operator: events in, decisions out.
+"""Which goals have the state machines of an operator: events in, decisions out.
 
-A machine has one set of states, so it runs one goal at a time. A newer goal means that the older one is not
-wanted any more. A run that does not stop in time is abandoned, with its machine: another instance takes its
-place, so that "runs already" is not a lasting state.
+A machine has one set of states, so it runs one goal at a time. Where no machine is free, a newer goal means
+that the oldest one is not wanted any more. A run that does not stop in time is abandoned, with its machine:
+another instance takes its place, so that "runs already" is not a lasting state.
 """
 
 from enum import Enum
-from typing import List, NamedTuple, Optional
+from typing import Dict, List, NamedTuple, Optional
 
 
 class SlotStep(Enum):
@@ -30,51 +30,76 @@ class SlotDecision(NamedTuple):
 
 
 class MachineSlot:
-    """The goals of one machine. Not thread-safe."""
+    """The goals of the machines of one operator. Not thread-safe.
 
-    def __init__(self) -> None:
-        self.running: Optional[str] = None
+    :param machines: how many there are.
+    """
+
+    def __init__(self, machines: int = 1) -> None:
+        self._machines = machines
+        self._running: Dict[str, bool] = {}  # goal -> whether it was told to stop, the oldest first
         self._waiting: Optional[str] = None
-        self._stopping = False
+
+    @property
+    def running(self) -> List[str]:
+        """The goals that run, the oldest first."""
+        return list(self._running)
+
+    def resize(self, machines: int) -> List[SlotDecision]:
+        """There are as many machines from now on; what runs goes on."""
+        self._machines = machines
+        return self._next()
 
     def arrive(self, goal: str) -> List[SlotDecision]:
         """A goal is received."""
-        if self.running is None:
+        if self._free:
             return self._start(goal)
         replaced, self._waiting = self._waiting, goal
         decisions = []
         if replaced is not None:
             decisions.append(SlotDecision(SlotStep.RECALL, replaced, "a newer goal took its place"))
-        return decisions + self._preempt("a newer goal takes its place")
+        if True in self._running.values():
+            return decisions  # one that stops makes room
+        return decisions + self._preempt(self.running[0], "a newer goal takes its place")
 
     def cancel(self, goal: str, reason: str) -> List[SlotDecision]:
         """A goal has to stop."""
         if goal == self._waiting:
             self._waiting = None
             return [SlotDecision(SlotStep.RECALL, goal, reason)]
-        return self._preempt(reason) if goal == self.running else []
+        return self._preempt(goal, reason)
+
+    def cancel_all(self, reason: str) -> List[SlotDecision]:
+        """All that run have to stop."""
+        return [decision for goal in self.running for decision in self._preempt(goal, reason)]
 
     def end(self, goal: str) -> List[SlotDecision]:
         """The run of a goal has ended."""
-        return self._next() if goal == self.running else []
+        return [] if self._running.pop(goal, None) is None else self._next()
 
     def limit_passed(self, goal: str) -> List[SlotDecision]:
         """A preempted run has not ended in time."""
-        if goal != self.running or not self._stopping:
+        if not self._running.get(goal, False):
             return []
+        del self._running[goal]
         return [SlotDecision(SlotStep.ABANDON, goal), *self._next()]
 
+    @property
+    def _free(self) -> bool:
+        return len(self._running) < self._machines
+
     def _start(self, goal: str) -> List[SlotDecision]:
-        self.running, self._stopping = goal, False
+        self._running[goal] = False
         return [SlotDecision(SlotStep.START, goal)]
 
     def _next(self) -> List[SlotDecision]:
-        self.running = None
-        following, self._waiting = self._waiting, None
-        return [] if following is None else self._start(following)
-
-    def _preempt(self, reason: str) -> List[SlotDecision]:
-        if self.running is None or self._stopping:
+        if self._waiting is None or not self._free:
             return []
-        self._stopping = True
-        return [SlotDecision(SlotStep.PREEMPT, self.running, reason)]
+        following, self._waiting = self._waiting, None
+        return self._start(following)
+
+    def _preempt(self, goal: str, reason: str) -> List[SlotDecision]:
+        if self._running.get(goal, True):
+            return []
+        self._running[goal] = True
+        return [SlotDecision(SlotStep.PREEMPT, goal, reason)]

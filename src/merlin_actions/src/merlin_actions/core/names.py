@@ -5,6 +5,8 @@ from typing import Dict, Iterable
 
 #: What the class of an action declares for its bridge: attributes of the class, and parameters of its action.
 WHILE_RUNNING, IF_INTERRUPTED = DECLARED = ("while_running", "if_interrupted")
+#: Likewise: how many of it run at once.
+CONCURRENT = "concurrent"
 
 
 def ros_name(operator: str) -> str:

@@ -1,14 +1,16 @@
 """Node: the bridges (:class:`MerlinAction`) of all actions in one process."""
 
+import functools
 import math
-from typing import Any, Dict, List
+from typing import Any, Callable, Dict, List, Optional, Sequence
 
 import rospy
 
-from merlin_actions.action_interface import wait_for_knowledge_base
+from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.names import by_ros_name
 from merlin_actions.merlin_action import MerlinAction
-from merlin_ros.health import HealthReporter
+from merlin_actions.robot_watch import RobotWatch
+from merlin_ros.health import OK, WARN, Health, HealthReporter
 from merlin_ros.node import on_master_lost, run_node
 from merlin_ros.parameters import number
 from merlin_sm.knowledge_client import (
@@ -16,13 +18,17 @@ from merlin_sm.knowledge_client import (
     KnowledgeBaseMissing,
     KnowledgeError,
     knowledge_client,
+    wait_for_knowledge_base,
 )
 
 
-def make_bridges(operators: List[str], knowledge_base: str) -> List[MerlinAction]:
+def make_bridges(
+    operators: List[str], knowledge_base: str, robots: Optional[RobotWatch] = None
+) -> List[MerlinAction]:
     """Makes a bridge for each operator, with the limits of this node's parameters.
 
     :param operators: names; none: every operator of the domain.
+    :param robots: on which the actions run that have a parameter of type ``robot``; None: all run here.
     :raises ValueError: when two of them map to one ROS name.
     :raises KnowledgeError: when the domain lacks one.
     :raises ParameterError: when a limit is not a number.
@@ -37,7 +43,19 @@ def make_bridges(operators: List[str], knowledge_base: str) -> List[MerlinAction
     for key in ("server_wait", "cancel_limit", "run_limit"):
         if rospy.has_param(f"~{key}"):
             options[key] = number(f"~{key}", 0.0, -math.inf)
-    return [MerlinAction(name, knowledge_base=knowledge_base, **options) for name in names]
+    return [MerlinAction(name, knowledge_base=knowledge_base, robots=robots, **options) for name in names]
+
+
+def robots_health(robots: RobotWatch, bridges: Sequence[ActionInterface]) -> Health:
+    """Which robot does what; a warning where one takes no actions, with the reason."""
+    does: Dict[str, str] = {}
+    for execution in (execution for bridge in bridges for execution in bridge.executions()):
+        if execution.left_queue.is_set():
+            does[execution.lane] = execution.text
+    why = robots.why_not_each()
+    said = {robot: reason or does.get(robot, "waits") for robot, reason in why.items()}
+    text = "; ".join(f"{robot}: {words}" for robot, words in said.items())
+    return Health(WARN if any(why.values()) else OK, text or "no host of a robot was heard", said)
 
 
 def main() -> int:
@@ -49,10 +67,16 @@ def main() -> int:
 def _start() -> None:
     knowledge_base = rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
     wait_for_knowledge_base(knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
-    bridges = make_bridges(rospy.get_param("~operators", []), knowledge_base)
+    robots = RobotWatch(knowledge_client(knowledge_base)) if rospy.get_param("~robots", False) else None
+    bridges = make_bridges(rospy.get_param("~operators", []), knowledge_base, robots)
     for bridge in bridges:
         bridge.start()
         rospy.on_shutdown(bridge.shutdown)
         on_master_lost(bridge.master_lost)
-    HealthReporter({bridge.operator: bridge.health for bridge in bridges}).start()
+        if robots is not None:
+            robots.listen(bridge.robot_changed)
+    checks: Dict[str, Callable[[], Health]] = {bridge.operator: bridge.health for bridge in bridges}
+    if robots is not None:
+        checks["robots of the plan"] = functools.partial(robots_health, robots, bridges)
+    HealthReporter(checks).start()
     rospy.loginfo(f"bridging the operators {', '.join(bridge.operator for bridge in bridges)}")

@@ -2,37 +2,48 @@
 
 import math
 import threading
-from typing import List
+from typing import Callable, Dict, List, Mapping, Optional, Tuple
 
 import rospy
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_actions.action_classes import read_machines
-from merlin_actions.action_interface import wait_for_knowledge_base
 from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, check_application
 from merlin_actions.core.application_modules import ApplicationModules
+from merlin_actions.core.declared import declared_fault
 from merlin_actions.core.names import by_ros_name
+from merlin_actions.core.robot_check import check_robots, robot_parameters
 from merlin_actions.machine_survey import survey
 from merlin_actions.merlin_action_server import CANCEL_LIMIT, MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_actions.robot_presence import RobotPresence
+from merlin_pddl.domain_reader import read_domain
+from merlin_pddl.text_reader import PddlError
 from merlin_ros.health import HealthReporter
 from merlin_ros.master.master_link import get_param
 from merlin_ros.node import keep_params, on_master_lost, run_node
 from merlin_ros.parameters import number
+from merlin_sm.holding.node_holds import node_holds, usual_level
 from merlin_sm.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeBaseMissing,
+    KnowledgeClient,
     KnowledgeError,
     knowledge_client,
+    wait_for_knowledge_base,
 )
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.navigation import POINTS_PARAM
 
 
-def check_machines(machines: List[MerlinActionSM], knowledge_base: str, complete: bool) -> None:
+def check_machines(
+    machines: List[MerlinActionSM], knowledge_base: str, complete: bool, robot: str = ""
+) -> Dict[str, str]:
     """Compares machines with domain, objects and points of interest.
 
     :param complete: every operator has to have a class.
+    :param robot: that this host serves; empty: there is one, which has no name.
+    :return: operator -> the variable that names its robot, for those that need one.
     :raises ApplicationError: when they do not fit; it names all mistakes.
     """
     client = knowledge_client(knowledge_base)
@@ -40,10 +51,28 @@ def check_machines(machines: List[MerlinActionSM], knowledge_base: str, complete
         name: [(parameter.key, parameter.value) for parameter in formula.typed_parameters]
         for name, formula in client.operators().items()
     }
-    world = ApplicationWorld(operators, client.instances, list(get_param(POINTS_PARAM, {})))
-    mistakes = check_application([survey(machine) for machine in machines], world, complete)
+    points = list(get_param(POINTS_PARAM, {}))
+    fault = _declared_faults(knowledge_base, client)
+    world = ApplicationWorld(operators, client.instances, points, None, client.types(), fault)
+    needs = [survey(machine) for machine in machines]
+    mistakes = check_application(needs, world, complete)
+    mistakes += check_robots(needs, world, [robot] if robot else [])
     if mistakes:
         raise ApplicationError(mistakes)
+    return robot_parameters(needs, world)
+
+
+def _declared_faults(knowledge_base: str, client: KnowledgeClient) -> Callable[[str, str], str]:
+    """Judges declared effects by the file of the domain; where it is not on this machine, none is wrong."""
+    try:
+        domain = read_domain(str(get_param(f"{rospy.resolve_name(knowledge_base)}/domain_path", "")))
+    except PddlError:
+        return lambda text, operator: ""
+    objects: Dict[str, Tuple[str, ...]] = {}
+    for kind in domain.types:
+        for name in client.instances(kind, constants=False, subtypes=False):
+            objects[name.lower()] = (*objects.get(name.lower(), ()), kind)
+    return lambda text, operator: declared_fault(text, operator, domain, objects)
 
 
 def make_servers(machines: List[MerlinActionSM]) -> List[MerlinActionServer]:
@@ -59,6 +88,9 @@ def make_servers(machines: List[MerlinActionSM]) -> List[MerlinActionServer]:
 class MachineHost:
     """The machines of an application and their servers.
 
+    With several robots each has a host, ``~robot``, that serves the actions with a parameter that names a
+    robot; one more, ``~robots``, serves the others.
+
     :raises ValueError: when a class or a parameter is wrong.
     :raises KnowledgeBaseMissing: when there is no knowledge base in time.
     """
@@ -67,19 +99,30 @@ class MachineHost:
         self._modules = ApplicationModules()
         self._reloading = threading.Lock()  # one reload after the other
         self._knowledge_base = rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
+        self._robot = str(rospy.get_param("~robot", ""))
+        self._robots = bool(self._robot or rospy.get_param("~robots", False))
+        self._presence: Optional[RobotPresence] = None
         machines = read_machines()
         self._modules.note()
         wait_for_knowledge_base(self._knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
-        self._check(machines)
-        self.servers = make_servers(machines)
+        variables = self._check(machines)
+        if self._robot:
+            name = rospy.resolve_name(self._knowledge_base)
+            self._presence = RobotPresence(self._robot, name, variables)
+            self._presence.refuse_second()
+        self.servers = make_servers(self._own(machines, variables))
 
     def start(self) -> None:
         """Begins to serve."""
+        node_holds.offer()
         for server in self.servers:
             server.start()
             rospy.on_shutdown(server.shutdown)
             on_master_lost(server.master_lost)
         rospy.Service("~reload_actions", Trigger, self._serve_reload)
+        if self._presence is not None:
+            rospy.on_shutdown(self._presence.shutdown)
+            self._presence.start()
 
     def reload(self) -> str:
         """Imports the edited classes; goals that run end with the machines they began with.
@@ -90,8 +133,9 @@ class MachineHost:
         with self._reloading:
             edited = self._modules.edited()
             with self._modules.renewed(), MerlinStateFactory.renewed():
-                machines = {machine.operator_name(): machine for machine in read_machines()}
-                self._check(list(machines.values()))
+                everything = read_machines()
+                own = self._own(everything, self._check(everything))
+                machines = {machine.operator_name(): machine for machine in own}
                 served = {server.operator for server in self.servers}
                 if set(machines) != served:
                     raise ValueError(
@@ -105,8 +149,20 @@ class MachineHost:
             said += f"; {', '.join(running)} runs, and is the edited one from its next run on"
         return said
 
-    def _check(self, machines: List[MerlinActionSM]) -> None:
-        check_machines(machines, self._knowledge_base, bool(rospy.get_param("~complete", False)))
+    def _check(self, machines: List[MerlinActionSM]) -> Dict[str, str]:
+        complete = bool(rospy.get_param("~complete", False))
+        return check_machines(machines, self._knowledge_base, complete, self._robot)
+
+    def _own(self, machines: List[MerlinActionSM], variables: Mapping[str, str]) -> List[MerlinActionSM]:
+        """Those that this host serves.
+
+        :param variables: operator -> the variable that names its robot.
+        """
+        if not self._robots:
+            return machines
+        return [
+            machine for machine in machines if (machine.operator_name() in variables) == bool(self._robot)
+        ]
 
     def _serve_reload(self, _: TriggerRequest) -> TriggerResponse:
         try:
@@ -125,6 +181,7 @@ def main() -> int:
 
 
 def _start() -> None:
+    usual_level()  # a wrong one is told before the knowledge base is waited for
     host = MachineHost()
     host.start()
     keep_params(rospy.resolve_name("actions"))  # what the machines declare to their bridges

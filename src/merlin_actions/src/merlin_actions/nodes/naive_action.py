@@ -6,12 +6,12 @@ effects are true and are applied, and the dispatcher stops before the next actio
 """
 
 import threading
-from typing import Any, Dict, List
+from typing import Any, Dict
 
 import rospy
 
 from merlin_actions.action_classes import read_machines
-from merlin_actions.action_interface import ActionInterface, wait_for_knowledge_base
+from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
 from merlin_actions.core.names import DECLARED, ros_name
@@ -20,7 +20,12 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.node import on_master_lost, run_node
 from merlin_ros.parameters import number
 from merlin_sm.introspection import show
-from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeBaseMissing, KnowledgeError
+from merlin_sm.knowledge_client import (
+    DEFAULT_KNOWLEDGE_BASE,
+    KnowledgeBaseMissing,
+    KnowledgeError,
+    wait_for_knowledge_base,
+)
 from merlin_sm.states.merlin_state import SUCCEEDED
 
 
@@ -57,7 +62,7 @@ class NaiveAction(ActionInterface):
         with self._running:
             self._live(execution)
 
-    def _literals(self) -> Dict[str, List[str]]:
+    def _declared(self, execution: Execution) -> Dict[str, Any]:
         return {key: list(getattr(self.machine, key)) for key in DECLARED}
 
 

@@ -1,0 +1,105 @@
+"""The action servers of one operator: in this namespace, or each robot's in its own."""
+
+import threading
+from typing import Dict, Mapping, Optional
+
+import rospy
+from merlin_msgs.msg import RunActionAction
+from rosplan_knowledge_msgs.msg import DomainFormula
+
+from merlin_actions.core.ending import Ending
+from merlin_actions.core.execution import Execution
+from merlin_actions.core.names import action_param
+from merlin_actions.core.robot_parameter import robot_parameter
+from merlin_actions.robot_watch import RobotWatch
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.health import ERROR, Health
+
+
+class ActionServers:
+    """Finds the server for an execution.
+
+    :param formula: name and parameters of the operator.
+    :param parents: types of the domain -> their parents.
+    :param robots: that are there; None: every action runs in this namespace.
+    """
+
+    def __init__(
+        self, formula: DomainFormula, parents: Mapping[str, str], robots: Optional[RobotWatch]
+    ) -> None:
+        self._operator = formula.name
+        self._robots = robots
+        parameters = [(entry.key, entry.value) for entry in formula.typed_parameters]
+        try:
+            self._by_type = robot_parameter(formula.name, parameters, parents)
+        except ValueError:
+            self._by_type = ""  # the hosts of the robots have to say it
+        self._lock = threading.Lock()  # guards the field below
+        self._clients: Dict[str, ActionClient] = {}  # by name of the action
+        if not self.parameter:
+            self.client()
+
+    @property
+    def parameter(self) -> str:
+        """The variable that names the robot; empty: the operator needs none."""
+        if self._robots is None:
+            return ""
+        return self._robots.parameter(self._operator) or self._by_type
+
+    def robot(self, binding: Mapping[str, str]) -> str:
+        """The robot that runs an execution; empty: it needs none.
+
+        :param binding: variable -> object.
+        """
+        return binding.get(self.parameter, "") if self.parameter else ""
+
+    def param(self, robot: str = "") -> str:
+        """Name of the parameters and of the action, in the namespace of the robot."""
+        namespace = self._robots.namespace(robot) if robot and self._robots is not None else ""
+        return namespace + action_param(self._operator)
+
+    def client(self, robot: str = "") -> ActionClient:
+        """The client of the server, one for each."""
+        name = rospy.resolve_name(self.param(robot))
+        with self._lock:
+            if name not in self._clients:
+                self._clients[name] = ActionClient(name, RunActionAction)
+            return self._clients[name]
+
+    def wait_for_robot(self, robot: str, seconds: float, execution: Execution) -> str:
+        """Waits for a robot that was never heard of; returns why it takes no actions, or nothing.
+
+        :param seconds: at most; a cancel ends it too.
+        """
+        assert self._robots is not None
+        execution.interruptible(self._robots.wake)
+        try:
+            return self._robots.wait(robot, seconds, execution.cancelled.is_set)
+        finally:
+            execution.interruptible(None)
+
+    def why_not(self, robot: str, execution: Execution, ending: Ending) -> str:
+        """Why a robot takes no actions after one that failed there; empty when that has other reasons."""
+        assert self._robots is not None
+        why = self._robots.why_not(robot)
+        stopped = execution.cancelled.is_set() and execution.cancel_reason != why
+        return "" if stopped else why
+
+    def wait_told(self, robot: str) -> None:
+        """Waits until the knowledge says that a robot takes no actions."""
+        assert self._robots is not None
+        self._robots.wait_told(robot)
+
+    def suspect(self, robot: str, reason: str) -> None:
+        """An action was lost with the host of a robot."""
+        assert self._robots is not None
+        self._robots.suspect(robot, reason)
+
+    def health(self) -> Health:
+        """Whether the servers answer."""
+        if self.parameter:
+            return Health()  # robots come and go; the bridges tell which are there
+        client = self.client()
+        if client.alive:
+            return Health()
+        return Health(ERROR, f"no action server {client.name}; does the host of its machine run?")

@@ -1,0 +1,151 @@
+"""Which robots take actions: words of their hosts and passing time in, changes out.
+
+A host says every 0.25 s that it lives. One robot has one host: where two say that they are the same robot,
+nothing is sent to either. A robot is known as soon as its host was heard once.
+"""
+
+from typing import Dict, List, NamedTuple, Tuple
+
+#: Predicate of which the bridges keep the truth: the robot takes actions.
+AVAILABLE = "available"
+#: s between two words of a host.
+WORD_PERIOD = 0.25
+#: s of silence after which a robot takes no actions. With what follows, its actions have failed within 3 s.
+GONE_AFTER = 2.0
+#: Lives of hosts of a robot that are remembered when they are over.
+KEEP_LIVES = 8
+
+
+class HostWord(NamedTuple):
+    """What a host says of itself."""
+
+    robot: str
+    node: str
+    life: str
+    out: str = ""
+    """Why the robot takes no actions, as part of a sentence; empty: it does."""
+    leaving: bool = False
+    parameters: Tuple[Tuple[str, str], ...] = ()
+    """Operators that it serves, with the variable that names the robot."""
+
+
+class RobotChange(NamedTuple):
+    """A robot takes actions, or takes none any more."""
+
+    robot: str
+    available: bool
+    reason: str = ""
+    """Why it takes none, as a sentence without a full stop."""
+    answers: bool = False
+    """Whether a host lives that answers a cancel."""
+
+
+class _Host:
+    def __init__(self, word: HostWord) -> None:
+        self.word = word
+        self.silence = 0.0
+        self.suspected = ""  # why its actions cannot reach it, until its next word
+
+
+class _Robot:
+    def __init__(self) -> None:
+        self.hosts: Dict[str, _Host] = {}  # by node
+        self.namespace = ""  # of the host that was heard last
+        self.lives: List[str] = []  # that are over
+        self.told = RobotChange("", False)
+        self.gone = ""
+
+
+class RobotBook:
+    """The robots of one planning system. Not thread-safe."""
+
+    def __init__(self) -> None:
+        self._robots: Dict[str, _Robot] = {}
+        self._parameters: Dict[str, str] = {}  # operator -> the variable that names the robot
+
+    @property
+    def robots(self) -> List[str]:
+        """The robots that were ever heard of."""
+        return sorted(self._robots)
+
+    def available(self, robot: str) -> bool:
+        """Whether actions can be sent to it."""
+        return robot in self._robots and self._robots[robot].told.available
+
+    def why_not(self, robot: str) -> str:
+        """Why a robot takes no actions; empty when it does, or was never heard of."""
+        return self._robots[robot].told.reason if robot in self._robots else ""
+
+    def namespace(self, robot: str) -> str:
+        """Where its actions are, with a slash at the end; empty: it was never heard of."""
+        return self._robots[robot].namespace if robot in self._robots else ""
+
+    def parameter(self, operator: str) -> str:
+        """The variable of an operator that names the robot, as hosts declare it; empty: none has said."""
+        return self._parameters.get(operator.lower(), "")
+
+    def hear(self, word: HostWord) -> List[RobotChange]:
+        """A host says that it lives, or that it leaves."""
+        robot = self._robots.setdefault(word.robot, _Robot())
+        if word.life in robot.lives:
+            return []  # a late word
+        known = robot.hosts.get(word.node)
+        changes: List[RobotChange] = []
+        if known is not None and known.word.life != word.life:
+            changes += self._leave(word.robot, word.node, f"the host of robot {word.robot} was restarted")
+        if word.leaving:
+            return changes + self._leave(word.robot, word.node, f"the host of robot {word.robot} has ended")
+        robot.hosts[word.node] = _Host(word)
+        robot.namespace = word.node.rpartition("/")[0] + "/"
+        self._parameters.update({operator.lower(): variable for operator, variable in word.parameters})
+        return changes + self._tell(word.robot)
+
+    def pass_time(self, seconds: float) -> List[RobotChange]:
+        """Time passes, as the watcher counts it."""
+        changes: List[RobotChange] = []
+        for name, robot in self._robots.items():
+            for node, host in list(robot.hosts.items()):
+                host.silence += seconds
+                if host.silence > GONE_AFTER:
+                    # It may come back in the same life: a host that was stopped goes on.
+                    del robot.hosts[node]
+                    robot.gone = f"robot {name} is gone: its host {node} is silent"
+                    changes += self._tell(name)
+        return changes
+
+    def suspect(self, robot: str, reason: str) -> List[RobotChange]:
+        """An action was lost with its host. The next word of that host proves that it lives."""
+        for host in self._robots[robot].hosts.values() if robot in self._robots else ():
+            host.suspected = reason
+        return self._tell(robot) if robot in self._robots else []
+
+    def _leave(self, name: str, node: str, reason: str) -> List[RobotChange]:
+        robot = self._robots[name]
+        host = robot.hosts.pop(node, None)
+        if host is not None:
+            robot.lives = [*robot.lives[-KEEP_LIVES:], host.word.life]
+            robot.gone = reason
+        return self._tell(name)
+
+    def _tell(self, name: str) -> List[RobotChange]:
+        """The change since the last one, if there is one."""
+        robot = self._robots[name]
+        now = self._now(name, robot)
+        changed = (now.available, now.reason) != (robot.told.available, robot.told.reason)
+        robot.told = now
+        return [now] if changed else []
+
+    @staticmethod
+    def _now(name: str, robot: _Robot) -> RobotChange:
+        hosts = list(robot.hosts.values())
+        if not hosts:
+            return RobotChange(name, False, robot.gone)
+        if len(hosts) > 1:
+            nodes = " and ".join(sorted(robot.hosts))
+            return RobotChange(name, False, f"two hosts say that they are robot {name}: {nodes}", True)
+        (host,) = hosts
+        if host.suspected:
+            return RobotChange(name, False, f"robot {name} is gone: {host.suspected}")
+        if host.word.out:
+            return RobotChange(name, False, f"robot {name} {host.word.out}", True)
+        return RobotChange(name, True)

@@ -1,0 +1,195 @@
+"""The robots of a planning system, as the bridges see them, and what the knowledge says of them."""
+
+import threading
+import time
+from collections import deque
+from typing import Callable, Deque, Dict, List
+
+import rospy
+from merlin_msgs.msg import RobotHost
+
+from merlin_actions.core.robot_book import AVAILABLE, GONE_AFTER, HostWord, RobotBook, RobotChange
+from merlin_ros.master.master_link import MasterSilent
+from merlin_ros.service_proxy import ServiceError
+from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
+
+TICK = 0.1  # s of wall time between two looks for hosts that are silent
+LONGEST_TICK = 0.2  # s that one of them may count: a watcher that was itself starved does not blame the hosts
+RETRY = 0.3  # s of wall time between two attempts to reach the knowledge base
+TOLD_LIMIT = 2.0  # s of wall time that an answer waits for the knowledge
+
+
+class RobotWatch:
+    """Follows ``<kb>/robots`` and keeps the facts ``(available ?robot)``, where the domain has them.
+
+    :param knowledge: of the planning system.
+    """
+
+    def __init__(self, knowledge: KnowledgeClient) -> None:
+        self._facts = AvailableFacts(knowledge)
+        self._changed = threading.Condition()  # guards the fields below
+        self._book = RobotBook()
+        self._pending: Deque[RobotChange] = deque()
+        self._listeners: List[Callable[[RobotChange], None]] = []
+        self._subscriber = rospy.Subscriber(
+            f"{knowledge.name}/robots", RobotHost, self._receive, tcp_nodelay=True, queue_size=100
+        )
+        threading.Thread(target=self._watch, name="robots", daemon=True).start()
+
+    def listen(self, callback: Callable[[RobotChange], None]) -> None:
+        """Calls back with each change, in order, in a thread of this watch; at once with what is known."""
+        with self._changed:
+            self._listeners.append(callback)
+            known = [RobotChange(robot, True) for robot in self._book.robots if self._book.available(robot)]
+        for change in known:
+            callback(change)
+
+    def parameter(self, operator: str) -> str:
+        """The variable of an operator that names the robot, as a host declares it; empty: none does."""
+        with self._changed:
+            return self._book.parameter(operator)
+
+    def namespace(self, robot: str) -> str:
+        """Where the actions of a robot are."""
+        with self._changed:
+            return self._book.namespace(robot)
+
+    def why_not(self, robot: str) -> str:
+        """Why a robot takes no actions; empty when it does, or was never heard of."""
+        with self._changed:
+            return self._book.why_not(robot)
+
+    def why_not_each(self) -> Dict[str, str]:
+        """:meth:`why_not` of each robot that was ever heard of."""
+        with self._changed:
+            return {robot: self._book.why_not(robot) for robot in self._book.robots}
+
+    def wait(self, robot: str, seconds: float, unless: Callable[[], bool]) -> str:
+        """Waits for a robot of which nothing was heard yet; returns why it takes no actions, or nothing.
+
+        :param seconds: of wall time.
+        :param unless: ends the wait when it is true; call :meth:`wake` when that changes.
+        """
+        end = time.monotonic() + max(seconds, 0.0)
+        with self._changed:
+            while not self._book.available(robot) and not self._book.why_not(robot) and not unless():
+                left = end - time.monotonic()
+                if left <= 0.0 or rospy.is_shutdown():
+                    there = ", ".join(self._book.robots) or "none"
+                    return f"no host says that it is robot {robot} ({seconds:g} s); there are: {there}"
+                self._changed.wait(left)
+            return self._book.why_not(robot)
+
+    def wake(self) -> None:
+        """Lets a :meth:`wait` look anew at what ends it."""
+        with self._changed:
+            self._changed.notify_all()
+
+    def suspect(self, robot: str, reason: str) -> None:
+        """An action was lost with the host of a robot: nothing is sent to it before its next word."""
+        with self._changed:
+            self._add(self._book.suspect(robot, reason))
+
+    def wait_told(self, robot: str) -> None:
+        """Waits until the knowledge says what this watch knows of a robot: the next plan is made from it."""
+        self._facts.wait_told(robot, TOLD_LIMIT)
+
+    def _receive(self, word: RobotHost) -> None:
+        parameters = tuple(zip(word.operators, word.robot_parameters))
+        with self._changed:
+            self._add(
+                self._book.hear(
+                    HostWord(word.robot, word.node, word.life, word.out, word.leaving, parameters)
+                )
+            )
+
+    def _add(self, changes: List[RobotChange]) -> None:
+        """Takes changes in; called with the lock held."""
+        for change in changes:
+            self._facts.put(change.robot, change.available)
+        if changes:
+            self._pending.extend(changes)
+            self._changed.notify_all()
+
+    def _watch(self) -> None:
+        began = last = time.monotonic()
+        settled = False
+        while not rospy.is_shutdown():
+            with self._changed:
+                if not self._pending:
+                    self._changed.wait(TICK)
+                now = time.monotonic()
+                self._add(self._book.pass_time(min(now - last, LONGEST_TICK)))
+                last = now
+                changes, listeners = list(self._pending), list(self._listeners)
+                self._pending.clear()
+            for change in changes:
+                log = rospy.loginfo if change.available else rospy.logwarn
+                log(change.reason or f"robot {change.robot} takes actions")
+                for listener in listeners:
+                    listener(change)
+            if not settled and now - began > GONE_AFTER:
+                settled = True
+                self._facts.settle()
+
+
+class AvailableFacts:
+    """Writes ``(available ?robot)``, in a thread of its own: a knowledge base may not answer for a while.
+
+    :param knowledge: to write to.
+    """
+
+    def __init__(self, knowledge: KnowledgeClient) -> None:
+        self._knowledge = knowledge
+        predicate = knowledge.predicates().get(AVAILABLE)
+        self._there = predicate is not None and len(predicate.typed_parameters) == 1
+        self._changed = threading.Condition()  # guards the fields below
+        self._wanted: Dict[str, bool] = {}
+        self._told: Dict[str, bool] = {}
+        self._unsettled = False
+        if self._there:
+            threading.Thread(target=self._write_all, name="available robots", daemon=True).start()
+
+    def put(self, robot: str, available: bool) -> None:
+        """From now on this is the truth about a robot."""
+        with self._changed:
+            self._wanted[robot] = available
+            self._changed.notify_all()
+
+    def settle(self) -> None:
+        """Robots of which nothing was heard are not available, whatever the problem says."""
+        with self._changed:
+            self._unsettled = True
+            self._changed.notify_all()
+
+    def wait_told(self, robot: str, seconds: float) -> None:
+        """Waits until the knowledge says what is wanted, s of wall time at most."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: not self._there or self._told.get(robot) == self._wanted.get(robot), seconds
+            )
+
+    def _write_all(self) -> None:
+        while not rospy.is_shutdown():
+            with self._changed:
+                self._changed.wait_for(lambda: self._unsettled or self._told != self._wanted)
+                wanted, unsettled = dict(self._wanted), self._unsettled
+                changes = {robot: there for robot, there in wanted.items() if self._told.get(robot) != there}
+            try:
+                if unsettled:
+                    listed = [item.values[0].value for item in self._knowledge.propositions(AVAILABLE)]
+                    changes.update({robot: False for robot in listed if robot not in wanted})
+                    with self._changed:
+                        self._unsettled = False
+                for robot, there in changes.items():
+                    self._write(robot, there)
+            except (KnowledgeError, ServiceError, MasterSilent) as error:
+                rospy.logwarn_throttle(10.0, f"which robots are available cannot be told: {error}")
+                time.sleep(RETRY)  # a service gives no event when it is offered again
+
+    def _write(self, robot: str, available: bool) -> None:
+        self._knowledge.update([Update(ADD if available else REMOVE, fact(AVAILABLE, robot))])
+        with self._changed:
+            if robot in self._wanted:
+                self._told[robot] = available
+            self._changed.notify_all()

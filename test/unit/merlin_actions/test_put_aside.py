@@ -1,0 +1,71 @@
+"""A latched dispatch that comes before its dispatcher's status is begun when the status says so, once."""
+
+from typing import Any, List, Tuple
+
+import pytest
+from merlin_msgs.msg import DispatchStatus, RunningAction
+from rosplan_dispatch_msgs.msg import ActionDispatch
+from rosplan_knowledge_msgs.msg import DomainFormula
+
+from merlin_actions import action_interface
+from merlin_actions.merlin_action import MerlinAction
+
+
+class Probe(MerlinAction):
+    """Notes what begins; everything else of an action is not made."""
+
+    def __init__(self) -> None:
+        action_interface.ActionInterface.__init__(self, "navigate")
+        self._running = frozenset()
+        self._connected = None  # young: whatever is latched may be old
+        self.begun: List[Tuple[int, int]] = []
+
+    def _begin(self, dispatch: ActionDispatch) -> None:
+        self.begun.append((dispatch.plan_id, dispatch.action_id))
+
+
+class Knowledge:
+    name = "/kb"
+
+    def operator(self, name: str) -> Any:
+        return type("Details", (), {"formula": DomainFormula(name=name)})
+
+
+@pytest.fixture
+def interface(monkeypatch: pytest.MonkeyPatch) -> Probe:
+    monkeypatch.setattr(action_interface, "knowledge_client", lambda name: Knowledge())
+    monkeypatch.setattr(action_interface, "effects_of", lambda details, knowledge: None)
+    monkeypatch.setattr(action_interface.rospy, "loginfo", lambda text: None)
+    return Probe()
+
+
+def latched(name: str = "navigate", action: int = 3) -> ActionDispatch:
+    message = ActionDispatch(plan_id=7, action_id=action, name=name)
+    message._connection_header = {"latching": "1"}
+    return message
+
+
+def waits_for(*actions: int) -> DispatchStatus:
+    return DispatchStatus(running=[RunningAction(plan_id=7, action_id=action) for action in actions])
+
+
+def test_it_begins_once_when_the_dispatcher_says_that_it_waits(interface: Probe) -> None:
+    interface._receive(latched())
+    assert interface.begun == []
+    for status in (waits_for(), waits_for(2), waits_for(3), waits_for(3)):
+        interface._note_dispatcher(status)
+    assert interface.begun == [(7, 3)]
+
+
+def test_it_begins_at_once_after_the_status(interface: Probe) -> None:
+    interface._note_dispatcher(waits_for(3))
+    interface._receive(latched())
+    interface._note_dispatcher(waits_for(3))
+    assert interface.begun == [(7, 3)]
+
+
+def test_one_that_is_cancelled_meanwhile_does_not_begin(interface: Probe) -> None:
+    interface._receive(latched())
+    interface._receive(latched(action_interface.CANCEL_ACTION))
+    interface._note_dispatcher(waits_for(3))
+    assert interface.begun == []
