@@ -69,6 +69,32 @@ def test_an_interrupted_request_that_did_not_stop_ends_so(agenda: "Agenda[Ticket
     assert answers(agenda.ended(told)) == {first: told}
 
 
+class ForKitchen(Ticket):
+    text = "(checked kitchen)"
+
+
+def test_a_request_is_held_before_its_goal_and_goes_on(agenda: "Agenda[Ticket]") -> None:
+    agenda.breakpoints.set(["(checked *)"])
+    held, other = ForKitchen(1), Ticket(0)
+    agenda.receive(held)
+    agenda.receive(other)
+    assert agenda.begin() is other
+    agenda.ended(Verdict(Outcome.SUCCEEDED))
+    assert agenda.begin() is None and agenda.breakpoints.held == held.text
+    assert agenda.begin() is None
+    agenda.breakpoints.go_on()
+    assert agenda.begin() is held and agenda.breakpoints.held == ""
+
+
+def test_a_held_request_can_be_cancelled(agenda: "Agenda[Ticket]") -> None:
+    agenda.breakpoints.set(["checked"])
+    held = ForKitchen(0)
+    agenda.receive(held)
+    assert agenda.begin() is None
+    assert answers(agenda.cancel(held))[held].outcome is Outcome.CANCELLED
+    assert agenda.begin() is None and agenda.breakpoints.held == ""
+
+
 def test_an_equal_request_waits(agenda: "Agenda[Ticket]") -> None:
     first = Ticket(0, 3)
     agenda.receive(first)

@@ -135,20 +135,30 @@ def test_an_interrupted_request_has_all_its_new_plans_again() -> None:
     run(course, ("DISPATCH_PLAN", "failed", "blocked"))
     assert course.replan().again
     course.begin()
-    assert not course.dispatched and course.action == ""
+    assert not course.may_move and course.action == ""
     run(course, ("DISPATCH_PLAN", "failed", "blocked"))
     assert course.replan().again
     assert course.replans == 2
 
 
-def test_only_a_dispatched_plan_can_have_moved_the_base() -> None:
+def test_a_dispatched_plan_can_have_moved_the_base() -> None:
     course = Course(3)
     course.begin()
     course.enter("PLAN", 0.0)
-    assert not course.dispatched
+    assert not course.may_move
     course.enter("DISPATCH_PLAN", 1.0)
     course.enter("REMOVE_GOALS", 2.0)
-    assert course.dispatched
+    assert course.may_move
+
+
+@pytest.mark.parametrize(
+    ("outcome", "may_move"), [("succeeded", False), ("preempted", True), ("aborted", True)]
+)
+def test_a_planning_system_that_was_not_at_rest_can_have_moved_the_base(outcome: str, may_move: bool) -> None:
+    course = Course(3)
+    course.begin()
+    run(course, ("SETTLE", outcome, ""))
+    assert course.may_move is may_move
 
 
 def test_the_same_failure_is_not_tried_a_third_time() -> None:

@@ -15,6 +15,7 @@ from merlin_executor.node import executor as executor_module
 from merlin_executor.node.executor import Executor
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.service_proxy import ServiceUnavailable
+from merlin_sm.dispatching.kinds import Hold
 
 LONG = 60.0
 
@@ -134,17 +135,18 @@ class Bench:
             self.callbacks = {"goal": on_goal, "cancel": on_cancel, "owner": on_owner}
             return SimpleNamespace(start=lambda: None, shutdown=lambda: None)
 
-        dispatcher = SimpleNamespace(wait_status=lambda timeout: True, running=[], steps_done=0)
+        dispatcher = SimpleNamespace(wait_status=lambda timeout: True, running=[], steps_done=0, hold=Hold())
         recovery = SimpleNamespace(rest=lambda interruptible: "")
         own = SimpleNamespace(remove_left=lambda: [])
         for name, made in (
             ("ActionServer", server),
             ("DispatchClient", lambda *_: dispatcher),
             ("Recovery", lambda *_: recovery),
-            ("GuardClient", lambda: None),
+            ("GuardClient", lambda knowledge_base: None),
             ("OwnGoals", lambda *_: own),
             ("LeaseHolder", lambda topic: None),
             ("PauseServices", self.serve_pause),
+            ("BreakpointService", lambda *_: SimpleNamespace(offer=lambda name: None)),
             ("ExecutorSM", lambda *_: self.machine),
             ("show", lambda *_: SimpleNamespace(stop=lambda: None)),
             ("publish", lambda publisher, message: self.statuses.append(message)),

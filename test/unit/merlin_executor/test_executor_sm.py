@@ -13,7 +13,7 @@ from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import GOALS_GONE, PlanningSystem
 from merlin_ros.call_scope import current_scope
 from merlin_ros.service_proxy import ServiceUnavailable
-from merlin_sm.dispatch_progress import DispatchResult
+from merlin_sm.dispatching.progress import DispatchResult
 from merlin_sm.knowledge_text import parse_goal
 from merlin_sm.planning_client import Planned, PlanningResult
 

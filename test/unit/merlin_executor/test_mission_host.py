@@ -125,6 +125,11 @@ def test_an_interrupted_mission_cancels_its_goal(robot: FakeRobot, mission: str)
             {"~rooms": "a", "~startup_timeout": "x"},
             "parameter ~startup_timeout is 'x', not a number",
         ),
+        (
+            "Tour",
+            {"~autonomy": "medium"},
+            "parameter ~autonomy: 'medium' is no autonomy level; there are off, low, high, full",
+        ),
     ],
 )
 def test_a_mission_that_cannot_begin_is_one_line(

@@ -97,6 +97,9 @@ class Client:
     def send(self, goals: str) -> None:
         self.sent.append(goals)
 
+    def cancel_all(self) -> None:
+        self.sent.clear()
+
 
 @pytest.fixture()
 def client(monkeypatch: pytest.MonkeyPatch) -> Client:
@@ -158,6 +161,7 @@ def test_a_mission_whose_node_goes_down_before_it_begins_does_nothing(
 
     monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", lambda **_: None)
     monkeypatch.setattr(goal_dispatcher, "show", lambda *_: Server())
+    monkeypatch.setattr(goal_dispatcher.node_holds, "offer", lambda: None)
     monkeypatch.setattr(goal_dispatcher.rospy, "on_shutdown", down)
     assert Mission().run() == "preempted"
     assert ran == []

@@ -11,7 +11,7 @@ from merlin_executor.core.leftovers import ATTEMPTS, BRIDGE_GRACE, Leftovers
 from merlin_executor.core.outcome import Outcome, Verdict, crashed, outcome_name
 from merlin_executor.core.request_limits import MAX_GOALS, MAX_TEXT, MAX_TOKENS, RequestTooLarge, check_size
 from merlin_executor.core.rivals import must_yield, publishers_by_topic, rival_executors
-from merlin_executor.core.standstill import Halt, still_moving, unstopped
+from merlin_executor.core.standstill import Halt, still_moving, together, unstopped
 from merlin_executor.mission.mission_progress import PAUSED_TEXT, MissionProgress, MissionState, PauseSwitch
 
 
@@ -207,3 +207,10 @@ def test_a_switch_answers_what_makes_no_sense() -> None:
     assert switch.set(False).done and not switch.paused
     switch.end()
     assert not switch.set(True).done
+
+
+def test_several_bases_stand_when_all_that_have_a_guard_were_halted() -> None:
+    none, halted, failed = Halt(False), Halt(True, True), Halt(True, False, "no")
+    assert together([none, none]) == none
+    assert together([none, halted, halted]) == halted
+    assert together([halted, failed]) == failed

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import ExecuteGoal, ExecuteResult
 
-from merlin_executor import executor_request
+from merlin_executor import resending as resending_rules
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.resending import END, RESEND, RESENDS, Next, Resending
 from merlin_ros import late_topics
@@ -32,6 +32,13 @@ def test_a_lost_goal_is_sent_again_when_the_executor_is_back() -> None:
     assert resending.ended(lost=True).next is Next.AWAIT
     assert resending.executor(True, 30.0).next is Next.SEND
     assert resending.sent_again == 1
+
+
+def test_a_goal_that_no_executor_took_is_sent_again_whatever_its_client_wants() -> None:
+    resending = Resending(END)
+    assert resending.ended(lost=True, untaken=True).next is Next.AWAIT
+    assert resending.executor(True, resending.patience).next is Next.SEND
+    assert resending.ended(lost=True).next is Next.FINISH
 
 
 def test_an_executor_that_stays_away_is_named() -> None:
@@ -82,6 +89,7 @@ class Sent:
         self.text = ""
         self.result = ExecuteResult()
         self.feedback = None
+        self.seen = True
         self.cancelled = threading.Event()
         self._on_done = on_done
 
@@ -97,6 +105,7 @@ class Client:
     """An action client whose server lives while `there` is set."""
 
     name = "/merlin/execute"
+    heard = True
 
     def __init__(self) -> None:
         self.there = threading.Event()
@@ -179,6 +188,23 @@ def test_a_request_survives_its_executor(client: Client, statuses: Statuses) -> 
     assert sent.result.reason == "done" and done == [sent]
 
 
+def test_a_request_that_met_a_dying_executor_goes_to_the_next(client: Client, statuses: Statuses) -> None:
+    sent = request(client, END)
+    client.sent[0].seen = False
+    client.sent[0].end(GoalStatus.LOST, "the action server /merlin/execute never acknowledged the goal")
+    statuses.publish()
+    client.wait_sent(2).end(GoalStatus.SUCCEEDED, reason="done")
+    assert sent.result.reason == "done"
+
+
+def test_a_request_to_an_executor_that_was_never_there_ends(client: Client) -> None:
+    client.heard = False
+    sent = request(client, END)
+    client.sent[0].seen = False
+    client.sent[0].end(GoalStatus.LOST, "the action server /merlin/execute has been silent for 3.0 s")
+    assert sent.done and len(client.sent) == 1
+
+
 @pytest.mark.parametrize(
     ("status", "text", "reason"),
     [
@@ -208,7 +234,7 @@ def test_a_cancel_ends_the_wait_for_the_executor(client: Client, statuses: Statu
 def test_an_executor_that_does_not_return_ends_the_request(
     client: Client, statuses: Statuses, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(executor_request, "RETURN_WAIT", 0.01)
+    monkeypatch.setattr(resending_rules, "RETURN_WAIT", 0.01)
     client.there.clear()
     sent = request(client, RESEND)
     client.sent[0].end(GoalStatus.LOST, "gone")

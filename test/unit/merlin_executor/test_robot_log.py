@@ -21,8 +21,8 @@ class Log:
         self.lines: List[str] = []
         self.failures: List[tuple] = []
 
-    def subscribe(self, topic: str, kind: type, receive: Any, **options: Any) -> None:
-        self.receivers[topic] = receive
+    def subscribe(self, topic: str, kind: type, receive: Any, *arguments: Any, **options: Any) -> None:
+        self.receivers[topic] = lambda message: receive(message, *arguments)
 
     def hear(self, topic: str, message: Any) -> None:
         self.receivers[topic](message)
@@ -111,3 +111,15 @@ def test_what_is_seen_is_told_with_its_place() -> None:
     story.see([("cup", 1.23, -0.5)])
     story.see([])
     assert lines == ["sees cup (1.2, -0.5)", "sees nothing"]
+
+
+def test_with_several_robots_each_line_names_its_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    log = Log()
+    monkeypatch.setattr(robot_log.rospy, "Subscriber", log.subscribe)
+    RobotLog(log.lines.append, robots=("robot_1", "robot_2"))
+    said = SoundRequestActionGoal(goal=SoundRequestGoal(sound_request=SoundRequest(arg="Good evening.")))
+    log.hear("robot_2/sound_play/goal", said)
+    log.hear(
+        "robot_1/listen/result", ListenActionResult(result=ListenResult(text="a cake please", heard=True))
+    )
+    assert log.lines == ['robot_2 says "Good evening."', 'robot_1 understands "a cake please"']

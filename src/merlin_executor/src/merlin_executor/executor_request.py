@@ -7,8 +7,9 @@ import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
 
-from merlin_executor.resending import END, RETURN_WAIT, Next, ResendDecision, Resending, executor_was_lost
-from merlin_ros.actions.action_client import ActionClient, ClientGoal
+from merlin_executor.resending import END, Next, ResendDecision, Resending, executor_was_lost
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe_by
 
@@ -104,7 +105,8 @@ class ExecutorRequest:
     def _sent_ended(self, sent: ClientGoal) -> None:
         with self._lock:
             reason = getattr(sent.result, "reason", "")
-            decision = self._resending.ended(executor_was_lost(sent.status, sent.text, reason))
+            lost = executor_was_lost(sent.status, sent.text, reason)
+            decision = self._resending.ended(lost, untaken=self._client.heard and not sent.seen)
         if decision.next is Next.AWAIT:
             threading.Thread(target=self._await, name=f"resend {sent.id}", daemon=True).start()
         else:
@@ -115,15 +117,16 @@ class ExecutorRequest:
         rospy.logwarn(f"the executor is lost; the goal is sent again when it is back ({self._sent.text})")
         is_there = self._returned()
         with self._lock:
-            decision: ResendDecision = self._resending.executor(is_there, RETURN_WAIT)
+            decision: ResendDecision = self._resending.executor(is_there, self._resending.patience)
             if decision.next is Next.SEND:
                 self._sent = self._send()
         if decision.next is Next.FINISH:
-            self._finish(decision.reason)
+            ends = rospy.is_shutdown() and not is_there
+            self._finish("the executor is gone, and this node shuts down" if ends else decision.reason)
 
     def _returned(self) -> bool:
         """Whether the Executor publishes its status, and is connected; False also after a cancel."""
-        deadline = Deadline(RETURN_WAIT)
+        deadline = Deadline(self._resending.patience)
         # A subscriber of its own: what the client has heard before may be of the Executor that was lost.
         topic = f"{self._client.name}/status"
         subscriber = subscribe_by(deadline, self._wake, topic, GoalStatusArray, lambda _: self._wake.set())

@@ -1,6 +1,7 @@
 """What a mission does when the Executor is lost while its goal runs: send it again, or end. Pure.
 
-A goal says what shall hold, so sending it again is harmless: what holds already ends at once.
+A goal says what shall hold, so sending it again is harmless: what holds already ends at once. One that an
+Executor never took, because it died in that moment, is sent to the next one in any case.
 """
 
 from enum import Enum, IntEnum
@@ -16,6 +17,8 @@ ON_LOST = (END, RESEND)
 
 #: Longest wait for the return of an Executor, s of running time.
 RETURN_WAIT = 30.0
+#: The same for a goal that ends when the Executor is lost, and that was never taken.
+UNTAKEN_WAIT = 8.0
 #: How often one goal is sent again.
 RESENDS = 5
 
@@ -98,12 +101,18 @@ class Resending:
         """Whether it was cancelled."""
         return self._cancelled
 
-    def ended(self, lost: bool) -> ResendDecision:
+    @property
+    def patience(self) -> float:
+        """Longest wait for the return of the Executor, s of running time."""
+        return RETURN_WAIT if self._resend else UNTAKEN_WAIT
+
+    def ended(self, lost: bool, untaken: bool = False) -> ResendDecision:
         """The goal has ended at the Executor.
 
         :param lost: because the Executor is gone, or went down.
+        :param untaken: an Executor was there, and never said that it has the goal.
         """
-        if not lost or not self._resend or self._cancelled:
+        if not lost or not (self._resend or untaken) or self._cancelled:
             return ResendDecision(Next.FINISH)
         if self.sent_again >= self._resends:
             return ResendDecision(Next.FINISH, f"the executor was lost {self.sent_again + 1} times")

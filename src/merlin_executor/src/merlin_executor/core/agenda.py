@@ -8,6 +8,7 @@ from enum import Enum
 from typing import Generic, List, NamedTuple, Optional, Tuple, TypeVar, Union
 
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_pddl.breakpoints import Breakpoints
 
 CANCELLED = Stop(StopKind.CANCELLED)
 NOT_BEGUN = "cancelled before it began"
@@ -39,6 +40,11 @@ class Ticket:
         self.interrupted = False
         self.client = Client.ALIVE
         self.stop: Optional[Stop] = None
+
+    @property
+    def text(self) -> str:
+        """What it is for, as PDDL text."""
+        return ""
 
     @property
     def urgency(self) -> Tuple[int, int]:
@@ -78,6 +84,8 @@ class Agenda(Generic[T]):
         self._running: Optional[T] = None
         self._closing = False
         self._paused = False
+        self.breakpoints = Breakpoints()
+        """Goals before whose request it is held."""
 
     @property
     def paused(self) -> bool:
@@ -145,7 +153,13 @@ class Agenda(Generic[T]):
         """The next request, which runs from now on; None when none may run now."""
         ticket = self._next()
         if self._running is not None or self._closing or self._paused or ticket is None:
+            if self.breakpoints.held:
+                self.breakpoints.admit([])  # it was taken back
             return None
+        if self.breakpoints.armed:
+            if not self.breakpoints.admit([ticket.text]):
+                return None
+            self.breakpoints.began(ticket.text)
         self._waiting.remove(ticket)
         ticket.stop = None
         self._running = ticket

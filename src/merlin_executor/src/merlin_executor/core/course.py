@@ -5,6 +5,7 @@ from typing import Dict, List, NamedTuple, Sequence, Tuple
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.core.replanning import Failure, ReplanDecision, Replanning
 
+SETTLE = "SETTLE"
 PLAN = "PLAN"
 REPLAN = "REPLAN"
 DISPATCH_PLAN = "DISPATCH_PLAN"
@@ -63,8 +64,8 @@ class Course:
         """Which actions another try cannot help, see :class:`.replanning.Failure`."""
         self.timed_out = False
         """Whether the dispatcher itself did not end the plan in time."""
-        self.dispatched = False
-        """Whether a plan was dispatched in this run."""
+        self.may_move = False
+        """Whether something may have moved: a plan was dispatched, or an earlier one was not at rest."""
         self.unreachable = False
         """Whether the stage that ended last found a part of the planning system gone."""
 
@@ -96,7 +97,7 @@ class Course:
         self.end = StageEnd()
         self.stage = self.action = self.in_vain = ""
         self.unstopped = ()
-        self.dispatched = self.unreachable = self.timed_out = False
+        self.may_move = self.unreachable = self.timed_out = False
 
     def enter(self, stage: str, now: float) -> None:
         """A stage begins; the empty name ends the run.
@@ -106,11 +107,12 @@ class Course:
         if self.stage:
             self.stage_times[self.stage] = self.stage_times.get(self.stage, 0.0) + now - self._entered
         self.stage, self._entered = stage, now
-        self.dispatched = self.dispatched or stage == DISPATCH_PLAN
+        self.may_move = self.may_move or stage == DISPATCH_PLAN
 
     def ended(self, end: StageEnd) -> None:
         """A stage has ended; REPLAN only when the run ends with it."""
         self.end = end
+        self.may_move = self.may_move or (end.stage == SETTLE and end.outcome != "succeeded")
         self.unreachable = end.gone or (end.stage == REPLAN and self.unreachable)
 
     def replan(self) -> ReplanDecision:

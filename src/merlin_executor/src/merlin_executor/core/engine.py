@@ -9,6 +9,7 @@ from typing import Callable, Generic, List, Optional, Tuple, TypeVar, cast
 
 from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun, Ticket
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
+from merlin_pddl.breakpoints import Breakpoints
 
 TIDY_PERIOD = 1.0  # s between two attempts to remove what a run has left
 
@@ -99,6 +100,11 @@ class Engine(Generic[J]):
         return self._agenda.paused
 
     @property
+    def breakpoints(self) -> Breakpoints:
+        """Goals before whose request the engine is held; after a change it has to :meth:`decide`."""
+        return self._agenda.breakpoints
+
+    @property
     def running(self) -> Optional[J]:
         """The request that runs."""
         return self._agenda.running
@@ -132,18 +138,25 @@ class Engine(Generic[J]):
         self.decide(decide)
 
     def _work(self) -> None:
+        told = ""  # what was told to be held
         while True:
             with self._changed:
                 request = self._agenda.begin()
-                if request is None:
+                held = self._agenda.breakpoints.held
+                if request is None and held == told:
                     if self._agenda.closing:
                         return
                     left = self._stages.left
                     if self._changed.wait(TIDY_PERIOD if left else None) or not left:
                         continue
-                else:
+                elif request is not None:
                     request.begin()
                     self._stages.prepare()
+            if held != told:
+                told = held
+                self._on_status()
+                if request is None:
+                    continue
             if request is None:
                 self._tidy()
                 continue

@@ -79,28 +79,31 @@ class RobotStory:
             if reason != CANCELLED:
                 self._on_failure(text, reason)
 
-    def speak(self, text: str) -> None:
-        """The robot says something."""
-        self._log(f'says "{text}"')
+    def speak(self, text: str, robot: str = "") -> None:
+        """A robot says something.
 
-    def hear(self, text: str, heard: bool) -> None:
-        """The robot has listened.
+        :param robot: its name; empty: the only one. So of the two below.
+        """
+        self._log(_by(robot, f'says "{text}"'))
+
+    def hear(self, text: str, heard: bool, robot: str = "") -> None:
+        """A robot has listened.
 
         :param text: what it understood; empty: nothing.
         :param heard: whether there was anything to hear.
         """
         if text:
-            self._log(f'understands "{text}"')
+            self._log(_by(robot, f'understands "{text}"'))
         elif heard:
-            self._log("hears something it does not understand")
+            self._log(_by(robot, "hears something it does not understand"))
 
-    def see(self, seen: Sequence[Tuple[str, float, float]]) -> None:
-        """The robot has looked.
+    def see(self, seen: Sequence[Tuple[str, float, float]], robot: str = "") -> None:
+        """A robot has looked.
 
         :param seen: name, x, y of what it recognised.
         """
         things = [f"{name} ({x:.1f}, {y:.1f})" for name, x, y in seen]
-        self._log(f"sees {', '.join(things) or 'nothing'}")
+        self._log(_by(robot, f"sees {', '.join(things) or 'nothing'}"))
 
 
 class Screen:
@@ -120,6 +123,10 @@ class Screen:
             now = self._clock()
             self._begin = now if self._begin is None else self._begin
             print(f"{now - self._begin:7.1f} s  {speaker:<7} {text}", flush=True)
+
+
+def _by(robot: str, text: str) -> str:
+    return f"{robot} {text}" if robot else text
 
 
 def goal_text(goals: Sequence[str], priority: int) -> str:

@@ -29,6 +29,14 @@ class Halt(NamedTuple):
         return f"the guard could not halt the base: {self.message or 'it gave no reason'}"
 
 
+def together(halts: Sequence[Halt]) -> Halt:
+    """The result for several bases: all of those that have a guard have to stand."""
+    guarded = [halt for halt in halts if halt.guard]
+    if not guarded:
+        return halts[0]
+    return next((halt for halt in guarded if not halt.halted), guarded[0])
+
+
 def unstopped(names: Sequence[str], halt: Halt, story: str = "") -> Verdict:
     """The verdict on a run of which something did not stop.
 

@@ -1,19 +1,23 @@
 """What missions are made of (paper, section 3.2.2). These names are the API of applications."""
 
+from merlin_executor.executor_client import DROP, RESUME, outcome_name
 from merlin_executor.mission.goal_dispatcher import GoalDispatcher, MissionFailed, MissionSM
 from merlin_executor.mission.goal_state import NOTHING, GoalState
 from merlin_executor.mission.mission_node import MissionError, MissionNode, results_folder
 from merlin_executor.resending import END, RESEND
 
 __all__ = [
+    "DROP",
     "END",
     "NOTHING",
     "RESEND",
+    "RESUME",
     "GoalDispatcher",
     "GoalState",
     "MissionError",
     "MissionFailed",
     "MissionNode",
     "MissionSM",
+    "outcome_name",
     "results_folder",
 ]

@@ -18,7 +18,7 @@
 """
 
 from abc import abstractmethod
-from typing import Any, Callable, Dict, List, Optional, Sequence, Union
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Union
 
 import rospy
 from merlin_msgs.msg import ExecuteResult, MissionStatus
@@ -30,6 +30,8 @@ from merlin_executor.mission.mission_node import MissionNode
 from merlin_executor.mission.mission_pause import MissionPause
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.resending import RESEND
+from merlin_sm.holding.gate import gate
+from merlin_sm.holding.node_holds import node_holds
 from merlin_sm.introspection import show
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
@@ -68,7 +70,6 @@ class GoalDispatcher(MissionNode):
         self.client = MerlinExecutorClient(on_lost=on_lost, on_send=self._report)
         self.reporter = MissionReporter(self.name, tasks)
         self._pause = MissionPause(self.reporter.paused)
-        self._current: Optional[ExecutorRequest] = None
         self._cancelled = False
 
     @property
@@ -119,34 +120,54 @@ class GoalDispatcher(MissionNode):
     def achieve(self, goals: Goals, timeout: Optional[float] = None, **options: Any) -> ExecuteResult:
         """Sends goals and waits until they hold.
 
-        :param timeout: s of running time, after which they are cancelled; None: as long as it takes.
+        :param timeout: s of ROS time, after which they are cancelled; None: as long as it takes.
         :param options: priority, on_interrupt, … of :meth:`MerlinExecutorClient.send`.
         :raises MissionFailed: when they do not.
         """
         text = goals if isinstance(goals, str) else " ".join(map(str, goals))
         self._pause.wait(lambda: self._cancelled)
-        if self._cancelled:
-            raise MissionFailed(f"{text}: not sent, the mission was cancelled")
-        request = self.client.send(goals, **options)
-        self._current = request
-        if self._cancelled or not request.wait(timeout):
-            request.cancel()
-            request.wait()
+        request = self.send(goals, **options)
+        patience = None if timeout is None else _cancel_after(request, timeout)
+        request.wait()
+        if patience is not None:
+            patience.shutdown()
         result = request.result
         if result is None or result.outcome not in ACHIEVED:
             reason = f"{outcome_text(result)}: {result.reason}" if result else "the node shuts down"
             raise MissionFailed(f"{text}: {reason}", result)
         return result
 
+    def send(self, goals: Goals, **options: Any) -> ExecutorRequest:
+        """Sends goals and returns at once; a cancel of the mission takes them back.
+
+        Parameters and errors as of :meth:`MerlinExecutorClient.send`.
+
+        :raises MissionFailed: after a cancel of the mission.
+        """
+        self._refuse_cancelled([goals] if isinstance(goals, str) else goals)
+        request = self.client.send(goals, **options)
+        if self._cancelled:  # meanwhile: cancel() may not have seen the request
+            request.cancel()
+        return request
+
+    def _refuse_cancelled(self, goals: Sequence[Any]) -> None:
+        if self._cancelled:
+            raise MissionFailed(f"{' '.join(map(str, goals))}: not sent, the mission was cancelled")
+
     def _report(self, goals: Sequence[str]) -> None:
+        self._refuse_cancelled(goals)  # also those that a mission sends by the client itself
         self.reporter.task(" ".join(goals))
 
     def cancel(self) -> None:
-        """Cancels the mission: the running goal stops, and no further one is sent."""
+        """Cancels the mission: all goals that it has sent stop, and :meth:`send` sends no further ones."""
         self._cancelled = True
         self._pause.wake()
-        if self._current is not None:
-            self._current.cancel()
+        self.client.cancel_all()
+
+
+def _cancel_after(request: ExecutorRequest, seconds: float) -> rospy.Timer:
+    """Cancels a request after some ROS time, the time of the robot's world; returns what prevents that."""
+    return rospy.Timer(rospy.Duration(max(seconds, 1e-4)), lambda _: request.cancel(), oneshot=True)
 
 
 class MissionSM(MissionNode, MerlinSM):
@@ -168,6 +189,8 @@ class MissionSM(MissionNode, MerlinSM):
         self.reporter = MissionReporter(self.name, len(self.get_children()))
         self.register_start_cb(self._report)
         self.register_transition_cb(self._report)
+        self._label = f"MISSION_{self.name.upper()}"
+        gate(self, self._label, node_holds.outcomes)
 
     @abstractmethod
     def build(self) -> None:
@@ -178,11 +201,16 @@ class MissionSM(MissionNode, MerlinSM):
         label: str,
         goals: Union[Goals, Callable[[Any], Goals]],
         transitions: Optional[Dict[str, str]] = None,
+        autonomy: Optional[Mapping[str, str]] = None,
         **options: Any,
     ) -> GoalState:
-        """Adds a state that sends goals, unless the mission is paused; options of :class:`GoalState`."""
+        """Adds a state that sends goals, unless the mission is paused.
+
+        :param autonomy: as of :meth:`merlin_sm.merlin_sm.MerlinSM.add`.
+        :param options: of :class:`GoalState`.
+        """
         state = GoalState(goals, client=self.client, pause=self._pause, **options)
-        self.add(label, state, transitions=transitions)
+        self.add(label, state, transitions=transitions, autonomy=autonomy)
         return state
 
     def carry_out(self) -> bool:
@@ -194,9 +222,10 @@ class MissionSM(MissionNode, MerlinSM):
 
     def run(self) -> str:
         """Shows the machine to smach_viewer, runs it and reports its end; returns its outcome."""
-        server = show(f"MISSION_{self.name.upper()}", self)
+        server = show(self._label, self)
         rospy.on_shutdown(self.cancel)  # also before the run has begun
         try:
+            node_holds.offer()
             with self._pause:
                 outcome = str(self.execute())
         except Exception as error:  # of a state's own code

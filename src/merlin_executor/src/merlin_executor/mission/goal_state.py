@@ -104,6 +104,8 @@ class GoalState(MerlinState):
             return SUCCEEDED
         if result.outcome == ExecuteResult.CANCELLED and self.preempt_requested():
             return PREEMPTED
+        if result.outcome == ExecuteResult.CANCEL_TIMEOUT:
+            self.unstopped = "what the Executor has cancelled"
         return self.fail(f"{outcome_text(result)}: {result.reason}")
 
 

@@ -16,6 +16,7 @@ from merlin_executor.mission.readiness import NotReady, wait_for_robot
 from merlin_ros.node import CANNOT_BEGIN
 from merlin_ros.parameters import ParameterError, number
 from merlin_ros.service_proxy import ServiceError
+from merlin_sm.holding.node_holds import usual_level
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
@@ -97,6 +98,7 @@ def run_mission(mission_class: Type[MissionNode]) -> int:
     mission = None
     try:
         timeout = number("~startup_timeout", mission_class.startup_timeout, 1.0)
+        usual_level()  # a wrong one is told before the robot is waited for
         mission = _made(mission_class)
         mission.wait_for_robot(timeout)
         succeeded = mission.carry_out()

@@ -13,6 +13,8 @@ from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe_by
 from merlin_sm.knowledge_client import KnowledgeClient
 
+PATIENCE = 5.0  # s of running time, after which a mission says what it waits for
+
 
 class NotReady(RuntimeError):
     """A part of the robot is missing; the text says which."""
@@ -50,7 +52,12 @@ def missing_interfaces(knowledge: KnowledgeClient, timeout: float) -> List[str]:
     """
     awaited = Awaited(sorted(knowledge.operators()))
     topic = f"{knowledge.name}/pddl_action_parameters"
-    return _wait(awaited, [(topic, DomainFormula, lambda formula: awaited.heard(formula.name))], timeout)
+    return _wait(
+        "the action interface of",
+        awaited,
+        [(topic, DomainFormula, lambda formula: awaited.heard(formula.name))],
+        timeout,
+    )
 
 
 def missing_servers(names: Sequence[str], timeout: float) -> List[str]:
@@ -62,15 +69,18 @@ def missing_servers(names: Sequence[str], timeout: float) -> List[str]:
     """
     awaited = Awaited(names)
     topics = [(f"{name}/status", GoalStatusArray, lambda _, name=name: awaited.heard(name)) for name in names]
-    return _wait(awaited, topics, timeout)
+    return _wait("the action server", awaited, topics, timeout)
 
 
 def _wait(
-    awaited: Awaited, topics: Sequence[Tuple[str, type, Callable[[Any], None]]], timeout: float
+    what: str, awaited: Awaited, topics: Sequence[Tuple[str, type, Callable[[Any], None]]], timeout: float
 ) -> List[str]:
     deadline, never = Deadline(timeout), threading.Event()
     subscribers = [subscribe_by(deadline, never, *topic) for topic in topics]
-    missing = awaited.wait(deadline)
+    missing = awaited.wait(Deadline(min(PATIENCE, timeout)))
+    if missing and not deadline.expired:
+        rospy.logwarn(f"the mission waits for {what} {', '.join(missing)}, for {timeout:g} s in all")
+        missing = awaited.wait(deadline)
     for subscriber in subscribers:
         if subscriber is not None:
             subscriber.unregister()

@@ -1,6 +1,6 @@
 """What the robot does, says, hears and sees, one line each, for a mission's screen. It changes nothing."""
 
-from typing import Callable, List
+from typing import Callable, List, Sequence, Tuple
 
 import rospy
 from merlin_msgs.msg import ExecutorStatus, ListenActionResult, RecognizeActionResult
@@ -15,27 +15,36 @@ DISPATCHER = "rosplan_plan_dispatcher"
 
 
 class RobotLog:
-    """Listens to the planning system and to the robot's speech.
+    """Listens to the planning system and to the robots' speech.
 
     :param log: takes a line of what happens.
     :param on_failure: called with an action as PDDL and the reason.
+    :param robots: the namespaces of several; an empty one: the only robot has none.
     """
 
     def __init__(
         self,
         log: Callable[[str], None],
         on_failure: Callable[[str, str], None] = lambda action, reason: None,
+        robots: Sequence[str] = ("",),
     ) -> None:
         self._story = RobotStory(log, on_failure)
-        for topic, kind, receive in (
+        topics: Sequence[Tuple[str, type, Callable[..., None]]] = (
             ("merlin/status", ExecutorStatus, self._pursued),
             (f"{DISPATCHER}/action_dispatch", ActionDispatch, self._dispatched),
             (f"{DISPATCHER}/action_feedback", ActionFeedback, self._answered),
+        )
+        for topic, kind, receive in topics:
+            rospy.Subscriber(topic, kind, receive, queue_size=100, tcp_nodelay=True)
+        topics = (
             ("sound_play/goal", SoundRequestActionGoal, self._spoke),
             ("listen/result", ListenActionResult, self._heard),
             ("recognize/result", RecognizeActionResult, self._saw),
-        ):
-            rospy.Subscriber(topic, kind, receive, queue_size=100, tcp_nodelay=True)
+        )
+        for robot in robots:
+            for topic, kind, receive in topics:
+                name = f"{robot}/{topic}" if robot else topic
+                rospy.Subscriber(name, kind, receive, robot, queue_size=100, tcp_nodelay=True)
 
     @property
     def deeds(self) -> List[Deed]:
@@ -57,12 +66,12 @@ class RobotLog:
             key = feedback.plan_id, feedback.action_id
             self._story.end(key, rospy.get_time(), None if done else reason)
 
-    def _spoke(self, goal: SoundRequestActionGoal) -> None:
-        self._story.speak(goal.goal.sound_request.arg)
+    def _spoke(self, goal: SoundRequestActionGoal, robot: str) -> None:
+        self._story.speak(goal.goal.sound_request.arg, robot)
 
-    def _heard(self, result: ListenActionResult) -> None:
-        self._story.hear(result.result.text, result.result.heard)
+    def _heard(self, result: ListenActionResult, robot: str) -> None:
+        self._story.hear(result.result.text, result.result.heard, robot)
 
-    def _saw(self, result: RecognizeActionResult) -> None:
+    def _saw(self, result: RecognizeActionResult, robot: str) -> None:
         found = recognized(result.result)
-        self._story.see([(item.name, item.position[0], item.position[1]) for item in found])
+        self._story.see([(item.name, item.position[0], item.position[1]) for item in found], robot)

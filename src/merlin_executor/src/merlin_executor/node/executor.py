@@ -39,6 +39,7 @@ from merlin_ros.call_scope import CallScope
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError
+from merlin_sm.breakpoint_service import BreakpointService
 from merlin_sm.dispatch_client import DispatchClient
 from merlin_sm.introspection import show
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
@@ -73,15 +74,16 @@ class Executor:
         cancel_deadline: float = 5.0,
         max_replans: int = 3,
         goals_file: str = "",
-        return_wait: float = 10.0,
+        return_wait: float = 8.0,
     ) -> None:
         self._knowledge = knowledge
         self._max_replans = max_replans
+        self._told = threading.Event()  # statuses are published from now on
         self._own = OwnGoals(knowledge, goals_file, LeaseHolder(f"{knowledge.name}/goals/lease"))
-        self._dispatcher = DispatchClient(dispatcher, knowledge.name, cancel_deadline, self._publish_status)
+        self._dispatcher = DispatchClient(dispatcher, knowledge.name, cancel_deadline, self._dispatch_changed)
         self._recovery = Recovery(knowledge, self._dispatcher)
         system = PlanningSystem(
-            knowledge, planning, self._dispatcher, self._recovery, GuardClient(), return_wait
+            knowledge, planning, self._dispatcher, self._recovery, GuardClient(knowledge.name), return_wait
         )
         self._machine = ExecutorSM(system, self._own, self._publish_status)
         self._server = ActionServer("merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner)
@@ -101,9 +103,13 @@ class Executor:
         self._status_publisher = rospy.Publisher("merlin/status", ExecutorStatus, latch=True, queue_size=10)
         self._queue_publisher = rospy.Publisher("merlin/queue", GoalQueue, latch=True, queue_size=10)
         self._introspection = show("EXECUTOR", self._machine)
+        self._told.set()
         self._publish_status()
         self._publish_queue()
         self._pauses = PauseServices(self._pause)
+        self._points = BreakpointService(self._engine.breakpoints, self._breakpoints_changed).offer(
+            "merlin/breakpoints"
+        )
         self._engine.start()
         self._server.start()
 
@@ -122,6 +128,14 @@ class Executor:
     def _pause(self, paused: bool) -> None:
         self._engine.decide(lambda agenda: agenda.pause(paused))
         self._publish_status()
+
+    def _breakpoints_changed(self) -> None:
+        self._engine.decide(lambda agenda: [])
+        self._publish_status()
+
+    def _dispatch_changed(self) -> None:
+        if self._told.is_set():
+            self._publish_status()
 
     # --- events, in threads of the action server ----------------------------------------------------------
 
@@ -197,6 +211,9 @@ class Executor:
             request = self._engine.running
             status = ExecutorStatus(state=ExecutorStatus.IDLE, reason=self._activity.reason)
             status.paused = self._engine.paused
+            hold = self._dispatcher.hold
+            status.breakpoints = [*self._engine.breakpoints.texts, *hold.breakpoints]
+            status.held = self._engine.breakpoints.held or hold.held
             status.header.stamp = rospy.Time.now()
             if request is not None:
                 status.state = ExecutorStatus.CANCELLING if request.stop else ExecutorStatus.RUNNING

@@ -10,7 +10,7 @@ from merlin_executor.node.executor import Executor
 from merlin_ros.health import HealthReporter
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.master.namesake import living_namesake
-from merlin_ros.node import run_node
+from merlin_ros.node import keep_foreign_nodes, run_node
 from merlin_ros.parameters import ParameterError, number
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_sm.planning_client import PlanningClient, StageError
@@ -48,7 +48,7 @@ def _start() -> None:
             cancel_deadline=number("~cancel_deadline", 5.0, -math.inf),
             max_replans=round(number("~max_replans", 3, 0)),
             goals_file=str(rospy.get_param("~goals_file", "")),
-            return_wait=number("~planning_system_return", 10.0, 0.0),
+            return_wait=number("~planning_system_return", 8.0, 0.0),
         )
     except OSError as error:
         raise ParameterError(f"parameter ~goals_file cannot be used: {error}") from error
@@ -57,6 +57,7 @@ def _start() -> None:
     rivals = living_rivals(dispatcher)
     if must_yield(rospy.get_name(), rivals):
         raise StageError(_second(rivals[0]))
+    keep_foreign_nodes()
     HealthReporter({"requests": executor.health}).start()
     rospy.loginfo("the executor is ready")
 

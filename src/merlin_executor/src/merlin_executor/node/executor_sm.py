@@ -27,7 +27,7 @@ from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
 from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.dispatch_progress import DispatchResult
+from merlin_sm.dispatching.progress import DispatchResult
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
@@ -129,7 +129,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         if verdict.outcome is Outcome.CANCEL_TIMEOUT:
             told = course.timed_out or self.request.stop is None
             verdict = unstopped(course.unstopped, guard.halt(), verdict.reason if told else "")
-        elif course.dispatched and not verdict.outcome.achieved and not guard.wait_standing(STAND_WAIT):
+        elif course.may_move and not verdict.outcome.achieved and not guard.wait_standing(STAND_WAIT):
             verdict = still_moving(verdict, guard.halt())
         if not course.unreachable and not course.timed_out:
             trouble = self._remove_goals(REMOVE_LIMIT if self.request.stop is None else REMOVE_LIMIT_STOPPED)

@@ -19,7 +19,7 @@ from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
 from merlin_sm.dispatch_client import PART as DISPATCHER
 from merlin_sm.dispatch_client import DispatchClient
-from merlin_sm.dispatch_progress import DispatchResult
+from merlin_sm.dispatching.progress import DispatchResult
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_sm.knowledge_text import to_pddl
 from merlin_sm.planning_client import PlanningClient, StageError

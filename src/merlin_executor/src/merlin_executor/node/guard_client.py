@@ -1,39 +1,85 @@
-"""The Executor's view of the velocity guard: whether the base stands, and halting it."""
+"""The Executor's view of the velocity guards: whether the bases stand, and halting them."""
 
 import threading
-from typing import Optional
+import time
+from typing import Dict, Optional
 
 import rospy
-from merlin_msgs.msg import GuardStatus
+from merlin_msgs.msg import GuardStatus, RobotHost
 from std_srvs.srv import Trigger
 
-from merlin_executor.core.standstill import Halt
+from merlin_executor.core.standstill import Halt, together
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 HALT_LIMIT = 1.0  # s of wall time for the guard to answer
+FRESH = 1.5  # s of wall time for which the word of another robot's guard counts; it sends one every 0.5 s
 
 
 class GuardClient:
-    """Follows ``merlin/guard`` and calls ``merlin/halt``, where there is a guard."""
+    """Follows ``merlin/guard`` and calls ``merlin/halt``, where there is a guard; of each robot of the plan.
 
-    def __init__(self) -> None:
-        self._changed = threading.Condition()  # guards the field below
-        self._status: Optional[GuardStatus] = None
-        self._halt = ServiceProxy("merlin/halt", Trigger, timeout=HALT_LIMIT)
-        self._subscriber = rospy.Subscriber("merlin/guard", GuardStatus, self._receive, tcp_nodelay=True)
+    :param knowledge_base: global name of the knowledge base, below which robots announce themselves.
+    """
+
+    def __init__(self, knowledge_base: str) -> None:
+        self._changed = threading.Condition()  # guards the field below, and what the guards say
+        self._guards: Dict[str, _Guard] = {}
+        self._add("")
+        self._robots = rospy.Subscriber(f"{knowledge_base}/robots", RobotHost, self._meet, tcp_nodelay=True)
 
     def wait_standing(self, timeout: float) -> bool:
-        """Waits until the base stands, as far as a guard says.
+        """Waits until the bases stand, as far as guards say.
 
         :param timeout: s of running time.
-        :return: False when it still moves; True also without a guard.
+        :return: False when one still moves; True also without a guard.
         """
         with self._changed:
-            return Deadline(timeout).wait(self._changed, lambda: not self._moves())
+            return Deadline(timeout).wait(
+                self._changed, lambda: not any(guard.moves() for guard in self._guards.values())
+            )
 
     def halt(self) -> Halt:
-        """Has the guard hold the base until the motion goals of this moment have ended."""
+        """Has the guards hold their bases until the motion goals of this moment have ended."""
+        with self._changed:
+            guards = list(self._guards.values())
+        return together([guard.halt() for guard in guards])
+
+    def _meet(self, word: RobotHost) -> None:
+        namespace = word.node.rpartition("/")[0] + "/"
+        if namespace not in self._guards:
+            self._add(namespace)
+
+    def _add(self, namespace: str) -> None:
+        with self._changed:
+            self._guards[namespace] = _Guard(namespace, self._changed)
+
+
+class _Guard:
+    """The guard of one base.
+
+    :param namespace: of its robot, with a slash at the end; empty: that of this node.
+    :param changed: owns what it says.
+    """
+
+    def __init__(self, namespace: str, changed: threading.Condition) -> None:
+        self._far = bool(namespace)
+        self._changed = changed
+        self._status: Optional[GuardStatus] = None
+        self._heard = 0.0
+        self._halt = ServiceProxy(f"{namespace}merlin/halt", Trigger, timeout=HALT_LIMIT)
+        self._subscriber = rospy.Subscriber(
+            f"{namespace}merlin/guard", GuardStatus, self._receive, tcp_nodelay=True
+        )
+
+    def moves(self) -> bool:
+        """Whether the base moves. The last word of a robot that is gone does not count for ever."""
+        if self._status is None or (self._far and time.monotonic() - self._heard > FRESH):
+            return False
+        return bool(self._status.moving)
+
+    def halt(self) -> Halt:
+        """Has the guard hold its base."""
         if not self._halt.available():
             with self._changed:
                 known = self._status is not None
@@ -44,10 +90,7 @@ class GuardClient:
             return Halt(True, message=str(error))
         return Halt(True, bool(answer.success), str(answer.message))
 
-    def _moves(self) -> bool:
-        return self._status is not None and bool(self._status.moving)
-
     def _receive(self, status: GuardStatus) -> None:
         with self._changed:
-            self._status = status
+            self._status, self._heard = status, time.monotonic()
             self._changed.notify_all()

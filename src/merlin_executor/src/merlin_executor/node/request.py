@@ -46,6 +46,11 @@ class Request(Job):
         self.course = Course(max_replans)
         self.plan: List[ActionDispatch] = []
 
+    @property
+    def text(self) -> str:
+        """Its goals as PDDL text."""
+        return " ".join(self.texts)
+
     def begin(self) -> None:
         """A run begins: the first, or after an interruption."""
         self.course.begin()

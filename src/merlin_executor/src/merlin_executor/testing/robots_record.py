@@ -1,0 +1,114 @@
+"""What the robots of one plan were seen to do, and what contradicts it. Without ROS. Not thread-safe."""
+
+from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set
+
+ANYWHERE = "anywhere"
+
+
+class _Drive(NamedTuple):
+    place: str
+    begin: float
+
+
+class _Seen:
+    def __init__(self) -> None:
+        self.drives: Dict[str, _Drive] = {}  # by goal of its base
+        self.ends: Dict[str, bool] = {}  # goal -> whether it has succeeded; may come before the goal
+        self.driving: List[str] = []
+        self.moves = False
+
+    @property
+    def place(self) -> Optional[str]:
+        """Where its last drive has ended; None: on its way."""
+        last = max(self.drives, key=lambda goal: self.drives[goal].begin, default="")
+        return self.drives[last].place if self.ends.get(last) else None
+
+
+class RobotsRecord:
+    """The robots, as their topics show them. Messages of two topics may arrive in any order.
+
+    :param robots: their names.
+    """
+
+    def __init__(self, robots: Sequence[str]) -> None:
+        self._robots = {robot: _Seen() for robot in robots}
+        self._running: List[str] = []
+        self._earlier: Dict[str, Set[str]] = {robot: set() for robot in robots}  # goals before begin()
+        self._planned = False
+        self._rested = 0.0  # s of ROS time
+        self.wrong: List[str] = []
+        """What must not have happened, one sentence each."""
+
+    def begin(self) -> None:
+        """A plan may be carried out from now on; no place counts as visited."""
+        self._planned = True
+        for robot, seen in self._robots.items():
+            self._earlier[robot] = set(seen.drives)
+
+    def rest(self, at: float) -> None:
+        """No robot may move from now on.
+
+        :param at: s of ROS time; a goal that was sent before may still be heard of.
+        """
+        self._planned = False
+        self._rested = at
+
+    def running(self, actions: Sequence[Sequence[str]]) -> None:
+        """The ground actions that a dispatcher waits for; the first argument is the robot."""
+        robots = [action[1] for action in actions]
+        self._running = [f"({' '.join(action)})" for action in actions]
+        for robot in sorted({robot for robot in robots if robots.count(robot) > 1}):
+            self.wrong.append(f"two actions run on {robot}: {self._running}")
+
+    def sent(self, robot: str, goal: str, place: str, begin: float) -> None:
+        """The base of a robot gets a goal.
+
+        :param begin: s of ROS time; orders the goals.
+        """
+        self._robots[robot].drives[goal] = _Drive(place, begin)
+        if not self._planned and begin > self._rested:
+            self.wrong.append(f"the base of {robot} gets a goal, and no plan is carried out")
+
+    def carries_out(self, robot: str, goals: Sequence[str]) -> None:
+        """The goals that the base of a robot carries out now."""
+        self._robots[robot].driving = list(goals)
+        if len(goals) > 1:
+            self.wrong.append(f"{robot} carries out {len(goals)} drives at once")
+
+    def ended(self, robot: str, goal: str, succeeded: bool) -> None:
+        """A goal of a base has ended."""
+        self._robots[robot].ends[goal] = succeeded
+
+    def moved(self, robot: str, moves: bool) -> None:
+        """The last velocity of a robot."""
+        seen = self._robots[robot]
+        if moves and not seen.moves and not self._planned:
+            self.wrong.append(f"{robot} drives, and no plan is carried out")
+        seen.moves = moves
+
+    @property
+    def restless(self) -> List[str]:
+        """What still goes on, in words."""
+        found = [f"{action} runs" for action in self._running]
+        for robot, seen in self._robots.items():
+            found += [f"the base of {robot} has a goal"] if seen.driving else []
+            found += [f"{robot} moves"] if seen.moves else []
+        return found
+
+    def contradictions(self, positions: Mapping[str, Sequence[str]], visited: Sequence[str]) -> Iterator[str]:
+        """What the knowledge says and is not so, while nothing goes on.
+
+        :param positions: robot -> the places where the knowledge says that it is.
+        :param visited: places that a robot is said to have been to since :meth:`begin`.
+        """
+        reached: Set[str] = set()
+        for robot, seen in self._robots.items():
+            said = list(positions.get(robot, []))
+            if len(said) != 1:
+                yield f"{robot} is at {said or 'no place'}"
+            elif said[0] not in (ANYWHERE, seen.place):
+                yield f"{robot} is said to be at {said[0]}, and its last drive ended at {seen.place}"
+            new = set(seen.drives) - self._earlier[robot]
+            reached |= {seen.drives[goal].place for goal in new if seen.ends.get(goal)}
+        for place in sorted(set(visited) - reached):
+            yield f"{place} is said to be visited, and no drive has ended there"
