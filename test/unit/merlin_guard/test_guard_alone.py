@@ -18,6 +18,30 @@ from merlin_guard.guard_node import main
 sys.exit(main())
 """
 
+# A guard that says when it tells a stop, and when the master has it.
+ORDER = """
+import sys, rospy
+from merlin_msgs.msg import GuardStatus
+from merlin_guard import guard_node
+from merlin_ros.master.master_link import known_params
+
+guard_node.REMEMBER = 60.0
+publish, set_param = rospy.Publisher.publish, guard_node.set_param
+
+def tell(publisher, *message):
+    if message and getattr(message[0], "state", None) == GuardStatus.STOPPED:
+        print("TOLD", flush=True)
+    publish(publisher, *message)
+
+def keep(name, value):
+    set_param(name, value)
+    if name == guard_node.STOPPED_PARAM:
+        print("KEPT", known_params()["/merlin_guard/stopped"], flush=True)  # so a new master gets it, too
+
+rospy.Publisher.publish, guard_node.set_param = tell, keep
+sys.exit(guard_node.main())
+"""
+
 # A motion server and its controller: drives while a line says so.
 DRIVER = """
 import sys, threading, rospy
@@ -51,6 +75,16 @@ threading.Thread(target=drive, daemon=True).start()
 print("started", flush=True)
 for line in sys.stdin:
     active.set() if line.strip() == "drive" else active.clear()
+"""
+
+STOPPER = """
+import rospy
+from std_srvs.srv import Trigger
+
+rospy.init_node("stopper")
+rospy.wait_for_service("merlin/stop")
+answer = rospy.ServiceProxy("merlin/stop", Trigger)()
+print(answer.success, answer.message, flush=True)
 """
 
 
@@ -95,3 +129,13 @@ def test_a_second_one_leaves_the_first_alone(master: Any, alone: Any) -> None:
     assert master.address_of("/merlin_guard") == address
     driver.say("end")
     driver.expect("STANDS")
+
+
+def test_a_stop_is_confirmed_once_it_outlives_the_guard(master: Any) -> None:
+    master.api.setParam("/test", "/use_sim_time", False)
+    guard = master.node(ORDER)
+    caller = master.node(STOPPER)
+    caller.expect("True stopped until /merlin/release is called")
+    guard.expect("TOLD")
+    said = [line for line in guard.output.splitlines() if line.startswith(("TOLD", "KEPT"))]
+    assert said[:2] == ["KEPT stopped by /stopper", "TOLD"]

@@ -17,9 +17,11 @@ from merlin_guard.goal_header import read_goal_header
 from merlin_guard.guard_parameters import GuardParameters, read_parameters
 from merlin_guard.motion_permit import MotionPermit, PermitDecision, Send, State, View
 from merlin_guard.motion_server import GoalReport
-from merlin_guard.ros_graph import MASTER_ERRORS, living_guard_of_this_name
+from merlin_guard.ros_graph import living_guard_of_this_name
 from merlin_guard.surroundings import Surroundings
+from merlin_ros.master.master_link import MasterSilent, get_param, set_param
 from merlin_ros.parameters import ParameterError
+from merlin_ros.publishing import OnSubscriber
 
 NAME = "merlin_guard"
 SIM_STATUS_TOPIC = "/merlin_sim/status"
@@ -27,7 +29,7 @@ TICK = 0.05  # s of wall time between two looks at the limits
 STATUS_PERIOD = 0.5  # s of wall time between two statuses without a change
 SLOWEST = 0.1  # factor of a simulation below which a slow one counts as this slow
 WARN_AFTER = 0.25  # s; an owner lets go of a goal some moments before the end of the goal is told
-REMEMBER = 1.0  # s to wait for the master to keep a stop; one that hangs must not hold up a stop
+REMEMBER = 0.5  # s to wait for the master to keep a stop; one that hangs must not hold up its confirmation
 CANNOT_BEGIN = 2  # exit code that says: starting it again does not help
 FLUSH = 0.05  # s for the last zero velocity to leave the process
 STOPPED_PARAM, SINCE_PARAM = "~stopped", "~stopped_since"  # keep a stop over a restart of the node
@@ -53,18 +55,22 @@ class GuardNode:
         self._output = rospy.resolve_name("cmd_vel")
         self._surroundings = Surroundings(self._input, self._output, parameters)
         self._surroundings.check_start()
-        stopped = str(rospy.get_param(STOPPED_PARAM, ""))
+        stopped = str(get_param(STOPPED_PARAM, ""))
         self._lock = threading.RLock()  # guards the fields below, and orders what is published
         self._memory = threading.Lock()  # orders the writers of the parameter that keeps a stop
         self._permit = MotionPermit(parameters.servers, parameters.settings, stopped)
+        self._state: Optional[State] = None
         self._told: Optional[View] = None
-        self._since = rospy.Time.from_sec(float(rospy.get_param(SINCE_PARAM, 0.0)) if stopped else 0.0)
+        self._keeping = 0  # stops that are being written; a state that is told outlives the guard
+        self._since = rospy.Time.from_sec(float(get_param(SINCE_PARAM, 0.0)) if stopped else 0.0)
         self._told_at = -math.inf
         self._born = rospy.Time.now()
         self._closing = False
         self._over = threading.Event()
+        # A base that connects may have kept the last velocity of a guard that died.
+        stand = OnSubscriber(lambda publish: publish(Twist()))
         self._velocity = rospy.Publisher(
-            "cmd_vel", Twist, subscriber_listener=_BeginWithZero(), tcp_nodelay=True, queue_size=1
+            "cmd_vel", Twist, subscriber_listener=stand, tcp_nodelay=True, queue_size=1
         )
         self._status = rospy.Publisher(
             "merlin/guard", GuardStatus, latch=True, tcp_nodelay=True, queue_size=10
@@ -175,10 +181,15 @@ class GuardNode:
     def _stop(self, reason: str) -> None:
         with self._lock:
             fresh = self._permit.view.state is not State.STOPPED
+            self._keeping += fresh
             self._apply(self._permit.stop(reason, time.monotonic()))
         if fresh:
             rospy.logwarn(f"{rospy.get_name()}: {reason}. {_how_to_release()}")
             self._remember_stop()
+            with self._lock:
+                self._keeping -= 1
+                if not self._closing:
+                    self._tell(self._permit.view)
 
     def _serve_stop(self, request: TriggerRequest) -> TriggerResponse:
         self._stop(f"stopped by {_caller(request)}")
@@ -211,9 +222,9 @@ class GuardNode:
             with self._lock:
                 view, since = self._permit.view, self._since  # now, so that of two writers the later is right
             try:
-                rospy.set_param(SINCE_PARAM, since.to_sec())
-                rospy.set_param(STOPPED_PARAM, view.reason if view.state is State.STOPPED else "")
-            except (rospy.ROSException, *MASTER_ERRORS) as error:
+                set_param(SINCE_PARAM, since.to_sec())
+                set_param(STOPPED_PARAM, view.reason if view.state is State.STOPPED else "")
+            except MasterSilent as error:
                 rospy.logerr(f"{rospy.get_name()}: the master does not keep the stop for a restart: {error}")
 
     def _apply(self, decision: PermitDecision, velocity: Optional[Twist] = None) -> None:
@@ -234,12 +245,13 @@ class GuardNode:
 
     def _tell(self, view: View) -> None:
         """Publishes the state when it changed or is due; called with the lock held."""
-        now = time.monotonic()
-        if view == self._told and now - self._told_at < STATUS_PERIOD:
-            return
         stamp = rospy.Time.now()
-        if self._since.is_zero() or (self._told is not None and view.state is not self._told.state):
+        if self._since.is_zero() or (self._state is not None and view.state is not self._state):
             self._since = stamp
+        self._state = view.state
+        now = time.monotonic()
+        if self._keeping or (view == self._told and now - self._told_at < STATUS_PERIOD):
+            return
         self._told, self._told_at = view, now
         status = GuardStatus(
             state=_STATES[view.state],
@@ -282,13 +294,6 @@ def _connected(subscriber: rospy.Subscriber) -> Set[str]:
         for connection in subscriber.impl.connections
         if connection.socket is not None
     }
-
-
-class _BeginWithZero(rospy.SubscribeListener):
-    """Sends zero to a base that connects: it may have kept the last velocity of a guard that died."""
-
-    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
-        peer_publish(Twist())
 
 
 def _stop_button(index: int, stop: Any) -> rospy.Subscriber:
