@@ -6,7 +6,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-MATRICES = ("listening", "navigation", "positioning", "recognition")
+MATRICES = ("listening", "meeting", "navigation", "positioning", "recognition")
 EXIT_USAGE = 2
 
 

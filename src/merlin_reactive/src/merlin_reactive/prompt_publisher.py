@@ -6,17 +6,19 @@ then waits up to 40 ms for the acknowledgement of the one before. For a clock th
 
 import contextlib
 import socket
-from typing import Any
 
 import rospy
+
+from merlin_ros.publishing import OnSubscriber
 
 
 class PromptPublisher(rospy.Publisher):
     """A publisher that turns Nagle's algorithm off on each of its connections."""
 
     def __init__(self, name: str, message_class: type, queue_size: int = 10, latch: bool = False) -> None:
+        listener = OnSubscriber(lambda _: self.disable_delay())
         super().__init__(
-            name, message_class, subscriber_listener=_NoDelay(self), queue_size=queue_size, latch=latch
+            name, message_class, subscriber_listener=listener, queue_size=queue_size, latch=latch
         )
 
     def disable_delay(self) -> None:
@@ -32,12 +34,3 @@ class PromptPublisher(rospy.Publisher):
     def wanted(self) -> bool:
         """Whether there is a subscriber."""
         return self.get_num_connections() > 0
-
-
-class _NoDelay(rospy.SubscribeListener):
-    def __init__(self, publisher: PromptPublisher) -> None:
-        super().__init__()
-        self._publisher = publisher
-
-    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
-        self._publisher.disable_delay()

@@ -2,7 +2,7 @@
 
 import math
 import threading
-from typing import List, Optional
+from typing import List, Optional, Tuple
 
 import rospy
 from geometry_msgs.msg import PoseStamped
@@ -22,7 +22,9 @@ from merlin_reactive.navigation.navigator import (
 )
 from merlin_reactive.navigation.path_follower import Cruise
 from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
+from merlin_reactive.navigation.right_of_way import RightOfWay
 from merlin_reactive.navigation.velocity_gate import VelocityGate
+from merlin_reactive.navigation.way_exchange import WayExchange
 from merlin_reactive.pose import Point, Pose, wrap
 from merlin_reactive.robot_state import RobotState, StateError, velocity_of
 from merlin_reactive.ros_messages import grid_of, path_message, pose_of, stamped
@@ -61,6 +63,7 @@ def read_settings() -> NavigationSettings:
         yaw_goal_tolerance=number("~yaw_goal_tolerance", default.yaw_goal_tolerance, 0.02),
         replan_after=number("~replan_after", default.replan_after, 0.0),
         patience=number("~patience", default.patience, 0.0),
+        yield_patience=number("~yield_patience", default.yield_patience, 0.0),
         keep_obstacles=number("~keep_obstacles", default.keep_obstacles, 0.1),
     )
 
@@ -77,6 +80,7 @@ class NavigationNode:
         self._navigator: Optional[Navigator] = None  # replaced with each map; `_state.changed` is its lock
         self._state = RobotState(self._frame)
         self._gate = VelocityGate("cmd_vel")
+        self._rules, self._exchange = self._meet_others()
         self._server = SerialActionServer("move_base", MoveBaseAction, self._execute, self._cancel)
         name = self._server.name
         self._current = rospy.Publisher(f"{name}/current_goal", PoseStamped, queue_size=1)
@@ -101,9 +105,17 @@ class NavigationNode:
         missing = self._state.missing(SILENCE)
         return Health(ERROR, missing) if missing else Health()
 
+    def _meet_others(self) -> Tuple[Optional[RightOfWay], Optional[WayExchange]]:
+        topic = str(rospy.get_param("~robot_ways", ""))
+        if not topic:
+            return None, None
+        name = str(rospy.get_param("~robot", "")) or rospy.get_namespace().strip("/")
+        rules = RightOfWay(name, self._settings.radius)
+        return rules, WayExchange(topic, self._frame, rules)
+
     def _receive_map(self, message: OccupancyGrid) -> None:
         try:
-            navigator = Navigator(grid_of(message), self._settings)
+            navigator = Navigator(grid_of(message), self._settings, self._rules)
         except ValueError as error:
             rospy.logerr(f"navigation: {error}")
             return
@@ -132,6 +144,8 @@ class NavigationNode:
             goal.abort(text=f"{NO_PLAN_TEXT} {str(error)[0].upper()}{str(error)[1:]}.")
         finally:
             self._gate.close(goal)
+            if self._exchange is not None:
+                self._exchange.end()
 
     def _ready(self, goal: ServerGoal) -> Optional[Navigator]:
         """The navigator, once map and robot are there; None when the goal was cancelled before."""
@@ -197,6 +211,8 @@ class NavigationNode:
             if result.ended:
                 raise StateError(result.text)
             self._gate.send(goal, result.speed, result.turn)
+            if self._exchange is not None:
+                self._exchange.tell(navigator.announcement(pose), stamp)
             if step % FEEDBACK_EVERY == 0:
                 goal.feedback(MoveBaseFeedback(base_position=stamped(pose, self._frame, stamp)))
             step += 1

@@ -10,9 +10,11 @@ from typing import List, Optional, Tuple
 
 import numpy as np
 
+from merlin_reactive.navigation.giving_way import GivingWay
 from merlin_reactive.navigation.obstacle_memory import ObstacleMemory
 from merlin_reactive.navigation.path_follower import Cruise, Path, PathFollower
 from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
+from merlin_reactive.navigation.right_of_way import ANNOUNCED, STEP, RightOfWay, RobotWay
 from merlin_reactive.navigation.scan_guard import ScanGuard
 from merlin_reactive.occupancy_grid import OccupancyGrid
 from merlin_reactive.pose import Point, Pose, wrap
@@ -32,6 +34,8 @@ RECOVERY_WAY = 0.15  # m that it backs off when it does not get away
 BACK_SPEED = 0.1  # m/s
 STOP_RESERVE = 0.01  # m inside the tolerance of the goal that stopping is aimed at
 LOST_PATH = 0.5  # m off the path at which a new one is planned
+YIELD_GAP = 0.05  # m before another robot's way at which it waits
+BESIDE_ROBOT = 0.12  # m around a robot within which what was seen is that robot
 
 
 class DriveOutcome(enum.Enum):
@@ -60,6 +64,7 @@ class NavigationSettings:
     recover_after: float = 4.0  # without movement, though nothing blocks the path
     recoveries: int = 3
     keep_obstacles: float = 30.0  # remembered unseen
+    yield_patience: float = 60.0  # s of giving way to other robots before it gives up
 
 
 @dataclass(frozen=True)
@@ -78,12 +83,18 @@ class DriveStep:
 
 
 class Navigator:
-    """Drives one robot on one map, to one goal at a time. Used by one thread at a time."""
+    """Drives one robot on one map, to one goal at a time. Used by one thread at a time.
 
-    def __init__(self, grid: OccupancyGrid, settings: NavigationSettings) -> None:
+    :param rules: who goes first where it meets other robots; None: it is alone.
+    """
+
+    def __init__(
+        self, grid: OccupancyGrid, settings: NavigationSettings, rules: Optional[RightOfWay] = None
+    ) -> None:
         self.settings = settings
         self.planner = PathPlanner(grid, settings.radius, settings.clearance)
         self.memory = ObstacleMemory(grid, self.planner.distance, settings.keep_obstacles)
+        self._giving = GivingWay(rules, self.planner) if rules else None
         self._guard = ScanGuard(settings.radius, settings.guard, settings.cruise.acceleration)
         self._goal: Optional[Pose] = None
         self._follower: Optional[PathFollower] = None
@@ -96,6 +107,8 @@ class Navigator:
             np.stack([ranges[hit] * np.cos(angles[hit]), ranges[hit] * np.sin(angles[hit])], axis=1)
         )
         self.memory.see(pose, angles, ranges, now)
+        for robot in self._giving.rules.others(now) if self._giving else ():
+            self.memory.forget_near(robot.pose.point, robot.radius + BESIDE_ROBOT)
 
     def start(self, goal: Pose, pose: Pose, now: float) -> None:
         """Begins to drive to a goal.
@@ -115,6 +128,9 @@ class Navigator:
         self._backing: Optional[Pose] = None  # where it began to back off
         self._backing_way, self._backing_since = 0.0, now
         self._at_goal = False
+        self._astray_since: Optional[float] = None  # since its path leads elsewhere than it is to go
+        if self._giving:
+            self._giving.start()
         try:
             self._follow(self.planner.plan(pose.point, goal.point, self.memory.points(now)))
         except NoPath:
@@ -137,7 +153,11 @@ class Navigator:
         if self._backing is not None:
             return self._back_off(pose, now)
         limit = settings.cruise.speed
-        self._seen = self.memory.points(now)
+        if self._giving:
+            limit, stands = self._give_way(self._giving, pose, now)
+            if stands is not None:
+                return stands
+        self._seen = self._obstacles(now)
         room = self._room_ahead(now)
         if room < AHEAD:
             if self._waits_at is None or pose.distance(self._waits_at) > HERE:
@@ -149,6 +169,30 @@ class Navigator:
             if limit < CREEP:
                 return self._wait(pose, waited, now)
         return self._drive(pose, limit, now)
+
+    def _give_way(self, giving: GivingWay, pose: Pose, now: float) -> Tuple[float, Optional[DriveStep]]:
+        """The speed (m/s) that the other robots leave it, and the step if it has to stand."""
+        settings = self.settings
+        given = giving.step(pose, self.way(), self.memory.points(now), now)
+        if given.replan and self._astray_since is None:
+            self._astray_since = now
+        if self._astray_since is not None and (
+            given.replan or now - self._planned_at >= settings.replan_after
+        ):
+            if self._replan(pose, now):
+                self._astray_since = None
+            elif giving.refuge is not None:
+                giving.unreachable()
+        room = given.room if self._astray_since is None else 0.0
+        limit = math.sqrt(2 * settings.cruise.acceleration * max(0.0, room - YIELD_GAP))
+        if limit >= CREEP:
+            return min(limit, settings.cruise.speed), None
+        waited = given.waited if self._astray_since is None else now - self._astray_since
+        if max(waited, given.waited) >= settings.yield_patience:
+            why = f"For {settings.yield_patience:g} s it {given.reason}."
+            return 0.0, DriveStep(0.0, 0.0, DriveOutcome.NO_PLAN, f"{NO_PLAN_TEXT} {why}")
+        self._moved_at, self._moved_from = now, pose
+        return 0.0, DriveStep(0.0, 0.0, DriveOutcome.WAITING, given.reason)
 
     def _stops_at(self, pose: Pose, speed: float) -> Pose:
         """Where it comes to a stand if it brakes now."""
@@ -177,6 +221,26 @@ class Navigator:
             self._replan(pose, now)
             return DriveStep(0.0, 0.0, DriveOutcome.DRIVING, "backed off")
         return DriveStep(speed, 0.0, DriveOutcome.DRIVING, "backing off")
+
+    def way(self) -> np.ndarray:
+        """The next points (n x 2, STEP apart) of the path that is followed, and its end if that is near."""
+        assert self._follower is not None
+        length = min(self._follower.remaining, (ANNOUNCED - 2) * STEP)
+        along = self._follower.progress + np.append(np.arange(0.0, length, STEP), length)
+        return self._follower.path.at(along)
+
+    def announcement(self, pose: Pose) -> Optional[RobotWay]:
+        """What other robots have to know of this one while it drives; None: there are none."""
+        if self._giving is None:
+            return None
+        rules = self._giving.rules
+        # Without a way it must not keep the others from passing it: they may be what blocks its way.
+        driving = self._astray_since is None or self._giving.refuge is not None
+        return RobotWay(rules.name, pose, rules.radius, self.way(), rules.cornered, driving)
+
+    def _obstacles(self, now: float) -> np.ndarray:
+        seen = self.memory.points(now)
+        return seen if self._giving is None else np.concatenate([seen, self._giving.rules.bodies(now)])
 
     def clear(self) -> None:
         """Forgets what was seen beside the map."""
@@ -212,7 +276,7 @@ class Navigator:
     def _room_ahead(self, now: float) -> float:
         """How far along the path the robot can go before something seen is too close, m; AHEAD at most."""
         assert self._follower is not None
-        points = self.memory.points(now)
+        points = self._obstacles(now)
         if not len(points):
             return AHEAD
         along = np.arange(0.0, min(AHEAD, self._follower.remaining) + 0.05, 0.05)
@@ -229,10 +293,12 @@ class Navigator:
     def _replan(self, pose: Pose, now: float) -> bool:
         assert self._goal is not None
         self._planned_at = now
+        aside = self._giving.refuge if self._giving else None
+        target = self._goal.point if aside is None else aside
         for clearance in (self.settings.clearance, self.settings.tight_clearance):
             try:
-                seen = self.memory.points(now)
-                self._follow(self.planner.plan(pose.point, self._goal.point, seen, clearance))
+                seen = self._obstacles(now)
+                self._follow(self.planner.plan(pose.point, target, seen, clearance))
                 return True
             except NoPath as error:
                 self._why = f"{str(error)[0].upper()}{str(error)[1:]}."

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from merlin_reactive.occupancy_grid import OccupancyGrid
-from merlin_reactive.pose import Pose
+from merlin_reactive.pose import Point, Pose
 
 OFF_MAP = 0.15  # m from the nearest obstacle of the map from which a hit counts as new
 CLEARED = 0.15  # m that a ray must reach beyond a remembered obstacle to prove that it has gone
@@ -49,6 +49,14 @@ class ObstacleMemory:
         rows, columns = rows[fresh], columns[fresh]
         x, y = self._grid.point(0, 0)
         return np.stack([x + columns * self._grid.resolution, y + rows * self._grid.resolution], axis=1)
+
+    def forget_near(self, point: Point, radius: float) -> None:
+        """Forgets what was seen within a radius (m) of a point."""
+        rows, columns = self._known
+        places = self._grid.points(rows, columns)
+        near = np.hypot(places[:, 0] - point[0], places[:, 1] - point[1]) < radius
+        self._seen[rows[near], columns[near]] = -np.inf
+        self._known = rows[~near], columns[~near]
 
     def forget(self) -> None:
         """Forgets everything."""

@@ -1,0 +1,146 @@
+"""Which of several robots goes first where their ways meet. Knows no ROS.
+
+The rule: a robot whose name comes first in the alphabet goes first. The others wait before its way, or go
+aside when they stand on it (`refuge`). One that finds no such place says so and goes before those that do.
+"""
+
+import threading
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Tuple
+
+import numpy as np
+
+from merlin_reactive.pose import Point, Pose
+
+STEP = 0.1  # m between the points of a way
+ANNOUNCED = 60  # points of a way that other robots are told
+HORIZON = 40  # points of both ways that are compared: farther ahead everything may change yet
+PASSING = 0.10  # m between two robots that pass each other
+WAITING = 0.17  # m that a robot which gives way keeps from the other's way
+ASIDE = 0.22  # m beside it of a place to go aside to
+RESERVE = 0.6  # m by which the other may be faster, or this one slower, than it seems
+COMING = 0.03  # m that its way leads nearer to be coming
+SILENT = 1.5  # s after which a robot that said nothing is an obstacle like any other
+OUTLINE = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
+
+
+@dataclass(frozen=True)
+class RobotWay:
+    """What a robot that drives tells the others.
+
+    :param way: points (n x 2, m, frame map), STEP apart, from where it is; at most ANNOUNCED.
+    :param cornered: it has found no place to go aside to.
+    :param driving: False: it has stopped to drive, and is an obstacle like any other.
+    """
+
+    name: str
+    pose: Pose
+    radius: float
+    way: np.ndarray
+    cornered: bool = False
+    driving: bool = True
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """What the others' right of way leaves of a robot's own way.
+
+    :param room: m that it may go on.
+    :param robot: which one it waits for; empty: none.
+    :param aside: it stands where the other wants to go.
+    """
+
+    room: float = np.inf
+    robot: str = ""
+    aside: bool = False
+
+
+class RightOfWay:
+    """What one robot knows of the others' ways, and who goes first.
+
+    The lock guards what was told; `tell` may come from any thread, the rest from the thread that drives.
+
+    :param name: of this robot.
+    :param radius: of this robot, m.
+    """
+
+    def __init__(self, name: str, radius: float) -> None:
+        self.name, self.radius = name, radius
+        self.cornered = False
+        self._lock = threading.Lock()
+        self._told: Dict[str, Tuple[RobotWay, float]] = {}
+
+    def tell(self, other: RobotWay, now: float) -> None:
+        """Takes what another robot says of itself at a time, s."""
+        if other.name == self.name:
+            return
+        with self._lock:
+            if other.driving:
+                self._told[other.name] = other, now
+            else:
+                self._told.pop(other.name, None)
+
+    def others(self, now: float) -> List[RobotWay]:
+        """The other robots that drive."""
+        with self._lock:
+            return [other for other, told in self._told.values() if abs(now - told) < SILENT]
+
+    def first(self, now: float) -> List[RobotWay]:
+        """Those that go first."""
+        own = (not self.cornered, self.name)
+        return [other for other in self.others(now) if (not other.cornered, other.name) < own]
+
+    def bodies(self, now: float) -> np.ndarray:
+        """Points (n x 2) on the outlines of the other robots."""
+        outlines = [
+            np.stack(
+                [
+                    other.pose.x + other.radius * np.cos(OUTLINE),
+                    other.pose.y + other.radius * np.sin(OUTLINE),
+                ],
+                axis=1,
+            )
+            for other in self.others(now)
+        ]
+        return np.concatenate([np.zeros((0, 2)), *outlines])
+
+    def clear(self, here: Point, now: float) -> bool:
+        """Whether a place is off the ways of all that go first."""
+        return all(_gaps(here, other).min() >= self._keep(other, WAITING) for other in self.first(now))
+
+    def look(self, here: Point, way: np.ndarray, now: float) -> Meeting:
+        """Where this robot has to wait on its way (points, STEP apart), and whether it has to go aside."""
+        if self.cornered and not any(self._entry(way, other) is not None for other in self.others(now)):
+            self.cornered = False
+        found = Meeting()
+        for other in self.first(now):
+            entry = self._entry(way, other)
+            if entry is None:
+                continue
+            aside = found.aside or (entry == 0.0 and self._stands_in_the_way(here, other))
+            nearer = entry < found.room
+            found = Meeting(min(entry, found.room), other.name if nearer else found.robot, aside)
+        return found
+
+    def _keep(self, other: RobotWay, gap: float) -> float:
+        return self.radius + other.radius + gap
+
+    def _entry(self, way: np.ndarray, other: RobotWay) -> Optional[float]:
+        """How far it may go before the other's way begins, m; None: it is through before the other comes."""
+        mine, theirs = way[:HORIZON], other.way[:HORIZON]
+        gaps = np.hypot(mine[:, :1] - theirs[:, 0], mine[:, 1:] - theirs[:, 1])
+        near = gaps < self._keep(other, WAITING)
+        s, u = np.arange(len(mine))[:, None] * STEP, np.arange(len(theirs)) * STEP
+        too_late = (near & (u <= s + RESERVE)).any(axis=1)
+        if not too_late.any():
+            return None
+        off = np.nonzero(~near.any(axis=1)[: int(np.argmax(too_late))])[0]
+        return float(off[-1] + 1) * STEP if len(off) else 0.0
+
+    def _stands_in_the_way(self, here: Point, other: RobotWay) -> bool:
+        nearest = float(_gaps(here, other).min())
+        return nearest < self._keep(other, PASSING) and nearest < other.pose.distance(Pose(*here)) - COMING
+
+
+def _gaps(here: Point, other: RobotWay) -> np.ndarray:
+    return np.hypot(other.way[:, 0] - here[0], other.way[:, 1] - here[1])
