@@ -9,6 +9,7 @@ import pytest
 
 from merlin_reactive.pose import Pose
 from merlin_sim.engine.simulation import RobotSpec, Simulation
+from merlin_sim.robot.camera import CameraModel
 from merlin_sim.robot.drive import OdometryNoise
 from merlin_sim.robot.ray_casting import ScanOutlines
 from merlin_sim.world.world_file import load_world
@@ -131,6 +132,16 @@ def test_robots_bump_into_each_other_and_see_each_other(simulate):
     run(simulation, 3.0, (0.4, 0.0), (0.0, 0.0))
     assert two.body.pose().x > 4.0
     assert two.body.pose().x - one.body.pose().x > 0.49
+
+
+def test_robots_are_in_each_others_pictures(simulate):
+    simulation = simulate(Pose(3.0, 3.5), Pose(4.5, 3.5), camera=CameraModel(64, 48, noise=0.0))
+    one, two = simulation.robots.values()
+    with_it = simulation.picture(one)
+    two.body.place(Pose(1.0, 3.5))
+    changed = (simulation.picture(one) != with_it).any(axis=2)
+    assert changed[:, 24:40].mean() > 0.1  # straight ahead
+    assert not changed[:, :16].any() and not changed[:, 48:].any()
 
 
 def test_equal_seeds_give_equal_runs_whoever_looks(simulate):

@@ -1,6 +1,7 @@
 """Noise that wanders, as a function of seed, name and simulated time."""
 
 import math
+from functools import lru_cache
 from typing import Tuple
 
 import numpy as np
@@ -19,6 +20,7 @@ class SmoothNoise:
         self._seed, self._name = seed, name
         self._sigmas = np.array(sigmas)
         self._period = period
+        self._knot = lru_cache(maxsize=4)(self._draw)  # each is asked for at some fifty moments
 
     def at(self, time: float) -> np.ndarray:
         """The value of each component at a time, s."""
@@ -27,5 +29,5 @@ class SmoothNoise:
         # sin and cos of one angle keep the variance constant between the knots.
         return self._sigmas * (math.cos(phase) * self._knot(index) + math.sin(phase) * self._knot(index + 1))
 
-    def _knot(self, index: int) -> np.ndarray:
+    def _draw(self, index: int) -> np.ndarray:
         return draw(self._seed, self._name, index).standard_normal(len(self._sigmas))
