@@ -35,15 +35,20 @@ class Room(Stage):
         self.walked = [self.guest]
         self.refused = 0
 
-    @property
-    def _trail(self) -> List[Point]:
-        return self._drive[: int(self._at) + 1]
+    def trail(self, since: int, name: str = "") -> List[Point]:
+        return self._drive[since : int(self._at) + 1]
+
+    def trail_length(self, name: str = "") -> int:
+        return int(self._at) + 1
 
     def now(self) -> float:
         return self._time
 
-    def robot(self) -> Point:
+    def robot(self, name: str = "") -> Point:
         return self._drive[int(self._at)]
+
+    def robots(self) -> List[Point]:
+        return [self.robot()]
 
     def position(self, name: str) -> Point:
         return self.guest
@@ -55,7 +60,7 @@ class Room(Stage):
         self._way = list(path)
         return 1
 
-    def hear(self, name: str, text: object, seconds: float) -> str:
+    def hear(self, name: str, text: object, seconds: float, by: Optional[str] = None) -> str:
         """Time passes: both move. A robot that has arrived waits for the guest, and then offers a seat."""
         self._time += seconds
         last = len(self._drive) - 1
@@ -139,14 +144,14 @@ def test_where_the_robot_passed_a_table_closer_than_people_can_the_guest_goes_ro
 
 def test_who_follows_gives_up_when_the_robot_does_not_go_on() -> None:
     room = Room(line(2.0), 5)
-    room.hear = lambda *_: setattr(room, "_time", room._time + LOOK) or ""
+    room.hear = lambda *_, **__: setattr(room, "_time", room._time + LOOK) or ""
     assert not follow(room)
 
 
 def test_who_is_told_that_the_robot_has_lost_them_gives_up_though_it_drives_on() -> None:
     room, hear = Room(line(30.0), 5), Room.hear
 
-    def told(name: str, texts: Sequence[str], seconds: float) -> str:
+    def told(name: str, texts: Sequence[str], seconds: float, by: str) -> str:
         hear(room, name, texts, seconds)
         sorry = "i am sorry, i have lost you. please wait at the entrance."
         return sorry if room.now() > 5.0 and any(text in sorry for text in texts) else ""
@@ -158,7 +163,7 @@ def test_who_is_told_that_the_robot_has_lost_them_gives_up_though_it_drives_on()
 
 def test_who_follows_gives_up_when_the_robot_drives_away() -> None:
     room = Room(line(30.0), 5, lambda place: False)  # no way after it
-    room.hear = lambda *_: (
+    room.hear = lambda *_, **__: (
         setattr(room, "_time", room._time + LOOK) or setattr(room, "_at", room._at + 2) or ""
     )
     assert not follow(room)
@@ -194,8 +199,10 @@ def test_who_leaves_walks_round_a_robot_that_comes_into_the_way_and_round_a_chai
     class Ways:
         door = (9.0, 0.0)
 
-        def way_round(self, robot: Point, things: Sequence[Point], start: Point, goal: Point) -> List[Point]:
-            through = [] if robot == room._drive[5] else [room._drive[5]]
+        def way_round(
+            self, robots: Sequence[Point], things: Sequence[Point], start: Point, goal: Point
+        ) -> List[Point]:
+            through = [] if room._drive[5] in robots else [room._drive[5]]
             return [*through, *(set() if chair in things else {chair}), goal]
 
     chair = (3.0, 3.0)

@@ -75,7 +75,7 @@ def test_dishes_stand_on_the_bar_where_the_robot_looks() -> None:
 def test_who_was_guided_gets_past_the_robot_to_the_seat(table: str) -> None:
     robot, (seat, _) = WORLD.points_of_interest[table], PLACES.seat(table)
     here = (robot.x - 0.95 * math.cos(robot.yaw), robot.y - 0.95 * math.sin(robot.yaw))
-    way = [here, *PLACES.way_round(robot.point, [], here, seat)]
+    way = [here, *PLACES.way_round([robot.point], [], here, seat)]
     assert math.dist(way[-1], seat) < 0.1
     kept = ROBOT_RADIUS + Person.radius + FROM_ROBOT  # nearer the world lets nobody walk
     for start, end in zip(way, way[1:]):
@@ -88,7 +88,7 @@ def test_a_thing_that_is_not_on_the_map_is_walked_round() -> None:
     far, door = (9.0, 9.0), PLACES.door
     seat, _ = PLACES.seat("table_6")
     chair = PLACES.on_the_way("table_6", "entrance", 1.5)
-    way = [seat, *PLACES.way_round(far, [chair], seat, door)]
+    way = [seat, *PLACES.way_round([far], [chair], seat, door)]
     assert math.dist(way[-1], door) < 0.1
     places = [np.linspace(a, b, 30) for a, b in zip(way, way[1:])]
     assert np.hypot(*(np.concatenate(places) - chair).T).min() > THING + BODY

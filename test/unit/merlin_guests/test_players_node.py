@@ -59,7 +59,8 @@ def test_a_parameter_that_cannot_be_is_named(
 def test_disturbances_can_be_named(told: Dict[str, Any], disturbances: object) -> None:
     told.update({"~disturbances": disturbances, "~guests": 3.0, "~wrong_share": 1})
     assert players_node.main() == 0
-    _, plans, _, wrong_share = told["given"]
+    _, plans, _, wrong_share, robots = told["given"]
+    assert robots == [""]
     assert sorted(kind for plan in plans for kind in plan.disturbances) == ["chair", "leaves"]
     assert (len(plans), wrong_share) == (3, 1.0)
 

@@ -7,7 +7,7 @@ from typing import Callable, Dict, List, Optional, Sequence
 from merlin_msgs.msg import GuestEvent
 
 from merlin_guests.guest import Guest
-from merlin_guests.house import BAR, TRAY, House
+from merlin_guests.house import BAR, House, tray_of
 from merlin_guests.schedule import DISTURBANCES, MISSING, without_one, wrong_order
 from merlin_guests.stage import Stage
 from merlin_restaurant.menu import items_in
@@ -26,7 +26,7 @@ ANSWERS = {
 
 
 class Barman:
-    """Serves the robot until the evening is over.
+    """Serves the robots until the evening is over.
 
     :param wrong_share: of the orders that are wrong at first, 0..1.
     :param guest_of: returns the guest at a table; None: the table is free.
@@ -53,23 +53,26 @@ class Barman:
         :raises Closed: the evening is over.
         """
         self._stage.answer(NAME, ANSWERS)
-        table = ""
+        tables: Dict[str, str] = {}  # robot → the table of which it spoke
         while True:
             said = self._stage.hear(NAME, "", 3600.0)
+            robot = self._stage.speaker(NAME)
             found = re.search(r"table \d+", said)
-            table = found.group().replace(" ", "_") if found else table
+            if found:
+                tables[robot] = found.group().replace(" ", "_")
+            table = tables.get(robot, "")
             if "i am sorry" in said:
-                self._mend(table)
+                self._mend(table, robot)
             elif found and "ordered" in said:
-                self._prepare(table, items_in(said[found.end() :]))
+                self._prepare(table, items_in(said[found.end() :]), robot)
             elif "put the order" in said:
-                self._load(table)
+                self._load(table, robot)
             elif "take the order" in said:
-                self._house.take(TRAY)
+                self._house.take(tray_of(robot))
 
-    def _prepare(self, table: str, items: Sequence[str]) -> None:
+    def _prepare(self, table: str, items: Sequence[str], robot: str) -> None:
         if self._orders.get(table) == list(items) and self._house.on(BAR):
-            self._stage.call(READY, NAME)  # the robot did not hear that, and ordered again
+            self._stage.call(READY, NAME, robot)  # the robot did not hear that, and ordered again
             return
         self._orders[table] = list(items)
         self._house.take(BAR)
@@ -90,16 +93,17 @@ class Barman:
             self._house.put(BAR, wrong)
         else:
             self._house.put(BAR, items)
-        self._stage.call(READY, NAME)
+        self._stage.call(READY, NAME, robot)
 
-    def _mend(self, table: str) -> None:
+    def _mend(self, table: str, robot: str) -> None:
         self._stage.wait(MENDS)
         self._house.take(BAR)
         self._house.put(BAR, self._orders.get(table, []))
-        self._stage.call(READY, NAME)
+        self._stage.call(READY, NAME, robot)
 
-    def _load(self, table: str) -> None:
-        self._house.put(TRAY, self._house.take(BAR))
+    def _load(self, table: str, robot: str) -> None:
+        tray = tray_of(robot)
+        self._house.put(tray, self._house.take(BAR))
         guest = self._guest_of(table)
         if guest is not None:
-            guest.tray_is_loaded(self._house.on(TRAY))
+            guest.tray_is_loaded(self._house.on(tray))

@@ -8,7 +8,7 @@ from typing import Any, Dict, List, Optional, Sequence
 import rospy
 from merlin_msgs.msg import GuestEvent
 
-from merlin_guests.house import TRAY, House
+from merlin_guests.house import House, tray_of
 from merlin_guests.places import Places, Point
 from merlin_guests.schedule import CHAIR, DISTURBANCES, LEAVES, UNCLEAR, WALKS_OFF, GuestPlan
 from merlin_guests.stage import PlayError, Stage
@@ -98,9 +98,10 @@ class Guest:
             if found is None:
                 continue
             self._house.leave_queue(self._name)
+            guide = stage.speaker(self._name)
             if WALKS_OFF in self.plan.disturbances:
-                return self._walk_off()
-            if self._follow():
+                return self._walk_off(guide)
+            if self._follow(guide):
                 self.table = found.group().replace(" ", "_")
                 self._sit_down()
                 return True
@@ -108,19 +109,19 @@ class Guest:
         self._leave("waited too long for a table")
         return False
 
-    def _follow(self, limit: float = STRANDED) -> bool:
-        """Walks behind the robot until it offers a seat; False: it stands, or guides this guest no more."""
+    def _follow(self, guide: str = "", limit: float = STRANDED) -> bool:
+        """Walks behind a robot until it offers a seat; False: it stands, or guides this guest no more."""
         stage, name = self._stage, self._name
-        moved, last = stage.now(), stage.robot()
+        moved, last = stage.now(), stage.robot(guide)
         near = moved
-        joined = max(0, stage.trail_length() - 1)
+        joined = max(0, stage.trail_length(guide) - 1)
         before: Optional[Point] = None
         stuck = False
         while True:
-            said = stage.hear(name, (SEAT, LOST), LOOK)
+            said = stage.hear(name, (SEAT, LOST), LOOK, by=guide)
             if said:
                 return SEAT in said
-            here, robot = stage.position(name), stage.robot()
+            here, robot = stage.position(name), stage.robot(guide)
             if math.dist(here, robot) < FAR:
                 near = stage.now()
             elif stage.now() - near > LEFT_BEHIND:
@@ -135,7 +136,7 @@ class Guest:
             # Where the robot has just passed a table, a person may not: then round it, until it is reached.
             stuck = stuck or here == before
             before = here
-            steps = [point for point in stage.trail(joined) if math.dist(point, robot) > KEPT]
+            steps = [point for point in stage.trail(joined, guide) if math.dist(point, robot) > KEPT]
             ahead = [] if stuck else _not_yet_walked(steps, here)
             self._walk_as_far(ahead or self._places.way_near(here, robot, KEPT))
 
@@ -146,11 +147,11 @@ class Guest:
                 self._stage.walk(self._name, way[:end], self.plan.pace)
                 return
 
-    def _walk_off(self) -> bool:
+    def _walk_off(self, guide: str) -> bool:
         self._disturb(WALKS_OFF)
         stage, begun = self._stage, self._stage.now()
         while stage.now() - begun < 5.0:
-            here, robot = stage.position(self._name), stage.robot()
+            here, robot = stage.position(self._name), stage.robot(guide)
             if math.dist(here, robot) > KEPT + 0.1:
                 self._walk_as_far(self._places.way_near(here, robot, KEPT))
             stage.wait(LOOK)
@@ -216,7 +217,7 @@ class Guest:
         if not stage.hear(self._name, "here is your", PATIENCE):
             self._leave("waited too long for the order")
             return False
-        brought = self._house.take(TRAY)
+        brought = self._house.take(tray_of(stage.speaker(self._name)))
         self._house.put(self.table, brought)
         self._tell(GuestEvent.SERVED, items=brought)
         return True
@@ -253,7 +254,7 @@ class Guest:
         found: List[Point] = []
 
         def begin() -> int:
-            way = self._places.way_round(stage.robot(), found, stage.position(name), goal)
+            way = self._places.way_round(stage.robots(), found, stage.position(name), goal)
             return stage.walk(name, way, self.plan.pace, **manner)
 
         walk = begin()

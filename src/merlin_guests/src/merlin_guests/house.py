@@ -7,7 +7,7 @@ from typing import Dict, List, Sequence
 from merlin_guests.places import Places, Point
 from merlin_guests.stage import Stage
 
-BAR, TRAY = "bar_counter", "robot"
+BAR = "bar_counter"
 EMPTIES = {
     "coffee": "cup",
     "water": "glass",
@@ -15,6 +15,14 @@ EMPTIES = {
     "sandwich": "dirty_plate",
     "cake": "dirty_plate",
 }
+
+
+def tray_of(robot: str) -> str:
+    """The simulator's name for the tray of a robot.
+
+    :param robot: its namespace; empty: the only one.
+    """
+    return robot or "robot"
 
 
 class House:
@@ -46,7 +54,7 @@ class House:
             self._queue = ["" if other == name else other for other in self._queue]
 
     def on(self, where: str) -> List[str]:
-        """Kinds of what stands somewhere: a table, BAR or TRAY."""
+        """Kinds of what stands somewhere: a table, BAR or a tray."""
         with self._lock:
             return sorted(self._dishes.get(where, {}).values())
 
@@ -75,6 +83,6 @@ class House:
     def _spot(self, where: str, number: int) -> Point:
         if where == BAR:
             return self._places.on_bar(self._counter, number)
-        if where == TRAY:
-            return (0.0, (0.08, -0.08)[number % 2])
-        return self._places.plate(where, number)
+        if where in self._places.tables:
+            return self._places.plate(where, number)
+        return (0.0, (0.08, -0.08)[number % 2])

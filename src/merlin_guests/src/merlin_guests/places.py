@@ -37,6 +37,7 @@ class Places:
 
     def __init__(self, world: World) -> None:
         self._pois = world.points_of_interest
+        self.tables = {name for name in self._pois if name.startswith("table_")}
         self._planner = PathPlanner(map_of(world), BODY, ROOM)
         door = next(door for door in world.doors if door.name == ENTRANCE_DOOR)
         middle = ((door.start[0] + door.end[0]) / 2, (door.start[1] + door.end[1]) / 2)
@@ -69,12 +70,15 @@ class Places:
         except NoPath:
             return [goal]
 
-    def way_round(self, robot: Point, things: Sequence[Point], start: Point, goal: Point) -> List[Point]:
-        """A way that also keeps clear of a robot and of things that are not on the map.
+    def way_round(
+        self, robots: Sequence[Point], things: Sequence[Point], start: Point, goal: Point
+    ) -> List[Point]:
+        """A way that also keeps clear of robots and of things that are not on the map.
 
         If there is none, the way is as without them.
         """
-        outlines = [_circle(robot, ROBOT_RADIUS + FROM_ROBOT), *(_circle(thing, THING) for thing in things)]
+        outlines = [_circle(robot, ROBOT_RADIUS + FROM_ROBOT) for robot in robots]
+        outlines += [_circle(thing, THING) for thing in things]
         with contextlib.suppress(NoPath):
             return self._planner.plan(start, goal, np.concatenate(outlines))
         return self.way(start, goal)

@@ -99,15 +99,18 @@ class Players:
             self._stage.remove(thing)
 
 
-def make_players(world: World, plans: Sequence[GuestPlan], seed: int, wrong_share: float) -> Players:
+def make_players(
+    world: World, plans: Sequence[GuestPlan], seed: int, wrong_share: float, robots: Sequence[str] = ("",)
+) -> Players:
     """The persons of an evening.
 
     :param world: of the restaurant.
     :param plans: of the guests.
     :param seed: of the barman's mistakes.
     :param wrong_share: of the orders that the barman gets wrong at first.
+    :param robots: their namespaces.
     """
-    stage = Stage()
+    stage = Stage(robots)
     counter = next(solid for solid in world.furniture if solid.name == BAR)
     places = Places(world)
     house = House(stage, places, counter.pose.point)
@@ -156,8 +159,9 @@ def main() -> int:
         world, seed = _world(), _whole("~seed", 1)
         wrong_share = _share("~wrong_share", 0.25)
         haste = number("~haste", 1.0, 0.0)
+        robots = [str(name) for name in rospy.get_param("~robots", None) or [""]]
         plans = make_schedule(_whole("~guests", 6), seed, _disturbances(), haste)
     except (ParameterError, ScheduleError, WorldError) as error:
         print(f"players: {error}", file=sys.stderr)
         return 2
-    return make_players(world, plans, seed, wrong_share).run()
+    return make_players(world, plans, seed, wrong_share, robots).run()

@@ -22,7 +22,7 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
 from merlin_guests.places import Point
-from merlin_guests.quiet_room import QuietRoom
+from merlin_guests.seen_robot import Said, SeenRobot
 from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.ros_messages import samples_of
 from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
@@ -34,8 +34,8 @@ CHUNK = 0.2  # s of sound per message
 CALL_WAITS = 60.0  # s until a guest gives up calling, because it is never quiet
 APPEARS = 10.0  # s until a placed person is published
 AHEAD = 0.5  # m from the middle of a person to the middle of what is in the way
-TRAIL = 0.15  # m between the remembered places of the robot
 HEARD = 200.0  # RMS, of 32767, of a voice
+ROOM = ""  # the microphone of the room, which is that of the only robot
 CALL_LIMIT = 10.0  # s of wall time for a service of the simulator
 
 
@@ -48,44 +48,65 @@ class Closed(Exception):
 
 
 class Stage:
-    """The simulated restaurant for its players. Safe to use from all their threads."""
+    """The simulated restaurant for its players. Safe to use from all their threads.
 
-    def __init__(self) -> None:
+    :param robots: their namespaces; an empty one: the only robot has none. Each hears, and is heard by, the
+        persons beside it; a call across the room comes to all of them, and to the microphone of the room.
+    """
+
+    def __init__(self, robots: Sequence[str] = ("",)) -> None:
         self._clock = RosClock()
         self._changed = threading.Condition()  # guards the fields below
         self._over = threading.Event()
         self._people: Dict[str, SimPerson] = {}
-        self._heard: Dict[str, Deque[PersonHeard]] = {}
-        self._robot: Optional[Tuple[float, float, float]] = None
-        self._trail: List[Point] = []
-        self._quiet_room = QuietRoom()
+        self._heard: Dict[str, Deque[Said]] = {}
+        self._robots = {name: SeenRobot(name) for name in robots}
+        self._speaker: Dict[str, str] = {}  # person → the robot that said what was heard last
         self._voices = threading.Lock()  # one person calls at a time
         self._synthesizer = SpeechSynthesizer()
         self._place = ServiceProxy("/merlin_sim/place", PlaceThing, timeout=CALL_LIMIT)
         self._walk = ServiceProxy("/merlin_sim/walk", WalkPerson, timeout=CALL_LIMIT)
-        self._answers = ServiceProxy("person_voice/set_answers", SetAnswers, timeout=CALL_LIMIT)
+        self._answers = [
+            ServiceProxy(f"{robot.prefix}person_voice/set_answers", SetAnswers, timeout=CALL_LIMIT)
+            for robot in self._robots.values()
+        ]
         self._subscribed = Subscribed()
         self._events = rospy.Publisher(
             "restaurant/guests", GuestEvent, self._subscribed, latch=True, queue_size=100
         )
-        self._microphone = rospy.Publisher("audio/microphone", AudioData, queue_size=50)
+        self._microphones = {
+            name: rospy.Publisher(f"{prefix}audio/microphone", AudioData, queue_size=50)
+            for name, prefix in {
+                ROOM: "",
+                **{robot.name: robot.prefix for robot in self._robots.values()},
+            }.items()
+        }
         rospy.Subscriber("/merlin_sim/people", SimPeople, self._see_people, tcp_nodelay=True)
-        rospy.Subscriber("person_voice/heard", PersonHeard, self._hear, tcp_nodelay=True)
-        rospy.Subscriber("ground_truth", Odometry, self._see_robot, tcp_nodelay=True, queue_size=1)
-        rospy.Subscriber("audio/microphone", AudioData, self._listen, tcp_nodelay=True, queue_size=50)
-        rospy.Subscriber("sound_play/is_speaking", Bool, self._notice, tcp_nodelay=True)
+        for robot in self._robots.values():
+            for topic, kind, receive, queue in (
+                ("person_voice/heard", PersonHeard, self._hear, None),
+                ("ground_truth", Odometry, self._see_robot, 1),
+                ("audio/microphone", AudioData, self._listen, 50),
+                ("sound_play/is_speaking", Bool, self._notice, None),
+            ):
+                rospy.Subscriber(
+                    robot.prefix + topic, kind, receive, robot, queue_size=queue, tcp_nodelay=True
+                )
 
     # --- time ----------------------------------------------------------------------------------------------
 
     def ready(self, timeout: float) -> str:
         """Waits for the simulator and the voices; returns what is missing, empty when nothing is."""
-        for proxy in (self._place, self._walk, self._answers):
+        for proxy in (self._place, self._walk, *self._answers):
             if not proxy.wait(timeout):
                 return f"no service {proxy.name} after {timeout:.0f} s"
         with self._changed:
-            if not self._changed.wait_for(lambda: bool(self._people) and self._robot is not None, timeout):
+            if not self._changed.wait_for(self._all_seen, timeout):
                 return f"no /merlin_sim/people, or no ground_truth, after {timeout:.0f} s"
         return ""
+
+    def _all_seen(self) -> bool:
+        return bool(self._people) and all(robot.place is not None for robot in self._robots.values())
 
     def wait_for_subscriber(self, timeout: float) -> bool:
         """Waits for a subscriber of the events, which would miss earlier ones.
@@ -196,88 +217,115 @@ class Stage:
         with self._changed:
             return [name for name, person in self._people.items() if person.state != SimPerson.ABSENT]
 
-    def robot(self) -> Point:
-        """Where the robot is, m."""
+    def robot(self, name: str = "") -> Point:
+        """Where a robot is, m."""
         with self._changed:
-            assert self._robot is not None
-            return self._robot[:2]
+            place = self._robots[name].place
+        assert place is not None
+        return place
 
-    def trail_length(self) -> int:
-        """How many places of the robot are remembered."""
+    def robots(self) -> List[Point]:
+        """Where all robots are, m."""
+        return [self.robot(name) for name in self._robots]
+
+    def trail_length(self, name: str = "") -> int:
+        """How many places of a robot are remembered."""
         with self._changed:
-            return len(self._trail)
+            return len(self._robots[name].trail)
 
-    def trail(self, since: int) -> List[Point]:
-        """Where the robot has been, the newest last.
+    def trail(self, since: int, name: str = "") -> List[Point]:
+        """Where a robot has been, the newest last.
 
         :param since: number of the first of these places; the first of all is 0.
         """
         with self._changed:
-            return self._trail[since:]
+            return self._robots[name].trail[since:]
 
     # --- speech --------------------------------------------------------------------------------------------
 
     def answer(self, name: str, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
-        """Sets what a person answers: pattern of what the robot says → answer.
+        """Sets what a person answers: pattern of what a robot says → answer.
 
         :param then: answers to the next questions, whatever they are.
         """
-        reply = self._answers(
-            person=name, next=list(then), patterns=list(answers), answers=list(answers.values()), otherwise=[]
-        )
-        self._demand(reply, name)
+        patterns, texts = list(answers), list(answers.values())
+        for ask in self._answers:
+            self._demand(
+                ask(person=name, next=list(then), patterns=patterns, answers=texts, otherwise=[]), name
+            )
 
     def forget(self, name: str) -> None:
         """Forgets what a person heard so far."""
         with self._changed:
             self._heard[name] = deque()
 
-    def hear(self, name: str, text: Union[str, Tuple[str, ...]], seconds: float) -> str:
-        """Waits until the robot says a sentence with one of some texts to a person; returns it."""
+    def hear(
+        self, name: str, text: Union[str, Tuple[str, ...]], seconds: float, by: Optional[str] = None
+    ) -> str:
+        """Waits until a robot says a sentence with one of some texts to a person; returns it.
+
+        :param by: the robot; None: any of them, which :meth:`speaker` names.
+        """
         wanted = (text,) if isinstance(text, str) else text
         found: List[str] = []
 
         def said() -> bool:
             heard = self._heard.setdefault(name, deque())
             while heard:
-                question = heard.popleft().question.lower()
-                if any(part in question for part in wanted):
+                robot, question = heard.popleft()
+                if by in (None, robot) and any(part in question for part in wanted):
+                    self._speaker[name] = robot
                     found.append(question)
                     return True
             return False
 
         return found[0] if self.wait_until(said, seconds) else ""
 
-    def call(self, text: str, name: str = "") -> bool:
+    def speaker(self, name: str) -> str:
+        """The robot that said what a person heard last."""
+        with self._changed:
+            return self._speaker.get(name, "")
+
+    def call(self, text: str, name: str = "", to: Optional[str] = None) -> bool:
         """Says something aloud as soon as it is quiet.
 
         :param name: of the caller; it stays silent when the robot spoke to it before the room was quiet.
+        :param to: the robot beside the caller, which alone hears it; None: the whole room does.
         :return: False: it never was quiet, or the robot came first.
         """
+        around = [robot for robot in self._robots.values() if to in (None, robot.name)]
 
         def spoken_to() -> bool:
             return bool(self._heard.get(name))
 
+        def quiet() -> bool:
+            return all(robot.quiet_room.quiet(self.now()) for robot in around)
+
         end = self.now() + CALL_WAITS
-        while self.wait_until(lambda: spoken_to() or self._quiet_room.quiet(self.now()), end - self.now()):
+        while self.wait_until(lambda: spoken_to() or quiet(), end - self.now()):
             if spoken_to():
                 return False
             with self._voices:
                 with self._changed:
-                    if not self._quiet_room.quiet(self.now()):
+                    if not quiet():
                         continue  # another guest was faster
-                    self._quiet_room.sound(self.now())
-                self._say(text)
+                    for robot in around:
+                        robot.quiet_room.sound(self.now())
+                self._say(
+                    text,
+                    [robot.name for robot in around] + [ROOM] * (to is None and ROOM not in self._robots),
+                )
                 return True
         return False
 
-    def _say(self, text: str) -> None:
+    def _say(self, text: str, to: Sequence[str]) -> None:
         samples = self._synthesizer.say(text).samples
         sound = np.concatenate([samples, np.zeros(round(0.8 * RATE), dtype=np.int16)])
         size = round(CHUNK * RATE)
         for first in range(0, len(sound), size):
             part = sound[first : first + size]
-            self._microphone.publish(AudioData(data=part.astype("<i2").tobytes()))
+            for name in to:
+                self._microphones[name].publish(AudioData(data=part.astype("<i2").tobytes()))
             self.wait(len(part) / RATE)
 
     # --- books ---------------------------------------------------------------------------------------------
@@ -306,27 +354,24 @@ class Stage:
             self._people = {person.name: person for person in message.people}
             self._changed.notify_all()
 
-    def _see_robot(self, message: Odometry) -> None:
-        position, turn = message.pose.pose.position, message.pose.pose.orientation
+    def _see_robot(self, message: Odometry, robot: SeenRobot) -> None:
         with self._changed:
-            self._robot = (position.x, position.y, 2 * math.atan2(turn.z, turn.w))
-            if not self._trail or math.dist(self._trail[-1], self._robot[:2]) > TRAIL:
-                self._trail.append(self._robot[:2])
+            robot.move(message)
             self._changed.notify_all()
 
-    def _hear(self, message: PersonHeard) -> None:
+    def _hear(self, message: PersonHeard, robot: SeenRobot) -> None:
         with self._changed:
-            self._heard.setdefault(message.person, deque()).append(message)
+            self._heard.setdefault(message.person, deque()).append((robot.name, message.question.lower()))
             if message.answer:
-                self._quiet_room.asked(self.now())
+                robot.quiet_room.asked(self.now())
             self._changed.notify_all()
 
-    def _listen(self, message: AudioData) -> None:
+    def _listen(self, message: AudioData, robot: SeenRobot) -> None:
         samples = samples_of(message).astype(float)
         if len(samples) and math.sqrt(float(np.mean(samples**2))) > HEARD:
             with self._changed:
-                self._quiet_room.sound(self.now())
+                robot.quiet_room.sound(self.now())
 
-    def _notice(self, message: Bool) -> None:
+    def _notice(self, message: Bool, robot: SeenRobot) -> None:
         with self._changed:
-            self._quiet_room.robot(self.now(), bool(message.data))
+            robot.quiet_room.robot(self.now(), bool(message.data))
