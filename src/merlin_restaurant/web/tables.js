@@ -15,7 +15,7 @@ export function show(section, { store }) {
 
   store.view("knowledge", ({ objects = {}, facts = {} }) => {
     const known = Object.keys(facts).map((fact) => fact.replace(/[()]/g, "").split(" "));
-    const first = (words, name) => Object.keys(words).find((word) => known.some(([head, of]) => head === word && of === name));
+    const first = (words, name) => Object.keys(words).find((word) => known.some(([head, ...of]) => head === word && of.includes(name)));
     const rows = Object.entries(objects).filter(([, { type }]) => ["table", "client"].includes(type)).map(([name, { type }]) => {
       const state = first(type === "table" ? STATES : CLIENTS, name);
       const wanted = known.filter(([head, of]) => head === "wants" && of === name).map(([, , item]) => item.replace(/_/g, " "));

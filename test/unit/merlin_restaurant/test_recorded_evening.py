@@ -42,7 +42,7 @@ def test_the_evening_of_a_closed_restaurant_is_written(
     assert mission_host.main(MISSION) == 0
     assert BALANCED in capsys.readouterr().out
     results = Path(robot.parameters["~results"])
-    assert sorted(path.name for path in results.iterdir()) == ["guests.csv", "timeline.png"]
+    assert sorted(path.name for path in results.iterdir()) == ["guests.csv", "robots.csv", "timeline.png"]
     (arguments,) = robot.waited
     assert arguments[-2:] == (("move_base", "sound_play", "listen", "recognize", "calls/listen"), 90.0)
     assert robot.published[-1].mission == "Evening"

@@ -1,5 +1,6 @@
 """The mission: the three stages of the challenge, and guests who call."""
 
+from collections import Counter
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
 from merlin_executor.mission import NOTHING, RESEND, MissionSM
@@ -13,6 +14,9 @@ from merlin_sm.states.speech import ListenState
 
 URGENT = 10
 """Priority of what a guest waits for; it interrupts the round of the tables, which goes on afterwards."""
+AT_ONCE = 11
+"""Priority of a call with several robots: what they serve is planned anew with what is called for."""
+TRIES = 2  # of several robots, to serve a table in one round: what one fails at ends the plan of all
 CLOSING_ROUNDS = 3  # at most, when a table could not be looked at after the restaurant had closed
 LISTEN = 30.0  # s of ROS time after which the robot begins to listen anew
 
@@ -24,6 +28,7 @@ class Evening(MissionSM):
     :param log: called with a line about what the mission decides and why.
     :param on_lost: END or RESEND, what happens to goals during which the Executor is lost.
     :param name: of the mission; the class name when empty.
+    :param robots: names of several robots; all that waits is then served by one plan for all of them.
     """
 
     def __init__(
@@ -32,13 +37,15 @@ class Evening(MissionSM):
         log: Callable[[str], None],
         on_lost: str = RESEND,
         name: str = "",
+        robots: Sequence[str] = (),
     ) -> None:
+        self._robots = list(robots)
         self._closed = closed
         self._narrate = log
         self._table = ""
         self._last_round = False
         self._closing_rounds = 0
-        self._tried: List[str] = []
+        self._tried: Counter = Counter()
         super().__init__(name, on_lost)
 
     def build(self) -> None:
@@ -55,7 +62,9 @@ class Evening(MissionSM):
             self.add_goal_state("SERVE", self._to_serve, {**then("SERVE"), NOTHING: "TIDY"}, priority=URGENT)
             self.add_goal_state("TIDY", self._to_bring_back, then("LOOK"), priority=URGENT)
             self.add_goal_state("LOOK", "(entrance_checked)", {SUCCEEDED: "GUIDE", ABORTED: "GUIDE"})
-            self.add_goal_state("GUIDE", self._to_guide, then("END"), priority=URGENT)
+            # A call does not interrupt this one: whom a robot leads would be left on the way.
+            guide = AT_ONCE if self._robots else URGENT
+            self.add_goal_state("GUIDE", self._to_guide, then("END"), priority=guide)
             rounds.add("END", FunctionState(self._end_round, outcomes=["open"]), {"open": "BEGIN"})
         return rounds
 
@@ -66,8 +75,13 @@ class Evening(MissionSM):
             listen = ListenState(CALL, LISTEN, "calls/listen")
             calls.add("LISTEN", listen, {SUCCEEDED: "NOTE", "misunderstood": "LISTEN", ABORTED: "LISTEN"})
             note = FunctionState(self._note_call, ["heard"], outcomes=["entrance", "no_call"])
-            meant = {SUCCEEDED: "SERVE", "entrance": "LOOK", "no_call": "LISTEN", ABORTED: "LISTEN"}
+            entrance = "SERVE" if self._robots else "LOOK"
+            meant = {SUCCEEDED: "SERVE", "entrance": entrance, "no_call": "LISTEN", ABORTED: "LISTEN"}
             calls.add("NOTE", note, meant)
+            if self._robots:
+                self.add_goal_state("SERVE", self._all_that_waits, then("GUIDE"), priority=AT_ONCE)
+                self.add_goal_state("GUIDE", self._to_guide, then("LISTEN"), priority=AT_ONCE)
+                return calls
             self.add_goal_state("SERVE", self._called, then("TIDY"), priority=URGENT)
             self.add_goal_state("TIDY", self._to_bring_back, then("LISTEN"), priority=URGENT)
             look = {SUCCEEDED: "GUIDE", ABORTED: "LISTEN"}
@@ -78,26 +92,50 @@ class Evening(MissionSM):
     def _begin_round(self, userdata: Any) -> None:
         """Looks at nothing as checked, and notes whether this is the last round."""
         self._last_round = self._closed()
-        self._tried = []
+        self._tried.clear()
         self._narrate(
             "closed: looks once more at what is not ready" if self._last_round else "checks all tables"
         )
         self.remove_facts([*self.facts("checked"), "(entrance_checked)"])
 
     def _tables(self, userdata: Any) -> List[str]:
-        """All tables; in the last round those that are not known to be ready."""
+        """All tables; in the last round those that are not known to be ready.
+
+        Several robots look at the entrance by the same plan.
+        """
         known = named_in(self.facts("ready")) if self._last_round else []
-        return [f"(checked {table})" for table in self.objects("table") if table not in known]
+        tables = [f"(checked {table})" for table in self.objects("table") if table not in known]
+        return [*tables, "(entrance_checked)"] if self._robots and tables else tables
 
     def _to_serve(self, userdata: Any) -> List[str]:
-        """The next table that needs serving, each once in a round."""
-        waiting = [table for table in named_in(self.facts("needs_serving")) if table not in self._tried]
-        self._tried += waiting[:1]
-        return [f"(already_served {table})" for table in waiting[:1]]
+        """The next table that needs serving, each once in a round; with several robots all such tables."""
+        tries = TRIES if self._robots else 1
+        waiting = [table for table in named_in(self.facts("needs_serving")) if self._tried[table] < tries]
+        next_ones = waiting if self._robots else waiting[:1]
+        self._tried.update(next_ones)
+        return [f"(already_served {table})" for table in next_ones]
+
+    def _all_that_waits(self, userdata: Any) -> List[str]:
+        """What several robots do after a call: serve each table that waits, and what is left of the round."""
+        tables = [f"(already_served {table})" for table in named_in(self.facts("needs_serving"))]
+        return [*tables, *self._to_bring_back(userdata), *self._left_of_the_round()]
+
+    def _left_of_the_round(self) -> List[str]:
+        """What a robot that is not needed for anything urgent looks at meanwhile."""
+        looks = dict.fromkeys([*self._tables(None), "(entrance_checked)"])
+        return [goal for goal in looks if not self.holds(goal)]
 
     def _to_bring_back(self, userdata: Any) -> List[str]:
         """What is still on the tray: its guests have left."""
-        return ["(tray_free)"] if self.facts("carrying") else []
+        carried = [fact for fact in self.facts("carrying") if not self.out_of_reach(fact)]
+        if self._robots:
+            return [f"(tray_free {robot})" for robot in dict.fromkeys(named_in(carried))]
+        return ["(tray_free)"] if carried else []
+
+    def out_of_reach(self, fact: str) -> bool:
+        """Whether a fact is about a robot that takes no actions: nothing can be done about it."""
+        names = fact.strip("()").split()[1:]
+        return any(name in self._robots and not self.holds(f"(available {name})") for name in names)
 
     def _to_guide(self, userdata: Any) -> List[str]:
         """A client who waits, if there is a free table."""
@@ -105,11 +143,14 @@ class Evening(MissionSM):
         if clients and not self.facts("ready"):
             self._narrate(f"{clients[0]} has to wait: no table is known to be free")
             return []
-        return [f"(seated {client})" for client in clients[:1]]
+        seated = [f"(seated {client})" for client in clients[:1]]
+        if not self._robots or not seated:
+            return seated
+        return [*seated, *self._to_bring_back(userdata), *self._left_of_the_round()]
 
     def _note_call(self, userdata: Any) -> Optional[str]:
         """What a call means: a table needs serving, or a client is at the entrance."""
-        if not self.holds("(quiet)"):
+        if not self._robots and not self.holds("(quiet)"):
             self._narrate("takes that for a part of the conversation that it is in")
             return "no_call"
         table = self._table = table_called(userdata.heard)

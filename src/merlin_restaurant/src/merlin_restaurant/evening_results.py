@@ -14,9 +14,11 @@ from matplotlib.patches import Patch
 
 from merlin_executor.core.robot_story import Deed
 from merlin_restaurant.evening_record import COLUMNS, EveningRecord, GuestAccount
+from merlin_restaurant.robots_account import robot_of
 
 COLORS = {
     "navigate": "#9bb7d4",
+    "take_over": "#444444",
     "check_table": "#d9b44a",
     "take_order": "#6aa56a",
     "order_to_barman": "#c06c3e",
@@ -68,17 +70,21 @@ def write_guests(path: Path, record: EveningRecord) -> None:
         writer.writerows(record.rows())
 
 
-def plot_timeline(path: Path, deeds: Sequence[Deed], record: EveningRecord, start: float) -> None:
-    """Draws what the robot did, and each guest from coming to leaving; s since `start`."""
+def plot_timeline(
+    path: Path, deeds: Sequence[Deed], record: EveningRecord, start: float, robots: Sequence[str] = ("",)
+) -> None:
+    """Draws what each robot did, and each guest from coming to leaving; s since `start`."""
     accounts = list(record.guests.values())
-    figure, axes = plt.subplots(figsize=(14, 1.6 + 0.5 * (len(accounts) + 1)))
+    rows = len(accounts) + len(robots)
+    figure, axes = plt.subplots(figsize=(14, 1.6 + 0.5 * rows))
     for deed in deeds:
-        _draw_deed(axes, deed, start)
+        _draw_deed(axes, len(robots) - 1 - robots.index(robot_of(deed, robots)), deed, start)
     end = max([deed.ended - start for deed in deeds] + [1.0])
     for number, account in enumerate(accounts, start=1):
         _draw_guest(axes, -number, account, end)
-    axes.set_yticks([0, *(-number for number in range(1, len(accounts) + 1))])
-    axes.set_yticklabels(["robot", *(f"{account.name}  {account.table}".strip() for account in accounts)])
+    axes.set_yticks(range(len(robots) - 1, -len(accounts) - 1, -1))
+    names = [robot or "robot" for robot in robots]
+    axes.set_yticklabels([*names, *(f"{account.name}  {account.table}".strip() for account in accounts)])
     axes.set_xlabel("s of simulated time")
     axes.set_xlim(0, end)
     for side in ("top", "right", "left"):
@@ -96,9 +102,7 @@ def plot_timeline(path: Path, deeds: Sequence[Deed], record: EveningRecord, star
     ]
     guests = [Patch(color=color, label=text) for _, _, color, text in PHASES]
     guests.append(Line2D([], [], color=FAILED, marker="x", linestyle="", label="leaves unserved"))
-    below = -0.8 / (
-        0.5 * (len(accounts) + 1)
-    )  # the legends keep their distance, however many guests there are
+    below = -0.8 / (0.5 * rows)  # the legends keep their distance, however many guests there are
     first = axes.legend(handles=robot, title="robot", bbox_to_anchor=(0.0, below), ncol=4, **LEGEND)
     axes.add_artist(first)
     axes.legend(handles=guests, title="guests", bbox_to_anchor=(0.68, below), ncol=2, **LEGEND)
@@ -111,10 +115,10 @@ def _operator(deed: Deed) -> str:
     return deed.text.strip("()").split()[0]
 
 
-def _draw_deed(axes: plt.Axes, deed: Deed, start: float) -> None:
+def _draw_deed(axes: plt.Axes, row: int, deed: Deed, start: float) -> None:
     failed = bool(deed.reason) and deed.reason != "cancelled"
     axes.barh(
-        0,
+        row,
         max(0.5, deed.ended - deed.begun),
         left=deed.begun - start,
         color=COLORS.get(_operator(deed), "#999999"),

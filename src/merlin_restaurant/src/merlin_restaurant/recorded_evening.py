@@ -6,7 +6,7 @@ results not be written, 130 when it was interrupted.
 
 import threading
 from pathlib import Path
-from typing import List, Optional
+from typing import List, Optional, Sequence
 
 import rospy
 from merlin_msgs.msg import GuestEvent
@@ -15,6 +15,7 @@ from merlin_executor.mission import RESEND, MissionError, results_folder
 from merlin_restaurant.evening import Evening
 from merlin_restaurant.evening_record import EveningRecord
 from merlin_restaurant.robot_watch import RobotWatch
+from merlin_restaurant.robots_account import robot_rows, robot_table, write_robots
 from merlin_restaurant.table_state import STATES
 from merlin_sm.states.merlin_state import SUCCEEDED
 
@@ -32,23 +33,32 @@ class RecordedEvening(Evening):
 
     :param results: folder.
     :param on_lost: END or RESEND, what happens to goals during which the Executor is lost.
+    :param robots: names of several robots, which share the evening by one plan; none: there is one.
     :raises ParameterError: when the folder cannot be made.
     :raises ValueError: for another `on_lost`.
     """
 
-    servers = ("move_base", "sound_play", "listen", "recognize", "calls/listen")
+    servers: Sequence[str] = ("move_base", "sound_play", "listen", "recognize", "calls/listen")
     startup_timeout = 90.0
     tells = False  # it does so itself, with the guests
 
-    def __init__(self, results: Path = Path("results/restaurant"), on_lost: str = RESEND) -> None:
+    def __init__(
+        self, results: Path = Path("results/restaurant"), on_lost: str = RESEND, robots: Sequence[str] = ()
+    ) -> None:
         self._start: Optional[float] = None
         self._outcome = ""
         self._print = threading.Lock()  # one line at a time
         self._record_lock = threading.Lock()  # guards the record
         self._record = EveningRecord()
-        super().__init__(self._closed, lambda text: self._line("mission", text), on_lost, name="Evening")
+        super().__init__(self._closed, lambda text: self._line("mission", text), on_lost, "Evening", robots)
+        self._names = list(robots) or [""]
+        if robots:
+            here = [f"{robot}/{server}" for robot in robots for server in self.servers[:-1]]
+            self.servers = (*here, self.servers[-1])
         self._results = results_folder(results)
-        self._watch = RobotWatch(lambda text: self._line("robot", text), self._delivered, self._failed)
+        self._watch = RobotWatch(
+            lambda text: self._line("robot", text), self._delivered, self._failed, self._names
+        )
         rospy.Subscriber("restaurant/guests", GuestEvent, self._guest, queue_size=100)
 
     def carry_out(self) -> bool:
@@ -67,7 +77,9 @@ class RecordedEvening(Evening):
             table: next((state for state in STATES if self.holds(f"({state} {table})")), "")
             for table in self.objects("table")
         }
-        held = [fact for predicate in UNDER_WAY for fact in self.facts(predicate)]
+        held = [
+            fact for predicate in UNDER_WAY for fact in self.facts(predicate) if not self.out_of_reach(fact)
+        ]
         problems = [] if succeeded else [f"the mission ended with {self._outcome}: {self.reason}"]
         with self._record_lock:
             self._record.close(states, held)
@@ -80,18 +92,22 @@ class RecordedEvening(Evening):
         with self._record_lock:
             problems += self._record.problems()
             print("\n" + "\n".join(guest_table(self._record)) + "\n")
+        robots = robot_rows(self._watch.deeds, self._names, self._watch.mileage)
+        print("\n".join(robot_table(robots)) + "\n")
         for problem in problems:
             print(f"NOT BALANCED: {problem}")
         if not problems:
             print(BALANCED)
         table, timeline = self._results / "guests.csv", self._results / "timeline.png"
+        shares = self._results / "robots.csv"
         try:
             with self._record_lock:
                 write_guests(table, self._record)
-                plot_timeline(timeline, self._watch.deeds, self._record, self._begun)
+                plot_timeline(timeline, self._watch.deeds, self._record, self._begun, self._names)
+            write_robots(shares, robots)
         except OSError as error:
             raise MissionError(f"the results cannot be written: {error}") from error
-        print(f"written: {table}\nwritten: {timeline}", flush=True)
+        print(f"written: {table}\nwritten: {shares}\nwritten: {timeline}", flush=True)
         return not problems
 
     @property

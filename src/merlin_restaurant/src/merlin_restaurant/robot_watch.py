@@ -1,22 +1,25 @@
 """What the robot does, believes and says, for log, timeline and record. It changes nothing."""
 
 import threading
-from typing import Callable, List, Set
+from typing import Callable, List, Sequence, Set
 
 import rospy
 from merlin_msgs.msg import KnowledgeChanges, ListenActionResult
+from nav_msgs.msg import Odometry
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.mission.robot_log import RobotLog
+from merlin_restaurant.robots_account import Mileage
 from merlin_sm.knowledge_text import to_pddl
 
 
 class RobotWatch(RobotLog):
-    """Listens to the planning system and to the robot's speech.
+    """Listens to the planning system and to the robots' speech, and counts their metres.
 
     :param log: takes a line of what happens.
     :param on_delivery: called with a table and its items when the robot has delivered them.
     :param on_failure: called with an action as PDDL and the reason.
+    :param robots: the namespaces of several; an empty one: the only robot has none.
     """
 
     def __init__(
@@ -24,12 +27,17 @@ class RobotWatch(RobotLog):
         log: Callable[[str], None],
         on_delivery: Callable[[str, List[str]], None],
         on_failure: Callable[[str, str], None],
+        robots: Sequence[str] = ("",),
     ) -> None:
         self._log = log
         self._on_delivery = on_delivery
         self._lock = threading.Lock()  # guards the facts
         self._facts: Set[str] = set()
-        super().__init__(log, on_failure)
+        self.mileage = Mileage()
+        super().__init__(log, on_failure, robots)
+        for robot in robots:
+            name = f"{robot}/odom" if robot else "odom"
+            rospy.Subscriber(name, Odometry, self.mileage.move, robot, queue_size=5, tcp_nodelay=True)
         for topic, kind, receive in (
             ("rosplan_knowledge_base/changes", KnowledgeChanges, self._learned),
             ("calls/listen/result", ListenActionResult, self._heard_call),
@@ -41,10 +49,10 @@ class RobotWatch(RobotLog):
         delivered = []
         with self._lock:
             for fact in added:
+                table = fact.strip("()").split()[-1]
                 if fact.startswith("(already_served") and any(
-                    fact.replace("already_served", "carrying") == gone for gone in removed
+                    gone.startswith("(carrying") and gone.endswith(f" {table})") for gone in removed
                 ):
-                    table = fact.strip("()").split()[1]
                     wanted = [item.strip("()").split() for item in self._facts if item.startswith("(wants")]
                     delivered.append((table, [words[2] for words in wanted if words[1] == table]))
             self._facts.difference_update(removed)
@@ -58,7 +66,7 @@ class RobotWatch(RobotLog):
     def _heard_call(self, result: ListenActionResult) -> None:
         # This ear hears every answer that is meant for the other one, too.
         if result.result.text:
-            self._heard(result)
+            self._heard(result, "")
 
 
 TOLD = (

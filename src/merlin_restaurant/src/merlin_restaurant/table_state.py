@@ -44,8 +44,15 @@ def decide(people: int, dishes: Sequence[str]) -> str:
 
 
 def remember_state(robot: MerlinROSPlanAssistant, table: str, state: str) -> None:
-    """Makes one of the four states true and the others false; an order of guests who left is forgotten."""
+    """Makes one of the four states true and the others false; an order of guests who left is forgotten.
+
+    Where the domain has waiters, the next guest gets a new one.
+    """
     forgotten = [f"({other} {table})" for other in STATES if other != state]
+    added = [f"({state} {table})"]
     if state != "needs_serving":
         forgotten.append(f"(ordered {table})")
-    robot.change_facts(add=[f"({state} {table})"], remove=forgotten)
+        if "waiter" in robot.knowledge.predicates():
+            added.append(f"(unclaimed {table})")
+            forgotten += [fact for fact in robot.facts("waiter") if fact.endswith(f" {table})")]
+    robot.change_facts(add=added, remove=forgotten)

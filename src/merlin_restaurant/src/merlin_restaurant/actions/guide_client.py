@@ -20,6 +20,8 @@ class GuideClient(MerlinActionSM):
 
     parameters = ["c", "t"]
     if_interrupted = ["(robot_at anywhere)", "(ready ?t)"]
+    greeted = "(greeted {c})"
+    """What is forgotten with a lost client."""
 
     def build(self) -> None:
         """INVITE → LEAD → OFFER_SEAT → LOOK → SEATED; a client behind leads to CALL → WAIT (→ SAY_LOST)."""
@@ -36,7 +38,7 @@ class GuideClient(MerlinActionSM):
         self.add("WAIT", wait, {"succeeded": "LEAD", "lost": "SAY_LOST"})
         say_lost = self.state("speak", "I am sorry, I have lost you. Please wait at the entrance.")
         self.add("SAY_LOST", say_lost, {"succeeded": "GONE", "aborted": "GONE"})
-        self.add("GONE", self.state("function", self._gone, ["c"]))
+        self.add("GONE", self.state("function", self._gone, self.parameters))
         seat = self.state("speak", "This is {t}. Please take a seat.", ["t"])
         self.add("OFFER_SEAT", seat, {"succeeded": "LOOK"})
         self.add("LOOK", self.state("recognize", ["person"]), {"succeeded": "SEATED"})
@@ -57,5 +59,5 @@ class GuideClient(MerlinActionSM):
         return "not_yet"
 
     def _gone(self, userdata: Any) -> None:
-        self.remove_facts(f"(greeted {userdata.c})")
+        self.remove_facts(self.greeted.format(**{name: userdata[name] for name in self.parameters}))
         raise ValueError(f"{userdata.c} does not follow any more")

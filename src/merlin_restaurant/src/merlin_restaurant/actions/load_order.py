@@ -1,33 +1,33 @@
 """The action (load_order ?t): have an order put on the robot's tray."""
 
-from typing import Any, Optional
+from typing import Any
 
-from merlin_actions.merlin_action_sm import MerlinActionSM
+from py_trees.behaviour import Behaviour
+from py_trees.composites import Sequence
+from py_trees.decorators import Retry
+
+from merlin_actions.merlin_action_bt import MerlinActionBT
 from merlin_restaurant.actions.order_to_barman import PICKUP
 from merlin_restaurant.menu import HERE_YOU_ARE, MENU, listed
 from merlin_restaurant.table_state import seen_near, spot
 
+TRIES = 5
 
-class LoadOrder(MerlinActionSM):
-    """Asks the barman, and sees that nothing of the order stays on the bar."""
+
+class LoadOrder(MerlinActionBT):
+    """Asks the barman, and sees that nothing of the order stays on the bar; a behaviour tree."""
 
     parameters = ["t"]
 
-    def build(self) -> None:
-        """ASK → LOOK → NOTHING_LEFT; what is left leads back to ASK."""
-        ask = self.state("ask", "Please put the order of {t} on my tray.", HERE_YOU_ARE, ["t"])
-        self.add("ASK", ask, {"succeeded": "LOOK", "misunderstood": "aborted"})
-        self.add("LOOK", self.state("recognize", MENU), {"succeeded": "NOTHING_LEFT"})
-        left = self.state("function", self._left, ["detections"], outcomes=["left"])
-        self.register_start_cb(self._begin)
-        self.add("NOTHING_LEFT", left, {"left": "ASK"})
+    def tree(self) -> Behaviour:
+        """ASK, LOOK, NOTHING_LEFT, and from the beginning as long as one of them fails."""
+        text = "Please put the order of {t} on my tray."
+        ask = self.behaviour("ASK", self.state("ask", text, HERE_YOU_ARE, ["t"], attempts=1))
+        look = self.behaviour("LOOK", self.state("recognize", MENU))
+        left = self.behaviour("NOTHING_LEFT", self.state("function", self._left, ["detections"]))
+        return Retry("UNTIL_LOADED", Sequence("LOAD", memory=True, children=[ask, look, left]), TRIES)
 
-    def _begin(self, *_: Any) -> None:
-        self._looks = 0
-
-    def _left(self, userdata: Any) -> Optional[str]:
+    def _left(self, userdata: Any) -> None:
         left = seen_near(userdata.detections, spot("bar", 0.8), PICKUP)
-        self._looks += 1
-        if left and self._looks > 4:
+        if left:
             raise ValueError(f"the barman leaves it on the bar: {listed(left)}")
-        return "left" if left else None
