@@ -6,7 +6,7 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from matrices.trial import Trial
 
@@ -216,6 +216,9 @@ def test_paths_are_as_short_as_a_search_over_many_points_finds_them(
     boxes: List[Box], x: float, y: float, goal_y: float
 ) -> None:
     start, goal = (x, y), (4.9, goal_y)
+    # Between some boxes there is room to a millimetre, which is less than the search can tell.
+    thin, thick = (ShortestPaths(outlines(boxes), radius).path(start, goal) for radius in (0.245, 0.255))
+    assume(thick.length - thin.length < 0.1)
     there = paths(*boxes).path(start, goal)
     assert there.length == pytest.approx(paths(*boxes).path(goal, start).length, abs=1e-6)
     assert there.length == pytest.approx(_searched(boxes, start, goal), abs=0.02)

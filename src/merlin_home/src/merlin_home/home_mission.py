@@ -13,7 +13,7 @@ class HomeMission(GoalDispatcher):
     :param tasks: length of the list; 0: that of the mission.
     :param seed: of the list.
     :param marked_share: share of marked tasks, 0 to 1.
-    :param cancel_after: s of running time between sending and cancelling a marked task.
+    :param cancel_after: s of ROS time between sending and cancelling a marked task.
     :param points: points of interest to visit, separated by blanks; empty: all of the world.
     :raises ValueError: when no such list can be made.
     """
