@@ -1,0 +1,1 @@
+"""A fleet on one machine: robots in network namespaces, links that are cut, robots that are killed."""

@@ -1,0 +1,1 @@
+"""Goals of a fleet: which robot executes which, over an etcd that all robots reach."""

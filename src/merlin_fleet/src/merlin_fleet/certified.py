@@ -1,0 +1,66 @@
+"""Certificates of one side of the connection to the hub, and what is wrong with them."""
+
+import socket
+import ssl
+from typing import NamedTuple
+
+import grpc
+
+
+class HubError(Exception):
+    """etcd has not answered, or refuses. A transaction may have been done all the same."""
+
+
+class Tls(NamedTuple):
+    """Files of certificates."""
+
+    ca: str
+    certificate: str
+    key: str
+
+    def credentials(self) -> grpc.ChannelCredentials:
+        """What grpc makes of them.
+
+        :raises HubError: for files that cannot be read, or do not belong together.
+        """
+        self.context()
+        parts = []
+        for path in (self.ca, self.key, self.certificate):
+            try:
+                with open(path, "rb") as file:
+                    parts.append(file.read())
+            except OSError as error:
+                raise HubError(f"the certificate cannot be read: {error}") from None
+        return grpc.ssl_channel_credentials(*parts)
+
+    def context(self) -> ssl.SSLContext:
+        """What Python makes of them.
+
+        :raises HubError: for files that cannot be read, or do not belong together.
+        """
+        context = ssl.create_default_context(ssl.Purpose.SERVER_AUTH)
+        try:
+            context.load_verify_locations(self.ca)
+            context.load_cert_chain(self.certificate, self.key, password=lambda: "")
+        except OSError as error:  # those of ssl are such errors, too
+            files = f"{self.ca}, {self.certificate} and {self.key}"
+            raise HubError(f"the certificates {files} cannot be read or do not fit: {error}") from None
+        return context
+
+
+def certificate_problem(endpoint: str, tls: Tls, timeout: float) -> str:
+    """Tries a connection: whether it fails for the certificates, and why; empty: it does not."""
+    host, _, port = endpoint.rpartition(":")
+    try:
+        plain = socket.create_connection((host.strip("[]"), int(port)), timeout)
+        with plain, tls.context().wrap_socket(plain, server_hostname=host.strip("[]")) as stream:
+            # The hub looks at the client's certificate only after this side has ended its handshake.
+            stream.sendall(b"GET /version HTTP/1.0\r\n\r\n")
+            stream.recv(1)
+    except ssl.SSLCertVerificationError as error:
+        return f"the hub's certificate is not one for {host} that {tls.ca} has signed: {error.verify_message}"
+    except ssl.SSLError as error:
+        return f"the hub does not take the certificate {tls.certificate}: {error.reason}"
+    except (OSError, ValueError):
+        pass
+    return ""

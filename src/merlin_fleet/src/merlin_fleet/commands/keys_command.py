@@ -1,0 +1,98 @@
+"""The command `rosrun merlin_fleet keys`: a lab's certificates, and the rights that etcd gives to them."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import List, Optional
+
+from merlin_fleet.certificates import (
+    ADMINISTRATOR,
+    CLIENT,
+    ROBOT,
+    CertificateError,
+    Folder,
+    make_certificates,
+)
+from merlin_fleet.certified import HubError
+from merlin_fleet.core.records import RecordError
+from merlin_fleet.fleet_client import DEFAULT_FLEET
+from merlin_fleet.hub import DEFAULT_ENDPOINT, EtcdHub
+from merlin_fleet.roles import Roles
+
+EXIT_MISTAKES = 2
+TIMEOUT = 20.0  # s for each answer of etcd, which writes all of this to its disk
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """Does what is asked; returns the exit code: 0, 2 for a mistake or no hub."""
+    given = _parser().parse_args(arguments)
+    try:
+        given.do(given)
+        return 0
+    except (CertificateError, RecordError, HubError) as error:
+        print(f"keys {given.what}: {error}", file=sys.stderr)
+        return EXIT_MISTAKES
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="rosrun merlin_fleet keys", description="A lab's certificates, and what etcd allows with them."
+    )
+    actions = parser.add_subparsers(dest="what", required=True)
+    make = actions.add_parser("make", help="make the certificates that are missing in a folder")
+    make.add_argument("folder", type=Path)
+    make.add_argument(
+        "--host", action="append", default=[], help="name or address of the hub; may be repeated"
+    )
+    for kind in (ROBOT, CLIENT):
+        make.add_argument(f"--{kind}", action="append", default=[], metavar="NAME", help="may be repeated")
+    make.add_argument("--days", type=int, default=3650, help="for which they are valid (%(default)s)")
+    make.set_defaults(do=_make)
+    hub = argparse.ArgumentParser(add_help=False)
+    hub.add_argument("folder", type=Path, help="with the certificates, that of the administrator too")
+    hub.add_argument("--hub", default=DEFAULT_ENDPOINT, help="host:port,host:port of etcd")
+    hub.add_argument("--fleet", default=DEFAULT_FLEET, help="name of the fleet")
+    allow = actions.add_parser(
+        "allow",
+        parents=[hub],
+        help="give each robot and client of the folder its rights, and take those of all others",
+    )
+    allow.set_defaults(do=_allow)
+    remove = actions.add_parser("remove", parents=[hub], help="take all rights from a certificate")
+    remove.add_argument("name", help="robot.NAME or client.NAME")
+    remove.set_defaults(do=_remove)
+    return parser
+
+
+def _make(given: argparse.Namespace) -> None:
+    for name in make_certificates(given.folder, given.host, given.robot, given.client, given.days):
+        print(given.folder / f"{name}.pem")
+
+
+def _allow(given: argparse.Namespace) -> None:
+    folder = Folder(given.folder)
+    with _roles(given) as roles:
+        for name in roles.set(folder.names(ROBOT), folder.names(CLIENT)):
+            print(f"{name} has its rights in the fleet '{given.fleet}'")
+
+
+def _remove(given: argparse.Namespace) -> None:
+    with _roles(given) as roles:
+        roles.remove(given.name)
+    print(f"{given.name} has no rights any more")
+
+
+class _roles:
+    """Roles over a connection of the administrator's, which ends with the block."""
+
+    def __init__(self, given: argparse.Namespace) -> None:
+        tls = Folder(given.folder).tls(ADMINISTRATOR)
+        endpoints = [each for each in given.hub.split(",") if each]
+        self._hub = EtcdHub("/merlin/", endpoints, tls, TIMEOUT)
+        self._roles = Roles(self._hub, given.fleet)
+
+    def __enter__(self) -> Roles:
+        return self._roles
+
+    def __exit__(self, *_: object) -> None:
+        self._hub.close()

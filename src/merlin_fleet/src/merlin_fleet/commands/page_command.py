@@ -1,0 +1,57 @@
+"""`rosrun merlin_fleet fleet page`: serves the fleet's page until Ctrl-C."""
+
+import argparse
+import sys
+from pathlib import Path
+
+import rospkg
+
+from merlin_fleet.fleet_client import FleetClient, FleetError
+from merlin_fleet.page.fleet_control import FleetControl
+from merlin_fleet.page.fleet_page import PANELS, FleetPage
+from merlin_monitor.access.operators import Operators, OperatorsError
+from merlin_monitor.access.tls import TlsError, read_tls
+from merlin_monitor.access.web_access import WebAccess
+from merlin_monitor.panel_scripts import script_file
+from merlin_monitor.web.open_command import wait_for_end
+from merlin_monitor.web.web_server import ServerError, WebServer
+
+
+def serve(client: FleetClient, given: argparse.Namespace) -> int:
+    """Serves the page until a signal ends it; returns the exit code.
+
+    :raises FleetError: when it cannot be served.
+    """
+    try:
+        _serve(client, given)
+    except (ServerError, OperatorsError, TlsError, ValueError) as error:
+        raise FleetError(str(error)) from error
+    return 0
+
+
+def _serve(client: FleetClient, given: argparse.Namespace) -> None:
+    operators = Operators(given.operators)
+    tls = read_tls(given.page_certificate, given.page_key)
+    if tls is not None and tls.warning:
+        print(f"fleet page: {tls.warning}", file=sys.stderr)
+    page = FleetPage(client, operators)
+    server = WebServer(
+        page,
+        Path(rospkg.RosPack().get_path("merlin_monitor")) / "web",
+        WebAccess(given.host, given.allowed_host, operators),
+        FleetControl(client),
+        given.host,
+        given.port,
+        {panel["name"]: script_file(panel["script"]) for panel in PANELS},
+        tls.context if tls else None,
+    )
+    page.start()
+    try:
+        server.start()
+        if given.port and server.port != given.port:
+            print(f"fleet page: port {given.port} is taken, using {server.port}", file=sys.stderr)
+        print(f"{server.address}  (Ctrl-C ends it)", flush=True)
+        wait_for_end(key=False)
+    finally:
+        server.stop()
+        page.stop()

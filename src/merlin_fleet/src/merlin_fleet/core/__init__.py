@@ -1,0 +1,1 @@
+"""The protocol of the fleet: events in, decisions out. Without ROS and without network."""

@@ -1,0 +1,244 @@
+"""Bids for open goals, and the end of open goals whose deadline has passed."""
+
+from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
+
+from merlin_fleet.core import events as ev
+from merlin_fleet.core import records
+from merlin_fleet.core.auction import lot, order, take_at, unsuited
+from merlin_fleet.core.possession import MISSED
+from merlin_fleet.core.records import Bid, Bids, Goal, Report
+from merlin_fleet.core.store import Compare, Put, Txn
+from merlin_fleet.core.view import GoalState
+
+if TYPE_CHECKING:
+    from merlin_fleet.core.agent import Agent
+
+FULL = "it has enough to do"
+LOTS = 1 << 16  # into so many parts the time over which a crowd bids is divided
+
+
+class Bidding:
+    """Bids for open goals."""
+
+    def __init__(self, agent: "Agent") -> None:
+        self._agent = agent
+        self._costs: Dict[str, Bid] = {}
+        self._costed_at: Dict[str, float] = {}
+        self._queue = -1
+        self._asked: Optional[str] = None
+        self._opened: Dict[str, float] = {}
+        self._written: Optional[Bids] = None
+        self._written_at = 0.0
+        self._gathering_since: Optional[float] = None
+        self._moments: List[float] = []
+        self._overdue = 0
+        self._refusals = 0
+        self._seen: tuple = ()
+        self._considered: List[Goal] = []
+
+    def moments(self) -> List[float]:
+        """When something has to be decided."""
+        return [moment for moment in self._moments if moment > self._agent.now]
+
+    def costed(self, event: ev.Costed) -> None:
+        """The cost of a goal is known."""
+        self._asked = None
+        if event.queue == self._queue:
+            before = self._costs.get(event.goal)
+            old = "; ".join(self._agent.sharing.stale) if event.cost is not None else ""
+            self._costs[event.goal] = bid = Bid(event.cost, event.reason or old)
+            self._costed_at[event.goal] = self._agent.now
+            self._refusals += _refuses(before) is not _refuses(bid)
+
+    def decide(self) -> None:
+        """Ends what is overdue, asks for costs, writes bids, takes goals."""
+        agent = self._agent
+        self._moments = []
+        if not agent.joined or agent.leaving:
+            self._opened, self._written = {}, None
+            return
+        self._end_overdue()
+        if self._queue != agent.possession.version:
+            self._queue, self._costs, self._costed_at = agent.possession.version, {}, {}
+        full = len(agent.possession.owned) >= agent.rules.most_owned  # a claim under way may be in vain
+        considered = [] if full else self._consider()
+        self._opened = {goal.id: self._opened.get(goal.id, agent.now) for goal in considered}
+        self._write(Bids({}, FULL) if full else Bids(self._bids(considered)))
+        for goal in considered:
+            self._take(goal)
+
+    def _consider(self) -> List[Goal]:
+        """The goals for which it bids; behind them those that it refuses."""
+        view, pool = self._agent.view, self._agent.rules.most_bids
+        while pool < self._with_room():
+            pool *= 2  # about as many goals as will have an owner soon
+        seen = (id(view), view.version, pool, self._overdue, self._queue, self._refusals)
+        if seen != self._seen:
+            self._seen = seen
+            self._costs = {
+                name: bid for name, bid in self._costs.items() if view.state(name) is GoalState.OPEN
+            }
+            self._costed_at = {name: self._costed_at[name] for name in self._costs}
+            suited, refused = self._choose(pool)
+            self._considered = self._keep(suited, self._share(suited)) + refused
+        return self._considered
+
+    def _keep(self, all_goals: List[Goal], goals: List[Goal]) -> List[Goal]:
+        """The first goals; or those of last time, while half of them are open and none is new before them."""
+        most = self._agent.rules.most_bids
+        kept = [goal for goal in goals if goal.id in self._opened]
+        new = next((goal for goal in goals[:most] if goal.id not in self._opened), None)
+        if len(all_goals) > most < 2 * len(kept) and (new is None or order(kept[-1]) < order(new)):
+            return kept[:most]
+        return goals[:most]
+
+    def _choose(self, pool: int) -> Tuple[List[Goal], List[Goal]]:
+        agent = self._agent
+        view, most = agent.view, agent.rules.most_bids
+        suited: List[Goal] = []
+        refused: List[Goal] = []
+        for *_, name in view.open:
+            goal = view.goals[name]
+            if name in agent.possession.owned or (goal.deadline is not None and goal.deadline <= agent.wall):
+                continue
+            cost = self._costs.get(name)
+            if _refuses(cost):
+                refused.append(goal)
+            else:
+                suited.append(goal)
+                if len(suited) >= pool:
+                    break
+        refused += [view.goals[name] for *_, name in view.unsuited[:most]]
+        return suited, refused[:most]
+
+    def _share(self, goals: List[Goal]) -> List[Goal]:
+        """Where many robots and many goals are free, a robot bids for some: each goal has some bids.
+
+        All robots bid for the first goal, so none is left for ever.
+        """
+        robot, parts = self._agent.robot.name, 1
+        while len(goals) > parts * self._agent.rules.most_bids:
+            parts *= 2  # so a share stays what it is, or is halved, when the number of goals changes
+        return [goal for goal in goals if goal is goals[0] or lot(goal.id, robot) % parts == 0]
+
+    def _with_room(self) -> int:
+        view = self._agent.view
+        return len(view.lives) - view.offers.closed
+
+    def _bids(self, considered: List[Goal]) -> Dict[str, Bid]:
+        agent = self._agent
+        bids = {}
+        for goal in considered:
+            reason = unsuited(goal, agent.robot)
+            bid = Bid(None, reason) if reason else self._costs.get(goal.id)
+            if bid is not None and self._useful(goal, bid):
+                bids[goal.id] = bid
+        self._ask([goal for goal in considered if not unsuited(goal, agent.robot)])
+        return bids
+
+    def _ask(self, goals: List[Goal]) -> None:
+        """Asks for one cost: of a goal that has none, or for the oldest, as much may have changed."""
+        agent = self._agent
+        goal = min(goals, key=lambda each: self._costed_at.get(each.id, -1.0), default=None)
+        if goal is None or self._asked is not None:
+            return
+        if goal.id in self._costs:
+            moment = self._costed_at[goal.id] + agent.rules.ask_again
+            if agent.now < moment:
+                self._moments.append(moment)
+                return
+        self._asked = goal.id
+        agent.decided.append(ev.AskCost(goal, tuple(agent.possession.queue()), self._queue))
+
+    def _useful(self, goal: Goal, bid: Bid) -> bool:
+        """Whether a bid is written: in a crowd not all bid, and not at once."""
+        agent, times = self._agent, self._agent.rules.auction
+        if (self._written is not None and goal.id in self._written.of) or self._with_room() <= times.crowd:
+            return True
+        name, offers = agent.robot.name, agent.view.offers
+        if bid.cost is None:
+            before = offers.answers(goal.id) - offers.closed
+        else:
+            before = offers.cheaper(goal.id, name, bid.cost)
+        opened = self._opened[goal.id]
+        turn = times.spread * (lot(name, "") % LOTS) / LOTS  # so a robot writes at most once in `spread`
+        moment = opened + (turn - opened) % times.spread
+        if before < times.enough and agent.now < moment:
+            self._moments.append(moment)
+        return before < times.enough and agent.now >= moment
+
+    def _write(self, bids: Bids) -> None:
+        """Writes what is new. Bids for goals that are not open any more do no harm: they go out then."""
+        agent, before = self._agent, self._written
+        if before is not None and bids.reason == before.reason and bids.of.items() <= before.of.items():
+            self._gathering_since = None
+            if agent.view.offers.of(agent.robot.name) == before or (
+                agent.now < self._written_at + 3 * agent.rules.retry
+            ):
+                return  # an older put that came late is written over
+        elif not bids.reason and self._gathers():
+            return
+        key = agent.keys.key(records.BIDS, agent.robot.name)
+        put = Put(key, records.encode_bids(bids), agent.tenure.lease)
+        if agent.transact("bids", Txn((agent.mine(),), (put,))):
+            self._written, self._written_at = bids, agent.now
+
+    def _gathers(self) -> bool:
+        """Whether the costs that were asked for are awaited, to be written together."""
+        agent = self._agent
+        if self._asked is None:
+            self._gathering_since = None
+            return False
+        if self._gathering_since is None:
+            self._gathering_since = agent.now
+        moment = self._gathering_since + agent.rules.gather
+        self._moments.append(moment)
+        return agent.now < moment
+
+    def _take(self, goal: Goal) -> None:
+        agent = self._agent
+        own = agent.view.offers.of(agent.robot.name)
+        if own is None or own.of.get(goal.id) != self._costs.get(goal.id) or agent.possession.full():
+            return  # what the others see is not up to date
+        opened, joined = self._opened[goal.id], len(agent.view.lives)
+        times = agent.rules.auction
+        moment = take_at(goal.id, agent.robot.name, agent.view.offers, joined, opened, times)
+        if moment is None:
+            return
+        if agent.now >= moment:
+            agent.possession.claim(goal)
+        else:
+            self._moments.append(moment)
+
+    def _end_overdue(self) -> None:
+        """Ends open goals whose deadline has passed; the robots have their turns one after the other."""
+        agent = self._agent
+        robots: List[str] = []
+        self._overdue = 0
+        for deadline, name in agent.view.due:
+            if deadline > agent.wall:
+                self._moments.append(agent.now + deadline - agent.wall)
+                return
+            self._overdue += 1
+            robots = robots or sorted(agent.view.lives)
+            turn = (robots.index(agent.robot.name) + lot(name, "")) % len(robots) * agent.rules.retry
+            if agent.wall >= deadline + turn:
+                self._miss(name)
+            else:
+                self._moments.append(agent.now + deadline + turn - agent.wall)
+
+    def _miss(self, goal: str) -> None:
+        agent, keys = self._agent, self._agent.keys
+        end = keys.key(records.ENDS, agent.robot.name, goal)
+        report = Report(goal, agent.robot.name, 0, MISSED, "no robot began it by its deadline", agent.wall)
+        compare = (
+            Compare(keys.key(records.GOALS, goal), agent.view.written[goal]),
+            Compare(keys.key(records.CANCELS, goal), 0),
+            agent.still_open(goal),
+        )
+        puts = (Put(end, records.encode(report)), agent.mark(goal))
+        agent.transact(f"missed {goal}", Txn(compare, puts))
+
+
+def _refuses(bid: Optional[Bid]) -> bool:
+    return bid is not None and bid.cost is None

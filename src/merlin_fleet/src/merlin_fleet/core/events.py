@@ -1,0 +1,165 @@
+"""What happens to an agent, and what it decides."""
+
+from typing import NamedTuple, Optional, Tuple, Union
+
+from merlin_fleet.core.records import Goal
+from merlin_fleet.core.store import Change, Snapshot, Txn, TxnResult
+
+# --- events -----------------------------------------------------------------------------------------
+
+
+class Connected(NamedTuple):
+    """The store was read; from now on its changes come."""
+
+    snapshot: Snapshot
+
+
+class Resumed(NamedTuple):
+    """Changes come again, the next one after the last that was told."""
+
+
+class Changed(NamedTuple):
+    """Keys changed."""
+
+    changes: Tuple[Change, ...]
+
+
+class Disconnected(NamedTuple):
+    """No changes come any more."""
+
+    reason: str
+
+
+class Leased(NamedTuple):
+    """The store's answer to AskLease."""
+
+    asked: int
+    """The lease of the question; 0: for a new one."""
+    asked_at: float
+    lease: int
+    """0: the store does not know that lease any more."""
+    ttl: float
+
+
+class Answered(NamedTuple):
+    """The end of a transaction."""
+
+    tag: str
+    result: Optional[TxnResult]
+    """None: there was no answer; it may have been done, or may yet be."""
+
+
+class Refused(NamedTuple):
+    """The store does not allow it."""
+
+    reason: str
+    tag: str = ""
+    """Of the transaction."""
+
+
+class Full(NamedTuple):
+    """The store takes no changes at present. Leases are renewed, and keys removed."""
+
+    reason: str
+
+
+class Costed(NamedTuple):
+    """The answer to AskCost."""
+
+    goal: str
+    queue: int
+    cost: Optional[float]
+    reason: str = ""
+
+
+class Ended(NamedTuple):
+    """An execution has ended, and nothing of it moves any more."""
+
+    goal: str
+    achieved: bool
+    outcome: str
+    reason: str = ""
+
+
+class Known(NamedTuple):
+    """The robot's knowledge base has these facts of a predicate that the robot writes."""
+
+    predicate: str
+    facts: Optional[Tuple[str, ...]]
+    """None: they cannot be read."""
+    version: int
+
+
+class Leaving(NamedTuple):
+    """The robot leaves the fleet: it takes no goals any more."""
+
+
+Event = Union[
+    Connected,
+    Resumed,
+    Changed,
+    Disconnected,
+    Leased,
+    Answered,
+    Refused,
+    Full,
+    Costed,
+    Ended,
+    Known,
+    Leaving,
+    None,
+]
+
+# --- decisions --------------------------------------------------------------------------------------
+
+
+class AskLease(NamedTuple):
+    """Ask the store to renew a lease."""
+
+    lease: int
+    """0: ask for a new one."""
+
+
+class Transact(NamedTuple):
+    """Send a transaction; it is answered by its tag, in bounded time."""
+
+    tag: str
+    txn: Txn
+
+
+class AskCost(NamedTuple):
+    """Find out what a goal costs behind these."""
+
+    goal: Goal
+    behind: Tuple[Goal, ...]
+    queue: int
+    """Is returned with the answer."""
+
+
+class Begin(NamedTuple):
+    """Execute a goal."""
+
+    goal: Goal
+
+
+class Stop(NamedTuple):
+    """Stop the execution of a goal. Its end is reported as always."""
+
+    goal: str
+    reason: str
+
+
+class Learn(NamedTuple):
+    """Take these for all facts of a predicate that another robot writes."""
+
+    predicate: str
+    facts: Tuple[str, ...]
+
+
+class Say(NamedTuple):
+    """Tell a person something, once."""
+
+    text: str
+
+
+Decision = Union[AskLease, Transact, AskCost, Begin, Stop, Learn, Say]

@@ -1,0 +1,238 @@
+"""The goals that a robot owns: taken, begun, stopped by its own clock, ended, given up."""
+
+from enum import Enum
+from typing import TYPE_CHECKING, Dict, List, Optional, Set
+
+from merlin_fleet.core import events as ev
+from merlin_fleet.core import records
+from merlin_fleet.core.auction import order
+from merlin_fleet.core.records import Claim, Goal, Report
+from merlin_fleet.core.store import Compare, Put, Txn, TxnResult
+
+if TYPE_CHECKING:
+    from merlin_fleet.core.agent import Agent
+
+CANCELLED = "CANCELLED"
+MISSED = "MISSED"
+
+
+class Phase(Enum):
+    """Where an owned goal is."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    STOPPING = "stopping"
+    """The lease is about to end; the goal stays ours if it is renewed."""
+    CANCELLING = "cancelling"
+    LOST = "lost"
+    """It is not ours any more, and its execution has not ended yet."""
+
+
+class Owned:
+    """A goal that this robot owns, at an epoch."""
+
+    def __init__(self, goal: Goal, epoch: int) -> None:
+        self.goal = goal
+        self.epoch = epoch
+        self.phase = Phase.WAITING
+        self.begun = False
+
+    @property
+    def executing(self) -> bool:
+        """Whether something of it may move."""
+        return self.phase is not Phase.WAITING
+
+
+class Possession:
+    """The goals that a robot owns."""
+
+    def __init__(self, agent: "Agent") -> None:
+        self._agent = agent
+        self.owned: Dict[str, Owned] = {}
+        self.version = 0
+        """Changes with the queue."""
+        self._settled: Dict[str, int] = {}
+        """Goal → the last epoch of it that is over for this robot."""
+        self._claiming: Set[str] = set()
+        """Goals whose claim is under way."""
+        self._behind = (0, 0.0)
+        """Revision of the last claim that was in vain, and until when it is awaited."""
+
+    # --- what the others ask
+
+    def full(self) -> bool:
+        """Whether it takes no further goal."""
+        return len(self._claiming.union(self.owned)) >= self._agent.rules.most_owned
+
+    def queue(self) -> List[Goal]:
+        """What it owns, in the order in which it runs."""
+        return [each.goal for each in sorted(self.owned.values(), key=_running_first)]
+
+    def claim(self, goal: Goal) -> None:
+        """Takes an open goal, if the store still has it as open when the transaction arrives."""
+        agent, keys = self._agent, self._agent.keys
+        revision, until = self._behind
+        if agent.view.revision < revision and agent.now < until:
+            return  # it would be in vain again: what this robot knows is older than another claim
+        claim = records.encode(Claim(agent.robot.name, agent.life))
+        compare = (
+            Compare(keys.key(records.GOALS, goal.id), agent.view.written[goal.id]),
+            Compare(keys.key(records.CANCELS, goal.id), 0),
+            agent.still_open(goal.id),
+            agent.mine(),
+        )
+        lease = 0 if goal.finish else agent.tenure.lease
+        put = Put(keys.key(records.CLAIMS, agent.robot.name, goal.id), claim, lease)
+        if agent.transact(f"claim {goal.id}", Txn(compare, (put, agent.mark(goal.id)))):
+            self._claiming.add(goal.id)
+
+    # --- what has happened
+
+    def claimed(self, tag: str, result: Optional[TxnResult]) -> None:
+        """A claim was answered."""
+        name = tag.split(" ")[1]
+        self._claiming.discard(name)
+        if result is not None and not result.done:
+            self._behind = (result.revision, self._agent.now + self._agent.rules.retry)
+        goal = self._agent.view.goals.get(name)
+        if goal is not None and result is not None and result.done:
+            self._own(goal, result.revision)
+
+    def _reconcile(self) -> None:
+        """Compares what is owned with what the store says of it."""
+        view = self._agent.view
+        for owned in list(self.owned.values()):
+            claim = view.claims.get(owned.goal.id)
+            kept = claim is not None and claim.life == self._agent.life and claim.epoch >= owned.epoch
+            if view.revision >= owned.epoch and not kept:
+                self._lose(owned)
+        for goal_id in view.owned_by.get(self._agent.robot.name, ()):
+            claim = view.claims[goal_id]
+            if claim.life == self._agent.life and goal_id in view.goals:
+                self._own(view.goals[goal_id], claim.epoch)
+
+    def _own(self, goal: Goal, epoch: int) -> None:
+        owned = self.owned.get(goal.id)
+        if epoch <= self._settled.get(goal.id, 0):
+            return  # an old answer or change
+        if owned is None:
+            self.owned[goal.id] = Owned(goal, epoch)
+            self.version += 1
+        elif owned.phase is not Phase.LOST:
+            owned.epoch = max(owned.epoch, epoch)
+
+    def lost_lease(self) -> None:
+        """The store has ended the lease, and the claims with it."""
+        for owned in list(self.owned.values()):
+            if not owned.goal.finish:
+                self._lose(owned)
+
+    def _lose(self, owned: Owned) -> None:
+        self._settled[owned.goal.id] = owned.epoch
+        if owned.phase is Phase.WAITING:
+            self._drop(owned)
+        elif owned.phase is not Phase.LOST:
+            if owned.phase is Phase.RUNNING:
+                self._stop(owned, "the fleet has taken it away")
+            owned.phase = Phase.LOST
+
+    def ended(self, event: ev.Ended) -> None:
+        """An execution has ended."""
+        owned = self.owned.get(event.goal)
+        if owned is None or not owned.executing:
+            return
+        stopped = owned.phase in (Phase.STOPPING, Phase.LOST)
+        if stopped and not event.achieved:
+            # Only the stop has ended it. What is ours still, or again, waits for its turn.
+            if owned.phase is Phase.LOST:
+                self._drop(owned)
+            else:
+                owned.phase = Phase.WAITING
+            return
+        self._end(owned, event.achieved, event.outcome, event.reason)
+
+    def _end(self, owned: Owned, achieved: bool, outcome: str, reason: str, final: bool = False) -> None:
+        agent = self._agent
+        report = Report(owned.goal.id, agent.robot.name, owned.epoch, outcome, reason, agent.wall)
+        tries = len(agent.view.failures.get(owned.goal.id, {})) + 1
+        final = final or achieved or tries >= owned.goal.tries or owned.phase is Phase.CANCELLING
+        self._drop(owned)
+        agent.reporting.add(report, final)
+
+    def _drop(self, owned: Owned) -> None:
+        self._settled[owned.goal.id] = max(owned.epoch, self._settled.get(owned.goal.id, 0))
+        self.owned.pop(owned.goal.id, None)
+        self.version += 1
+
+    # --- what follows
+
+    def decide(self) -> None:
+        """Stops, begins and takes over."""
+        agent = self._agent
+        self._reconcile()
+        for owned in list(self.owned.values()):
+            deadline = owned.goal.deadline
+            if owned.goal.id in agent.view.cancels:
+                self._cancel(owned)
+            elif owned.phase is Phase.RUNNING and not self._may_run(owned):
+                self._stop(owned, "the lease of the fleet ends")
+                owned.phase = Phase.STOPPING
+            elif owned.phase is Phase.WAITING and agent.leaving:
+                self._drop(owned)
+            elif not owned.begun and deadline is not None and agent.wall >= deadline:
+                self._end(owned, False, MISSED, "its robot did not begin it by its deadline", final=True)
+        if agent.leaving:
+            for owned in self.owned.values():
+                if owned.phase is Phase.RUNNING:
+                    self._stop(owned, "the robot leaves the fleet")
+                    owned.phase = Phase.LOST
+            return
+        self._begin()
+        if agent.joined:
+            self._take_over()
+
+    def _may_run(self, owned: Owned) -> bool:
+        return owned.goal.finish or self._agent.tenure.holds(self._agent.now)
+
+    def _begin(self) -> None:
+        """Begins the next one when nothing of any other moves any more."""
+        if any(owned.executing for owned in self.owned.values()):
+            return
+        for owned in sorted(self.owned.values(), key=_running_first):
+            if self._may_run(owned):
+                owned.phase, owned.begun = Phase.RUNNING, True
+                self._agent.decided.append(ev.Begin(owned.goal))
+                return
+
+    def _cancel(self, owned: Owned) -> None:
+        if owned.phase is Phase.WAITING:
+            owned.phase = Phase.CANCELLING
+            self._end(owned, False, CANCELLED, "cancelled before it began")
+        elif owned.phase in (Phase.RUNNING, Phase.STOPPING):
+            if owned.phase is Phase.RUNNING:
+                self._stop(owned, "cancelled in the fleet")
+            owned.phase = Phase.CANCELLING
+
+    def _stop(self, owned: Owned, reason: str) -> None:
+        self._agent.decided.append(ev.Stop(owned.goal.id, reason))
+
+    def _take_over(self) -> None:
+        """Goals that an earlier life of this robot has to finish."""
+        agent = self._agent
+        for goal_id in agent.view.owned_by.get(agent.robot.name, ()):
+            claim, goal = agent.view.claims[goal_id], agent.view.goals.get(goal_id)
+            if (
+                claim.life == agent.life
+                or goal is None
+                or not goal.finish
+                or agent.reporting.knows(goal_id, claim.epoch)
+            ):
+                continue
+            key = agent.keys.key(records.CLAIMS, agent.robot.name, goal_id)
+            put = Put(key, records.encode(Claim(agent.robot.name, agent.life)))
+            if agent.transact(f"claim {goal_id}", Txn((Compare(key, claim.epoch), agent.mine()), (put,))):
+                self._claiming.add(goal_id)
+
+
+def _running_first(owned: Owned) -> tuple:
+    return (not owned.executing, *order(owned.goal))

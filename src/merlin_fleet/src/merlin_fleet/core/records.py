@@ -1,0 +1,287 @@
+"""What the keys of a fleet hold: JSON objects, each with one writer or written once."""
+
+import json
+import math
+import re
+import zlib
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+
+#: Version of keys and records. A hub with another one is not joined.
+PROTOCOL = 3
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z")
+
+#: Kinds of keys. Each key has one kind of writer (`Keys.of_robot`, `Keys.of_clients`); ABOUT is one key.
+ABOUT, GOALS, CLAIMS, CANCELS, ENDS, FAILURES, LIVES, BIDS, ROBOTS, LATE, TAKEN, FACTS = (
+    "about",
+    "goals",
+    "claims",
+    "cancels",
+    "ends",
+    "failures",
+    "lives",
+    "bids",
+    "robots",
+    "late",
+    "taken",
+    "facts",
+)
+#: Marks are apart by goals, so that claims of different goals seldom meet. Each is a right of each robot.
+MARK_PARTS = tuple(f"{part:02x}" for part in range(256))
+
+
+class RecordError(ValueError):
+    """A record that this version cannot read, or a name that is not allowed."""
+
+
+def checked_name(name: str, what: str) -> str:
+    """A name that can be part of a key.
+
+    :raises RecordError: for any other.
+    """
+    if not NAME.match(name):
+        raise RecordError(f"{what} '{name}' is not a word of letters, digits, '_', '.' and '-'")
+    return name
+
+
+class Keys:
+    """The keys of one fleet.
+
+    :param fleet: its name.
+    """
+
+    def __init__(self, fleet: str) -> None:
+        self.root = f"/merlin/{checked_name(fleet, 'the fleet')}/"
+        self.robots_end = self.root + ROBOTS
+        """The keys before it are all that robots follow."""
+        self.clients_end = self.root + TAKEN
+        """The keys before it are all that clients follow; what is behind it only transactions compare."""
+
+    def key(self, kind: str, *names: str) -> str:
+        """A key."""
+        return self.root + "/".join([kind, *names])
+
+    def of_robot(self, robot: str) -> List[str]:
+        """The keys that a robot writes, and no other one; with '/' at the end, all that begin so."""
+        below = [self.key(kind, robot, "") for kind in (CLAIMS, ENDS, FAILURES, LATE, FACTS)]
+        return [
+            *below,
+            *(self.key(kind, robot) for kind in (LIVES, BIDS, ROBOTS)),
+            *(self.key(TAKEN, part, robot) for part in MARK_PARTS),
+        ]
+
+    def of_clients(self) -> List[str]:
+        """With what the keys begin that clients write."""
+        return [self.key(GOALS, ""), self.key(CANCELS, "")]
+
+    def marks(self, goal: str) -> str:
+        """With what the marks of a goal begin: one for each robot that ever claimed a goal of its part.
+
+        A robot writes its mark with each claim. So a claim is the only one if no mark was written since the
+        robot knew the goal as open: the robots exclude each other, and each writes its own keys only.
+        """
+        return self.key(TAKEN, MARK_PARTS[zlib.crc32(goal.encode()) % len(MARK_PARTS)], "")
+
+    def parts(self, key: str) -> Tuple[str, ...]:
+        """Kind and names of a key; empty for one of another fleet."""
+        return tuple(key[len(self.root) :].split("/")) if key.startswith(self.root) else ()
+
+
+class Goal(NamedTuple):
+    """A goal as it was sent; never changed afterwards."""
+
+    id: str
+    goals: Tuple[str, ...]
+    """PDDL text."""
+    sent: float
+    """s since 1970, by the sender's clock."""
+    sender: str = ""
+    domain: str = ""
+    """Name of the PDDL domain, or its name and hash as a robot tells them; empty: of any."""
+    deadline: Optional[float] = None
+    """s since 1970; a goal that is not begun by then ends as MISSED."""
+    value: float = 0.0
+    """Greater ones are taken and begun first."""
+    robot: str = ""
+    """The only robot that may execute it."""
+    groups: Tuple[str, ...] = ()
+    """It is for a robot of one of these; empty: for any."""
+    needs: Tuple[str, ...] = ()
+    """Capabilities of which the robot has all."""
+    finish: bool = False
+    """Its owner finishes it without a lease; no other robot gets it."""
+    tries: int = 1
+    """After so many failures, each of another robot, it has failed."""
+
+
+class Claim(NamedTuple):
+    """The ownership of a goal. Its epoch is the revision at which it was written."""
+
+    robot: str
+    life: str
+    epoch: int = 0
+
+
+class Report(NamedTuple):
+    """How the execution of a goal ended."""
+
+    goal: str
+    robot: str
+    epoch: int
+    outcome: str
+    reason: str
+    at: float
+    """s since 1970, by the robot's clock."""
+
+
+class Bid(NamedTuple):
+    """What a goal would cost a robot, or why it does not bid."""
+
+    cost: Optional[float]
+    """s until it would hold, behind the robot's own queue; None: it does not bid."""
+    reason: str = ""
+
+
+class Bids(NamedTuple):
+    """All bids of a robot."""
+
+    of: Dict[str, Bid] = {}
+    """Goal → bid."""
+    reason: str = ""
+    """Why it bids for no goal at present; empty: it does."""
+
+
+class Profile(NamedTuple):
+    """A robot, as it describes itself."""
+
+    name: str
+    groups: Tuple[str, ...] = ()
+    capabilities: Tuple[str, ...] = ()
+    domain: str = ""
+    """Name and hash: `home@1a2b3c4d`."""
+    heard: float = 0.0
+    """s since 1970, by the robot's clock, when it wrote this."""
+
+
+class Facts(NamedTuple):
+    """All facts of a predicate, as the robot knows them that writes it."""
+
+    robot: str
+    predicate: str
+    facts: Tuple[str, ...]
+    """The arguments of each, with blanks."""
+    version: int
+    """Of the robot's knowledge base."""
+    life: str
+    """That vouches for them, while the store has it; empty: the knowledge base cannot be read."""
+
+
+def encode(record: Any) -> str:
+    """A record as JSON."""
+    return json.dumps({"protocol": PROTOCOL, **record._asdict()}, sort_keys=True)
+
+
+def encode_bids(bids: Bids) -> str:
+    """The bids of a robot as JSON."""
+    offers = {goal: list(bid) for goal, bid in bids.of.items()}
+    return json.dumps({"protocol": PROTOCOL, "bids": offers, "reason": bids.reason})
+
+
+def encode_cancel(by: str, at: float) -> str:
+    """A cancel as JSON.
+
+    :param by: the client.
+    :param at: s since 1970.
+    """
+    return json.dumps({"protocol": PROTOCOL, "by": by, "at": at})
+
+
+def decode_cancel(text: str) -> float:
+    """When a goal was cancelled, s since 1970; 0: not known. A cancel is one whatever it says."""
+    try:
+        at = json.loads(text).get("at")
+    except (ValueError, AttributeError):
+        return 0.0
+    return float(at) if _fits(float, at) else 0.0
+
+
+def encode_about(fleet_id: str) -> str:
+    """What the key `about` holds: it tells fleets of the same name apart."""
+    return json.dumps({"protocol": PROTOCOL, "id": fleet_id})
+
+
+def _object(text: str) -> Dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except ValueError as error:
+        raise RecordError(f"it is not JSON ({error})") from None
+    if not isinstance(found, dict):
+        raise RecordError("it is not a JSON object")
+    version = found.pop("protocol", None)
+    if version != PROTOCOL:
+        raise RecordError(f"it is of protocol {version}, this is protocol {PROTOCOL}")
+    return found
+
+
+def decode(kind: Any, text: str) -> Any:
+    """A record from JSON.
+
+    :param kind: Goal, Claim, Report, Profile or Facts.
+    :raises RecordError: for what is not one.
+    """
+    found = _object(text)
+    types = kind.__annotations__
+    for name, value in found.items():
+        if name not in types:
+            raise RecordError(f"a {kind.__name__} has no '{name}'")
+        if types[name] == Tuple[str, ...]:
+            if not isinstance(value, list) or not all(isinstance(part, str) for part in value):
+                raise RecordError(f"'{name}' is not a list of texts")
+            found[name] = tuple(value)
+        elif not _fits(types[name], value):
+            raise RecordError(f"'{name}' is {value!r}")
+    try:
+        return kind(**found)
+    except TypeError as error:
+        raise RecordError(str(error)) from None
+
+
+def _fits(kind: Any, value: Any) -> bool:
+    if kind in (float, Optional[float]):
+        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+        return number or (value is None and kind is not float)
+    if kind is int:
+        return isinstance(value, int) and not isinstance(value, bool)
+    return isinstance(value, kind)
+
+
+def decode_bids(text: str) -> Bids:
+    """The bids of a robot.
+
+    :raises RecordError: for what is not bids.
+    """
+    found = _object(text)
+    bids, reason = found.get("bids"), found.get("reason", "")
+    if not isinstance(bids, dict) or not isinstance(reason, str):
+        raise RecordError("these are not bids")
+    read = {}
+    for goal, bid in bids.items():
+        try:
+            cost, why = bid
+            fits = isinstance(why, str) and (cost is None or math.isfinite(cost))
+        except (TypeError, ValueError):
+            fits = False
+        if not fits or isinstance(cost, bool):
+            raise RecordError(f"this is not a bid: {bid!r}")
+        read[goal] = Bid(cost, why)
+    return Bids(read, reason)
+
+
+def decode_about(text: str) -> str:
+    """The id of a fleet.
+
+    :raises RecordError: for another protocol.
+    """
+    found = _object(text).get("id")
+    if not isinstance(found, str):
+        raise RecordError("it has no id")
+    return found

@@ -1,0 +1,110 @@
+"""Facts that robots share: each predicate has one robot that writes it; the others know how old it is."""
+
+from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
+
+from merlin_fleet.core import events as ev
+from merlin_fleet.core import records
+from merlin_fleet.core.records import Facts
+from merlin_fleet.core.store import Put, Txn
+
+if TYPE_CHECKING:
+    from merlin_fleet.core.agent import Agent
+
+MOST_FACTS = 2000  # of a predicate: etcd takes at most 1.5 MB
+GRACE = 5.0  # s for the hub and the writer to be heard of at the start
+
+
+class Sharing:
+    """Writes the predicates of this robot; tells what others write, and when it is older than allowed.
+
+    A writer vouches for its facts by its life: as long as the store has that life, its lease runs, and the
+    facts are those of its knowledge base. So no key is written only to say that nothing has changed.
+    """
+
+    def __init__(self, agent: "Agent") -> None:
+        self._agent = agent
+        self._own: Dict[str, Facts] = {}
+        self._written: Dict[str, Tuple[Facts, float]] = {}
+        self._told: Dict[str, Tuple[str, ...]] = {}
+        self._heard: Dict[str, float] = {}
+        self._began: Optional[float] = None
+        self._stale: Dict[str, str] = {}
+
+    @property
+    def stale(self) -> Tuple[str, ...]:
+        """What is older than allowed, in words."""
+        return tuple(self._stale.values())
+
+    def moments(self) -> List[float]:
+        """When a predicate becomes too old."""
+        agent = self._agent
+        followed = (name for name, writer in agent.rules.facts.items() if writer != agent.robot.name)
+        return [moment for moment in map(self._due, followed) if moment > agent.now]
+
+    def _due(self, predicate: str) -> float:
+        """When a predicate may be older than allowed: the store keeps a life for a lease after its end."""
+        rules, heard = self._agent.rules, self._heard.get(predicate)
+        if heard is None:
+            return (self._began or 0.0) + min(GRACE, rules.fact_limit)
+        return heard + max(0.0, rules.fact_limit - rules.lease.ttl)
+
+    def known(self, event: ev.Known) -> None:
+        """The robot's knowledge base has these facts."""
+        agent, before = self._agent, self._own.get(event.predicate)
+        facts = event.facts
+        if facts is not None and len(facts) > MOST_FACTS:
+            agent.say(f"{event.predicate} is not shared: it has more than {MOST_FACTS} facts")
+            facts = None
+        if facts is not None:
+            now = Facts(agent.robot.name, event.predicate, facts, event.version, agent.life)
+        elif before is not None:
+            now = before._replace(life="")
+        else:
+            return
+        self._own[event.predicate] = now
+
+    def decide(self) -> None:
+        """Writes what is new here, tells what is new elsewhere, and what has become too old."""
+        agent = self._agent
+        if self._began is None:
+            self._began = agent.now
+        if agent.joined and not agent.leaving:
+            for facts in self._own.values():
+                self._write(facts)
+        for predicate, writer in agent.rules.facts.items():
+            if writer != agent.robot.name:
+                self._follow(predicate, writer)
+
+    def _write(self, facts: Facts) -> None:
+        agent = self._agent
+        if agent.view.facts.get((facts.robot, facts.predicate)) == facts:
+            return
+        written, at = self._written.get(facts.predicate, (None, 0.0))
+        if written == facts and agent.now < at + 3 * agent.rules.retry:
+            return  # its change is on its way; an older put that came late is written over
+        key = agent.keys.key(records.FACTS, facts.robot, facts.predicate)
+        if agent.transact(
+            f"facts {facts.predicate}", Txn((agent.mine(),), (Put(key, records.encode(facts)),))
+        ):
+            self._written[facts.predicate] = (facts, agent.now)
+
+    def _follow(self, predicate: str, writer: str) -> None:
+        agent = self._agent
+        facts = agent.view.facts.get((writer, predicate)) if agent.usable else None
+        if facts is not None:
+            if self._told.get(predicate) != facts.facts:
+                self._told[predicate] = facts.facts
+                agent.decided.append(ev.Learn(predicate, facts.facts))
+            life = agent.view.lives.get(writer)
+            vouched = life is not None and life.life == facts.life
+            if vouched and agent.tenure.lease:  # since then the store may be out of reach
+                self._heard[predicate] = agent.tenure.renewed_at
+        before = predicate in self._stale
+        if agent.now < self._due(predicate):
+            self._stale.pop(predicate, None)
+            if before:
+                agent.decided.append(ev.Say(f"'{predicate}' of {writer} is heard of again"))
+        elif not before:
+            limit = agent.rules.fact_limit
+            self._stale[predicate] = text = f"'{predicate}' of {writer} may be older than {limit:g} s"
+            agent.decided.append(ev.Say(f"it plans with old facts: {text}"))

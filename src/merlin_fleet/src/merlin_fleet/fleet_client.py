@@ -1,0 +1,400 @@
+"""FleetClient: sends goals to a fleet and takes them back, from any machine, without ROS."""
+
+import contextlib
+import getpass
+import socket
+import threading
+import time
+import uuid
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union
+
+from merlin_executor.core.request_limits import check_size
+from merlin_fleet.certified import HubError, Tls
+from merlin_fleet.core import records
+from merlin_fleet.core.forgetting import Leavings, leavings
+from merlin_fleet.core.possession import CANCELLED
+from merlin_fleet.core.records import Bids, Goal, Keys, RecordError, Report
+from merlin_fleet.core.retention import Keeper, removal
+from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn, TxnResult
+from merlin_fleet.core.view import FleetView, GoalState
+from merlin_fleet.etcd_messages import HubRefuses
+from merlin_fleet.fleet_request import FleetRequest, GoalNews
+from merlin_fleet.hub import DEFAULT_ENDPOINT, EtcdHub
+from merlin_fleet.hub_watch import Listener
+from merlin_pddl.text_reader import PddlError, read_expression
+
+DEFAULT_FLEET = "fleet"
+#: Outcomes of a goal that holds.
+ACHIEVED = ("SUCCEEDED", "ALREADY_TRUE")
+LIMIT = 10.0  # s for the hub to take a goal or a cancel
+PULSE = 0.7  # s between two questions whether the hub is there; it has 2 s for an answer
+PAUSE = 0.3  # s between attempts
+OVER = (GoalState.ENDED, GoalState.CANCELLED)
+
+
+class FleetError(Exception):
+    """What was asked of the fleet cannot be done; the text says why."""
+
+
+class FleetClient(Listener):
+    """Talks to a fleet. Thread-safe.
+
+    :param fleet: its name.
+    :param endpoints: host:port of each member of its etcd.
+    :param tls: None: without certificates, and then only on this machine.
+    :param on_change: called after each change of fleet and connection, in another thread; must not block.
+    :raises FleetError: for a name, an address or certificates that cannot be used.
+    """
+
+    def __init__(
+        self,
+        fleet: str = DEFAULT_FLEET,
+        endpoints: Sequence[str] = (DEFAULT_ENDPOINT,),
+        tls: Optional[Tls] = None,
+        on_change: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.fleet = fleet
+        self._on_change = on_change
+        self._changed = threading.Condition()  # guards the fields below
+        self._said = "the hub was not heard of yet"
+        self._unusable = ""  # what no waiting mends
+        self._heard = 0.0
+        self._requests: List[Tuple[FleetRequest, Optional[Callable[[FleetRequest], None]]]] = []
+        try:
+            self._keys = Keys(fleet)
+            self._view = FleetView(self._keys)
+            self._hub = EtcdHub(self._keys.root, endpoints, tls, end=self._keys.clients_end)
+        except (RecordError, HubError) as error:
+            raise FleetError(str(error)) from None
+        self._sender = f"{_user()}@{socket.gethostname()}"
+        self._hub.follow(self)
+        self._closed = threading.Event()
+        threading.Thread(target=self._pulse, name="fleet pulse", daemon=True).start()
+
+    # --- as MerlinExecutorClient has it
+
+    def wait_for_hub(self, timeout: Optional[float] = None) -> bool:
+        """Waits until the hub answers, s; None: as long as it takes.
+
+        :return: whether it can be used.
+        """
+        self.wait(lambda: not self._said or self._unusable, timeout)
+        return not self.missing
+
+    @property
+    def missing(self) -> str:
+        """Why the hub cannot be used; empty: it can."""
+        with self._changed:
+            return self._unusable or self._said
+
+    @property
+    def heard(self) -> float:
+        """When the hub was last heard of, s since 1970: what is known is of then. 0: never."""
+        with self._changed:
+            return self._heard
+
+    def listen(self, on_change: Callable[[], None]) -> None:
+        """Replaces what is called after each change; it must not block."""
+        self._on_change = on_change
+
+    def send(
+        self,
+        goals: Union[str, Sequence[str]],
+        value: float = 0.0,
+        deadline: Optional[float] = None,
+        on_done: Optional[Callable[[FleetRequest], None]] = None,
+        sender: str = "",
+        **more: Any,
+    ) -> FleetRequest:
+        """Sends goals, as PDDL text; returns when the hub has them on its disk.
+
+        :param value: goals of a greater one are taken and begun first.
+        :param deadline: s from now; a goal that is not begun by then ends as MISSED.
+        :param on_done: called once with the ended request, in another thread; must not block.
+        :param sender: who has sent it, beside this machine and its user.
+        :param more: `robot`, `groups`, `needs`, `domain`, `finish` and `tries` of
+            :class:`merlin_fleet.core.records.Goal`.
+        :raises FleetError: for what is not a goal, and when the hub did not take it.
+        """
+        texts = (goals,) if isinstance(goals, str) else tuple(goals)
+        _check(texts)
+        now = time.time()
+        goal = Goal(
+            uuid.uuid4().hex[:8],
+            texts,
+            now,
+            self._named(sender),
+            value=value,
+            deadline=None if deadline is None else now + deadline,
+            **more,
+        )
+        _check_record(goal)
+        request = FleetRequest(self, goal.id)
+        with self._changed:
+            self._requests.append((request, on_done))
+        try:
+            request.written = self._write(self._keys.key(records.GOALS, goal.id), records.encode(goal))
+        except FleetError:
+            with self._changed:
+                self._requests = [each for each in self._requests if each[0] is not request]
+            raise
+        return request
+
+    def execute(
+        self, goals: Union[str, Sequence[str]], timeout: Optional[float] = None, **options: Any
+    ) -> Report:
+        """Sends goals and waits for the end; a time-out cancels them and waits for that.
+
+        :param timeout: s; None: as long as it takes.
+        """
+        request = self.send(goals, **options)
+        if not request.wait(timeout):
+            request.cancel()
+            request.wait()
+        report = request.result
+        assert report is not None
+        return report
+
+    def cancel_all(self) -> None:
+        """Cancels every goal that this client has sent and that has not ended."""
+        with self._changed:
+            requests = [request for request, _ in self._requests]
+        for request in requests:
+            request.cancel()
+
+    def close(self) -> None:
+        """Ends the connection; goals go on."""
+        self._closed.set()
+        self._hub.close()
+
+    # --- goals of others
+
+    def request(self, goal: str) -> FleetRequest:
+        """A goal that is in the fleet, of any sender.
+
+        :raises FleetError: there is none of this id.
+        """
+        with self._changed:
+            written = self._view.written.get(goal)
+        if written is None:
+            raise FleetError(f"there is no goal '{goal}' in the fleet '{self.fleet}'")
+        return FleetRequest(self, goal, written)
+
+    def cancel(self, goal: str, sender: str = "") -> None:
+        """Cancels a goal; one that has ended stays as it is.
+
+        :param sender: who cancels it, beside this machine and its user.
+        :raises FleetError: there is none of this id, or the hub did not take it.
+        """
+        with self._changed:
+            known = any(request.id == goal for request, _ in self._requests)
+        if not known:
+            self.request(goal)
+        news = self.news(goal)
+        if news is not None and (news.state in OVER or news.state is GoalState.CANCELLING):
+            return
+        self._write(
+            self._keys.key(records.CANCELS, goal), records.encode_cancel(self._named(sender), time.time()), ""
+        )
+
+    def remove_ended(self, keeper: Keeper) -> int:
+        """Removes goals that are not to be kept any more; returns how many.
+
+        :raises FleetError: when the hub does not allow it.
+        """
+        with self._changed:
+            due = keeper.due(self._view, time.monotonic(), time.time()) if not self._said else []
+            removals = [removal(self._keys, self._view, goal) for goal in due]
+        removed = 0
+        for txn in removals:
+            try:
+                removed += self._hub.transact(txn).done
+            except HubRefuses as error:
+                raise FleetError(str(error)) from None
+            except HubError:
+                break  # the next look finds the rest
+        return removed
+
+    def leavings(self, robot: str) -> Leavings:
+        """What a robot that never comes back has left in the fleet."""
+        with self._changed:
+            return leavings(self._keys, self._view, robot)
+
+    def forget(self, left: Leavings) -> None:
+        """Removes what a robot has left: its goals to finish are open again.
+
+        :raises FleetError: when it is in the fleet, or the hub does not allow it or does not answer.
+        """
+        for txn in left.removal(self._keys):
+            try:
+                if not self._hub.transact(txn).done:
+                    raise FleetError(f"'{left.robot}' or its goals were heard of meanwhile; look again")
+            except HubError as error:
+                hint = "; use root's" if isinstance(error, HubRefuses) else "; repeat it"
+                raise FleetError(f"{error}{hint}") from None
+
+    def news(self, goal: str) -> Optional[GoalNews]:
+        """What the fleet says of a goal; None: nothing."""
+        with self._changed:
+            known = self._view.goals.get(goal)
+            return self._news(known) if known is not None else None
+
+    @property
+    def revision(self) -> int:
+        """Of the hub; what is known is of it, or later."""
+        with self._changed:
+            return self._view.revision
+
+    def goals(self) -> List[GoalNews]:
+        """All goals, the oldest first."""
+        with self._changed:
+            return [self._news(goal) for goal in sorted(self._view.goals.values(), key=lambda it: it.sent)]
+
+    def robots(self) -> List[Tuple[records.Profile, bool]]:
+        """All robots that were ever joined, and whether they are now."""
+        with self._changed:
+            return [(robot, name in self._view.lives) for name, robot in sorted(self._view.robots.items())]
+
+    def facts(self) -> List[Tuple[records.Facts, bool]]:
+        """What robots share, and whether each still vouches for it: it is as old as its last sign of life."""
+        with self._changed:
+            lives = {name: life.life for name, life in self._view.lives.items()}
+            known = sorted(self._view.facts.items())
+            return [(facts, lives.get(robot) == facts.life) for (robot, _), facts in known]
+
+    def wait(self, holds: Callable[[], Any], timeout: Optional[float] = None) -> bool:
+        """Waits until something holds of what the hub tells.
+
+        :param timeout: s; None: as long as it takes.
+        """
+        with self._changed:
+            return bool(self._changed.wait_for(holds, timeout))
+
+    def _named(self, sender: str) -> str:
+        return f"{sender} ({self._sender})" if sender else self._sender
+
+    def _news(self, goal: Goal) -> GoalNews:
+        view, state = self._view, self._view.state(goal.id)
+        claim, report = view.claims.get(goal.id), view.ends.get(goal.id)
+        if state is GoalState.CANCELLED:
+            report = Report(goal.id, "", 0, CANCELLED, "no robot has it", 0.0)
+        refusals = _refusals(view, goal) if state is GoalState.OPEN else {}
+        return GoalNews(goal, state, claim.robot if claim else "", refusals, report)
+
+    def _write(self, key: str, text: str, taken: str = "another goal of this id is there already") -> int:
+        """Writes a key once; an attempt whose answer was lost may have done it.
+
+        :param taken: what is wrong when the key has another text; empty: nothing.
+        :return: a revision at which it was there.
+        """
+        txn = Txn((Compare(key, 0),), (Put(key, text),), (), (key,))
+        end = time.monotonic() + LIMIT
+        while True:
+            if not self.wait_for_hub(max(0.0, end - time.monotonic())):
+                if self._unusable:
+                    raise FleetError(self._unusable)
+                raise FleetError(f"the hub did not take it within {LIMIT:g} s: {self.missing}")
+            try:
+                answer: TxnResult = self._hub.transact(txn)
+            except HubRefuses as error:
+                raise FleetError(str(error)) from None
+            except HubError as error:
+                if time.monotonic() >= end:
+                    raise FleetError(f"whether the hub has taken it is not known: {error}") from None
+                time.sleep(PAUSE)  # nothing tells that it is well again
+                continue
+            if answer.done or not taken or any(item.value == text for item in answer.items):
+                return answer.revision
+            raise FleetError(f"{taken}; send it again")
+
+    # --- what the hub tells
+
+    def on_connected(self, snapshot: Snapshot) -> None:
+        """All keys were read."""
+        with self._changed:
+            self._view = FleetView.of(self._keys, snapshot)
+            self._heard = time.time()
+            about = self._view.unreadable.get(self._keys.key(records.ABOUT), "")
+            self._unusable = f"the fleet '{self.fleet}' of this hub cannot be used: {about}" if about else ""
+            self._said = ""
+        self._tell()
+
+    def on_resumed(self) -> None:
+        """Changes come again."""
+        with self._changed:
+            self._said, self._heard = "", time.time()
+        self._tell()
+
+    def on_changed(self, changes: Tuple[Change, ...]) -> None:
+        """Keys changed."""
+        with self._changed:
+            self._view.apply(changes)
+            self._heard = time.time()
+        self._tell()
+
+    def on_disconnected(self, reason: str) -> None:
+        """No changes come."""
+        with self._changed:
+            self._said = reason
+        self._tell()
+
+    def _pulse(self) -> None:
+        while not self._closed.wait(PULSE):
+            with self._changed:
+                connected = not self._said
+            if connected:
+                with contextlib.suppress(HubError):  # it tells `on_disconnected` itself
+                    self._hub.check()
+                    with self._changed:
+                        self._heard = time.time()
+
+    def _tell(self) -> None:
+        with self._changed:
+            self._changed.notify_all()
+            ended = [each for each in self._requests if each[0].done]
+            self._requests = [each for each in self._requests if each not in ended]
+        for request, on_done in ended:
+            if on_done is not None:
+                on_done(request)
+        self._on_change()
+
+
+def _refusals(view: FleetView, goal: Goal) -> Dict[str, str]:
+    """Robot → why it does not bid for a goal, or what its bid lacks, of all that are joined."""
+    refusals = {}
+    for name in view.lives:
+        bids = view.offers.of(name) or Bids()
+        bid = bids.of.get(goal.id)
+        reason = bids.reason or (bid.reason if bid is not None else "")
+        if reason:
+            refusals[name] = reason
+    return refusals
+
+
+def _check(texts: Tuple[str, ...]) -> None:
+    if not texts:
+        raise FleetError("no goal is given")
+    try:
+        check_size(texts)
+        for text in texts:
+            if not read_expression(text, "goal"):
+                raise FleetError(f"'{text}' is an empty goal")
+    except (PddlError, ValueError) as error:
+        raise FleetError(str(error)) from None
+
+
+def _check_record(goal: Goal) -> None:
+    """Other clients and robots have to be able to read it."""
+    try:
+        records.decode(Goal, records.encode(goal))
+        if goal.robot:
+            records.checked_name(goal.robot, "the robot")
+    except RecordError as error:
+        raise FleetError(str(error)) from None
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a user without a name, as in a container
+        return "unknown"

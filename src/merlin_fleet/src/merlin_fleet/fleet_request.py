@@ -1,0 +1,76 @@
+"""A goal that was sent to a fleet, as the one sees it who waits for its end."""
+
+from typing import TYPE_CHECKING, Dict, NamedTuple, Optional
+
+from merlin_fleet.core.records import Goal, Report
+from merlin_fleet.core.view import GoalState
+
+if TYPE_CHECKING:
+    from merlin_fleet.fleet_client import FleetClient
+
+
+#: Outcome of a goal that the fleet does not keep any more, and whose end was not heard of here.
+REMOVED = "REMOVED"
+
+
+class GoalNews(NamedTuple):
+    """A goal as the fleet sees it at one moment."""
+
+    goal: Goal
+    state: GoalState
+    owner: str
+    """The robot that has it; empty: none."""
+    refusals: Dict[str, str]
+    """Robot → why it does not bid, or what its bid lacks; while it is open."""
+    report: Optional[Report]
+    """How it ended."""
+
+
+class FleetRequest:
+    """A goal that was sent to a fleet.
+
+    :param client: of the fleet.
+    :param goal: its id.
+    :param written: revision at which the hub had it; 0: it is not known to have it.
+    """
+
+    def __init__(self, client: "FleetClient", goal: str, written: int = 0) -> None:
+        self._client = client
+        self.id = goal
+        self.written = written
+        self._result: Optional[Report] = None
+
+    @property
+    def news(self) -> Optional[GoalNews]:
+        """What the fleet says of it; None: not heard of yet."""
+        return self._client.news(self.id)
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended."""
+        return self.result is not None
+
+    @property
+    def result(self) -> Optional[Report]:
+        """How it ended; None before. It stays known here when the fleet does not keep the goal any more."""
+        news = self.news
+        if news is not None and news.report is not None:
+            self._result = news.report
+        elif news is None and self._result is None and 0 < self.written <= self._client.revision:
+            self._result = Report(self.id, "", 0, REMOVED, "the fleet does not keep it any more", 0.0)
+        return self._result
+
+    def cancel(self) -> None:
+        """Asks its owner to stop it; without an owner it is over at once.
+
+        :raises FleetError: when the hub did not take it.
+        """
+        self._client.cancel(self.id)
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        """Waits for its end.
+
+        :param timeout: s; None: as long as it takes.
+        :return: whether it has ended.
+        """
+        return self._client.wait(lambda: self.done, timeout)

@@ -1,0 +1,257 @@
+"""A robot of a fleet, without ROS: runs the agent over a hub and a body.
+
+One thread decides and never waits for anything else; calls to the hub, renewals of the lease and costs have a
+thread each. So a hub that hangs cannot delay the stop of what the lease does not cover any more.
+"""
+
+import queue
+import threading
+import time
+from typing import Callable, List, NamedTuple, Optional, Protocol, Tuple
+
+from merlin_fleet.certified import HubError
+from merlin_fleet.core import events as ev
+from merlin_fleet.core.agent import Agent
+from merlin_fleet.core.records import Goal
+from merlin_fleet.core.store import Change, Snapshot
+from merlin_fleet.etcd_messages import HubFull, HubRefuses, LeaseUnknown
+from merlin_fleet.hub import EtcdHub
+from merlin_fleet.hub_watch import Listener
+from merlin_fleet.inbox import Inbox
+
+Stopped = Callable[[bool, str, str], None]
+
+
+class Body(Protocol):
+    """What executes goals."""
+
+    def cost(self, goal: Goal, behind: Tuple[Goal, ...]) -> Tuple[Optional[float], str]:
+        """What a goal costs behind others, s; None, and why it cannot be done. In a thread of its own."""
+
+    def begin(self, goal: Goal, ended: Stopped) -> None:
+        """Begins a goal and returns at once; `ended(achieved, outcome, reason)` is called once."""
+
+    def stop(self, goal: str, reason: str) -> None:
+        """Stops a goal and returns at once; its end is reported as always."""
+
+
+class FleetStatus(NamedTuple):
+    """How a robot stands in its fleet."""
+
+    connected: bool = False
+    refused: str = ""
+    """Why it does not join this hub."""
+    joined: bool = False
+    owned: Tuple[str, ...] = ()
+    """The goals that it has; the first one runs."""
+    unreported: int = 0
+    """Ends that the hub does not have yet."""
+    stale: Tuple[str, ...] = ()
+    """Shared facts that are older than allowed, in words."""
+
+
+def boot_time() -> float:
+    """s since the machine began, also while it was suspended. Never set, never back."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+class FleetRobot(Listener):
+    """A robot of a fleet.
+
+    :param agent: is used by this object's thread alone.
+    :param hub: is closed with this object.
+    :param body: executes goals.
+    :param say: told what a person should know; from the deciding thread.
+    :param note_fleet: keeps the fleet's id, when the robot has joined; returns why that failed.
+    :param learn: takes all facts of a predicate that another robot writes; returns at once.
+    :param on_status: told how the robot stands in the fleet, when that has changed; from the deciding thread.
+    """
+
+    def __init__(
+        self,
+        agent: Agent,
+        hub: EtcdHub,
+        body: Body,
+        say: Callable[[str], None],
+        note_fleet: Callable[[str], str] = lambda fleet: "",
+        on_status: Callable[[FleetStatus], None] = lambda status: None,
+        learn: Callable[[str, Tuple[str, ...]], None] = lambda predicate, facts: None,
+    ) -> None:
+        self._agent = agent
+        self._hub = hub
+        self._body = body
+        self._say = say
+        self._note_fleet = note_fleet
+        self._on_status = on_status
+        self._learn = learn
+        self._status = FleetStatus()
+        self._noted = agent.fleet_id
+        self._events = Inbox(agent.rules.gather_changes)
+        self._marks = (f"/{agent.robot.name}", f'"{agent.robot.name}"')
+        self._calls: queue.Queue[Optional[ev.Transact]] = queue.Queue()
+        self._costs: queue.Queue[Optional[ev.AskCost]] = queue.Queue()
+        self._leases: queue.Queue[Optional[ev.AskLease]] = queue.Queue(maxsize=1)
+        self._idle = threading.Event()
+        parts = {"decisions": self._decide, "calls": self._call, "costs": self._cost, "lease": self._lease}
+        self._threads = [
+            threading.Thread(target=part, name=f"fleet {name}", daemon=True) for name, part in parts.items()
+        ]
+
+    def start(self) -> None:
+        """Begins; returns at once, also when there is no hub."""
+        for thread in self._threads:
+            thread.start()
+        self._hub.follow(self)
+
+    def close(self, limit: float = 10.0) -> None:
+        """Stops what runs, gives back what it owns, and ends.
+
+        :param limit: s for the stop. A goal that has not ended by then stays owned until its lease ends.
+        """
+        self._events.put(ev.Leaving())
+        if self._idle.wait(limit) and self._agent.tenure.lease:
+            try:
+                self._hub.revoke(self._agent.tenure.lease)
+            except HubError as error:
+                self._say(f"what the robot owns is free when its lease ends: {error}")
+        self._events.put("end")
+        for part in (self._calls, self._costs):
+            part.put(None)
+        self._hub.close()
+        self._threads[0].join(limit)
+
+    def know(self, predicate: str, facts: Optional[Tuple[str, ...]], version: int) -> None:
+        """The knowledge base has these facts of a predicate that this robot writes; None: no answer."""
+        self._events.put(ev.Known(predicate, facts, version))
+
+    # --- what the hub tells
+
+    def on_connected(self, snapshot: Snapshot) -> None:
+        """All keys were read."""
+        self._events.put(ev.Connected(snapshot))
+
+    def on_resumed(self) -> None:
+        """Changes come again."""
+        self._events.put(ev.Resumed())
+
+    def on_changed(self, changes: Tuple[Change, ...]) -> None:
+        """Keys changed."""
+        self._events.put_changes(changes, any(map(self._concerns, changes)))
+
+    def _concerns(self, change: Change) -> bool:
+        """Whether a change may be about this very robot, or about a goal that it has."""
+        key, value = change.key, change.value
+        end, name = self._marks
+        mine = key.endswith(end) or (value is not None and name in value)
+        return mine or key.rpartition("/")[2] in self._status.owned
+
+    def on_disconnected(self, reason: str) -> None:
+        """No changes come."""
+        self._events.put(ev.Disconnected(reason))
+
+    # --- threads
+
+    def _decide(self) -> None:
+        while True:
+            event = self._events.next(max(0.0, self._agent.next_moment() - boot_time()))
+            if isinstance(event, str):
+                self._offer_end()
+                return
+            if isinstance(event, ev.Disconnected):
+                self._say(f"without the hub: {event.reason}")
+            now = boot_time()
+            self._agent.wall_offset = time.time() - now
+            self._carry_out(self._agent.handle(now, event))
+            if self._agent.fleet_id != self._noted:
+                self._noted = self._agent.fleet_id
+                problem = self._note_fleet(self._noted)
+                if problem:
+                    self._say(f"of which fleet it is will be forgotten: {problem}")
+            self._tell_status()
+            if self._agent.leaving and not self._busy():
+                self._idle.set()
+
+    def _tell_status(self) -> None:
+        agent = self._agent
+        owned = tuple(goal.id for goal in agent.possession.queue())
+        waiting, stale = len(agent.reporting.waiting), agent.sharing.stale
+        status = FleetStatus(
+            agent.connected, agent.refused or agent.denied or agent.full, agent.joined, owned, waiting, stale
+        )
+        if status != self._status:
+            self._status = status
+            self._on_status(status)
+
+    def _busy(self) -> bool:
+        """Whether something runs, or was done and the hub can still be told so under the present lease."""
+        agent = self._agent
+        executing = any(owned.executing for owned in agent.possession.owned.values())
+        return executing or (agent.usable and bool(agent.reporting.waiting))
+
+    def _offer_end(self) -> None:
+        try:
+            self._leases.put_nowait(None)
+        except queue.Full:
+            self._leases.get_nowait()
+            self._leases.put_nowait(None)
+
+    def _carry_out(self, decisions: List[ev.Decision]) -> None:
+        for decision in decisions:
+            if isinstance(decision, ev.Stop):
+                self._body.stop(decision.goal, decision.reason)
+            elif isinstance(decision, ev.Begin):
+                self._body.begin(decision.goal, self._ended(decision.goal.id))
+            elif isinstance(decision, ev.AskLease):
+                if self._leases.empty():  # else the last one still waits for the hub
+                    self._leases.put_nowait(decision)
+            elif isinstance(decision, ev.Transact):
+                self._calls.put(decision)
+            elif isinstance(decision, ev.AskCost):
+                self._costs.put(decision)
+            elif isinstance(decision, ev.Learn):
+                self._learn(decision.predicate, decision.facts)
+            elif isinstance(decision, ev.Say):
+                self._say(decision.text)
+
+    def _ended(self, goal: str) -> Stopped:
+        return lambda achieved, outcome, reason: self._events.put(ev.Ended(goal, achieved, outcome, reason))
+
+    def _call(self) -> None:
+        for decision in iter(self._calls.get, None):
+            try:
+                result = self._hub.transact(decision.txn)
+            except HubRefuses as error:
+                result = None
+                self._events.put(ev.Refused(str(error), decision.tag))
+            except HubFull as error:
+                result = None
+                self._events.put(ev.Full(str(error)))
+            except HubError:
+                result = None  # it may have been done: the keys will tell
+            self._events.put(ev.Answered(decision.tag, result))
+
+    def _lease(self) -> None:
+        for decision in iter(self._leases.get, None):
+            asked_at = boot_time()
+            try:
+                if decision.lease:
+                    lease, ttl = decision.lease, self._hub.renew(decision.lease)
+                else:
+                    lease, ttl = self._hub.grant(self._agent.rules.lease.ttl)
+            except LeaseUnknown:
+                lease, ttl = decision.lease, 0.0
+            except HubFull as error:
+                self._events.put(ev.Full(str(error)))
+                continue
+            except HubError:
+                continue  # asked again, soon
+            self._events.put(ev.Leased(decision.lease, asked_at, lease if ttl else 0, ttl))
+
+    def _cost(self) -> None:
+        for decision in iter(self._costs.get, None):
+            cost: Optional[float] = None
+            try:
+                cost, reason = self._body.cost(decision.goal, decision.behind)
+            except Exception as error:  # a robot that cannot tell a cost does not bid, and says why
+                reason = f"its cost is not known: {error!r}"
+            self._events.put(ev.Costed(decision.goal.id, decision.queue, cost, reason))

@@ -1,0 +1,71 @@
+"""What a page shows of a fleet: that of a robot, and that of the fleet."""
+
+from typing import Any, Dict, List
+
+from merlin_fleet.core.view import GoalState
+from merlin_fleet.fleet_client import FleetClient
+from merlin_fleet.fleet_request import GoalNews
+
+MOST = 40  # goals that are shown: those that go on first, then the last ones that have ended
+
+
+def shown(client: FleetClient, most: int = MOST) -> Dict[str, Any]:
+    """What a page shows of a fleet.
+
+    :param most: goals that are listed.
+    """
+    missing, heard = client.missing, client.heard
+    goals = client.goals()
+    going = [news for news in goals if news.report is None]
+    over = sorted((news for news in goals if news.report is not None), key=_ended, reverse=True)
+    owned: Dict[str, List[str]] = {}
+    for news in going:
+        if news.owner:
+            owned.setdefault(news.owner, []).append(" ".join(news.goal.goals))
+    robots = {
+        robot.name: {
+            "joined": joined,
+            "heard": robot.heard,
+            "is": [*robot.groups, *robot.capabilities],
+            "has": owned.get(robot.name, []),
+        }
+        for robot, joined in client.robots()
+    }
+    listed = [*going, *over][:most]
+    silent = {"node": "etcd", "what": "is not reached", "since": heard}
+    return {
+        "fleet": client.fleet,
+        "robots": robots,
+        "goals": [_goal(news) for news in listed],
+        "more": len(goals) - len(listed),
+        "counts": {
+            "joined": sum(joined for _, joined in client.robots()),
+            "robots": len(robots),
+            "owned": sum(bool(news.owner) for news in going),
+            "open": sum(not news.owner for news in going),
+        },
+        "missing": missing,
+        "missing_since": (heard or None) if missing else None,
+        # Grey: what is shown is of the moment at which the hub was last heard of.
+        "silent": silent if missing and heard else None,
+    }
+
+
+def _goal(news: GoalNews) -> Dict[str, Any]:
+    report = news.report
+    state = news.state.value if report is None else report.outcome.lower().replace("_", " ")
+    refusals = [f"{robot}: {reason}" for robot, reason in sorted(news.refusals.items())]
+    return {
+        "id": news.goal.id,
+        "text": " ".join(news.goal.goals),
+        "sender": news.goal.sender,
+        "state": state,
+        "over": report is not None,
+        "robot": report.robot if report is not None else news.owner,
+        "finish": news.goal.finish and news.state in (GoalState.OWNED, GoalState.CANCELLING),
+        "why": report.reason if report is not None else "; ".join(refusals),
+    }
+
+
+def _ended(news: GoalNews) -> float:
+    return news.report.at if news.report is not None else 0.0

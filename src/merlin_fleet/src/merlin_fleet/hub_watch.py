@@ -1,0 +1,108 @@
+"""The stream of changes of a fleet's keys, and who is told of them."""
+
+import threading
+from typing import Any, Optional, Tuple
+
+import etcd3.etcdrpc as rpc
+import grpc
+
+from merlin_fleet.certified import HubError
+from merlin_fleet.core.store import Change, Snapshot
+from merlin_fleet.etcd_messages import change_of
+
+
+class Listener:
+    """What a hub tells. Called from the hub's thread."""
+
+    def on_connected(self, snapshot: Snapshot) -> None:
+        """All keys were read; the changes after it come."""
+
+    def on_resumed(self) -> None:
+        """The changes after the last one come again."""
+
+    def on_changed(self, changes: Tuple[Change, ...]) -> None:
+        """Keys changed, in one or more transactions; each is complete."""
+
+    def on_disconnected(self, reason: str) -> None:
+        """No changes come until further notice."""
+
+
+class Watch:
+    """Reads the stream of changes. For one thread."""
+
+    def __init__(self, listener: Listener, root: bytes, end: bytes) -> None:
+        self._listener = listener
+        self._root, self._end = root, end
+        self._cluster = 0
+        self._revision = 0
+        self._snapshot: Optional[Snapshot] = None
+        self.connected = True  # so that the first failure is told
+        self.told = 0
+        """How often something came."""
+
+    def resumes(self, cluster: int, revision: int) -> bool:
+        """Whether the next changes follow on what was told."""
+        return bool(self._revision) and cluster == self._cluster and revision >= self._revision
+
+    def restart(self, cluster: int, snapshot: Snapshot) -> None:
+        """What was told before does not count any more."""
+        self._cluster, self._snapshot, self._revision = cluster, snapshot, snapshot.revision
+
+    def lost(self, reason: str) -> None:
+        """The stream has ended."""
+        if self.connected:
+            self.connected = False
+            self._listener.on_disconnected(reason)
+
+    def run(self, channel: grpc.Channel, timeout: float) -> None:
+        """Tells what comes, until the stream ends.
+
+        :raises grpc.RpcError: when it ends.
+        :raises HubError: when etcd refuses it.
+        """
+        create = rpc.WatchCreateRequest(
+            key=self._root, range_end=self._end, start_revision=self._revision + 1
+        )
+        ended = threading.Event()
+        stream = rpc.WatchStub(channel).Watch(_requests(rpc.WatchRequest(create_request=create), ended))
+        # A stream has no time-out of its own; it has to begin in time.
+        alarm = threading.Timer(timeout, stream.cancel)
+        alarm.daemon = True
+        alarm.start()
+        try:
+            for response in stream:
+                alarm.cancel()
+                self._take(response)
+        finally:
+            alarm.cancel()
+            ended.set()
+            stream.cancel()
+        raise HubError("etcd has ended the watch")
+
+    def _take(self, response: Any) -> None:
+        if response.compact_revision:
+            self._revision = 0  # the changes in between are gone: everything is read again
+            raise HubError(f"etcd has compacted its history up to {response.compact_revision}")
+        if response.canceled:
+            raise HubError(f"etcd refuses the watch: {response.cancel_reason}")
+        self.told += 1
+        if response.created:
+            self._begin()
+        changes = tuple(map(change_of, response.events))
+        if changes:
+            self._revision = changes[-1].modified
+            self._listener.on_changed(changes)
+
+    def _begin(self) -> None:
+        self.connected = True
+        snapshot, self._snapshot = self._snapshot, None
+        if snapshot is not None:
+            self._listener.on_connected(snapshot)
+        else:
+            self._listener.on_resumed()
+
+
+def _requests(first: Any, ended: threading.Event) -> Any:
+    """The client's side of a stream: it stays open until the stream has ended."""
+    yield first
+    ended.wait()

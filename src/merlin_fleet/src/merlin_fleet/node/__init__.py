@@ -1,0 +1,1 @@
+"""A robot of the fleet over ROS."""

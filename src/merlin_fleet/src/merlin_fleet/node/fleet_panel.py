@@ -1,0 +1,61 @@
+"""The monitor's panel of the fleet: robots, goals, owners, leases, links."""
+
+import threading
+from typing import Any, Dict, Optional
+
+import rospy
+
+from merlin_fleet.certified import Tls
+from merlin_fleet.fleet_client import DEFAULT_FLEET, FleetClient, FleetError
+from merlin_fleet.fleet_shown import shown
+from merlin_fleet.hub import DEFAULT_ENDPOINT
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_ros.master.master_link import ERRORS, bounded_master
+
+NODE = "merlin_fleet"  # the robot's part in the fleet: its parameters name the hub
+
+
+class FleetPanel(Panel):
+    """Follows the hub of this robot's fleet, with the robot's own certificate; hidden where there is none."""
+
+    name, title, place = "fleet", "Fleet", 45
+    script = "package://merlin_fleet/web/fleet.js"
+
+    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
+        super().__init__(state, watch)
+        self._node = rospy.resolve_name(NODE)
+        self._client: Optional[FleetClient] = None
+        self._changed = threading.Event()  # set in the hub's thread, cleared in the model's
+
+    def look(self, topics: Dict[str, str]) -> None:
+        """Connects when the robot's part in the fleet has its parameters."""
+        if self._client is not None:
+            return
+        try:
+            found = bounded_master().getParam(self._node)
+            if isinstance(found, dict) and "fleet" in found:
+                self._client = _client(found, self._changed.set)
+                rospy.on_shutdown(self._client.close)
+        except ERRORS:  # the master is gone, or has no such parameters: the next look sees
+            return
+        except FleetError as error:
+            self.state.inbox.put(self.set, "missing", str(error))
+
+    def check(self, at: float, wall: float) -> None:
+        """Shows what has changed."""
+        if self._client is not None and self._changed.is_set():
+            self._changed.clear()
+            for part, value in shown(self._client).items():
+                self.set(part, value)
+
+
+def _client(parameters: Dict[str, Any], on_change: Any) -> FleetClient:
+    """A client of the fleet that a robot's node was told."""
+    hub = parameters.get("hub") or DEFAULT_ENDPOINT
+    endpoints = hub.split(",") if isinstance(hub, str) else hub
+    files = Tls(*(str(parameters.get(field) or "") for field in Tls._fields))
+    tls = files if all(files) else None
+    fleet = str(parameters["fleet"] or DEFAULT_FLEET)
+    return FleetClient(fleet, [each.strip() for each in endpoints], tls, on_change)

@@ -1,0 +1,139 @@
+"""What goals cost a robot: planned by its own planner, from the present state of its own knowledge."""
+
+import hashlib
+import re
+import tempfile
+import threading
+from pathlib import Path
+from typing import Callable, List, Optional, Protocol, Tuple
+
+from merlin_fleet.core.records import Goal
+from merlin_pddl.domain import Domain
+from merlin_pddl.plan_text import NO_DURATION, PlanTextError, parse_plan
+from merlin_pddl.problem import Problem
+from merlin_pddl.problem_writer import ProblemWriteError
+from merlin_pddl.text_reader import PddlError
+from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
+from merlin_rosplan.planning.goal_problem import write_goal_problem
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.supervision.planning import Planning
+
+
+class Knowledge(Protocol):
+    """Reads a knowledge base, as :class:`merlin_rosplan.messages.knowledge_snapshot.KnowledgeSnapshots`."""
+
+    def snapshot(self) -> Tuple[Domain, Problem]:
+        """Domain, without its operators, and all that is stored."""
+
+
+class NoPlan(Exception):
+    """A goal cannot be planned; the text says why."""
+
+
+class Unplanned(NoPlan):
+    """The planner has found no plan for a goal that the domain knows."""
+
+
+class PlannedCost:
+    """Plans goals one by one, each from the present state, and adds up how long the plans take.
+
+    Within an action the state may have no plan: a robot that drives is nowhere. So a goal without one counts
+    a stated time while the robot is busy.
+
+    :param knowledge: the robot's knowledge base.
+    :param domain_path: its domain's file.
+    :param settings: of the planner.
+    :param action_duration: s that an action without a duration counts.
+    :param goal_duration: s that a goal counts that cannot be planned while the robot is busy.
+    :param busy: whether the Executor has something to do.
+    """
+
+    def __init__(
+        self,
+        knowledge: Knowledge,
+        domain_path: str,
+        settings: PlannerSettings,
+        action_duration: float,
+        goal_duration: float,
+        busy: Callable[[], bool],
+    ) -> None:
+        self._knowledge = knowledge
+        self._domain_path = domain_path
+        self._settings = settings
+        self._action_duration = action_duration
+        self._goal_duration = goal_duration
+        self._busy = busy
+        self._folder = tempfile.TemporaryDirectory(prefix="merlin_fleet-")
+        self._lock = threading.Lock()  # guards the two fields below
+        self._closed = False
+        self._planning: Optional[Planning] = None
+
+    def cost(self, goal: Goal, behind: Tuple[Goal, ...]) -> Tuple[Optional[float], str]:
+        """s until a goal would hold, behind others; None, and why there is no plan. For one thread."""
+        busy = bool(behind) or self._busy()
+        try:
+            domain, problem = self._knowledge.snapshot()
+            try:
+                own = self._plan(domain, problem, goal)
+            except Unplanned:
+                if not busy and not self._busy():
+                    raise
+                own = self._goal_duration
+        except (KnowledgeBaseError, NoPlan) as error:
+            return None, str(error)
+        for before in behind:
+            try:
+                own += self._plan(domain, problem, before)
+            except Unplanned:
+                own += self._goal_duration
+            except NoPlan:
+                continue  # the Executor will refuse it: it does not keep the robot
+        return own, ""
+
+    def close(self) -> None:
+        """Ends a planning that runs, and plans no more."""
+        with self._lock:
+            self._closed = True
+            if self._planning is not None:
+                self._planning.cancel()
+        self._folder.cleanup()
+
+    def _plan(self, domain: Domain, problem: Problem, goal: Goal) -> float:
+        path = Path(self._folder.name) / "problem.pddl"
+        try:
+            path.write_text(write_goal_problem(domain, problem, goal.goals), encoding="utf-8")
+        except (PddlError, ProblemWriteError, OSError) as error:
+            raise NoPlan(str(error)) from None
+        planning = Planning(self._settings, self._domain_path, str(path))
+        with self._lock:
+            if self._closed:
+                raise NoPlan("the robot leaves the fleet")
+            self._planning = planning
+        outcome = planning.run()
+        with self._lock:
+            self._planning = None
+        if not outcome.solved:
+            raise Unplanned(f"no plan ({outcome.state.name}): {outcome.reason}")
+        return length(outcome.plan, self._action_duration)
+
+
+def length(plan: str, action_duration: float) -> float:
+    """How long a plan takes, s.
+
+    :param action_duration: of an action without a duration.
+    :raises NoPlan: when it cannot be read.
+    """
+    if not plan.strip():
+        return 0.0  # the goal holds
+    try:
+        steps = parse_plan(plan)
+    except PlanTextError as error:
+        raise NoPlan(f"the plan cannot be read: {error}") from None
+    timed = [step.time + step.duration for step in steps if step.duration > NO_DURATION]
+    return max(timed, default=0.0) + action_duration * (len(steps) - len(timed))
+
+
+def domain_identity(name: str, text: str) -> str:
+    """A domain's name and a hash of what its file says: `home@1a2b3c4d`. Comments and blanks do not count."""
+    words: List[str] = re.sub(r";[^\n]*", "", text).replace("(", " ( ").replace(")", " ) ").lower().split()
+    return f"{name}@{hashlib.sha256(' '.join(words).encode()).hexdigest()[:8]}"

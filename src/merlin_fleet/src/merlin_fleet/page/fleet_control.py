@@ -1,0 +1,90 @@
+"""What operators ask of a fleet on its page: goals sent and cancelled."""
+
+import math
+import sys
+from typing import Any, Dict, Optional, Tuple
+
+from merlin_fleet.fleet_client import OVER, FleetClient, FleetError
+from merlin_monitor.web.control import LONGEST_GOAL, ControlError
+
+LONGEST_NAME = 200  # characters
+
+
+class FleetControl:
+    """Stands where a :class:`merlin_monitor.web.control.Control` stands otherwise.
+
+    :param client: of the fleet.
+    """
+
+    def __init__(self, client: FleetClient) -> None:
+        self._client = client
+
+    def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
+        """Does something; returns a sentence, ``done``.
+
+        :param what: who, send or cancel.
+        :param fields: of a goal: goal, robot, groups, needs, value, deadline, finish; its id: request.
+        :param by: the operator.
+        :raises ControlError: it cannot be done.
+        """
+        try:
+            if what == "who":
+                return {"done": by}
+            if what == "send":
+                return {"done": self._send(fields, by)}
+            if what == "cancel":
+                return {"done": self._cancel(fields, by)}
+        except FleetError as error:
+            raise ControlError(str(error)) from error
+        raise ControlError(f"There is nothing called {what!r}; there is who, send, cancel.")
+
+    def _send(self, fields: Dict[str, Any], by: str) -> str:
+        goal = _text(fields, "goal", LONGEST_GOAL)
+        if not goal:
+            raise ControlError("Write a goal, like (checked kitchen).")
+        deadline = _number(fields, "deadline")
+        if deadline is not None and deadline <= 0.0:
+            raise ControlError("A deadline is a time to come, in s from now.")
+        request = self._client.send(
+            goal,
+            value=_number(fields, "value") or 0.0,
+            deadline=deadline,
+            sender=by,
+            robot=_text(fields, "robot"),
+            groups=_words(fields, "groups"),
+            needs=_words(fields, "needs"),
+            finish=fields.get("finish") is True,
+        )
+        print(f"fleet page: {by} sends {goal} as {request.id}", file=sys.stderr, flush=True)
+        return f"Sent as {request.id}."
+
+    def _cancel(self, fields: Dict[str, Any], by: str) -> str:
+        goal = _text(fields, "request")
+        news = self._client.request(goal).news
+        if news is not None and news.state in OVER:
+            raise ControlError("The goal has ended already.")
+        self._client.cancel(goal, by)
+        print(f"fleet page: {by} cancels {goal}", file=sys.stderr, flush=True)
+        return "The cancel was sent."
+
+
+def _text(fields: Dict[str, Any], name: str, longest: int = LONGEST_NAME) -> str:
+    text = fields.get(name, "")
+    if not isinstance(text, str):
+        raise ControlError(f"{name} is a text.")
+    if len(text) > longest:
+        raise ControlError(f"{name} may have at most {longest} characters.")
+    return text.strip()
+
+
+def _words(fields: Dict[str, Any], name: str) -> Tuple[str, ...]:
+    return tuple(_text(fields, name).replace(",", " ").split())
+
+
+def _number(fields: Dict[str, Any], name: str) -> Optional[float]:
+    value = fields.get(name)
+    if value is None:
+        return None
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not math.isfinite(value):
+        raise ControlError(f"{name} is a number.")
+    return float(value)

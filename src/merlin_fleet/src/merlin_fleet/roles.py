@@ -1,0 +1,88 @@
+"""Users and roles of a fleet in etcd: each robot writes its own keys only, each client goals and cancels.
+
+A user's name is that of its certificate; it has no password that is known.
+"""
+
+import secrets
+from typing import Any, Iterable, List, NamedTuple, Tuple
+
+import etcd3.etcdrpc as rpc
+from etcd3.etcdrpc import auth_pb2
+
+from merlin_fleet.certificates import ADMINISTRATOR, CLIENT, ROBOT, user
+from merlin_fleet.certified import HubError
+from merlin_fleet.core import records
+from merlin_fleet.core.records import Keys
+from merlin_fleet.core.store import Compare, Put, Txn
+from merlin_fleet.etcd_messages import behind
+from merlin_fleet.hub import EtcdHub
+
+READ, WRITE = auth_pb2.Permission.READ, auth_pb2.Permission.READWRITE
+
+
+class Right(NamedTuple):
+    """What a role may do with a key, or with all keys that begin so (those end with '/')."""
+
+    what: int
+    key: str
+
+
+class Roles:
+    """Sets users and roles.
+
+    :param hub: connected with the administrator's certificate.
+    :param fleet: name of the fleet.
+    """
+
+    def __init__(self, hub: EtcdHub, fleet: str) -> None:
+        self._hub = hub
+        self._fleet = fleet
+        self._keys = Keys(fleet)
+
+    def set(self, robots: Iterable[str], clients: Iterable[str]) -> List[str]:
+        """Gives these robots and clients their rights, and takes those of all others; returns the users.
+
+        :raises HubError: when etcd does not answer, or refuses.
+        """
+        self._role(ADMINISTRATOR, ADMINISTRATOR, ())
+        set_ = []
+        for kind, names in ((ROBOT, robots), (CLIENT, clients)):
+            for name in names:
+                one = user(kind, name)
+                role = f"merlin.{self._fleet}.{one}"
+                self._role(one, role, self._rights(kind, name))
+                set_.append(one)
+        about = self._keys.key(records.ABOUT)
+        text = records.encode_about(secrets.token_hex(16))
+        self._hub.transact(Txn((Compare(about, 0),), (Put(about, text),)))
+        self._ask("AuthEnable", rpc.AuthEnableRequest())
+        return set_
+
+    def remove(self, name: str) -> None:
+        """Takes all rights from a user: its certificate is of no use any more.
+
+        :raises HubError: when there is none, etcd does not answer, or refuses.
+        """
+        self._ask("UserDelete", rpc.AuthUserDeleteRequest(name=name))
+
+    def _rights(self, kind: str, name: str) -> Tuple[Right, ...]:
+        keys = self._keys
+        own = keys.of_clients() if kind == CLIENT else keys.of_robot(name)
+        return (Right(READ, keys.root), *(Right(WRITE, key) for key in own))
+
+    def _role(self, name: str, role: str, rights: Iterable[Right]) -> None:
+        self._ask("RoleAdd", rpc.AuthRoleAddRequest(name=role), "role name already exists")
+        for right in rights:
+            end = behind(right.key.encode()) if right.key.endswith("/") else b""
+            permission = auth_pb2.Permission(permType=right.what, key=right.key.encode(), range_end=end)
+            self._ask("RoleGrantPermission", rpc.AuthRoleGrantPermissionRequest(name=role, perm=permission))
+        password = secrets.token_hex(32)
+        self._ask("UserAdd", rpc.AuthUserAddRequest(name=name, password=password), "user name already exists")
+        self._ask("UserGrantRole", rpc.AuthUserGrantRoleRequest(user=name, role=role))
+
+    def _ask(self, method: str, request: Any, allowed: str = "") -> None:
+        try:
+            self._hub.ask("Auth", method, request)
+        except HubError as error:
+            if not allowed or allowed not in str(error):
+                raise

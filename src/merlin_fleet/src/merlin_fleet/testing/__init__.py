@@ -1,0 +1,1 @@
+"""A simulated store, for tests and benchmarks without a hub."""

@@ -1,0 +1,69 @@
+"""Searches for stories that do harm to a small fleet."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Dict, List, Optional, Tuple
+
+_SPEC = importlib.util.spec_from_file_location("fleet_world", Path(__file__).with_name("fleet_world.py"))
+assert _SPEC is not None and _SPEC.loader is not None
+model = importlib.util.module_from_spec(_SPEC)
+sys.modules[_SPEC.name] = model  # copies of a world are made by name
+_SPEC.loader.exec_module(model)
+
+Story = List[Tuple[int, "model.Event"]]
+ROUNDS = 12  # in which faults happen: both goals are done by then, where nothing happens
+
+
+def play(world: "model.World", script: Dict[int, List["model.Event"]], rounds: int = 40) -> Optional[str]:
+    """Plays events at rounds; returns what went wrong."""
+    for moment in range(rounds):
+        for event in script.get(moment, []):
+            world.strike(event)
+        world.act()
+        if world.wrong():
+            return f"round {moment}: {world.wrong()}"
+    return world.settles() or None
+
+
+def explore(
+    robots: int,
+    goals: str,
+    budget: int,
+    kinds: Tuple[str, ...] = (),
+    finish: bool = False,
+    every: int = 1,
+    rules: "model.Rules" = model.RULES,
+    rounds: int = ROUNDS,
+) -> Tuple[int, Optional[Tuple[str, Story]]]:
+    """Tries every story with at most so many events, at any moments and in any order.
+
+    :param kinds: of events; none: all.
+    :param every: of the later events of a story only each so many rounds a moment is tried.
+    :param rounds: in which faults happen.
+    :return: the number of stories, and one that goes wrong.
+    """
+    begin = model.World(robots, rules, finish=finish)
+    for goal in goals:
+        begin.send(goal)
+    stories = 0
+    stack = [(begin, 0, budget, [])]
+    while stack:
+        world, moment, left, story = stack.pop()
+        while moment < rounds:
+            if left and (not story or (moment - story[-1][0]) % every == 0):
+                for event in world.events():
+                    if kinds and event[0] not in kinds:
+                        continue
+                    struck = world.copy()
+                    struck.strike(event)
+                    stack.append((struck, moment, left - 1, [*story, (moment, event)]))
+            world.act()
+            moment += 1
+            if world.wrong():
+                return stories, (world.wrong(), story)
+        stories += 1
+        reason = world.settles()
+        if reason:
+            return stories, (reason, story)
+    return stories, None

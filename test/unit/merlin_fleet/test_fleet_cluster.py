@@ -1,0 +1,169 @@
+"""Three hubs as the page has them: one of them is lost, and nothing of the fleet notices."""
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import threading
+import uuid
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List
+
+import pytest
+import roslaunch.arg_dump
+
+from merlin_fleet.certificates import Folder, make_certificates
+from merlin_fleet.certified import certificate_problem
+from merlin_fleet.core.agent import Agent, Rules
+from merlin_fleet.core.auction import AuctionTimes
+from merlin_fleet.core.records import Goal, Profile
+from merlin_fleet.core.reporting import Outbox
+from merlin_fleet.core.tenure import LeaseTimes
+from merlin_fleet.fleet_client import FleetClient
+from merlin_fleet.fleet_robot import FleetRobot
+from merlin_fleet.hub import EtcdHub
+from merlin_fleet.testing.etcd_process import free_ports
+
+ROOT = Path(__file__).resolve().parents[3]
+BLOCKS = re.findall(r"```ini\n(.*?)```", (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8"), re.DOTALL)
+LIMIT = 60.0  # s for anything that has to happen
+#: A test machine may stand still for many seconds.
+RULES = Rules(LeaseTimes(ttl=120.0, renew_every=0.5, stop_time=1.0), AuctionTimes(0.1, 30.0))
+
+
+class TestBody:
+    """A goal runs until the test ends it."""
+
+    __test__ = False
+
+    def __init__(self) -> None:
+        self.began = threading.Event()
+        self.ended: Callable[[bool, str, str], None]
+
+    def cost(self, goal: Goal, behind: Any) -> Any:
+        return 1.0, ""
+
+    def begin(self, goal: Goal, ended: Callable[[bool, str, str], None]) -> None:
+        self.ended = ended
+        self.began.set()
+
+    def stop(self, goal: str, reason: str) -> None:
+        raise AssertionError(reason)
+
+
+class Cluster:
+    """Runs them from the lines of the page, on this machine."""
+
+    def __init__(self, folder: Path) -> None:
+        self.certificates = Folder(folder / "keys")
+        make_certificates(self.certificates.path, ["127.0.0.1"], ["ann"], ["desk"])
+        ports = free_ports(6)
+        self.clients, self.peers = ports[:3], ports[3:]
+        self.processes = [self._start(folder, number) for number in range(3)]
+
+    @property
+    def endpoints(self) -> List[str]:
+        return [f"127.0.0.1:{port}" for port in self.clients]
+
+    def _start(self, folder: Path, number: int) -> subprocess.Popen:
+        text = BLOCKS[0].replace("hub1=", "MEMBER=").replace("/etc/merlin_fleet", str(self.certificates.path))
+        own = {"0.0.0.0:2379": self.clients[number], "0.0.0.0:2380": self.peers[number]}
+        lines: Dict[str, str] = dict(line.split("=", 1) for line in text.split())
+        lines["ETCD_NAME"] = f"hub{number + 1}"
+        lines["ETCD_DATA_DIR"] = f"{folder}/{number}"
+        for name, value in lines.items():
+            if name != "ETCD_INITIAL_CLUSTER":
+                value = value.replace("hub1.lab", f"hub{number + 1}.lab")
+            for address, port in own.items():
+                value = value.replace(address, f"127.0.0.1:{port}")
+            for other in range(3):
+                value = value.replace(f"hub{other + 1}.lab:2379", f"127.0.0.1:{self.clients[other]}")
+                value = value.replace(f"hub{other + 1}.lab:2380", f"127.0.0.1:{self.peers[other]}")
+            lines[name] = value.replace("MEMBER=", "hub1=")
+        with (folder / f"{number}.log").open("wb") as log:
+            return subprocess.Popen(["etcd"], env={**os.environ, **lines}, stdout=log, stderr=log)
+
+    def close(self) -> None:
+        for process in self.processes:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    made = Cluster(tmp_path)
+    yield made
+    made.close()
+
+
+def test_losing_one_of_three_hubs_costs_nothing(cluster: Cluster) -> None:
+    body, said = TestBody(), []  # type: TestBody, List[str]
+    client = FleetClient("lab", cluster.endpoints, cluster.certificates.tls("client.desk"))
+    agent = Agent("lab", Profile("ann"), uuid.uuid4().hex, Outbox(), RULES)
+    hub = EtcdHub(agent.keys.root, cluster.endpoints, cluster.certificates.tls("robot.ann"), 5.0)
+    robot = FleetRobot(agent, hub, body, said.append)
+    try:
+        assert client.wait_for_hub(LIMIT), client.missing
+        robot.start()
+        request = client.send("(done a)")
+        assert body.began.wait(LIMIT), said
+        connected = hub._turn % 3
+        cluster.processes[connected].kill()
+        body.ended(True, "SUCCEEDED", "")
+        assert request.wait(LIMIT), client.missing
+        assert client.execute("(done b)", timeout=0.0).outcome in ("CANCELLED", "SUCCEEDED")
+    finally:
+        body.stop = lambda goal, reason: body.ended(False, "CANCELLED", reason)  # type: ignore[method-assign]
+        robot.close()
+        client.close()
+
+
+def test_a_robot_cannot_speak_as_a_hub(cluster: Cluster) -> None:
+    peer, client = (
+        f"127.0.0.1:{cluster.peers[0]}",
+        FleetClient("lab", cluster.endpoints, cluster.certificates.tls("client.desk")),
+    )
+    try:
+        assert client.wait_for_hub(LIMIT), client.missing
+    finally:
+        client.close()
+    assert certificate_problem(peer, cluster.certificates.tls("hub"), LIMIT) == ""
+    assert certificate_problem(peer, cluster.certificates.tls("robot.ann"), LIMIT) != ""
+
+
+def test_the_unit_of_a_robot(tmp_path: Path) -> None:
+    (line,) = re.findall(r"^ExecStart=(.*)$", BLOCKS[1], re.MULTILINE)
+    program, tool, wait, package, file, *arguments = shlex.split(line)
+    assert (ROOT / program.partition("/merlin/")[2]).exists()
+    assert (tool, wait, package, file) == ("roslaunch", "--wait", "merlin", "fleet.launch")
+    known = roslaunch.arg_dump.get_args([str(ROOT / "launch" / "fleet.launch")])
+    assert {word.partition(":=")[0] for word in arguments} <= set(known)
+
+
+def words_of(unit: str, folder: Path, endpoints: List[str]) -> List[str]:
+    """The command line of a unit, here."""
+    (line,) = re.findall(r"^ExecStart=(.*)$", unit, re.MULTILINE)
+    line = line.replace("/home/lab/merlin", str(ROOT)).replace("/etc/merlin_fleet", str(folder))
+    hubs = ",".join(f"hub{number}.lab:2379" for number in (1, 2, 3))
+    return shlex.split(line.replace(hubs, ",".join(endpoints)).replace("0.0.0.0", "127.0.0.1 --port 0"))
+
+
+@pytest.mark.parametrize(("number", "what"), [(2, "keep"), (3, "page")])
+def test_the_units_of_a_lab(number: int, what: str, cluster: Cluster, tmp_path: Path) -> None:
+    words = words_of(BLOCKS[number], cluster.certificates.path, cluster.endpoints)
+    assert words[1:5] == ["rosrun", "merlin_fleet", "fleet", what]
+    signals = re.findall(r"^KillSignal=(.*)$", BLOCKS[number], re.MULTILINE)
+    with (tmp_path / "out").open("wb") as out:
+        process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=out, start_new_session=True)
+    assert process.stdout is not None
+    try:
+        begun = process.stdout.readline().decode()  # it ends after 10 s without a hub
+        assert begun.endswith("(Ctrl-C ends it)\n"), (tmp_path / "out").read_text()
+        process.send_signal(getattr(signal, signals[0]))
+        assert process.wait(LIMIT) in (0, int(re.findall(r"SuccessExitStatus=(.*)", BLOCKS[number])[0]))
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+    assert (tmp_path / "out").read_text() == ""

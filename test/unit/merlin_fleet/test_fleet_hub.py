@@ -1,0 +1,213 @@
+"""The store of the protocol over a real etcd: its guarantees, and what it does when etcd hangs or dies."""
+
+import queue
+import threading
+import time
+from typing import Any, Iterator, Tuple
+
+import pytest
+from etcd3 import etcdrpc
+
+from merlin_fleet.certified import HubError, Tls
+from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn
+from merlin_fleet.etcd_messages import LeaseUnknown
+from merlin_fleet.hub import EtcdHub
+from merlin_fleet.hub_watch import Listener
+from merlin_fleet.testing.etcd_process import EtcdProcess
+
+LIMIT = 60.0  # s for anything that has to happen
+ROOT = "/merlin/lab/"
+
+
+class Heard(Listener):
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.events: queue.Queue[Tuple[str, Any]] = queue.Queue()
+
+    def on_connected(self, snapshot: Snapshot) -> None:
+        self.events.put(("connected", snapshot))
+
+    def on_resumed(self) -> None:
+        self.events.put(("resumed", None))
+
+    def on_changed(self, changes: Tuple[Change, ...]) -> None:
+        for change in changes:
+            self.events.put(("changed", change))
+
+    def on_disconnected(self, reason: str) -> None:
+        self.events.put(("disconnected", reason))
+
+    def next(self, kind: str) -> Any:
+        """The next event, which is of this kind."""
+        found, value = self.events.get(timeout=LIMIT)
+        assert found == kind, value
+        return value
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[EtcdProcess]:
+    etcd = EtcdProcess()
+    yield etcd
+    etcd.close()
+
+
+@pytest.fixture
+def own() -> Iterator[EtcdProcess]:
+    etcd = EtcdProcess()
+    yield etcd
+    etcd.close()
+
+
+@pytest.fixture
+def hubs() -> Iterator[Any]:
+    made = []
+
+    def make(etcd: EtcdProcess, root: str = ROOT, timeout: float = 20.0) -> EtcdHub:
+        made.append(EtcdHub(root, [etcd.endpoint], timeout=timeout))
+        return made[-1]
+
+    yield make
+    for hub in made:
+        hub.close()
+
+
+def put(hub: EtcdHub, key: str, value: str) -> int:
+    return hub.transact(Txn(puts=(Put(key, value),))).revision
+
+
+def test_a_transaction_compares_and_sets(shared: EtcdProcess, hubs: Any) -> None:
+    hub, key = hubs(shared), ROOT + "compared"
+    first = hub.transact(Txn((Compare(key, 0),), (Put(key, "a"),)))
+    assert first.done
+    second = hub.transact(Txn((Compare(key, 0),), (Put(key, "b"),), reads=(key,)))
+    assert not second.done
+    assert [(item.value, item.modified) for item in second.items] == [("a", first.revision)]
+    third = hub.transact(Txn((Compare(key, first.revision),), (Put(key + "2", "c"),), (key,)))
+    assert third.done
+    assert {item.key for item in hub.read().items if "compared" in item.key} == {key + "2"}
+
+
+def test_a_lease_ends_its_keys(shared: EtcdProcess, hubs: Any) -> None:
+    hub, key = hubs(shared), ROOT + "leased"
+    lease, ttl = hub.grant(30.0)
+    assert ttl >= 30.0
+    assert hub.renew(lease) == ttl
+    hub.transact(Txn(puts=(Put(key, "a", lease),)))
+    assert key in {item.key for item in hub.read().items}
+    hub.revoke(lease)
+    assert key not in {item.key for item in hub.read().items}
+    assert hub.renew(lease) == 0.0
+    with pytest.raises(LeaseUnknown):
+        hub.transact(Txn(puts=(Put(key, "a", lease),)))
+
+
+def test_more_keys_than_a_page_are_read_at_one_revision(shared: EtcdProcess, hubs: Any) -> None:
+    hub = hubs(shared, "/merlin/many/")
+    for begin in range(0, 1200, 100):
+        puts = tuple(Put(f"/merlin/many/{number:04}", "x") for number in range(begin, begin + 100))
+        revision = hub.transact(Txn(puts=puts)).revision
+    snapshot = hub.read()
+    assert len(snapshot.items) == 1200
+    assert snapshot.revision == revision
+
+
+def test_changes_of_the_own_fleet_come_in_order(shared: EtcdProcess, hubs: Any) -> None:
+    hub, heard = hubs(shared, "/merlin/order/"), Heard()
+    hub.follow(heard)
+    heard.next("connected")
+    put(hub, "/merlin/other/key", "not ours")
+    revisions = [put(hub, f"/merlin/order/{number}", str(number)) for number in range(50)]
+    hub.transact(Txn(deletes=("/merlin/order/7",)))
+    changes = [heard.next("changed") for _ in range(51)]
+    assert [change.modified for change in changes[:50]] == revisions
+    assert changes[50] == Change("/merlin/order/7", None, revisions[-1] + 1)
+
+
+def test_nothing_is_lost_when_etcd_is_killed(own: EtcdProcess, hubs: Any) -> None:
+    hub, writer, heard = hubs(own), hubs(own), Heard()
+    hub.follow(heard)
+    heard.next("connected")
+    first = put(writer, ROOT + "a", "1")
+    assert heard.next("changed").modified == first
+    own.kill()
+    heard.next("disconnected")
+    own.start()
+    missed = [put_until_it_is_there(writer, ROOT + f"b{number}") for number in range(5)]
+    heard.next("resumed")
+    assert [heard.next("changed").modified for _ in missed] == missed
+
+
+def put_until_it_is_there(hub: EtcdHub, key: str) -> int:
+    """Puts a key; etcd has just begun."""
+    end = time.monotonic() + LIMIT
+    while True:
+        try:
+            return hub.transact(Txn((Compare(key, 0),), (Put(key, "x"),))).revision
+        except HubError:
+            assert time.monotonic() < end
+
+
+def test_a_hub_that_hangs_is_noticed_and_nothing_is_lost(own: EtcdProcess, hubs: Any) -> None:
+    hub, heard = hubs(own, timeout=1.0), Heard()
+    hub.follow(heard)
+    heard.next("connected")
+    own.hang()
+    with pytest.raises(HubError, match="in time"):
+        put(hub, ROOT + "a", "1")
+    heard.next("disconnected")
+    own.resume()
+    while True:
+        kind, value = heard.events.get(timeout=LIMIT)
+        if kind == "resumed":
+            break
+        assert kind == "disconnected"
+    revision = put_until_it_is_there(hubs(own), ROOT + "b")
+    while heard.next("changed").modified != revision:
+        pass  # the put whose answer did not come may have been done
+
+
+def test_what_was_compacted_meanwhile_is_read_again(
+    own: EtcdProcess, hubs: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hub, writer, heard = hubs(own), hubs(own), Heard()
+    hub.follow(heard)
+    heard.next("connected")
+    own.kill()
+    heard.next("disconnected")
+    compacted, where = threading.Event(), hub._where
+
+    def late() -> Tuple[int, int]:
+        assert compacted.wait(LIMIT)
+        return where()
+
+    monkeypatch.setattr(hub, "_where", late)
+    own.start()
+    for number in range(5):
+        last = put_until_it_is_there(writer, ROOT + f"b{number}")
+    writer._call("KV", "Compact", etcdrpc.CompactionRequest(revision=last))
+    compacted.set()
+    kind, snapshot = heard.events.get(timeout=LIMIT)
+    while kind != "connected":
+        assert kind != "changed"
+        kind, snapshot = heard.events.get(timeout=LIMIT)
+    assert [item.key for item in snapshot.items] == [ROOT + f"b{number}" for number in range(5)]
+    revision = put(writer, ROOT + "c", "1")
+    assert heard.next("changed").modified == revision
+
+
+def test_without_certificates_only_this_machine_is_used() -> None:
+    with pytest.raises(HubError, match=r"not hub\.lab:2379"):
+        EtcdHub(ROOT, ["127.0.0.1:2379", "hub.lab:2379"])
+    with pytest.raises(HubError, match="cannot be read"):
+        EtcdHub(ROOT, ["hub.lab:2379"], Tls("/nowhere/ca.pem", "/nowhere/c.pem", "/nowhere/k.pem"))
+
+
+def test_a_hub_that_is_not_there_is_told_once(hubs: Any, own: EtcdProcess) -> None:
+    own.kill()
+    hub, heard = hubs(own), Heard()
+    hub.follow(heard)
+    assert "cannot be reached" in heard.next("disconnected")
+    own.start()
+    heard.next("connected")
+    assert heard.events.empty()

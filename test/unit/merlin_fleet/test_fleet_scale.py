@@ -1,0 +1,270 @@
+"""Many robots and goals: what each of them computes and writes, and that the lists of a view are right."""
+
+import random
+import sys
+import threading
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from merlin_fleet.core import events as ev
+from merlin_fleet.core import records
+from merlin_fleet.core.agent import Agent
+from merlin_fleet.core.auction import Offers, lot, order, unsuited
+from merlin_fleet.core.records import Bid, Bids, Claim, Goal, Keys, Profile, Report
+from merlin_fleet.core.reporting import Outbox
+from merlin_fleet.core.store import Change, Put, Snapshot, Txn
+from merlin_fleet.core.view import FleetView, GoalState
+from merlin_fleet.inbox import Inbox
+from merlin_fleet.testing.simulated_store import SimulatedStore
+
+LIMIT = 60.0  # s for anything that has to happen
+KEYS = Keys("lab")
+TTL = 15.0
+STEP = 0.05  # s
+
+
+class Crowd:
+    """Robots over a simulated store; each looks at what came every `STEP`."""
+
+    def __init__(self, robots: int) -> None:
+        self.store = SimulatedStore()
+        self.agents = [Agent("lab", Profile(f"r{n}"), f"life{n}", Outbox()) for n in range(robots)]
+        self.now = 0.0
+        self.begun: List[Tuple[str, str]] = []
+        self.best: Dict[str, str] = {}
+        self._cursors: List[Optional[int]] = [None] * robots
+        self._inboxes: List[List[ev.Event]] = [[] for _ in range(robots)]
+
+    def send(self, count: int) -> None:
+        """A client sends goals."""
+        for _ in range(count):
+            goal = Goal(f"g{len(self.best)}", ("(done)",), self.now)
+            self.best[goal.id] = min((lot(goal.id, a.robot.name), a.robot.name) for a in self.agents)[1]
+            self.store.transact(Txn((), (Put(KEYS.key(records.GOALS, goal.id), records.encode(goal)),)))
+
+    def written(self, kind: str) -> int:
+        """How often keys of a kind were written."""
+        return sum(
+            KEYS.parts(change.key)[0] == kind and change.value is not None for change in self.store.changes
+        )
+
+    def until(self, holds: Callable[[], bool]) -> None:
+        """Goes on until something holds."""
+        end = self.now + 300.0
+        while not holds():
+            assert self.now < end, "it does not happen"
+            self.now += STEP
+            self.store.pass_time(STEP)
+            for index in range(len(self.agents)):
+                self._act(index)
+
+    def _act(self, index: int) -> None:
+        inbox, self._inboxes[index] = self._inboxes[index], []
+        cursor, self._cursors[index] = self._cursors[index], len(self.store.changes)
+        if cursor is None:
+            inbox.append(ev.Connected(self.store.snapshot()))
+        elif cursor < len(self.store.changes):
+            inbox.append(ev.Changed(tuple(self.store.changes[cursor:])))
+        if not inbox and self.now >= self.agents[index].next_moment():
+            inbox.append(None)
+        while inbox:
+            for decision in self.agents[index].handle(self.now, inbox.pop(0)):
+                self._carry_out(index, decision, inbox)
+
+    def _carry_out(self, index: int, decision: ev.Decision, inbox: List[ev.Event]) -> None:
+        if isinstance(decision, ev.AskLease):
+            lease = decision.lease or self.store.grant(TTL)
+            self.store.renew(lease)
+            inbox.append(ev.Leased(decision.lease, self.now, lease, TTL))
+        elif isinstance(decision, ev.Transact):
+            self._inboxes[index].append(ev.Answered(decision.tag, self.store.transact(decision.txn)))
+        elif isinstance(decision, ev.AskCost):
+            cost = lot(decision.goal.id, self.agents[index].robot.name) * (1.0 + len(decision.behind))
+            inbox.append(ev.Costed(decision.goal.id, decision.queue, cost))
+        elif isinstance(decision, ev.Begin):
+            self.begun.append((decision.goal.id, self.agents[index].robot.name))
+            self._inboxes[index].append(ev.Ended(decision.goal.id, True, "SUCCEEDED"))
+
+
+def joined(robots: int) -> Crowd:
+    """A crowd whose robots are all joined."""
+    crowd = Crowd(robots)
+    crowd.until(lambda: all(agent.joined for agent in crowd.agents) and crowd.written(records.BIDS) >= robots)
+    return crowd
+
+
+def test_in_a_crowd_the_cheapest_does_it_though_few_bid() -> None:
+    crowd = joined(30)
+    before = crowd.written(records.BIDS)
+    for number in range(10):
+        crowd.send(1)
+        crowd.until(lambda: crowd.written(records.ENDS) > number)  # noqa: B023
+    assert dict(crowd.begun) == crowd.best
+    assert crowd.written(records.BIDS) - before < 10 * 20, "all 30 bid for each"
+
+
+def test_many_goals_are_done_once_each_with_few_writes() -> None:
+    crowd = joined(30)
+    before = len(crowd.store.changes)
+    crowd.send(90)
+    crowd.until(lambda: crowd.written(records.ENDS) == 90)
+    assert sorted(goal for goal, _ in crowd.begun) == sorted(crowd.best)
+    assert len({robot for _, robot in crowd.begun}) > 20, "most of the robots do some"
+    assert len(crowd.store.changes) - before < 90 * 14
+
+
+def test_a_goal_for_one_robot_is_not_lost_in_a_crowd() -> None:
+    crowd = joined(12)
+    goal = Goal("only", ("(done)",), crowd.now, robot="r3")
+    crowd.store.transact(Txn((), (Put(KEYS.key(records.GOALS, goal.id), records.encode(goal)),)))
+    crowd.send(60)
+    crowd.until(lambda: crowd.written(records.ENDS) == 61)
+    assert ("only", "r3") in crowd.begun
+
+
+def calls(function: Callable[[], Any]) -> int:
+    """How many functions are called, those of C too."""
+    count = 0
+
+    def see(_: Any, event: str, __: Any) -> None:
+        nonlocal count
+        count += event in ("call", "c_call")
+
+    sys.setprofile(see)
+    try:
+        function()
+    finally:
+        sys.setprofile(None)
+    return count
+
+
+def test_what_a_change_costs_does_not_grow_with_the_goals() -> None:
+    def cost(goals: int) -> int:
+        crowd = joined(2)
+        crowd.store.revoke(2)  # the other robot has left
+        crowd.until(lambda: len(crowd.agents[0].view.lives) == 1)
+        agent = crowd.agents[0]
+        items = [Goal(f"g{n}", ("(done)",), 0.0, deadline=1e9 + n) for n in range(goals)]
+        puts = [Change(KEYS.key(records.GOALS, goal.id), records.encode(goal), 1) for goal in items]
+        agent.handle(crowd.now, ev.Changed(tuple(puts)))
+        claim = records.encode(Claim("r7", "life7"))
+        change = Change(KEYS.key(records.CLAIMS, "r7", f"g{goals - 1}"), claim, crowd.store.revision + 1)
+        return calls(lambda: agent.handle(crowd.now, ev.Changed((change,))))
+
+    assert cost(1000) <= cost(20) + 20
+
+
+# --- the lists are what the keys say ----------------------------------------------------------------
+
+GOAL_NAMES = st.sampled_from("abcd")
+ROBOT_NAMES = st.sampled_from(["r1", "r2", "r3"])
+GOALS = st.builds(
+    Goal,
+    GOAL_NAMES,
+    st.just(("(done)",)),
+    st.floats(0.0, 9.0),
+    deadline=st.none() | st.floats(0.0, 9.0),
+    value=st.sampled_from([0.0, 1.0]),
+    robot=st.sampled_from(["", "r1", "r2"]),
+)
+REPORTS = st.builds(Report, GOAL_NAMES, ROBOT_NAMES, st.just(1), st.just("FAILED"), st.just(""), st.just(0.0))
+BID = st.builds(Bid, st.none() | st.sampled_from([1.0, 2.0, 3.0]), st.sampled_from(["", "no plan"]))
+BIDS = st.builds(Bids, st.dictionaries(GOAL_NAMES, BID), st.sampled_from(["", "", "full"]))
+KEY_AND_TEXT = st.one_of(
+    GOALS.map(lambda goal: ((records.GOALS, goal.id), records.encode(goal))),
+    st.tuples(GOAL_NAMES, ROBOT_NAMES).map(
+        lambda it: ((records.CLAIMS, it[1], it[0]), records.encode(Claim(it[1], it[1])))
+    ),
+    GOAL_NAMES.map(lambda goal: ((records.CANCELS, goal), "{}")),
+    REPORTS.map(lambda report: ((records.ENDS, report.robot, report.goal), records.encode(report))),
+    REPORTS.map(lambda report: ((records.FAILURES, report.robot, report.goal, "1"), records.encode(report))),
+    st.tuples(ROBOT_NAMES, BIDS).map(lambda it: ((records.BIDS, it[0]), records.encode_bids(it[1]))),
+    ROBOT_NAMES.map(lambda name: ((records.LIVES, name), records.encode(Claim(name, name)))),
+    GOAL_NAMES.map(lambda goal: ((records.GOALS, goal), "not a goal")),
+)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.lists(st.tuples(KEY_AND_TEXT, st.booleans(), st.booleans()), max_size=40))
+def test_the_lists_of_a_view_are_what_its_keys_say(steps: List[tuple]) -> None:
+    robot = Profile("r1")
+    view = FleetView(KEYS, robot)
+    waiting: List[Change] = []
+    for number, ((names, text), there, at_once) in enumerate(steps):
+        waiting.append(Change(KEYS.key(*names), text if there else None, number + 1))
+        if at_once:
+            view.apply(waiting)
+            waiting = []
+    view.apply(waiting)
+    is_open = [goal for goal in view.goals.values() if view.state(goal.id) is GoalState.OPEN]
+    suited = [goal for goal in is_open if not unsuited(goal, robot)]
+    tried = {name for name, of in view.failures.items() if any(it.robot == "r1" for it in of.values())}
+    assert view.open == sorted(order(goal) for goal in suited if goal.id not in tried)
+    assert view.unsuited == sorted(order(goal) for goal in is_open if unsuited(goal, robot))
+    assert view.due == sorted((goal.deadline, goal.id) for goal in is_open if goal.deadline is not None)
+    owners = {(claim.robot, goal) for goal, claim in view.claims.items()}
+    assert owners == {(name, goal) for name, goals in view.owned_by.items() for goal in goals}
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.lists(st.tuples(ROBOT_NAMES, st.none() | BIDS), max_size=20), BID, GOAL_NAMES)
+def test_offers_are_ranked_as_when_they_are_all_compared(steps: List[tuple], mine: Bid, goal: str) -> None:
+    offers, known = Offers(), {}  # type: Offers, Dict[str, Bids]
+    for robot, bids in steps:
+        if bids is not None:
+            offers.put(robot, bids)
+            known[robot] = bids
+        elif robot in known:
+            offers.remove(robot)
+            del known[robot]
+    costs = [(bids.of[goal].cost, lot(goal, name)) for name, bids in known.items() if goal in bids.of]
+    own = (mine.cost or 0.0, lot(goal, "r9"))
+    assert offers.cheaper(goal, "r9", own[0]) == sum(
+        cost is not None and (cost, lo) < own for cost, lo in costs
+    )
+    assert offers.closed == sum(bool(bids.reason) for bids in known.values())
+    assert offers.answers(goal) == offers.closed + len(costs)
+
+
+# --- changes wait for each other --------------------------------------------------------------------
+
+
+def change(key: str) -> Change:
+    return Change(key, "x", 1)
+
+
+def test_changes_come_as_one_event_and_urgent_ones_at_once() -> None:
+    inbox = Inbox(3600.0)
+    inbox.put_changes((change("a"),), urgent=False)
+    assert inbox.next(0.0) is None, "it waits for others"
+    inbox.put_changes((change("b"),), urgent=True)
+    inbox.put_changes((change("c"),), urgent=False)
+    assert inbox.next(LIMIT) == ev.Changed((change("a"), change("b")))
+    assert inbox.next(0.0) is None
+    patient = Inbox(0.01)
+    patient.put_changes((change("a"),), urgent=False)
+    assert patient.next(LIMIT) == ev.Changed((change("a"),))
+
+
+def test_changes_never_move_to_the_other_side_of_a_connection() -> None:
+    inbox = Inbox(3600.0)
+    inbox.put_changes((change("old"),), urgent=False)
+    connected = ev.Connected(Snapshot(5, ()))
+    inbox.put(connected)
+    inbox.put_changes((change("new"),), urgent=True)
+    assert [inbox.next(LIMIT) for _ in range(3)] == [
+        ev.Changed((change("old"),)),
+        connected,
+        ev.Changed((change("new"),)),
+    ]
+
+
+def test_a_thread_that_waits_is_woken() -> None:
+    inbox, heard = Inbox(0.01), []  # type: Inbox, List[Any]
+    thread = threading.Thread(target=lambda: heard.append(inbox.next(LIMIT)), name="waits", daemon=True)
+    thread.start()
+    inbox.put_changes((change("a"),), urgent=random.random() < 0.5)
+    thread.join(LIMIT)
+    assert heard == [ev.Changed((change("a"),))]
