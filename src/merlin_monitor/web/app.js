@@ -1,43 +1,68 @@
 // Puts the panels together, as the monitor lists them, and lets the keyboard reach them.
 import { Control } from "./control.js";
 import { byId, clockText, el, setHidden, setText, useSimulatedTime } from "./dom.js";
+import { keys } from "./keys.js";
 import { Store } from "./store.js";
+import { t } from "./texts.js";
+import { wall } from "./wall.js";
+import { TimeBar } from "./time_bar.js";
 
 const store = new Store();
 const control = new Control(store);
 const main = document.querySelector("main");
 const links = document.querySelector("nav");
-let listed = ""; // the panels that are shown
+let listed = ""; // the panels that are shown, and of which recording
 
-store.onConnection((connected) => {
-  const since = store.heardAt ? `no news since ${store.heardAt.toLocaleTimeString()}` : "no connection";
-  byId("connection").dataset.state = connected ? "live" : "lost";
-  setText(byId("connection"), connected ? "live" : since);
-  document.body.dataset.news = connected ? "live" : "none";
-});
+for (const element of document.querySelectorAll("[data-t]")) setText(element, t(element.textContent));
+for (const element of document.querySelectorAll("[data-t-label]")) {
+  for (const name of ["title", "aria-label"]) if (element.hasAttribute(name)) element.setAttribute(name, t(element.getAttribute(name)));
+}
+wall();
+keys(go);
+
+new TimeBar(store);
+store.onConnection(drawConnection);
+
+function drawConnection() {
+  const since = store.heardAt ? t("no news since {time}", { time: store.heardAt.toLocaleTimeString() }) : t("no connection");
+  const shown = store.past ? "past" : "live"; // t("past")
+  byId("connection").dataset.state = store.connected ? shown : "lost";
+  setText(byId("connection"), store.connected ? t(shown) : since);
+  document.body.dataset.news = store.connected ? shown : "none";
+}
 
 store.view("meta", (meta) => {
+  drawConnection();
   useSimulatedTime(Boolean(meta.simulated));
   setText(byId("robot"), meta.robot);
   setText(byId("clock"), clockText(meta.time));
   const simulator = meta.simulator;
-  setText(byId("simulator"), simulator ? (simulator.paused ? "simulation paused" : `simulated, ×${simulator.factor}`) : "");
-  const panels = JSON.stringify(meta.panels || []);
-  if (panels === listed) return;
-  if (listed) location.reload(); // the monitor was started again, with others
-  listed = panels;
+  setText(byId("simulator"), simulator ? (simulator.paused ? t("simulation paused") : t("simulated, ×{factor}", simulator)) : "");
+});
+
+store.viewLive(({ meta = {} }) => {
+  const shown = JSON.stringify([meta.panels || [], meta.archive || ""]);
+  if (shown === listed) return;
+  if (listed) {
+    // The monitor was started again with other panels, or what is served here now is a recording, or none any more.
+    const recorded = JSON.parse(listed)[1];
+    if (recorded && !meta.archive) history.replaceState(null, "", location.pathname + location.search); // its moments are of another run
+    location.reload();
+    return;
+  }
+  listed = shown;
   Promise.all(meta.panels.map(add)).then(() => { document.documentElement.dataset.panels = "shown"; });
 });
 store.connect();
 
 async function add({ name, title, width }) {
-  const section = el("section", { id: name, class: title && "card", "aria-label": title || name, tabindex: -1 });
+  const section = el("section", { id: name, class: title && "card", "aria-label": t(title || name), tabindex: -1 });
   section.style.setProperty("--columns", width);
   const silent = el("span", { class: "silent", hidden: true });
   if (title) {
-    section.append(el("h2", {}, `${title} `, el("span", { class: "aside", id: `${name}-note` }), silent));
+    section.append(el("h2", {}, `${t(title)} `, el("span", { class: "aside", id: `${name}-note` }), silent));
     const key = String(links.children.length + 1);
-    const link = el("a", { href: `#${name}`, title: `key ${key}`, "data-key": key, onclick: (event) => { event.preventDefault(); go(name); } }, title);
+    const link = el("a", { href: `#${name}`, title: t("key {key}", { key }), "data-key": key, onclick: (event) => { event.preventDefault(); go(name); } }, t(title));
     links.append(link);
   } else {
     section.append(silent);
@@ -47,7 +72,7 @@ async function add({ name, title, width }) {
   store.view(name, ({ silent: what }) => {
     section.toggleAttribute("data-silent", Boolean(what));
     setHidden(silent, !what);
-    setText(silent, what && `no news since ${clockText(what.since)}: ${what.node || "its source"} ${what.what}`);
+    setText(silent, what && t("no news since {time}: {node} {what}", { time: clockText(what.since), node: what.node || t("its source"), what: t(what.what) }));
   });
   try {
     const panel = await import(`/panels/${name}.js`);
@@ -55,7 +80,7 @@ async function add({ name, title, width }) {
     panel.show(section, { store, control });
   } catch (error) {
     console.error(`${name} cannot be drawn`, error); // the other panels still can
-    section.append(el("p", { class: "trouble" }, `This panel cannot be drawn: ${error}`));
+    section.append(el("p", { class: "trouble" }, t("This panel cannot be drawn: {error}", { error })));
   }
 }
 
@@ -70,19 +95,3 @@ function go(id) {
   section.scrollIntoView();
   section.focus({ preventScroll: true });
 }
-
-document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, textarea")) {
-    if (event.key === "Escape") event.target.blur();
-    return;
-  }
-  if (event.key === "/" && byId("search")) {
-    event.preventDefault();
-    go("knowledge");
-    byId("search").focus();
-    return;
-  }
-  if (event.key === "0") go("now");
-  const link = links.querySelector(`a[data-key="${CSS.escape(event.key)}"]`);
-  if (link) link.click();
-});

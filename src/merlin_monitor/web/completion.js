@@ -65,7 +65,7 @@ function arity(domain, word) {
   return signature === null || signature.length > 0;
 }
 
-function isA(type, wanted, types) {
+export function isA(type, wanted, types) {
   let current = type;
   for (let steps = 0; current && steps < 50; steps += 1) {
     if (current === wanted) return true;

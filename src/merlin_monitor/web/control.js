@@ -1,5 +1,6 @@
 // Asks the robot to do something, for operators: each request carries the token of one.
 import { byId, setHidden, setText } from "./dom.js";
+import { t } from "./texts.js";
 
 const TOKEN = "merlin-token";
 const PATIENCE = 15000; // ms for an answer; that of a stop comes within 3 s
@@ -21,19 +22,25 @@ export class Control {
       this.enter(byId("token").value);
     });
     byId("control-said").addEventListener("click", () => setHidden(byId("control-said"), true));
-    store.view("meta", () => this.draw());
+    store.viewLive(() => this.draw());
     this.name = "";
   }
 
+  // Whether what is shown can be acted on; nothing of the past can.
   possible() {
-    return Boolean((this.store.state.meta || {}).control);
+    return !this.store.past && this.allowed();
   }
 
+  allowed() {
+    return Boolean((this.store.live.meta || {}).control);
+  }
+
+  // Stop and hold is there whatever is shown.
   draw() {
-    setHidden(byId("stop"), !this.possible());
-    setHidden(byId("operator"), !this.possible());
-    if (this.possible() && this.token && !this.name) this.learnName();
-    setText(byId("operator"), this.token ? `${this.name || "operator"} – sign out` : "Sign in");
+    setHidden(byId("stop"), !this.allowed() || this.store.live.meta.stops === false); // a fleet's page has no base to hold
+    setHidden(byId("operator"), !this.allowed());
+    if (this.allowed() && this.token && !this.name) this.learnName();
+    setText(byId("operator"), this.token ? t("{name} – sign out", { name: this.name || t("operator") }) : t("Sign in"));
   }
 
   async learnName() {
@@ -76,19 +83,19 @@ export class Control {
     this.close();
     this.draw();
     if (what !== "who") this.say(told);
-    answer(told.status === 200);
+    answer(told.status === 200 ? told.object : null);
   }
 
-  // Whether it was done; what was said about it is shown. Without a token, the operator is asked for it first.
+  // The answer, null when it was not done; what was said about it is shown. Without a token, the operator is asked for it first.
   async ask(what, fields = {}) {
     if (!this.token) {
-      this.signIn(what === "stop" ? "The robot is NOT stopped yet: a token is needed." : "");
+      this.signIn(what === "stop" ? t("The robot is NOT stopped yet: a token is needed.") : "");
       return new Promise((answer) => { this.waiting = [what, fields, answer]; });
     }
     const told = await this.send(what, fields, this.token);
     if (told.status === 403 && told.wrong) this.signOut();
     this.say(told);
-    return told.status === 200;
+    return told.status === 200 ? told.object : null;
   }
 
   async send(what, fields, token) {
@@ -101,16 +108,17 @@ export class Control {
       });
       const text = await answer.text();
       let words = text;
+      let object = {};
       try {
-        const object = JSON.parse(text);
+        object = JSON.parse(text);
         words = object.done || object.error || text;
       } catch {
         // a refusal is plain text
       }
-      return { status: answer.status, words: words.trim(), wrong: words.includes("not the right one") };
+      return { status: answer.status, object, words: words.trim(), wrong: words.includes("not the right one") };
     } catch {
-      const stop = what === "stop" ? " The stop is NOT confirmed: use the button on the robot." : "";
-      return { status: 0, words: `The monitor does not answer.${stop}` };
+      const stop = what === "stop" ? ` ${t("The stop is NOT confirmed: use the button on the robot.")}` : "";
+      return { status: 0, words: t("The monitor does not answer.") + stop };
     }
   }
 

@@ -1,19 +1,38 @@
 // Draws what Graphviz has laid out, once per layout; afterwards only marks change.
 import { el, setText, svg } from "./dom.js";
+import { pannable } from "./pan.js";
 
 const LONGEST = 34; // characters, as the layout reckons
-const NARROWEST = 480; // px
-const SMALLEST = 0.5; // of the size it was laid out in
+const LETTER = 8.2; // px of one of them
+const EDGES = 30; // px of a node beside its text
+const SIZES = [0.3, 2.5]; // of the size it was laid out in, in which all texts can be read
 
 export class GraphView {
-  constructor(container, { onPick } = {}) {
+  constructor(container, { onPick, words } = {}) {
     this.container = container;
     this.onPick = onPick;
+    this.words = words; // node → {text, detail} in the reader's language, where the layout has only English
     this.layout = undefined;
     this.nodes = new Map();
     this.clusters = new Map();
     this.edges = [];
     this.followed = "";
+    this.zoom = 1;
+    pannable(container, { move: (dx, dy) => container.scrollBy(dx, dy), zoom: (factor) => this.resize(factor) });
+  }
+
+  resize(factor) {
+    const root = this.container.querySelector("svg");
+    if (!root) return;
+    this.zoom = Math.min(SIZES[1], Math.max(SIZES[0], this.zoom * factor));
+    const { scrollLeft, scrollTop, clientWidth, clientHeight } = this.container;
+    this.setSize(root);
+    this.container.scrollTo((scrollLeft + clientWidth / 2) * factor - clientWidth / 2, (scrollTop + clientHeight / 2) * factor - clientHeight / 2);
+  }
+
+  setSize(root) {
+    root.style.width = `${this.layout.width * this.zoom}px`;
+    this.container.style.width = `${this.layout.width * this.zoom + 4}px`;
   }
 
   // Draws a layout if it is another one than before.
@@ -40,10 +59,7 @@ export class GraphView {
     }
     for (const edge of layout.edges) root.append(this.drawEdge(edge));
     for (const node of layout.nodes) root.append(this.drawNode(node));
-    // As large as it was laid out where there is room, smaller down to what can still be read.
-    this.container.style.width = `${width + 4}px`;
-    root.style.maxWidth = `${width}px`;
-    root.style.minWidth = `${Math.min(width, Math.max(NARROWEST, width * SMALLEST))}px`;
+    this.setSize(root);
     this.container.append(root);
   }
 
@@ -66,12 +82,13 @@ export class GraphView {
       tabindex: pickable ? 0 : undefined,
       role: pickable ? "button" : undefined,
     });
+    const { text, detail = text } = (this.words && this.words(node)) || node;
     const mark = svg("text", { class: "glyph", x: 13, y: node.h / 2 });
     const indent = node.kind === "outcome" ? 0 : 8;
     group.append(
-      svg("title", {}, node.text),
+      svg("title", {}, detail),
       svg("rect", { class: "box", width: node.w, height: node.h, rx: node.kind === "outcome" ? node.h / 2 : 8 }),
-      svg("text", { x: node.w / 2 + indent, y: node.h / 2 + 0.5, "text-anchor": "middle" }, cut(node.text)),
+      svg("text", { x: node.w / 2 + indent, y: node.h / 2 + 0.5, "text-anchor": "middle" }, this.words ? cut(text, Math.floor((node.w - EDGES) / LETTER)) : cut(text)),
     );
     if (node.kind !== "outcome") group.append(mark);
     if (pickable) {
@@ -82,21 +99,21 @@ export class GraphView {
         this.onPick(node.id);
       });
     }
-    this.nodes.set(node.id, { node, group, mark });
+    this.nodes.set(node.id, { node, group, mark, text });
     return group;
   }
 
   // marks: id → {glyph, active, label, state}
   mark(marks) {
     let first = null;
-    for (const [id, { node, group, mark }] of this.nodes) {
+    for (const [id, { node, group, mark, text }] of this.nodes) {
       const { glyph = "", active = false, reached = false, label = "", state = "" } = marks(id, node) || {};
       group.classList.toggle("active", active);
       if (active && !first) first = node;
       group.classList.toggle("reached", reached);
       if (group.dataset.state !== state) group.dataset.state = state;
       setText(mark, glyph);
-      const name = label ? `${node.text}, ${label}` : node.text;
+      const name = label ? `${text}, ${label}` : text;
       if (group.getAttribute("aria-label") !== name) group.setAttribute("aria-label", name);
     }
     if (first && first.id !== this.followed) this.follow(first);
@@ -136,6 +153,6 @@ function tip(from, to) {
   return svg("polygon", { class: "tip", points: points.map((point) => point.map((value) => value.toFixed(1)).join(",")).join(" ") });
 }
 
-function cut(text) {
-  return text.length > LONGEST ? `${text.slice(0, LONGEST - 1)}…` : text;
+function cut(text, most = LONGEST) {
+  return text.length > most ? `${text.slice(0, most - 1)}…` : text;
 }

@@ -1,4 +1,5 @@
 // The state as the monitor has it: the whole on connecting, then changes. Nothing here touches the page.
+// What is shown is that, or a moment of the past.
 
 const FIRST_RETRY = 250; // ms
 const LAST_RETRY = 3000;
@@ -34,7 +35,11 @@ export function applyChange(state, change) {
 
 export class Store {
   constructor() {
-    this.state = {};
+    this.live = {}; // the present
+    this.state = this.live; // what is shown
+    this.past = false; // whether that is a moment of the past
+    this.liveViews = [];
+    this.afterRender = () => {};
     this.version = 0;
     this.connected = false;
     this.socket = null;
@@ -58,6 +63,43 @@ export class Store {
   watch(section, call) {
     this.watchers.push([section, call]);
     if (this.version) call(null);
+  }
+
+  // Calls view(live) once per frame in which the present changed, whatever is shown.
+  viewLive(call) {
+    this.liveViews.push(call);
+    if (this.version) this.refresh("");
+  }
+
+  showPast(state) {
+    this.past = true;
+    this.show(state);
+  }
+
+  // A later moment of the past.
+  changePast(changes) {
+    for (const change of changes) this.change(change);
+    this.schedule();
+  }
+
+  showLive() {
+    this.past = false;
+    this.show(this.live);
+  }
+
+  show(state) {
+    this.state = state;
+    if (this.past) state.history = this.live.history; // all events, also the later ones
+    for (const section of this.views.keys()) this.dirty.add(section);
+    for (const [, watch] of this.watchers) watch(null);
+    this.schedule();
+  }
+
+  change(change) {
+    applyChange(this.state, change);
+    const section = change[0][0];
+    this.dirty.add(section);
+    for (const [wanted, watch] of this.watchers) if (wanted === section) watch(change);
   }
 
   onConnection(call) {
@@ -98,17 +140,17 @@ export class Store {
     if (!this.connected) this.told(true);
     this.retry = FIRST_RETRY;
     if (message.version !== undefined) this.version = message.version;
+    this.dirty.add("");
     if (message.state) {
-      this.state = message.state;
-      for (const section of this.views.keys()) this.dirty.add(section);
-      for (const [, watch] of this.watchers) watch(null);
-    } else {
+      this.live = message.state;
+      this.show(this.past ? this.state : this.live);
+    } else if (this.past) {
       for (const change of message.changes) {
-        applyChange(this.state, change);
-        const section = change[0][0];
-        this.dirty.add(section);
-        for (const [wanted, watch] of this.watchers) if (wanted === section) watch(change);
+        applyChange(this.live, change);
+        if (change[0][0] === "history") this.dirty.add("history");
       }
+    } else {
+      for (const change of message.changes) this.change(change);
     }
     this.schedule();
   }
@@ -127,14 +169,16 @@ export class Store {
     const dirty = [...this.dirty];
     this.dirty.clear();
     for (const section of dirty) {
-      for (const call of this.views.get(section) || []) {
+      const calls = section ? this.views.get(section) : this.liveViews;
+      for (const call of calls || []) {
         try {
-          call(this.state[section] || {}, this.state);
+          call(section ? this.state[section] || {} : this.live, this.state);
         } catch (error) {
           console.error(`${section} cannot be drawn`, error); // the other sections still can
         }
       }
     }
+    this.afterRender();
     document.documentElement.dataset.version = String(this.version);
   }
 

@@ -1,7 +1,10 @@
-// A list of any length of which only the rows in sight exist.
+// A list of any length of which only the rows in sight exist; on paper, the first ones.
 import { el } from "./dom.js";
+import { t } from "./texts.js";
 
 const AROUND = 6; // rows beyond the edge
+const ON_PAPER = 300; // rows
+const paper = matchMedia("print");
 
 export class VirtualList {
   constructor(container, height, fill) {
@@ -14,6 +17,7 @@ export class VirtualList {
     container.append(this.spacer);
     container.addEventListener("scroll", () => this.draw(), { passive: true });
     new ResizeObserver(() => this.draw()).observe(container);
+    paper.addEventListener("change", () => this.draw());
   }
 
   show(items) {
@@ -23,8 +27,11 @@ export class VirtualList {
   }
 
   draw() {
-    const first = Math.max(0, Math.floor(this.container.scrollTop / this.height) - AROUND);
-    const count = Math.ceil(this.container.clientHeight / this.height) + 2 * AROUND;
+    const first = paper.matches ? 0 : Math.max(0, Math.floor(this.container.scrollTop / this.height) - AROUND);
+    const count = paper.matches ? ON_PAPER : Math.ceil(this.container.clientHeight / this.height) + 2 * AROUND;
+    const more = paper.matches ? this.items.length - ON_PAPER : 0;
+    this.container.toggleAttribute("data-more", more > 0);
+    if (more > 0) this.container.dataset.more = t("and {count} more", { count: more });
     const last = Math.min(this.items.length, first + count);
     const wanted = Math.max(0, last - first);
     while (this.rows.length < wanted) {

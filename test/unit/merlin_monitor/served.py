@@ -3,11 +3,12 @@
 import asyncio
 import json
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Optional, Sequence
 
 import aiohttp
 
 from merlin_monitor.access.operators import Operators, write_operators
+from merlin_monitor.access.tls import Tls
 from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
@@ -51,11 +52,41 @@ class FakeRobot:
     def release(self, by: str) -> str:
         raise ControlError("The base was not released: no velocity guard runs.")
 
+    def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
+        self.calls.append(("plan", goal, list(without), by))
+        steps = [
+            {"text": f"(navigate {place})", "words": f"driving to {place}", "start": at, "duration": 10.0}
+            for at, place in ((0.0, "hall"), (10.0, "kitchen"))
+            if f"(navigate {place})" not in without
+        ]
+        plan = {"goal": goal, "without": list(without), "steps": steps, "seconds": 10.0 * len(steps)}
+        return {"done": "Not carried out.", "plan": plan}
+
+    def hold_before(self, texts: Sequence[str], by: str) -> str:
+        self.calls.append(("hold_before", list(texts), by))
+        return "Held."
+
+    def go_on(self, step: bool, by: str) -> str:
+        self.calls.append(("go_on", step, by))
+        return "Begins."
+
+    def leave(self, state: str, outcome: str, within: str, by: str) -> str:
+        self.calls.append(("leave", state, outcome, within, by))
+        return "It is left."
+
+    def set_autonomy(self, level: str, by: str) -> str:
+        self.calls.append(("set_autonomy", level, by))
+        return "It is set."
+
+    def change(self, facts: str, by: str) -> str:
+        self.calls.append(("change", facts, by))
+        return "The knowledge was changed."
+
 
 class Served:
     """A running server and what belongs to it."""
 
-    def __init__(self, folder: Path, token: str) -> None:
+    def __init__(self, folder: Path, token: str, tls: Optional[Tls] = None) -> None:
         self.state = MonitorModel(Inbox(), folder / "history.sqlite")
         self.robot = FakeRobot()
         control = Control(self.robot) if token else None
@@ -68,6 +99,7 @@ class Served:
             WebAccess("127.0.0.1", operators=Operators(self.operators)),
             control,
             scripts={"plan": WEB / "panels" / "plan.js"},
+            tls=tls.context if tls else None,
         )
         self.state.start()
         self.server.start()

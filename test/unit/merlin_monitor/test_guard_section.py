@@ -17,7 +17,7 @@ def test_a_stop_is_shown_with_its_reason_until_the_release() -> None:
     guard.status(GuardStatus(state=GuardStatus.STOPPED, reason="stopped by /monitor"), 2.5, 2.5)
     guard.status(GuardStatus(state=GuardStatus.IDLE), 3.0, 3.0)
     assert (tree.get("guard", "state"), tree.get("guard", "reason")) == ("idle", "")
-    assert told.texts == ["base stopped: stopped by /monitor", "base may drive again"]
+    assert told.texts == ["the base is stopped and held by /monitor since 2.0 s", "the base may drive again"]
 
 
 def test_a_guard_that_falls_silent_is_not_shown_as_it_was() -> None:

@@ -9,8 +9,9 @@ import pytest
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
 
-from merlin_monitor.listeners import graph_watch
+from merlin_monitor.listeners import graph_watch, ros_system
 from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panels import knowledge as knowledge_panel
 from merlin_monitor.panels.knowledge import KnowledgePanel
 
@@ -70,7 +71,7 @@ class Followed:
         inbox = SimpleNamespace(put=lambda what, *arguments: self.told.put((what, arguments[0])))
         monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
         state = SimpleNamespace(knowledge=section, inbox=inbox)
-        watch = SimpleNamespace(address_of=lambda service: "rosrpc://here:1")
+        watch = SimpleNamespace(address_of=lambda service: "rosrpc://here:1", ros=RosSystem())
         self.listener = KnowledgePanel(state, watch)  # type: ignore
         self.changed = callbacks[f"{NAME}/changes"]
         self.listener.start()
@@ -121,7 +122,7 @@ def test_the_watch_goes_on_after_a_look_that_failed(monkeypatch: pytest.MonkeyPa
         getSystemState=lambda: ([("/tick", ["/node"]), ("/mute", [])], [], []),
         getTopicTypes=lambda: [["/tick", "std_msgs/Empty"], ["/mute", "std_msgs/Empty"]],
     )
-    monkeypatch.setattr(graph_watch, "bounded_master", lambda: master)
+    monkeypatch.setattr(ros_system, "bounded_master", lambda: master)
     monkeypatch.setattr(graph_watch, "PERIOD", 0.01)
     monkeypatch.setattr(rospy, "logwarn_throttle", lambda period, text: complaints.append(text))
     complaints: List[str] = []

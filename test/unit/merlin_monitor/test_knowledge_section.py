@@ -56,8 +56,8 @@ def test_a_change_says_who_and_when() -> None:
     assert shown(tree)["facts"] == [] and shown(tree)["goals"] == ["(checked x)"]
     assert tree.get("knowledge", "values", "(battery)") == {"value": 20.0, "by": "/executor", "at": 13.0}
     assert told.texts == [
-        "(checked kitchen) added, goal (checked x) added, by /bridge",
-        "(checked kitchen) removed, (battery) added, by /executor",
+        "kitchen checked added and goal x checked added, by /bridge",
+        "kitchen checked removed and battery added, by /executor",
     ]
     recent = list(tree.get("knowledge", "recent").values())
     assert [(change["sign"], change["text"]) for change in recent][-2:] == [
@@ -74,7 +74,7 @@ def test_reading_again_tells_only_what_differs() -> None:
     assert tree.version == tree_before
     knowledge.replace(Contents([], [fact("b"), fact("c")], [value("n", number=2.0)], []), "/x", 2.0, False)
     assert shown(tree)["facts"] == ["(b)", "(c)"] and shown(tree)["values"] == {"(n)": 2.0}
-    assert told.texts == ["(a) removed, (c) added, (n) changed, by /x"]
+    assert told.texts == ["a removed, c added and n changed, by /x"]
 
 
 @given(

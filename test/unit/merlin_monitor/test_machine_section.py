@@ -3,17 +3,28 @@
 import base64
 import pickle
 import queue
-from typing import List, Tuple
+from typing import Any, List, Tuple
 
+import pytest
+import rospy
 from hypothesis import given
 from hypothesis import strategies as st
+from merlin_msgs.msg import StateOutcome
 from messages import Told, status, structure
+from std_msgs.msg import Header
 
 from merlin_monitor.drawing.graph_layout import layout
 from merlin_monitor.drawing.layout_thread import LayoutThread
 from merlin_monitor.drawing.machine_graph import Graph, machine_graph, plan_graph
-from merlin_monitor.state.machine_section import MachineSection, container_key
+from merlin_monitor.state.machine_section import (
+    LONGEST_ROW,
+    MOST_ROWS,
+    MOST_STEPS,
+    MachineSection,
+    container_key,
+)
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.phrase import in_english
 
 OUTER = structure(
     "/M",
@@ -59,6 +70,25 @@ def test_a_structure_that_is_being_taken_in_is_not_drawn_yet() -> None:
     assert machines.containers_below(KEY) == {}
 
 
+@pytest.mark.parametrize("first", ["structure", "status"])
+def test_no_page_sees_a_part_of_a_new_container(monkeypatch: pytest.MonkeyPatch, first: str) -> None:
+    tree, machines, _, _ = section()
+    seen: List[bool] = []
+    change = tree.set
+
+    def changed(*path_and_value: Any) -> bool:  # a page may ask between any two
+        done = change(*path_and_value)
+        seen.append("path" in tree.get("machines", "containers", KEY, default={}))
+        return done
+
+    monkeypatch.setattr(tree, "set", changed)
+    if first == "structure":
+        machines.structure("/m", OUTER, 0.0)
+    else:
+        machines.status("/m", status("/M", "A"), 0.0, 0.0)
+    assert len(seen) > 1 and all(seen)
+
+
 def test_a_path_without_a_slash_is_drawn_too() -> None:
     _, machines, _, _ = section()
     machines.structure("/m", structure("SM_ROOT", ["A"], [("ok", "A", "None")], ["ok"]), 0.0)
@@ -75,7 +105,7 @@ def test_a_machine_that_cannot_be_drawn_does_not_end_the_pictures() -> None:
         raise KeyError("outcomes")
 
     layouts.ask("broken", broken)
-    layouts.ask("whole", lambda: plan_graph({"0": {"text": "(go)"}}, []))
+    layouts.ask("whole", lambda: plan_graph({"0": "going"}, []))
     pictures = {
         name: (picture, reason) for name, picture, reason in (drawn.get(timeout=30), drawn.get(timeout=30))
     }
@@ -105,6 +135,48 @@ def test_silence_is_marked_but_not_while_the_simulation_is_paused() -> None:
     assert tree.get("machines", "containers", KEY, "silent")
     machines.status("/m", status("/M"), 0.0, 60.0)
     assert not tree.get("machines", "containers", KEY, "silent")
+
+
+def userdata(**values: Any) -> str:
+    return base64.b64encode(pickle.dumps(values)).decode()
+
+
+def test_each_executed_step_is_kept_with_what_it_changed_of_the_userdata() -> None:
+    tree, machines, _, _ = section()
+    machines.structure("/m", OUTER, 0.0)
+    for run in range(2):
+        machines.status(
+            "/m", status("/M", info="Initial state", initial="A", data=userdata(to="hall")), 0.0, 0.0
+        )
+        machines.status("/m", status("/M", "A", data=userdata(to="hall")), 1.0, 1.0)
+        assert tree.get("machines", "containers", KEY, "steps") == {}, run
+        machines.status("/m", status("/M", "SUB", data=userdata(to="hall", said="a" * 500)), 2.0, 2.0)
+        machines.status("/m", status("/M", "SUB", data=userdata(to="hall", said="a" * 500)), 2.5, 2.5)
+        machines.status(
+            "/m", status("/M", info="TERMINATED: done", data=userdata(to="dorm", said="a" * 500)), 3.0, 3.0
+        )
+        first, second = tree.get("machines", "containers", KEY, "steps").values()
+        assert (first["state"], first["outcome"], first["at"]) == ("A", ["bad", "ok"], 2.0)
+        (said, text), to = first["userdata"]
+        assert (said, len(text), to) == ("said", LONGEST_ROW, ["to", "'hall'"])
+        assert (second["state"], second["outcome"], second["userdata"]) == (
+            "SUB",
+            ["done"],
+            [["to", "'dorm'"]],
+        )
+
+
+def test_of_a_long_run_the_newest_steps_are_kept() -> None:
+    tree, machines, _, _ = section()
+    machines.structure("/m", OUTER, 0.0)
+    machines.status("/m", status("/M", info="Initial state", initial="A"), 0.0, 0.0)
+    for number in range(2 * MOST_STEPS):
+        data = userdata(**{f"key{each}": number for each in range(2 * MOST_ROWS)})
+        machines.status("/m", status("/M", "A" if number % 2 else "SUB", data=data), float(number), 0.0)
+    steps = tree.get("machines", "containers", KEY, "steps")
+    assert len(steps) == MOST_STEPS
+    assert max(map(int, steps)) == 2 * MOST_STEPS - 1, "the first state was entered from none"
+    assert {len(step["userdata"]) for step in steps.values()} == {MOST_ROWS}
 
 
 def test_userdata_is_shown_and_bad_userdata_is_said() -> None:
@@ -178,3 +250,56 @@ def test_an_arrow_to_a_nested_machine_ends_at_its_frame() -> None:
     ]
     picture = layout(graph)
     assert {cluster["id"] for cluster in picture["clusters"]} == {"/M", "/M/SUB"}
+
+
+def decided(
+    state: str, outcome: str, ended: str, by: str = "Ana", at: float = 2.0, **fields: Any
+) -> StateOutcome:
+    header = Header(stamp=rospy.Time.from_sec(at))
+    return StateOutcome(
+        header, "/m_host", state, by, outcome, ended, fields.get("refused", ""), fields.get("unset", [])
+    )
+
+
+def test_executed_steps_show_what_an_operator_decided_whichever_is_heard_first() -> None:
+    for first in (True, False):
+        tree, machines, told, _ = section()
+        machines.structure("/m", OUTER, 0.0)
+        machines.status("/m", status("/M", info="Initial state", initial="A"), 0.0, 0.0)
+        machines.status("/m", status("/M", "A"), 1.0, 1.0)
+        forced, other = decided("M/A", "bad", "preempted", unset=["found"]), decided("N/A", "ok", "preempted")
+        for message in (other, *([forced] if first else [])):
+            machines.outcome(message, 2.0)
+        machines.status("/m", status("/M", "SUB"), 2.0, 2.0)
+        if not first:
+            machines.outcome(forced, 2.0)
+        (step,) = tree.get("machines", "containers", KEY, "steps").values()
+        assert (step["state"], step["outcome"], in_english(step["said"])) == ("A", ["bad"], "forced by Ana")
+        assert "M/A left with bad, forced by Ana; nothing has set found" in told.texts
+        machines.status("/m", status("/M", info="TERMINATED: done"), 3.0, 3.0)
+        assert "said" not in tree.get("machines", "containers", KEY, "steps", "2")
+
+
+def test_steps_of_an_inner_machine_and_of_a_second_instance_are_marked_too() -> None:
+    tree, machines, _, _ = section()
+    inner, second = container_key("/m", "/M/SUB"), container_key("/m_2", "/M_2")
+    for server, path, state in (("/m", "/M/SUB", "X"), ("/m_2", "/M_2", "A")):
+        machines.structure(server, structure(path, [state], [("ok", state, "None")], ["ok"]), 0.0)
+        machines.status(server, status(path, state), 1.0, 1.0)
+        machines.outcome(decided(f"M{'/SUB' if server == '/m' else ''}/{state}", "ok", "ok"), 2.0)
+        machines.status(server, status(path, info="TERMINATED: ok"), 2.0, 2.0)
+    for key in (inner, second):
+        (step,) = tree.get("machines", "containers", key, "steps").values()
+        assert in_english(step["said"]) == "confirmed by Ana"
+
+
+def test_what_operators_decide_is_told() -> None:
+    _, machines, told, _ = section()
+    machines.outcome(decided("M/A", "ok", "ok"), 2.0)
+    machines.outcome(decided("M/A", "ok", "bad", refused="/base did not stop"), 2.0)
+    machines.outcome(decided("M/A", "ok", "ok", by=""), 2.0)
+    assert told.texts == [
+        "M/A left with ok, confirmed by Ana",
+        "Ana wished ok of M/A, which did not come true: /base did not stop",
+        "M/A left with ok, not confirmed: there was no console",
+    ]

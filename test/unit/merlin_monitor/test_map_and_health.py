@@ -13,6 +13,7 @@ from merlin_msgs.msg import SimPeople, SimPerson
 from messages import Told
 from nav_msgs.msg import OccupancyGrid
 
+from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.map_section import LONGEST_PATH, MapSection, grid_picture
 from merlin_monitor.state.state_tree import StateTree
@@ -46,13 +47,19 @@ def test_a_grid_that_contradicts_itself_is_unknown() -> None:
 
 def test_the_map_is_fetched_anew_when_it_changes() -> None:
     tree = StateTree()
-    section = MapSection(tree)
+    pictures = Pictures()
+    section = MapSection(tree, pictures)
     message = OccupancyGrid(data=[0])
     message.info.width = message.info.height = 1
     message.info.resolution = 0.5
     section.grid(message)
+    first = tree.get("map", "grid", "version")
     section.grid(message)
-    assert tree.get("map", "grid", "version") == 2 and tree.get("map", "grid", "width") == 0.5
+    assert tree.get("map", "grid", "version") == first and tree.get("map", "grid", "width") == 0.5
+    message.data = [100]
+    section.grid(message)
+    assert tree.get("map", "grid", "version") != first
+    assert pictures.get("map") == section.picture and pictures.get("map", first) is None
 
 
 def test_people_of_every_kind_of_message() -> None:
@@ -60,9 +67,10 @@ def test_people_of_every_kind_of_message() -> None:
     section = MapSection(tree)
     section.people(PoseArray(poses=[Pose(position=Point(1, 2, 0))]))
     assert tree.get("map", "people") == [[1.0, 2.0]]
-    there, gone = SimPerson(state=SimPerson.STANDING, x=3.0, y=4.0), SimPerson(state=SimPerson.ABSENT)
+    there = SimPerson(name="ann", state=SimPerson.STANDING, x=3.0, y=4.0)
+    gone = SimPerson(state=SimPerson.ABSENT)
     section.people(SimPeople(people=[there, gone]))
-    assert tree.get("map", "people") == [[3.0, 4.0]]
+    assert tree.get("map", "people") == [[3.0, 4.0, "ann"]]
 
 
 @given(st.integers(0, 2000))
@@ -103,3 +111,25 @@ def test_health_changes_are_events_and_silence_is_one() -> None:
     assert tree.get("health", "parts", "arm", "silent") is True
     health.diagnostics(diagnostics(DiagnosticStatus.OK, "ready"), 12.0, 12.0)
     assert told.texts == ["arm: error: no power", "arm has fallen silent", "arm is heard again: ready"]
+
+
+def test_a_part_that_goes_to_and_fro_does_not_fill_the_history() -> None:
+    told = Told()
+    section = HealthSection(StateTree(), told)
+
+    def report(level: int, wall: float) -> None:
+        status = DiagnosticStatus(name="world", message=f"at {wall:.0f}", level=level)
+        section.diagnostics(DiagnosticArray(status=[status]), wall, wall)
+
+    for second in range(300):
+        report((DiagnosticStatus.OK, DiagnosticStatus.WARN)[second % 2], float(second))
+    assert 1 < len(told.texts) <= 6, told.texts
+    # What is worse is told at once, and where it stays in the end, too.
+    report(DiagnosticStatus.ERROR, 300.0)
+    assert told.texts[-1] == "world: error: at 300"
+    report(DiagnosticStatus.WARN, 301.0)
+    report(DiagnosticStatus.OK, 302.0)
+    assert told.texts[-1] == "world: warning: at 301"
+    for second in range(303, 365):
+        report(DiagnosticStatus.OK, float(second))
+    assert told.texts[-1].startswith("world: ok: at 36")

@@ -11,6 +11,7 @@ from merlin_msgs.msg import (
     ExecutorStatus,
     GoalQueue,
     GuardStatus,
+    MachineHolds,
     MissionStatus,
     QueuedGoal,
 )
@@ -20,11 +21,12 @@ from rosplan_dispatch_msgs.msg import CompletePlan
 from merlin_monitor.state.freshness import Freshness
 from merlin_monitor.state.guard_section import GuardSection
 from merlin_monitor.state.health_section import HealthSection
-from merlin_monitor.state.machine_section import MachineSection
+from merlin_monitor.state.machine_section import HELD_SILENT_AFTER, MachineSection
 from merlin_monitor.state.now_section import NowSection
 from merlin_monitor.state.plan_order import sequential_steps
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.phrase import in_english
 from merlin_monitor.text.plain_words import action_in_words, gerund, listed
 
 REQUEST = "/mission-1-12.5"
@@ -46,7 +48,64 @@ def test_a_request_of_somebody_else_is_not_the_missions() -> None:
         now.executor(
             executor(ExecutorStatus.RUNNING, request=request, goals=["(checked hall)"], stage="PLAN"), 1.0
         )
-        assert tree.get("now", "because") == f"because (checked hall) was requested by {who}"
+        assert tree.get("now", "because") == f"for “hall checked”, asked for by {who}"
+
+
+def test_a_breakpoint_is_in_the_headline_and_the_history() -> None:
+    tree, now, _, told = section()
+    action = running(1, "navigate", ("from", "kitchen"), ("to", "hall"))
+    held = "(ask hall)"
+    now.executor(
+        executor(ExecutorStatus.RUNNING, request=REQUEST, running=[action], held=held),
+        1.0,
+    )
+    assert tree.get("now", "doing").endswith(", then held before (ask hall)")
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, held=held), 2.0)
+    assert tree.get("now", "doing") == "held before (ask hall)"
+    assert told.texts.count("held before (ask hall)") == 1
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, stage="DISPATCH_PLAN"), 3.0)
+    assert "held" not in tree.get("now", "doing")
+
+
+def test_a_machine_that_is_held_is_the_headline_until_its_node_is_gone() -> None:
+    tree, now, plan, told = section()
+    machines = now._machines
+    action = running(1, "navigate", ("from", "kitchen"), ("to", "hall"))
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, running=[action]), 1.0)
+    for wall in (1.0, 2.0):
+        machines.holds(
+            MachineHolds(node="/host", breakpoints=["*/DRIVE"], held=["NAVIGATE/DRIVE"]), 1.0, wall
+        )
+    now.refresh()
+    assert tree.get("now", "doing") == "held before state DRIVE of NAVIGATE"
+    assert told.texts.count("held before state DRIVE of NAVIGATE") == 1
+    assert machines.held == ["NAVIGATE/DRIVE"] and machines.may_be_held
+    assert not machines.check_holds(2.0 + HELD_SILENT_AFTER)
+    assert machines.check_holds(2.1 + HELD_SILENT_AFTER)
+    now.refresh()
+    assert tree.get("now", "doing").startswith("navigating")
+    machines.holds(MachineHolds(node="/host", breakpoints=["*/DRIVE"]), 1.0, 9.0)
+    assert not machines.check_holds(99.0) and machines.may_be_held, "only one that holds has a heartbeat"
+    machines.holds(MachineHolds(node="/host", autonomy="low"), 1.0, 9.0)
+    assert machines.may_be_held, "at any moment an outcome may wait"
+    machines.holds(MachineHolds(node="/host", autonomy="full"), 1.0, 10.0)
+    assert not machines.may_be_held
+
+
+def test_an_outcome_that_waits_for_an_operator_is_the_headline_until_its_node_is_gone() -> None:
+    tree, now, plan, told = section()
+    machines = now._machines
+    waits = {"confirm": ["GRASP/CLOSE"], "confirm_outcomes": ["succeeded"], "autonomy": "low"}
+    for wall in (1.0, 2.0):
+        machines.holds(MachineHolds(node="/host", **waits), 1.0, wall)
+    now.refresh()
+    said = "succeeded of GRASP/CLOSE waits for an operator"
+    assert tree.get("now", "doing") == said and told.texts.count(said) == 1
+    assert "autonomy level" in tree.get("now", "because")
+    assert machines.unconfirmed == [("GRASP/CLOSE", "succeeded")] and machines.may_be_held
+    assert machines.check_holds(2.1 + HELD_SILENT_AFTER)
+    now.refresh()
+    assert tree.get("now", "doing") != said
 
 
 def test_a_pause_is_in_the_headline() -> None:
@@ -84,7 +143,7 @@ def test_a_request_that_is_gone_on_with_began_when_it_began() -> None:
     result.status = GoalStatus(goal_id=GoalID(id=REQUEST))
     now.result(result, 11.0)
     texts = [event.text for event in told]
-    assert texts[-2:] == ["(checked kitchen) gone on with", "(checked kitchen): succeeded after 10.0 s"]
+    assert texts[-2:] == ["“kitchen checked” gone on with", "“kitchen checked”: succeeded after 10.0 s"]
 
 
 def test_what_why_and_which_step() -> None:
@@ -109,12 +168,13 @@ def test_what_why_and_which_step() -> None:
     )
     line = tree.get("now")
     assert line["doing"] == "asking at the kitchen"
-    assert line["because"] == "because (checked kitchen) was requested by mission 1"
+    assert line["because"] == "for “kitchen checked”, asked for by mission 1"
     assert line["step"] == "step 2 of 2"
-    assert line["chain"][:3] == [
-        ["mission", "mission 1, task 2 of 6"],
-        ["goal", "(checked kitchen)"],
-        ["action", "(ask kitchen)"],
+    chain = [(what, in_english(words), *pddl) for what, words, *pddl in line["chain"]]
+    assert chain[:3] == [
+        ("mission", "mission 1, task 2 of 6"),
+        ("goal", "kitchen checked", "(checked kitchen)"),
+        ("action", "asking at the kitchen", "(ask kitchen)"),
     ]
 
 
@@ -133,7 +193,7 @@ def test_without_a_mission_the_node_that_asked_is_named() -> None:
         executor(ExecutorStatus.RUNNING, request="/my/node-3-1234.000", goals=["(a)"], stage="PLAN"), 0.0
     )
     assert tree.get("now", "doing") == "planning"
-    assert tree.get("now", "because") == "because (a) was requested by /my/node"
+    assert tree.get("now", "because") == "for “a”, asked for by /my/node"
 
 
 def test_a_cancel_says_what_stops() -> None:
@@ -174,17 +234,91 @@ def test_requests_are_remembered_from_asking_to_outcome() -> None:
     )
     now.result(result, 14.0)
     assert told.texts == [
-        "(checked kitchen) asked for by /mission",
+        "“kitchen checked” asked for by /mission",
         "planning again: door shut",
-        "(checked kitchen): action failed after 4.0 s: the door is shut",
+        "“kitchen checked”: action failed after 4.0 s: the door is shut",
     ]
     assert tree.get("plan", "replans") == [{"at": 12.0, "reason": "door shut"}]
     assert tree.get("now", "last", "outcome") == "action failed"
 
 
+def queue(*waiting: Tuple[str, str, int, bool]) -> GoalQueue:
+    """Requests with goal, priority, and whether they were interrupted."""
+    return GoalQueue(
+        requests=[
+            QueuedGoal(request=request, goals=[goal], priority=priority, interrupted=interrupted)
+            for request, goal, priority, interrupted in waiting
+        ]
+    )
+
+
+@pytest.mark.parametrize("waits", [False, True])
+@pytest.mark.parametrize("runs", [False, True])
+def test_an_interruption_is_told_with_what_was_more_urgent(waits: bool, runs: bool) -> None:
+    _, now, _, told = section()
+    mine, lesser = (REQUEST, "(checked kitchen)", 1, True), ("/c-1-1.0", "(checked hall)", 0, False)
+    urgent = ("/merlin_monitor-1-13.0", "(robot_at main_door)", 5, False)
+    now.queue(queue(), 0.0)
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=[mine[1]], priority=1), 1.0)
+    now.queue(queue(urgent, lesser), 2.0)
+    if runs:  # of two topics, either may be heard first
+        now.executor(executor(ExecutorStatus.RUNNING, request=urgent[0], goals=[urgent[1]], priority=5), 3.0)
+    told.clear()
+    now.queue(queue(*([urgent] if waits else []), mine, lesser), 4.0)
+    now.queue(queue(mine), 5.0)
+    (event,) = told
+    assert (event.kind, event.at) == ("goal", 4.0)
+    assert event.text == (
+        "“kitchen checked” interrupted by the more urgent “robot at main door”, asked for by /merlin_monitor"
+    )
+    assert in_english(event.detail["said"]) == event.text
+
+
+def test_what_was_interrupted_before_the_monitor_began_is_not_told_as_new() -> None:
+    _, now, _, told = section()
+    now.queue(queue((REQUEST, "(checked kitchen)", 1, True)), 1.0)
+    assert told == []
+    now.queue(queue(), 2.0)
+    now.queue(queue((REQUEST, "(checked kitchen)", 1, True)), 3.0)
+    assert told.texts == ["“kitchen checked” interrupted"]
+
+
+def test_a_cancel_is_told_with_its_client_and_what_it_cancels() -> None:
+    _, now, _, told = section()
+    now.mission(MissionStatus(mission="mission 1", state=MissionStatus.RUNNING), 0.0, "/mission")
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(checked kitchen)"]), 1.0)
+    now.queue(queue(("/c-1-1.0", "(checked hall)", 0, False)), 2.0)
+    told.clear()
+    for request, node in ((REQUEST, "/mission"), ("/c-1-1.0", "/c"), ("/gone-1-1.0", "/c"), ("", "/rosout")):
+        now.cancel(GoalID(id=request), 3.0, node)
+    assert told.texts == [
+        "mission 1 cancels “kitchen checked”",
+        "/c cancels “hall checked”",
+        "/c cancels a request",
+        "/rosout cancels all requests",
+    ]
+    assert {event.kind for event in told} == {"goal"}
+
+
+def test_of_two_topics_either_may_be_heard_first() -> None:
+    _, now, _, told = section()
+    now.mission(MissionStatus(mission="mission 1", state=MissionStatus.SUCCEEDED), 0.0, "/mission")
+    told.clear()
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(checked kitchen)"]), 1.0)
+    result = ExecuteActionResult(status=GoalStatus(goal_id=GoalID(id=REQUEST)))
+    result.result.outcome = ExecuteResult.CANCELLED
+    now.result(result, 2.0)
+    now.cancel(GoalID(id=REQUEST), 2.0, "/mission")
+    assert [told.texts[0], told.texts[2]] == [
+        "“kitchen checked” asked for by mission 1",
+        "mission 1 cancels “kitchen checked”",
+    ]
+
+
 def test_the_queue_names_who_waits() -> None:
     tree, now, _, _ = section()
-    now.queue(GoalQueue(requests=[QueuedGoal(request=REQUEST, goals=["(b)"], priority=5, interrupted=True)]))
+    queued = QueuedGoal(request=REQUEST, goals=["(b)"], priority=5, interrupted=True)
+    now.queue(GoalQueue(requests=[queued]), 1.0)
     (waiting,) = tree.get("queue", "waiting")
     assert (waiting["by"], waiting["priority"], waiting["interrupted"]) == ("/mission", 5, True)
 

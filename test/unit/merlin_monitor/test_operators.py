@@ -4,7 +4,7 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import Dict, List
+from typing import Dict, List, Tuple
 
 import pytest
 from served import TOKEN, WEB, Served, ask
@@ -70,7 +70,7 @@ def test_a_file_that_breaks_while_it_is_used_changes_nothing(tmp_path: Path) -> 
 
 def test_the_file_of_the_readme_can_be_used(tmp_path: Path) -> None:
     readme = (WEB.parent / "README.md").read_text()
-    (text,) = re.findall(r"```yaml\n(.*?)```", readme, re.DOTALL)
+    text = re.findall(r"```yaml\n(.*?)```", readme, re.DOTALL)[1]  # the first is a list of goals
     path = tmp_path / "operators.yaml"
     path.write_text(text)
     path.chmod(0o600)
@@ -99,11 +99,11 @@ def test_the_command_makes_and_removes_operators(
 
 
 def test_wrong_tokens_of_an_address_cost_more_and_more_and_are_told_with_their_number() -> None:
-    told: List[str] = []
-    tokens = WrongTokens(told.append)
+    told: List[Tuple[str, int]] = []
+    tokens = WrongTokens(lambda address, count: told.append((address, count)))
     delays = [tokens.note("10.0.0.7", 100.0 + number) for number in range(8)]
     assert delays == sorted(delays) and delays[0] < delays[1] and delays[-1] == LONGEST_DELAY
-    assert told == ["wrong token from 10.0.0.7", "wrong token from 10.0.0.7, 6 times"]
+    assert told == [("10.0.0.7", 1), ("10.0.0.7", 6)]
     assert tokens.note("10.0.0.8", 108.0) == delays[0], "others are not slowed down"
     assert tokens.note("10.0.0.7", 108.0 + FORGET + 1.0) == delays[0]
 

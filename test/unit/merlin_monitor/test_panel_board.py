@@ -1,15 +1,16 @@
 """Panels are found by themselves, and those of applications by their class paths."""
 
 import sys
-from types import ModuleType
-from typing import Any
+from types import ModuleType, SimpleNamespace
+from typing import Any, List
 
 import pytest
 import rospkg
 
 from merlin_monitor import panel_board
 from merlin_monitor.listeners.panel import Panel
-from merlin_monitor.panel_board import foreign_panel, own_panels, script_of
+from merlin_monitor.panel_board import OfferedPanels, foreign_panel, own_panels, script_of
+from merlin_ros.master.master_link import ERRORS
 from merlin_ros.parameters import ParameterError
 
 
@@ -69,6 +70,32 @@ def test_a_script_that_cannot_be_served_is_named(fields: Any, said: str) -> None
 def test_a_class_that_is_no_panel_is_named(path: str, said: str) -> None:
     with pytest.raises(ParameterError, match=said):
         foreign_panel(path)
+
+
+def test_panels_that_are_offered_later_are_added_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    offered: Any = None
+    said: List[str] = []
+
+    def parameter(name: str) -> Any:
+        assert name == "/ann/merlin/panels"
+        if offered is None:
+            raise ERRORS[0]("there is no such parameter")
+        return offered
+
+    monkeypatch.setattr(panel_board, "bounded_master", lambda: SimpleNamespace(getParam=parameter))
+    monkeypatch.setattr(panel_board.rospy, "resolve_name", lambda name: f"/ann/{name}")
+    monkeypatch.setattr(panel_board.rospy, "logwarn", said.append)
+    panels = OfferedPanels([f"{__name__}:Known"])
+    assert panels.new(["plan"]) == []
+    offered = {"a": f"{__name__}:Guests", "b": "nothing.here:Panel", "c": f"{__name__}:Known", "d": 7}
+    assert panels.new(["plan"]) == [Guests]
+    assert len(said) == 2 and "No module" in said[0] and "/ann/merlin/panels" in said[0]
+    assert panels.new(["plan", "guests"]) == [] and len(said) == 2
+    offered = "text"
+    assert panels.new(["plan"]) == []
+    assert OfferedPanels().new(["plan"]) == []
+    offered = {"a": f"{__name__}:Guests"}
+    assert OfferedPanels().new(["guests"]) == [] and "two panels called guests" in said[-1]
 
 
 def test_a_package_is_looked_up_as_ros_does() -> None:

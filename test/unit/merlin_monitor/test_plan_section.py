@@ -43,11 +43,12 @@ def test_a_plan_is_carried_out() -> None:
     plan.feedback(feedback(1, 10, "cancelled", plan=7), 22.0)
     assert states(tree) == {"0": "succeeded", "1": "cancelled"} and plan.current is None
     assert told.texts == [
-        "plan of 2 steps: (navigate hall kitchen) (ask kitchen)",
-        "(navigate hall kitchen) succeeded after 10.0 s",
-        "(ask kitchen) cancelled after 0.9 s",
+        "plan of 2 steps: navigating to kitchen and asking kitchen",
+        "navigating to kitchen: succeeded after 10.0 s",
+        "asking kitchen: cancelled after 0.9 s",
     ]
     assert told[1].detail["began"] == 11.0 and told[1].detail["ended"] == 21.0
+    assert told[1].detail["label"] == "(navigate hall kitchen)"
 
 
 def test_a_step_that_is_told_behind_the_end_of_its_request_is_not_dropped() -> None:
@@ -66,7 +67,7 @@ def test_failures_say_why() -> None:
     plan.dispatched(dispatch(0, "navigate", ("from", "hall"), ("to", "kitchen")), 1.0)
     plan.feedback(feedback(0, 10, "the way is blocked"), 3.0)
     assert tree.get("plan", "steps", "0", "reason") == "the way is blocked"
-    assert told.texts[-1] == "(navigate hall kitchen) failed after 2.0 s: the way is blocked"
+    assert told.texts[-1] == "navigating to kitchen: failed after 2.0 s: the way is blocked"
 
 
 def test_latched_messages_of_an_earlier_plan_count_for_nothing() -> None:
@@ -132,3 +133,18 @@ def test_the_planner_says_why_it_failed() -> None:
     assert told.texts == ["kairos: unsolvable after 0.50 s: no door"]
     plan.replanned("(navigate hall kitchen) failed", 2.0)
     assert tree.get("plan", "replans") == [{"at": 2.0, "reason": "(navigate hall kitchen) failed"}]
+
+
+def test_a_dispatch_that_overtakes_its_plan_counts() -> None:
+    tree, plan, _ = section()
+    plan.planned(*sequential_steps(CompletePlan([dispatch(0, "ask", ("p", "hall"))])), 5.0)
+    begun = dispatch(0, "navigate", ("from", "hall"), ("to", "kitchen"), plan=8)
+    plan.dispatched(begun, 10.0)
+    plan.feedback(feedback(0, 2, plan=8), 10.1)
+    plan.planned(*sequential_steps(PLAN), 10.2)
+    assert states(tree) == {"0": "succeeded", "1": "waiting"}
+    # Of long ago, it belongs to another plan with the same step.
+    plan.planned(*sequential_steps(CompletePlan([dispatch(0, "ask", ("p", "hall"))])), 20.0)
+    plan.dispatched(begun, 21.0)
+    plan.planned(*sequential_steps(PLAN), 30.0)
+    assert states(tree) == {"0": "waiting", "1": "waiting"}

@@ -1,10 +1,11 @@
 """Userdata is shown without anything being run."""
 
 import base64
+import collections
 import contextlib
 import pickle
 import pickletools
-from typing import Any, Dict
+from typing import Any, Callable, Dict
 
 import pytest
 from geometry_msgs.msg import Point
@@ -59,6 +60,48 @@ def test_nothing_is_run(protocol: int) -> None:
 
 def test_messages_are_shown_by_name_and_content() -> None:
     assert rows({"where": Point(1.0, 2.0, 0.0)})["where"] == "geometry_msgs/Point[1.0, 2.0, 0.0]"
+
+
+class Names(list):
+    """A list of the application's own."""
+
+
+def test_containers_of_all_kinds_are_shown() -> None:
+    """They are named, and what they hold is shown; nothing of them is made."""
+    shown = rows(
+        {
+            "ordered": collections.OrderedDict(a=1),
+            "names": Names(["b"]),
+            "raw": bytearray(b"c"),
+            "frozen": frozenset(["d"]),
+            "keyed": {("e", 1): 2},
+            "kind": Names,
+        },
+        pickle.HIGHEST_PROTOCOL,
+    )
+    assert shown["ordered"] == "collections.OrderedDict{'a': 1}"
+    assert shown["names"].endswith("Names('b')") and shown["kind"].endswith("Names")
+    assert (shown["raw"], shown["frozen"]) == ("b'c'", "frozenset{'d'}")
+    assert shown["keyed"] == "{\"('e', 1)\": 2}"
+
+
+def nested_key() -> bytes:
+    """A dict whose key shares its parts: hashing it takes 2 ** 60 steps."""
+    program = b"N"
+    for number in range(60):
+        program += b"q" + bytes([number]) + b"h" + bytes([number]) + b"\x86"
+    return b"\x80\x02}(" + program + b"K\x01u."
+
+
+def announced() -> bytes:
+    """A bytearray of half the address space."""
+    return b"\x80\x05}\x8c\x01a\x96" + (2**62).to_bytes(8, "little") + b"s."
+
+
+@pytest.mark.parametrize("make", [nested_key, announced])
+def test_what_is_small_and_claims_to_be_huge_costs_nothing(make: Callable[[], bytes]) -> None:
+    with contextlib.suppress(UserDataTextError):
+        userdata_rows(base64.b64encode(make()).decode())
 
 
 def test_older_smach_sends_the_pickle_itself() -> None:

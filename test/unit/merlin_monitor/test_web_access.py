@@ -114,6 +114,45 @@ def test_control_with_the_token(served: Served) -> None:
     ]
 
 
+def test_a_plan_is_only_shown_and_facts_are_set(served: Served) -> None:
+    fields = {"goal": "(checked kitchen)", "without": ["(navigate hall)"]}
+    planned = ask(served.url, "control/plan", "POST", CONTROL, fields)
+    assert planned.status == 200
+    plan = json.loads(planned.said)["plan"]
+    assert plan["seconds"] == 10.0 and [step["text"] for step in plan["steps"]] == ["(navigate kitchen)"]
+    changed = ask(served.url, "control/change", "POST", CONTROL, {"facts": "(not (checked hall))"})
+    assert changed.status == 200
+    for what in ("plan", "change"):
+        assert ask(served.url, f"control/{what}", "POST", {}, fields).status == 403
+    assert served.robot.calls == [
+        ("plan", "(checked kitchen)", ["(navigate hall)"], "Ana"),
+        ("change", "(not (checked hall))", "Ana"),
+    ]
+
+
+def test_breakpoints_step_and_continue(served: Served) -> None:
+    for what, fields in (("breakpoints", {"before": ["(ask *)"]}), ("step", {}), ("continue", {})):
+        assert ask(served.url, f"control/{what}", "POST", {}, fields).status == 403
+        assert ask(served.url, f"control/{what}", "POST", CONTROL, fields).status == 200
+    assert served.robot.calls == [
+        ("hold_before", ["(ask *)"], "Ana"),
+        ("go_on", True, "Ana"),
+        ("go_on", False, "Ana"),
+    ]
+
+
+def test_forced_outcomes_and_the_autonomy_level(served: Served) -> None:
+    wish = {"state": " NAVIGATE/DRIVE ", "outcome": "succeeded", "within": "/r1/"}
+    for what, fields in (("leave", wish), ("leave", {"state": "A/B"}), ("autonomy", {"level": "low"})):
+        assert ask(served.url, f"control/{what}", "POST", {}, fields).status == 403
+        assert ask(served.url, f"control/{what}", "POST", CONTROL, fields).status == 200
+    assert served.robot.calls == [
+        ("leave", "NAVIGATE/DRIVE", "succeeded", "/r1/", "Ana"),
+        ("leave", "A/B", "", "", "Ana"),
+        ("set_autonomy", "low", "Ana"),
+    ]
+
+
 def test_the_stop_button(served: Served) -> None:
     assert ask(served.url, "control/stop", "POST", {}).status in (401, 403)
     stopped = ask(served.url, "control/stop", "POST", CONTROL)
@@ -133,6 +172,13 @@ def test_the_stop_button(served: Served) -> None:
         ("send", {"goal": "x" * 5000}, 409, "at most"),
         ("send", {"goal": "(a)", "priority": "high"}, 409, "whole number"),
         ("send", {"goal": "(a)", "priority": 2**40}, 409, "whole number"),
+        ("plan", {"goal": "(checked moon)"}, 409, "no object 'moon'"),
+        ("plan", {"goal": "(a)", "without": "(b)"}, 409, "without is a list"),
+        ("plan", {"goal": "(a)", "without": ["(b)"] * 101}, 409, "100 actions at most"),
+        ("change", {"goal": "(a)"}, 409, "Write facts"),
+        ("breakpoints", {"before": [1]}, 409, "before is a list"),
+        ("leave", {"state": 3}, 409, "state is a text"),
+        ("autonomy", {"level": "x" * 401}, 409, "400 characters at most"),
         ("cancel", {}, 409, "Name the request"),
         ("cancel", {"request": ["a"]}, 409, "Name the request"),
         ("shutdown", {}, 409, "nothing called"),

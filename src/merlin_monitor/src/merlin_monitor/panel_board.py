@@ -5,23 +5,25 @@ import pkgutil
 import re
 import time
 from pathlib import Path
-from typing import Dict, Iterable, List, Type
+from typing import Dict, Iterable, List, Optional, Set, Type
 
-import rospkg
 import rospy
 
 from merlin_monitor import panels
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.pulse import Pulse
+from merlin_monitor.listeners.ros_system import RosSystem
+from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_ros.class_path import load_class
+from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.parameters import ParameterError
 
-OWN_SCRIPT = "package://merlin_monitor/web/panels/{}.js"
+#: Below this parameter each launch file that is started beside the monitor's may name a panel.
+OFFERED = "merlin/panels"
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}\Z")
-_SCRIPT = re.compile(r"package://([A-Za-z0-9_-]+)/(.+\.js)\Z")
 
 
 class PanelBoard:
@@ -29,10 +31,20 @@ class PanelBoard:
 
     :param state: the model.
     :param further: panels of applications, as ``package.module:Class``.
+    :param offered: whether the panels below `OFFERED` are added, also those that are named later.
+    :param ros: that they follow; None: that of this node.
     :raises ParameterError: when one of these cannot be used.
     """
 
-    def __init__(self, state: MonitorModel, further: Iterable[str] = ()) -> None:
+    def __init__(
+        self,
+        state: MonitorModel,
+        further: Iterable[str] = (),
+        offered: bool = False,
+        ros: Optional[RosSystem] = None,
+    ) -> None:
+        self._state = state
+        self._offered = OfferedPanels(further) if offered else None
         classes = sorted([*own_panels(), *map(foreign_panel, further)], key=lambda panel: panel.place)
         names = [panel.name for panel in classes]
         twice = {name for name in names if names.count(name) > 1}
@@ -40,17 +52,18 @@ class PanelBoard:
             raise ParameterError(f"~panels: there are two panels called {', '.join(sorted(twice))}")
         self.scripts: Dict[str, Path] = {panel.name: script_of(panel) for panel in classes}
         """File that draws a panel, by its name."""
-        self._watch = GraphWatch(self._look)
-        self._panels = [panel(state, self._watch) for panel in classes]
-        self._pulse = Pulse(state, self._panels, self._sources)
-        robot = rospy.get_namespace().strip("/")
+        self._watch = GraphWatch(self._look, ros)
+        self._panels = [panel(state, self._watch) for panel in classes]  # later ones: by the watch's thread
+        asked = self._watch.ros
+        self._pulse = Pulse(state, self._panels, self._sources, asked)
         for field, value in (
-            ("robot", robot),
-            ("simulated", bool(rospy.get_param("/use_sim_time", False))),
+            ("robot", asked.namespace.strip("/")),
+            ("simulated", bool(asked.parameter("/use_sim_time", False))),
             ("started", time.time()),
-            ("panels", [panel.described() for panel in classes]),
         ):
             state.tree.set("meta", field, value)
+        self._add_offered()
+        self._describe()
 
     def start(self) -> None:
         """Begins to follow."""
@@ -59,13 +72,76 @@ class PanelBoard:
         self._watch.start()
         self._pulse.start()
 
+    def look(self) -> None:
+        """Looks once which topics there are, without threads."""
+        self._watch.look()
+
+    def beat(self) -> None:
+        """Samples and checks once, without threads."""
+        self._pulse.beat()
+
     def _sources(self) -> Dict[str, Source]:
         found = ((panel.name, panel.source()) for panel in self._panels)
         return {name: source for name, source in found if source is not None}
 
+    def _add_offered(self) -> bool:
+        """Makes the panels that are offered and not there yet; whether there were any."""
+        added = [] if self._offered is None else self._offered.new(self.scripts)
+        for kind in added:
+            self.scripts[kind.name] = script_of(kind)
+            self._panels.append(kind(self._state, self._watch))
+        return bool(added)
+
+    def _describe(self) -> None:
+        """Tells the page which panels there are; an open one that shows others draws itself anew."""
+        panels = sorted(self._panels, key=lambda panel: panel.place)
+        self._state.tree.set("meta", "panels", [panel.described() for panel in panels])
+
     def _look(self, topics: Dict[str, str]) -> None:
+        known = len(self._panels)
+        if self._add_offered():
+            for panel in self._panels[known:]:
+                panel.start()
+            self._describe()
         for panel in self._panels:
             panel.look(topics)
+
+
+class OfferedPanels:
+    """Panels that other launch files name in parameters, while the monitor runs or before.
+
+    :param known: class paths of panels that are there anyway.
+    """
+
+    def __init__(self, known: Iterable[str] = ()) -> None:
+        self._parameter = rospy.resolve_name(OFFERED)
+        self._seen: Set[str] = set(known)
+
+    def new(self, names: Iterable[str]) -> List[Type[Panel]]:
+        """The panels that were not there at the last call; one that cannot be used is named in the log, once.
+
+        :param names: of the panels that there are.
+        """
+        try:
+            found = bounded_master().getParam(self._parameter)
+        except ERRORS:  # the master is gone, or there is no such parameter
+            return []
+        paths = [str(path) for path in found.values()] if isinstance(found, dict) else []
+        kinds: List[Type[Panel]] = []
+        for path in paths:
+            if path in self._seen:
+                continue
+            self._seen.add(path)
+            try:
+                kind = foreign_panel(path)
+                script_of(kind)
+                if kind.name in {*names, *(other.name for other in kinds)}:
+                    raise ParameterError(f"there are two panels called {kind.name}")
+            except ParameterError as error:
+                rospy.logwarn(f"{self._parameter}: {error}; the page goes without it")
+            else:
+                kinds.append(kind)
+        return kinds
 
 
 def own_panels() -> List[Type[Panel]]:
@@ -102,14 +178,7 @@ def script_of(panel: Type[Panel]) -> Path:
 
     :raises ParameterError: when it does not exist.
     """
-    script = panel.script or OWN_SCRIPT.format(panel.name)
-    match = _SCRIPT.match(script)
-    if match is None:
-        raise ParameterError(f"panel {panel.name}: {script!r} is not package://<package>/<path>.js")
     try:
-        path = Path(rospkg.RosPack().get_path(match.group(1))) / match.group(2)
-    except rospkg.ResourceNotFound as error:
-        raise ParameterError(f"panel {panel.name}: there is no package {error}") from error
-    if not path.is_file():
-        raise ParameterError(f"panel {panel.name}: there is no file {path}")
-    return path
+        return script_file(str(panel.described()["script"]))
+    except ValueError as error:
+        raise ParameterError(f"panel {panel.name}: {error}") from error

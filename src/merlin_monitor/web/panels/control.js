@@ -1,6 +1,9 @@
-// Sends goals in PDDL, completed from the domain and the objects.
-import { byId, el, setHidden } from "../dom.js";
+// Sends goals in PDDL, completed from the domain and the objects; plans them only; sets facts by hand.
+import { byId, el, keyed, setHidden } from "../dom.js";
 import { complete } from "../completion.js";
+import { breakpointsOf } from "../holds.js";
+import { PlanPreview } from "../plan_preview.js";
+import { t } from "../texts.js";
 
 export function show(section, { store, control }) {
   const goal = el("input", {
@@ -9,19 +12,38 @@ export function show(section, { store, control }) {
   });
   const priority = el("input", { id: "priority", type: "number", value: "0", step: "1" });
   const field = (input, label, ...more) => el("div", { class: "field" }, el("label", { for: input.id }, label), input, ...more);
-  const goalField = field(goal, "Goal in PDDL", el("ul", { id: "goal-choices", role: "listbox", "aria-label": "Completions", hidden: true }));
+  const goalField = field(goal, t("Goal in PDDL"), el("ul", { id: "goal-choices", role: "listbox", "aria-label": t("Completions"), hidden: true }));
   goalField.classList.add("grow");
   const form = el("form", { id: "goal-form", autocomplete: "off" },
-    goalField, field(priority, "Priority"), el("button", { type: "submit", class: "primary" }, "Send goal"));
-  section.append(form);
+    goalField, field(priority, t("Priority")), el("button", { type: "submit", class: "primary" }, t("Send goal")),
+    el("button", { type: "button", id: "plan-only", title: t("Shows a plan for it, and does nothing"), onclick: () => preview.ask(goal.value) }, t("Plan only")),
+    el("button", { type: "button", id: "set-facts", title: t("Makes it true in the knowledge; the robot does nothing for it"), onclick: () => setFacts() }, t("Set by hand")));
+  form.append(el("button", { type: "button", id: "hold-before", title: t("Holds the robot before this action or goal, * stands for any argument, or before a state, like NAVIGATE/DRIVE"), onclick: () => addBreakpoint() }, t("Hold before")));
+  const preview = new PlanPreview(control);
+  const points = el("div", { id: "breakpoints", class: "choices", role: "group", "aria-label": t("Breakpoints") });
+  section.append(form, points, preview.box);
+  const offered = el("div", { id: "offered-goals", class: "choices", role: "group", "aria-label": t("Goals of the application") });
+  section.append(offered);
   const completion = new Completion(store, goal);
-  form.addEventListener("submit", async (event) => {
-    event.preventDefault();
+  const send = async (what, fields) => {
     completion.close();
     const sent = goal.value;
-    const done = await control.ask("send", { goal: sent, priority: Number.parseInt(priority.value, 10) || 0 });
+    const done = await control.ask(what, fields);
     if (done && goal.value === sent) goal.value = "";
+  };
+  const setFacts = () => send("change", { facts: goal.value });
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    send("send", { goal: goal.value, priority: Number.parseInt(priority.value, 10) || 0 });
   });
+  const breakpoints = () => breakpointsOf(store.state);
+  const addBreakpoint = () => send("breakpoints", { before: [...new Set([...breakpoints(), goal.value.trim()])] });
+  for (const view of ["now", "machines"]) store.view(view, () => keyed(points, breakpoints(), (text) => text,
+    (text) => el("button", { type: "button", title: t("Takes this breakpoint away"), onclick: () => control.ask("breakpoints", { before: breakpoints().filter((each) => each !== text) }) }, `⏸ ${text} ×`),
+    () => {}));
+  store.view("control", ({ goals = [] }) => keyed(offered, goals, (each) => each.name,
+    (each) => el("button", { type: "button", title: each.goal, onclick: () => control.ask("send", { goal: each.goal, priority: each.priority }) }, each.name),
+    () => {}));
   store.view("meta", () => setHidden(section, !control.possible()));
 }
 

@@ -1,12 +1,13 @@
 // What the velocity guard says while the base may not drive.
 import { el, setHidden, setText } from "../dom.js";
+import { t } from "../texts.js";
 
-const WORDS = { silent: "The base is not watched", holding: "The base is held" };
-const HELD = "Nothing moves the base until it is released.";
+const WORDS = { silent: t("The base is not watched"), holding: t("The base is held") };
+const HELD = t("Nothing moves the base until it is released.");
 
 export function show(section, { store, control }) {
   const says = el("p", { id: "guard-says" });
-  const release = el("button", { id: "release", type: "button", hidden: true, class: "primary", onclick: () => control.ask("release") }, "Release");
+  const release = el("button", { id: "release", type: "button", hidden: true, class: "primary", onclick: () => control.ask("release") }, t("Release"));
   section.setAttribute("role", "alert");
   section.append(says, release);
   const draw = () => {
@@ -14,7 +15,7 @@ export function show(section, { store, control }) {
     const held = guard.state === "stopped"; // the headline says by whom
     const told = held || Object.prototype.hasOwnProperty.call(WORDS, guard.state);
     setHidden(section, !told);
-    setText(says, held ? HELD : told ? `${WORDS[guard.state]}: ${guard.reason}` : "");
+    setText(says, held ? HELD : told ? `${WORDS[guard.state]}: ${t(guard.reason)}` : "");
     section.dataset.state = guard.state || "";
     setHidden(release, !held || !control.possible());
   };

@@ -1,9 +1,12 @@
 // What happened: bars of goals and actions over time, and events, newest first, back to the first one kept.
 import { byId, clockText, el, keyed, svg } from "../dom.js";
+import { say, t, told } from "../texts.js";
+import { momentLink } from "../past.js";
 
-const KINDS = ["mission", "goal", "plan", "action", "machine", "knowledge", "health", "guard", "control", "monitor"];
+const KINDS = ["mission", "goal", "plan", "action", "speech", "sight", "machine", "knowledge", "health", "guard", "control", "monitor"];
 const QUIET = new Set(["machine", "knowledge"]); // not shown until asked for
-const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", machine: "⬡", knowledge: "+", health: "♥", control: "✎", monitor: "·" };
+const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", speech: "❝", sight: "◉", machine: "⬡", knowledge: "+", health: "♥", control: "✎", monitor: "·" };
+const WORDS = new Set(["knowledge", "speech", "sight"]); // words of others: they tell of no fault
 const BAD = /\b(failed|error|unsolvable|no plan|refused|timeout|crashed|invalid|internal|silent)\b/;
 const PAGE = 200; // events asked for at once
 const MOST = 3000; // events on the page; the export has them all
@@ -12,13 +15,14 @@ const SPAN = 180; // s of the timeline
 const SHORTEST = 60;
 const LATE = 2; // s that the clock of the state may be behind
 const LANES = ["goal", "action"];
+const LANE_NAMES = { goal: t("goals"), action: t("actions") };
 
 export function show(section, { store }) {
-  byId("history-note").append(el("a", { href: "/history.json", download: true }, "export as JSON"));
+  byId("history-note").append(el("a", { href: "/history.json", download: true }, t("export as JSON")));
   section.append(
-    el("div", { id: "timeline", role: "img", "aria-label": "Goals and actions over time" }),
-    el("div", { id: "history-kinds", class: "choices", role: "group", "aria-label": "Kinds of events" }),
-    el("div", { id: "history-list", class: "log long", tabindex: 0, role: "list", "aria-label": "Events, newest first" }),
+    el("div", { id: "timeline", role: "img", "aria-label": t("Goals and actions over time") }),
+    el("div", { id: "history-kinds", class: "choices", role: "group", "aria-label": t("Kinds of events") }),
+    el("div", { id: "history-list", class: "log long", tabindex: 0, role: "list", "aria-label": t("Events, newest first") }),
   );
   const shown = new Set(KINDS.filter((kind) => !QUIET.has(kind)));
   const kept = new Map(); // id → event, of the shown kinds and the timeline: those of the state, and older ones
@@ -34,7 +38,7 @@ export function show(section, { store }) {
         forgetOlder(); // they are of the kinds shown until now
         draw();
       },
-    }, `${GLYPHS[kind]} ${kind}`));
+    }, `${GLYPHS[kind] || "·"} ${t(kind)}`));
   }
   const list = byId("history-list");
   list.addEventListener("scroll", () => {
@@ -96,11 +100,13 @@ export function show(section, { store }) {
   }
 
   function create({ event, heading }) {
-    if (heading !== undefined) return el("div", { class: "run" }, `before ${new Date(event.wall * 1000).toLocaleString()}: an earlier run`);
-    const time = el("time", { class: "at", datetime: new Date(event.wall * 1000).toISOString() }, clockText(event.at));
-    time.title = new Date(event.wall * 1000).toLocaleString();
-    return el("div", { class: "event", role: "listitem", "data-kind": event.kind, "data-bad": BAD.test(event.text) && event.kind !== "knowledge" },
-      time, el("span", { class: "glyph", role: "img", "aria-label": event.kind }, GLYPHS[event.kind] || "·"), el("span", { class: "said" }, event.text));
+    if (heading !== undefined) return el("div", { class: "run" }, t("before {time}: an earlier run", { time: new Date(event.wall * 1000).toLocaleString() }));
+    const clock = new Date(event.wall * 1000);
+    const link = event.id ? { href: momentLink(event), title: t("{time}: show this moment", { time: clock.toLocaleString() }) } : {};
+    const time = el("a", { class: "at", ...link }, el("time", { datetime: clock.toISOString() }, clockText(event.at) || clock.toLocaleTimeString()));
+    const go = (click) => { if (event.id && !click.target.closest("a") && getSelection().isCollapsed) location.hash = momentLink(event); };
+    return el("div", { class: "event", role: "listitem", onclick: go, "data-wall": event.wall, "data-kind": event.kind, "data-bad": BAD.test(event.text) && !WORDS.has(event.kind) },
+      time, el("span", { class: "glyph", role: "img", "aria-label": t(event.kind) }, GLYPHS[event.kind] || "·"), el("span", { class: "said" }, told(event)));
   }
 
   const lanes = svg("svg", {});
@@ -118,15 +124,15 @@ export function show(section, { store }) {
     const items = [];
     LANES.forEach((lane, index) => {
       const y = 8 + index * 30;
-      items.push(svg("text", { class: "lane", x: 0, y: y + 16 }, `${lane}s`), svg("line", { class: "track", x1: left, x2: width, y1: y + 26, y2: y + 26 }));
+      items.push(svg("text", { class: "lane", x: 0, y: y + 16 }, LANE_NAMES[lane]), svg("line", { class: "track", x1: left, x2: width, y1: y + 26, y2: y + 26 }));
       for (const { detail } of bars.filter((event) => event.detail.lane === lane && event.detail.ended > begin)) items.push(...bar(detail, lane, x, y));
     });
-    for (const step of running) items.push(...bar({ began: step.began, ended: end, outcome: "running", label: step.text }, "action", x, 38));
+    for (const step of running) items.push(...bar({ began: step.began, ended: end, outcome: "running", label: step.text, words: step.words }, "action", x, 38));
     for (let at = Math.ceil(begin / 30) * 30; at <= end; at += 30) {
       if (at >= 0 && x(at) < width - 30) items.push(svg("text", { class: "tick", x: x(at), y: 84 }, clockText(at).replace(".0 s", " s")));
     }
     lanes.replaceChildren(...items);
-    byId("timeline").setAttribute("aria-label", `Goals and actions of the last ${SPAN} s: ${bars.length} ended`);
+    byId("timeline").setAttribute("aria-label", t("Goals and actions of the last {seconds} s: {count} ended", { seconds: SPAN, count: bars.length }));
   }
 
   let pending = 0;
@@ -142,9 +148,9 @@ function bar(detail, lane, x, y) {
   const from = x(detail.began);
   const width = Math.max(2, x(detail.ended) - from);
   const kind = detail.outcome === "cancelled" ? "cancelled" : ["succeeded", "already true", "running"].includes(detail.outcome) ? "" : "bad";
-  const shape = svg("rect", { class: `stretch ${lane} ${kind}`, x: from, y: y + 3, width, height: 18, rx: 5 }, svg("title", {}, `${detail.label} ${detail.outcome}`));
-  const text = String(detail.label || "").replace(/[()]/g, "");
+  const words = detail.words === undefined ? String(detail.label || "").replace(/[()]/g, "") : say(detail.words); // as older files have it
+  const shape = svg("rect", { class: `stretch ${lane} ${kind}`, x: from, y: y + 3, width, height: 18, rx: 5 }, svg("title", {}, `${words}: ${t(detail.outcome)}`));
   const room = Math.floor((width - 10) / 5.6);
   if (room < 4) return [shape];
-  return [shape, svg("text", { class: "label", x: from + 6, y: y + 16 }, text.length > room ? `${text.slice(0, room - 1)}…` : text)];
+  return [shape, svg("text", { class: "label", x: from + 6, y: y + 16 }, words.length > room ? `${words.slice(0, room - 1)}…` : words)];
 }

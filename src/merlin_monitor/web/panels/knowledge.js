@@ -1,24 +1,28 @@
 // Objects, facts, values and goals: searchable, of any number; what changed lights up.
 import { byId, clockText, el, keyed, part, setText } from "../dom.js";
 import { VirtualList } from "../virtual_list.js";
+import { factWords, valueWords } from "../pddl_words.js";
+import { t } from "../texts.js";
 
-const KINDS = [["all", "All"], ["facts", "Facts"], ["values", "Values"], ["objects", "Objects"], ["goals", "Goals"]];
-const NOUNS = { facts: "fact", values: "value", objects: "object", goals: "goal" };
+const KINDS = [["all", t("All")], ["facts", t("Facts")], ["values", t("Values")], ["objects", t("Objects")], ["goals", t("Goals")]];
+const NOUNS = { facts: t("fact"), values: t("value"), objects: t("object"), goals: t("goal") };
 const ROW = 28; // px
 const LIT = 2600; // ms
+const MOST_WORDS = 30000; // facts of which the words are kept
 const SIGNS = { "+": "+", "-": "−", "=": "±" };
 
 export function show(section, { store }) {
   section.append(
     el("div", { class: "tools" },
-      el("input", { id: "search", type: "search", placeholder: "Search ( / )", "aria-label": "Search the knowledge", spellcheck: "false" }),
-      el("div", { id: "kinds", class: "choices", role: "group", "aria-label": "Kinds of knowledge" })),
-    el("div", { id: "knowledge-list", class: "long", tabindex: 0, role: "list", "aria-label": "Knowledge" }),
-    el("h3", {}, "Latest changes"),
-    el("ul", { id: "knowledge-recent", class: "log" }),
+      el("input", { id: "search", type: "search", placeholder: t("Search ( / )"), "aria-label": t("Search the knowledge"), spellcheck: "false" }),
+      el("div", { id: "kinds", class: "choices", role: "group", "aria-label": t("Kinds of knowledge") })),
+    el("div", { id: "knowledge-list", class: "long", tabindex: 0, role: "list", "aria-label": t("Knowledge") }),
+    el("h3", {}, t("Latest changes")),
+    el("ul", { id: "knowledge-recent", class: "log", tabindex: 0, "aria-label": t("Latest changes") }),
   );
   const keys = { facts: [], values: [], objects: [], goals: [] }; // sorted
   const lit = new Map(); // kind and key → when it changed
+  const spoken = new Map(); // kind and key → words
   let kind = "all";
   let words = [];
 
@@ -67,6 +71,19 @@ export function show(section, { store }) {
     return Object.keys((store.state.knowledge || {})[name] || {}).sort();
   }
 
+  // A fact in the reader's words; PDDL is its detail.
+  function wordsOf(name, key) {
+    if (name === "objects") return key;
+    const identity = `${name} ${key}`;
+    let shown = spoken.get(identity);
+    if (shown === undefined) {
+      if (spoken.size > MOST_WORDS) spoken.clear();
+      shown = (name === "values" ? valueWords : factWords)(key);
+      spoken.set(identity, shown);
+    }
+    return shown;
+  }
+
   function entry(name, key) {
     const table = (store.state.knowledge || {})[name] || {};
     return (Object.prototype.hasOwnProperty.call(table, key) && table[key]) || {};
@@ -79,7 +96,7 @@ export function show(section, { store }) {
       for (const key of keys[name]) {
         if (words.length) {
           const more = entry(name, key);
-          const text = `${key} ${more.type || ""} ${more.by || ""}`.toLowerCase();
+          const text = `${key} ${wordsOf(name, key)} ${more.type || ""} ${more.by || ""}`.toLowerCase();
           if (!words.every((word) => text.includes(word))) continue;
         }
         shown.push([name, key]);
@@ -91,9 +108,9 @@ export function show(section, { store }) {
     const counts = { all: 0 };
     for (const name of Object.keys(keys)) counts.all += counts[name] = keys[name].length;
     for (const [name, label] of KINDS) setText(buttons.get(name), `${label} ${counts[name]}`);
-    setText(byId("knowledge-note"), knowledge.domain ? `domain ${knowledge.domain.name}` : knowledge.source || "");
-    byId("knowledge-note").title = knowledge.source || "";
-    byId("knowledge-list").setAttribute("aria-label", `Knowledge, ${shown.length} shown`);
+    setText(byId("knowledge-note"), knowledge.domain ? t("domain {name}", knowledge.domain) : t(knowledge.source || ""));
+    byId("knowledge-note").title = t(knowledge.source || "");
+    byId("knowledge-list").setAttribute("aria-label", t("Knowledge, {count} shown", { count: shown.length }));
   }
 
   function fillRow(row, [name, key]) {
@@ -103,7 +120,7 @@ export function show(section, { store }) {
     }
     const value = entry(name, key);
     setText(part(row, "kind"), NOUNS[name]);
-    setText(part(row, "text"), key);
+    setText(part(row, "text"), wordsOf(name, key));
     row.title = key;
     setText(part(row, "value"), name === "values" ? number(value.value) : value.type || "");
     setText(part(row, "who"), value.by ? `${value.by} · ${clockText(value.at)}` : "");
@@ -124,11 +141,15 @@ export function show(section, { store }) {
   function drawRecent() {
     const recent = Object.entries((store.state.knowledge || {}).recent || {}).sort((a, b) => b[0] - a[0]);
     keyed(byId("knowledge-recent"), recent.slice(0, 40), ([id]) => id,
-      () => el("li", {}, el("span", { class: "at" }), el("span", { class: "glyph" }), el("span", { class: "said" }, el("span", { class: "text code" }), " ", el("small", { class: "who" }))),
+      () => el("li", {}, el("span", { class: "at" }), el("span", { class: "glyph" }), el("span", { class: "said" }, el("span", { class: "text" }), " ", el("small", { class: "who" }))),
       (row, [, change]) => {
         setText(part(row, "at"), clockText(change.at));
         setText(part(row, "glyph"), SIGNS[change.sign]);
-        setText(part(row, "text"), change.kind === "goals" ? `goal ${change.text}` : change.text);
+        const key = change.key === undefined ? change.text : change.key; // as older recordings have it
+        const text = change.kind in NOUNS ? wordsOf(change.kind, key) : change.text;
+        const shown = typeof change.value === "number" ? `${text} = ${number(change.value)}` : text;
+        setText(part(row, "text"), change.kind === "goals" ? t("goal {text}", { text: shown }) : shown);
+        part(row, "text").title = change.text;
         setText(part(row, "who"), change.by);
       });
   }

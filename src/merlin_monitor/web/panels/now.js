@@ -1,41 +1,70 @@
 // What the robot does now, and why.
 import { byId, el, keyed, secondsText, setHidden, setText } from "../dom.js";
+import { glance } from "../glance.js";
+import { LEVELS, autonomyOf, isHeld, unconfirmed } from "../holds.js";
+import { say, t } from "../texts.js";
 
 export function show(section, { store, control }) {
   section.append(
-    el("ol", { id: "now-chain", "aria-label": "From the mission to the state" }),
+    el("ol", { id: "now-chain", "aria-label": t("From the mission to the state") }),
     el("p", { id: "now-line", "aria-live": "polite" }, el("span", { id: "now-doing" })),
     el("p", { id: "now-trouble", role: "alert", hidden: true }),
     el("p", { id: "now-why" }, el("span", { id: "now-because" }), " ", el("span", { id: "now-step" })),
+    glance(store),
     el("p", { id: "now-last" }),
     el("div", { id: "robot-control", class: "buttons", hidden: true }),
   );
   const buttons = byId("robot-control");
   const pause = el("button", { type: "button", id: "pause", onclick: () => control.ask(paused() ? "resume" : "pause") });
-  buttons.append(pause, el("button", { type: "button", id: "cancel-all", onclick: () => control.ask("cancel_all") }, "Cancel all"));
+  buttons.append(pause, el("button", { type: "button", id: "cancel-all", onclick: () => control.ask("cancel_all") }, t("Cancel all")));
+  const held = el("span", { class: "buttons" },
+    el("button", { type: "button", id: "step", title: t("One action or state begins, and the next one is held"), onclick: () => control.ask("step") }, t("Step")),
+    el("button", { type: "button", id: "go-on", title: t("Goes on up to the next breakpoint"), onclick: () => control.ask("continue") }, t("Continue")));
+  const confirm = el("span", { class: "buttons" });
+  const level = el("select", { id: "autonomy", onchange: () => setAutonomy(level.value) },
+    LEVELS.map((each) => el("option", { value: each }, t(each))));
+  const autonomy = el("label", { class: "buttons", title: t("Outcomes that require a higher level wait until an operator confirms them") }, t("Autonomy"), level);
+  const showLevel = () => { if (level.value !== autonomyOf(store.state)) level.value = autonomyOf(store.state); };
+  const setAutonomy = (wanted) => {
+    showLevel(); // what is chosen is shown when it is so
+    control.ask("autonomy", { level: wanted });
+  };
+  buttons.append(held, confirm, autonomy);
   const paused = () => Boolean(((store.state.now || {}).executor || {}).paused);
   const showButtons = () => {
     setHidden(buttons, !control.possible() || !(store.state.now || {}).executor);
-    setText(pause, paused() ? "Resume" : "Pause");
-    pause.title = paused() ? "Lets the next goal begin" : "Lets what runs end, and nothing else begin";
+    setHidden(held, !isHeld(store.state));
+    keyed(confirm, unconfirmed(store.state), (each) => each.join(" "),
+      ([state, outcome, within]) => el("button", { type: "button", class: "primary", title: state, onclick: () => control.ask("leave", { state, within }) }, t("Confirm {outcome}", { outcome })),
+      (button, each, index) => (index ? button.removeAttribute("id") : button.setAttribute("id", "confirm"))); // the key takes the first one
+    setHidden(autonomy, !autonomyOf(store.state));
+    showLevel();
+    setText(pause, paused() ? t("Resume") : t("Pause"));
+    pause.title = paused() ? t("Lets the next goal begin") : t("Lets what runs end, and nothing else begin");
   };
   store.view("now", (now) => {
-    setText(byId("now-doing"), now.doing);
-    setText(byId("now-because"), now.because);
-    setText(byId("now-step"), now.step);
+    const said = now.said || now;
+    const doing = say(said.doing);
+    setText(byId("now-doing"), doing);
+    setText(byId("now-because"), say(said.because));
+    setText(byId("now-step"), say(said.step));
     keyed(
       byId("now-chain"), now.chain || [], ([what]) => what,
-      ([what]) => el("li", {}, el("span", { class: "what" }, `${what}: `), el("span", { class: "text" })),
-      (item, [, text]) => setText(item.lastChild, text),
+      ([what]) => el("li", {}, el("span", { class: "what" }, `${t(what)}: `), el("span", { class: "text" })),
+      (item, [, words, detail = ""]) => {
+        setText(item.lastChild, say(words));
+        if (item.title !== detail) item.title = detail; // the same in PDDL
+      },
     );
     const last = now.last;
     const reason = last && last.reason && !["succeeded", "already true"].includes(last.outcome) ? `: ${last.reason}` : "";
-    setText(byId("now-last"), last ? `Before: ${last.goals.join(" ") || "a request"} ${last.outcome} after ${secondsText(last.seconds)}${reason}` : "");
-    const trouble = now.trouble || [];
+    setText(byId("now-last"), last ? t("Before: {goals} {outcome} after {time}", { goals: say(last.words) || t("a request"), outcome: t(last.outcome), time: secondsText(last.seconds) }) + reason : "");
+    const trouble = (now.trouble_said || []).map(say);
     setHidden(byId("now-trouble"), trouble.length === 0);
     setText(byId("now-trouble"), trouble.join(" · "));
-    document.title = now.doing ? `${now.doing} – MERLIN` : "MERLIN";
+    document.title = doing ? `${doing} – MERLIN` : "MERLIN";
     showButtons();
   });
+  store.view("machines", showButtons);
   store.view("meta", showButtons);
 }

@@ -1,28 +1,29 @@
 // The goals that are served and that wait.
 import { byId, el, keyed, part, setHidden, setText } from "../dom.js";
+import { say, t } from "../texts.js";
 
 export function show(section, { store, control }) {
-  section.append(el("ol", { id: "queue-list", class: "rows" }), el("p", { id: "queue-empty", class: "empty" }, "No goals wait."));
+  section.append(el("ol", { id: "queue-list", class: "rows" }), el("p", { id: "queue-empty", class: "empty" }, t("No goals wait.")));
   const draw = () => {
     const { now = {}, queue = {} } = store.state;
     const executor = now.executor || {};
     const requests = [];
     if (executor.request) {
-      requests.push({ request: executor.request, goals: executor.goals, priority: executor.priority, running: true, note: `${executor.state}, ${executor.done} of ${executor.total} steps done` });
+      requests.push({ request: executor.request, goals: executor.goals, words: executor.words, priority: executor.priority, running: true, note: `${t(executor.state)}, ${t("{done} of {count} steps done", { done: executor.done, count: executor.total })}` });
     }
     for (const waiting of queue.waiting || []) {
-      const words = waiting.interrupted ? ["interrupted, resumed afterwards"] : ["waits"];
-      if (waiting.on_interrupt === "drop") words.push("dropped when interrupted");
-      requests.push({ ...waiting, note: `${words.join(", ")}; from ${waiting.by}` });
+      const words = waiting.interrupted ? [t("interrupted, resumed afterwards")] : [t("waits")];
+      if (waiting.on_interrupt === "drop") words.push(t("dropped when interrupted"));
+      requests.push({ ...waiting, note: `${words.join(", ")}; ${t("from {client}", { client: waiting.by })}` });
     }
     const count = (queue.waiting || []).length;
-    setText(byId("queue-note"), count ? `${count} waiting` : "");
+    setText(byId("queue-note"), count ? t("{count} waiting", { count }) : "");
     setHidden(byId("queue-empty"), requests.length > 0);
     keyed(byId("queue-list"), requests, (item) => item.request, create, update);
   };
 
   function create(item) {
-    const cancel = el("button", { class: "small cancel", type: "button", onclick: () => control.ask("cancel", { request: item.request }) }, "Cancel");
+    const cancel = el("button", { class: "small cancel", type: "button", onclick: () => control.ask("cancel", { request: item.request }) }, t("Cancel"));
     return el("li", {},
       el("div", { class: "head" }, el("span", { class: "glyph", "aria-hidden": "true" }), el("span", { class: "title" }), el("span", { class: "end chip priority" }), cancel),
       el("div", { class: "more" }));
@@ -30,8 +31,9 @@ export function show(section, { store, control }) {
 
   function update(row, item) {
     setText(part(row, "glyph"), item.running ? "▶" : "○");
-    setText(part(row, "title"), (item.goals || []).join(" ") || item.request);
-    setText(part(row, "priority"), `priority ${item.priority}`);
+    setText(part(row, "title"), say(item.words) || item.request);
+    part(row, "title").title = (item.goals || []).join(" ");
+    setText(part(row, "priority"), t("priority {number}", { number: item.priority }));
     setText(part(row, "more"), item.note);
     setHidden(part(row, "cancel"), !control.possible());
   }

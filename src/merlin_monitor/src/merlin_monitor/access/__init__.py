@@ -1,1 +1,1 @@
-"""Who may ask the page for what: hosts, origins, operators and their tokens. Without ROS."""
+"""Access to the page: hosts, origins, operators and their tokens. Without ROS."""

@@ -1,4 +1,4 @@
-"""Who may control the robot: names and tokens, from a file that only its owner reads."""
+"""Operators of the robot: names and tokens, from a file that only its owner reads."""
 
 import hmac
 import os

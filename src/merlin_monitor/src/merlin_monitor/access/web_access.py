@@ -1,4 +1,4 @@
-"""Who may ask the page for what: Host, Origin, token, and the headers that bind the browser."""
+"""Access to the page: Host, Origin, token, and the headers that bind the browser."""
 
 import ipaddress
 import re

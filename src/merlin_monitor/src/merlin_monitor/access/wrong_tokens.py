@@ -19,10 +19,10 @@ class _Address(NamedTuple):
 class WrongTokens:
     """Counts wrong tokens by the address that they come from. For one thread, that of the server.
 
-    :param tell: takes a sentence for the history and the log.
+    :param tell: takes an address and how many wrong tokens came from it, for the history and the log.
     """
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
+    def __init__(self, tell: Callable[[str, int], None]) -> None:
         self._tell = tell
         self._addresses: Dict[str, _Address] = {}
 
@@ -41,7 +41,7 @@ class WrongTokens:
         told = known.told
         if count == 1 or now - told >= TELL_EVERY:
             told = now
-            self._tell(f"wrong token from {address}" + (f", {count} times" if count > 1 else ""))
+            self._tell(address, count)
         if len(self._addresses) >= MOST_ADDRESSES and address not in self._addresses:
             self._addresses.pop(next(iter(self._addresses)))
         self._addresses[address] = _Address(count, now, told)

@@ -39,6 +39,13 @@ class LayoutThread:
             self._waiting[name] = graph
             self._changed.notify_all()
 
+    def draw_waiting(self) -> None:
+        """Lays out what waits, in the thread of the caller; instead of `start`."""
+        with self._changed:
+            waiting, self._waiting = self._waiting, {}
+        for name, make in waiting.items():
+            self._lay_out(name, make)
+
     def _work(self) -> None:
         while True:
             with self._changed:
@@ -48,11 +55,14 @@ class LayoutThread:
                     return
                 name = next(iter(self._waiting))
                 make = self._waiting.pop(name)
-            try:
-                picture, reason = self._draw(name, make)
-            except Exception as error:  # one strange machine does not end all pictures
-                picture, reason = None, f"{type(error).__name__}: {error}"
-            self._done(name, picture, reason)
+            self._lay_out(name, make)
+
+    def _lay_out(self, name: str, make: Callable[[], Optional[Graph]]) -> None:
+        try:
+            picture, reason = self._draw(name, make)
+        except Exception as error:  # one strange machine does not end all pictures
+            picture, reason = None, f"{type(error).__name__}: {error}"
+        self._done(name, picture, reason)
 
     def _draw(self, name: str, make: Callable[[], Optional[Graph]]) -> Tuple[Optional[Dict[str, Any]], str]:
         graph = make()

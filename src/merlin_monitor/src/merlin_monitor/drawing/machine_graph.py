@@ -96,9 +96,12 @@ def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> Graph:
     return Graph(nodes, edges, clusters)
 
 
-def plan_graph(steps: Dict[str, Dict[str, Any]], edges: List[List[str]]) -> Graph:
-    """The picture of a plan."""
-    nodes = [DrawnNode(key, step["text"], "step") for key, step in steps.items()]
+def plan_graph(steps: Dict[str, str], edges: List[List[str]]) -> Graph:
+    """The picture of a plan.
+
+    :param steps: their words by their keys.
+    """
+    nodes = [DrawnNode(key, words, "step") for key, words in steps.items()]
     return Graph(nodes, [DrawnEdge(before, after) for before, after in edges], direction="LR")
 
 

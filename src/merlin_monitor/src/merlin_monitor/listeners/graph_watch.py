@@ -5,7 +5,7 @@ from typing import Callable, Dict, List, Optional
 
 import rospy
 
-from merlin_ros.master.master_link import ERRORS, bounded_master
+from merlin_monitor.listeners.ros_system import RosSystem
 
 PERIOD = 1.0  # s of wall time
 
@@ -14,9 +14,11 @@ class GraphWatch:
     """Asks the master once per period which topics have publishers.
 
     :param look: called with the topics that have publishers (name → type), in the watch's thread.
+    :param ros: that is asked; None: that of this node.
     """
 
-    def __init__(self, look: Callable[[Dict[str, str]], None]) -> None:
+    def __init__(self, look: Callable[[Dict[str, str]], None], ros: Optional[RosSystem] = None) -> None:
+        self.ros = ros or RosSystem()
         self._look = look
         self._publishers: Dict[str, List[str]] = {}  # replaced as a whole, never changed
         self._stopped = threading.Event()
@@ -38,27 +40,20 @@ class GraphWatch:
 
     def address_of(self, service: str) -> str:
         """Where a service is served, empty when nowhere; a new address means a new process."""
-        try:
-            return str(bounded_master().lookupService(service))
-        except ERRORS:
-            return ""
+        return self.ros.address_of(service)
+
+    def look(self) -> None:
+        """Looks once."""
+        graph = self.ros.graph()
+        if graph is not None:  # else what is known stays
+            self._publishers = graph.publishers
+            self._look(graph.types)
 
     def _work(self) -> None:
         while not self._stopped.is_set():
-            topics = self._published()
-            if topics is not None:
-                try:
-                    self._look(topics)
-                except Exception as error:  # the master may be gone at any call; the next look sees
-                    if not rospy.is_shutdown():
-                        rospy.logwarn_throttle(30.0, f"monitor: {type(error).__name__}: {error}")
+            try:
+                self.look()
+            except Exception as error:  # the master may be gone at any call; the next look sees
+                if not rospy.is_shutdown():
+                    rospy.logwarn_throttle(30.0, f"monitor: {type(error).__name__}: {error}")
             self._stopped.wait(PERIOD)
-
-    def _published(self) -> Optional[Dict[str, str]]:
-        try:
-            master = bounded_master()
-            self._publishers = {topic: nodes for topic, nodes in master.getSystemState()[0] if nodes}
-            types: List[List[str]] = master.getTopicTypes()
-        except ERRORS:
-            return None  # no master for a moment; what is known stays
-        return {topic: kind for topic, kind in types if topic in self._publishers}

@@ -2,12 +2,11 @@
 
 from typing import Any, Callable, ClassVar, Dict, Optional, Union
 
-import rospy
-
 from merlin_monitor.listeners.graph_watch import GraphWatch
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.events import sentence
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.text.phrase import Phrase
 
 
 class Panel:
@@ -34,6 +33,8 @@ class Panel:
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         self.state = state
         self.watch = watch
+        self.ros = watch.ros
+        """Topics, parameters and times; a recording that is opened has its own."""
 
     # --- what a panel may do when something happens ---------------------------------------------------------
 
@@ -50,7 +51,7 @@ class Panel:
         """Twice per second, in the model's thread: for what is silent.
 
         :param at: s of ROS time.
-        :param wall: s of ``time.monotonic``.
+        :param wall: s of ``ros.wall()``.
         """
 
     def source(self) -> Optional[Source]:
@@ -59,9 +60,7 @@ class Panel:
 
     # --- what it does with it -------------------------------------------------------------------------------
 
-    def subscribe(
-        self, topic: str, message_class: type, take: Callable[..., object], **options: Any
-    ) -> rospy.Subscriber:
+    def subscribe(self, topic: str, message_class: type, take: Callable[..., object], **options: Any) -> Any:
         """Follows a topic.
 
         :param take: called with each message and its time, s, in the model's thread; the time is that of the
@@ -71,12 +70,12 @@ class Panel:
 
         def receive(message: Any) -> None:
             stamp = message.header.stamp.to_sec() if message._has_header else 0.0
-            self.state.inbox.put(take, message, stamp or rospy.get_time())
+            self.state.inbox.put(take, message, stamp or self.ros.time())
 
         options = {"queue_size": 100, "tcp_nodelay": True, **options}
-        return rospy.Subscriber(topic, message_class, receive, **options)
+        return self.ros.subscribe(topic, message_class, receive, **options)
 
-    def source_of(self, *subscribers: rospy.Subscriber) -> Source:
+    def source_of(self, *subscribers: Any) -> Source:
         """A source that lives while one of these subscribers is connected."""
         connected = [each for each in subscribers if each.get_num_connections()]
         return Source(bool(connected), self.watch.publisher_of((connected or subscribers)[0].resolved_name))
@@ -85,15 +84,17 @@ class Panel:
         """``set("table", "3", value)`` puts a value into the section; whether that changed anything."""
         return self.state.tree.set(self.name, *path_and_value)
 
-    def tell(self, kind: str, text: str, at: float) -> None:
+    def tell(self, kind: str, text: Phrase, at: float) -> None:
         """Puts an event into the history.
 
-        :param kind: mission, goal, plan, action, machine, knowledge, health, guard, control or monitor.
+        :param kind: one of :data:`merlin_monitor.state.events.KINDS`.
+        :param text: a text, or a phrase of :mod:`merlin_monitor.text.phrase`, for more than one language.
         :param at: s of ROS time.
         """
-        self.state.tell(Event(kind, text, at))
+        self.state.tell(sentence(kind, text, at))
 
     @classmethod
     def described(cls) -> Dict[str, Union[str, int]]:
         """What the page is told of it."""
-        return {"name": cls.name, "title": cls.title, "width": cls.width}
+        script = cls.script or f"package://merlin_monitor/web/panels/{cls.name}.js"
+        return {"name": cls.name, "title": cls.title, "width": cls.width, "script": script}

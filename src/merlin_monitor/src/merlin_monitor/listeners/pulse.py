@@ -1,13 +1,13 @@
 """What has no event of its own: time goes on, a part falls silent, the robot moves a little."""
 
 import threading
-import time
 from typing import Callable, Mapping, Sequence
 
 import rospy
 from merlin_msgs.msg import SimStatus
 
 from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 
@@ -21,6 +21,7 @@ class Pulse:
     :param state: the model.
     :param panels: sampled and checked.
     :param sources: of the sections, asked at each check, in the same thread.
+    :param ros: has the times, and the simulator.
     """
 
     def __init__(
@@ -28,13 +29,16 @@ class Pulse:
         state: MonitorModel,
         panels: Sequence[Panel],
         sources: Callable[[], Mapping[str, Source]],
+        ros: RosSystem,
     ) -> None:
         self._state = state
         self._panels = panels
         self._sources = sources
+        self._ros = ros
+        self._checked = 0.0  # of the thread that beats
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._work, name="pulse", daemon=True)
-        self._subscriber = rospy.Subscriber("/merlin_sim/status", SimStatus, self._simulator, queue_size=10)
+        self._subscriber = ros.subscribe("/merlin_sim/status", SimStatus, self._simulator, queue_size=10)
 
     def start(self) -> None:
         """Begins."""
@@ -46,14 +50,17 @@ class Pulse:
         self._stopped.set()
 
     def _work(self) -> None:
-        checked = 0.0
         while not self._stopped.wait(1.0 / SAMPLES):
-            for panel in self._panels:
-                panel.sample()
-            now = time.monotonic()
-            if now - checked >= CHECKS:
-                checked = now
-                self._state.inbox.put(self._check, rospy.get_time(), now, self._sources())
+            self.beat()
+
+    def beat(self) -> None:
+        """Samples, and checks when it is time for that."""
+        for panel in self._panels:
+            panel.sample()
+        now = self._ros.wall()
+        if now - self._checked >= CHECKS:
+            self._checked = now
+            self._state.inbox.put(self._check, self._ros.time(), now, self._sources())
 
     def _check(self, at: float, wall: float, sources: Mapping[str, Source]) -> None:
         self._state.tree.set("meta", "time", round(at, 1))

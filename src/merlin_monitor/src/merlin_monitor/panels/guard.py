@@ -1,7 +1,5 @@
 """The panel of the velocity guard: whether the base may drive."""
 
-import time
-
 from merlin_msgs.msg import GuardStatus
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
@@ -23,5 +21,5 @@ class GuardPanel(Panel):
         self.state.guard.check_silence(at, wall)
 
     def _take(self, status: GuardStatus, at: float) -> None:
-        self.state.guard.status(status, at, time.monotonic())
+        self.state.guard.status(status, at, self.ros.wall())
         self.state.now.refresh()

@@ -1,7 +1,5 @@
 """The panel of the health: every part that reports on ``/diagnostics``."""
 
-import time
-
 from diagnostic_msgs.msg import DiagnosticArray
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
@@ -19,7 +17,7 @@ class HealthPanel(Panel):
         self._reports = self.subscribe(
             "/diagnostics",
             DiagnosticArray,
-            lambda reports, at: state.health.diagnostics(reports, at, time.monotonic()),
+            lambda reports, at: state.health.diagnostics(reports, at, self.ros.wall()),
         )
 
     def check(self, at: float, wall: float) -> None:

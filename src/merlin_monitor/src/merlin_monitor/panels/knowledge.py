@@ -16,7 +16,7 @@ from rosplan_knowledge_msgs.srv import GetDomainNameService
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.state.freshness import Source
-from merlin_monitor.state.knowledge_section import Contents, formulas
+from merlin_monitor.state.knowledge_section import Contents, added, formulas
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import KnowledgeClient
@@ -24,6 +24,7 @@ from merlin_sm.knowledge_client import KnowledgeClient
 READ_AGAIN = 2.0  # s of wall time between two readings of a knowledge base that does not tell its changes
 SOON = 0.2  # s from an update to reading, so that one reading serves several updates
 TELLS = "every change as the knowledge base tells it"
+GONE = "the knowledge base has gone"
 READS = "read again after updates and every 2 s: this knowledge base does not tell its changes"
 
 
@@ -34,7 +35,10 @@ class KnowledgePanel(Panel):
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)
-        self._client = KnowledgeClient(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
+        self._client = KnowledgeClient(
+            self.ros.resolve(str(self.ros.parameter("~knowledge_base", "rosplan_knowledge_base")))
+        )
+        self._added: Dict[str, List[List[str]]] = {}  # of the thread that reads
         self._domain_name = ServiceProxy(
             f"{self._client.name}/domain/name", GetDomainNameService, timeout=5.0
         )
@@ -50,14 +54,14 @@ class KnowledgePanel(Panel):
         self._stopping = False
         # A connection of one of them shows that the knowledge base lives.
         self._subscribers = [
-            rospy.Subscriber(
+            self.ros.subscribe(
                 f"{self._client.name}/changes",
                 KnowledgeChanges,
                 self._changed,
                 queue_size=1000,
                 tcp_nodelay=True,
             ),
-            rospy.Subscriber(
+            self.ros.subscribe(
                 f"{self._client.name}/status/update", StatusUpdate, self._updated, queue_size=100
             ),
         ]
@@ -86,7 +90,7 @@ class KnowledgePanel(Panel):
             if not address:
                 if self._address:
                     self._address = ""
-                    self.state.inbox.put(self.state.knowledge.source, "the knowledge base has gone")
+                    self.state.inbox.put(self.state.knowledge.source, GONE)
                 return
             if address != self._address or tells != self._tells:
                 self._address, self._tells, self._version = address, tells, None
@@ -122,7 +126,7 @@ class KnowledgePanel(Panel):
             self._put(message)
 
     def _put(self, message: KnowledgeChanges) -> None:
-        at = message.header.stamp.to_sec() or rospy.get_time()
+        at = message.header.stamp.to_sec() or self.ros.time()
         self.state.inbox.put(self.state.knowledge.changed, message, at)
 
     def _work(self) -> None:
@@ -152,7 +156,7 @@ class KnowledgePanel(Panel):
 
     def _take(self, contents: Contents, domain: Dict[str, Any], by: str) -> None:
         with self._wanted:
-            at = rospy.get_time()
+            at = self.ros.time()
             self.state.inbox.put(self.state.knowledge.domain, domain)
             self.state.inbox.put(self.state.knowledge.replace, contents, by, at, self._first)
             self._first = False
@@ -176,6 +180,15 @@ class KnowledgePanel(Panel):
         objects += [(name, "object") for name in client.instances() if name not in seen]
         return Contents(objects, client.propositions(), client.functions(), client.goals())
 
+    def _adds(self) -> Dict[str, List[List[str]]]:
+        """The facts that each operator makes true, with its variables: ``{"ask": [["checked", "p"]]}``."""
+        names = sorted(self._client.operators())
+        if names != sorted(self._added):
+            # One call per operator, and ROSPlan's knowledge is read again and again.
+            operators = [self._client.operator(name) for name in names]
+            self._added = {operator.formula.name: added(operator) for operator in operators}
+        return self._added
+
     def _domain(self) -> Dict[str, Any]:
         client = self._client
         return {
@@ -184,4 +197,5 @@ class KnowledgePanel(Panel):
             "predicates": formulas(client.predicates().values()),
             "functions": formulas(client.function_signatures().values()),
             "operators": formulas(client.operators().values()),
+            "adds": self._adds(),
         }

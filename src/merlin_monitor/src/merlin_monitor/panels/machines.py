@@ -1,17 +1,21 @@
 """The panel of the state machines: every SMACH introspection server there is, ours or the original's."""
 
-import time
-from typing import Dict, List
+from functools import partial
+from typing import Any, Dict, List
 
-import rospy
+from merlin_msgs.msg import MachineHolds, StateOutcome
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
+from std_msgs.msg import String
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_ros.publishing import publish
+from merlin_sm.holding.node_holds import CONSOLES_TOPIC, HOLDS_TOPIC, OUTCOMES_TOPIC
 
 STATUS = "/smach/container_status"
 STRUCTURE = "/smach/container_structure"
+FOLLOW_PERIOD = 1.0  # s of wall time between two words to the nodes that may hold machines
 
 
 class MachinesPanel(Panel):
@@ -21,13 +25,22 @@ class MachinesPanel(Panel):
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)
-        self._namespace = rospy.get_namespace().rstrip("/") + "/"
-        self._servers: Dict[str, List[rospy.Subscriber]] = {}
+        self._namespace = self.ros.namespace
+        self._servers: Dict[str, List[Any]] = {}
+        self._followed_at = float("-inf")
+        self._consoles = self.ros.publisher(CONSOLES_TOPIC, String)
+        self.subscribe(HOLDS_TOPIC, MachineHolds, self._take_holds)
+        self.subscribe(OUTCOMES_TOPIC, StateOutcome, self.state.machines.outcome)
 
     def check(self, at: float, wall: float) -> None:
-        """Marks silent machines; a paused simulation is not a silence."""
+        """Marks silent machines; a paused simulation is not a silence. Says that it follows holds."""
         simulator = self.state.tree.get("meta", "simulator") or {}
         self.state.machines.check_silence(wall, bool(simulator.get("paused")))
+        if self.state.machines.check_holds(wall):
+            self.state.now.refresh()
+        if self.state.machines.may_be_held and wall - self._followed_at >= FOLLOW_PERIOD:
+            self._followed_at = wall
+            publish(self._consoles, String(self.ros.name))
 
     def look(self, topics: Dict[str, str]) -> None:
         """Notices servers that appear and vanish; called by one thread."""
@@ -41,14 +54,16 @@ class MachinesPanel(Panel):
         for server in found - set(self._servers):
             self._servers[server] = [
                 # The structure first: a status means more beside it.
-                rospy.Subscriber(
-                    server + STRUCTURE, SmachContainerStructure, self._structure, server, queue_size=1000
+                self.ros.subscribe(
+                    server + STRUCTURE,
+                    SmachContainerStructure,
+                    partial(self._structure, server),
+                    queue_size=1000,
                 ),
-                rospy.Subscriber(
+                self.ros.subscribe(
                     server + STATUS,
                     SmachContainerStatus,
-                    self._status,
-                    server,
+                    partial(self._status, server),
                     queue_size=1000,
                     tcp_nodelay=True,
                 ),
@@ -58,12 +73,16 @@ class MachinesPanel(Panel):
                 subscriber.unregister()
             self.state.inbox.put(self.state.machines.server_gone, server)
 
-    def _structure(self, message: SmachContainerStructure, server: str) -> None:
-        self.state.inbox.put(self.state.machines.structure, server, message, time.monotonic())
+    def _take_holds(self, message: MachineHolds, at: float) -> None:
+        self.state.machines.holds(message, at, self.ros.wall())
+        self.state.now.refresh()
 
-    def _status(self, message: SmachContainerStatus, server: str) -> None:
-        at = message.header.stamp.to_sec() or rospy.get_time()
-        self.state.inbox.put(self._take, server, message, at, time.monotonic())
+    def _structure(self, server: str, message: SmachContainerStructure) -> None:
+        self.state.inbox.put(self.state.machines.structure, server, message, self.ros.wall())
+
+    def _status(self, server: str, message: SmachContainerStatus) -> None:
+        at = message.header.stamp.to_sec() or self.ros.time()
+        self.state.inbox.put(self._take, server, message, at, self.ros.wall())
 
     def _take(self, server: str, message: SmachContainerStatus, at: float, wall: float) -> None:
         self.state.machines.status(server, message, at, wall)

@@ -3,12 +3,14 @@
 import math
 from typing import Any, Dict, Optional, Tuple
 
+import numpy
 import roslib.message
-import rospy
 import tf2_ros
+from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from move_base_msgs.msg import MoveBaseActionResult
 from nav_msgs.msg import OccupancyGrid, Path
+from sensor_msgs.msg import LaserScan
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
@@ -25,6 +27,7 @@ PATHS = ("plan", "NavfnROS/plan", "GlobalPlanner/plan")  # of move_base and its 
 SIMULATED_PEOPLE = "/merlin_sim/people"
 POINTS = "world/points_of_interest"
 MOVED = 0.02  # m or rad that the robot must move to be drawn anew
+SCAN_SHOWN = 0.5  # s of wall time between two scans that are shown
 OLD_POSITION = 2.0  # s of ROS time after which a position counts as old
 
 
@@ -36,25 +39,29 @@ class MapPanel(Panel):
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)
-        robot = rospy.get_namespace().strip("/")
+        robot = self.ros.namespace.strip("/")
         base_frame = f"{robot}/base_footprint" if robot else "base_footprint"
+        self._robot = robot
         self._frames = (
-            str(rospy.get_param("~global_frame", "map")),
-            str(rospy.get_param("~base_frame", base_frame)),
+            str(self.ros.parameter("~global_frame", "map")),
+            str(self.ros.parameter("~base_frame", base_frame)),
         )
-        map_topic = str(rospy.get_param("~map_topic", "/map"))
-        people_topic = rospy.resolve_name(str(rospy.get_param("~people_topic", "people")))
+        map_topic = str(self.ros.parameter("~map_topic", "/map"))
+        people_topic = self.ros.resolve(str(self.ros.parameter("~people_topic", "people")))
         self._people_topics = [people_topic, SIMULATED_PEOPLE]
-        self._people: Optional[rospy.Subscriber] = None
+        self._people: Any = None
         self._points: Any = None
         self._shown: Optional[Tuple[float, float, float]] = None
+        self._robots: Dict[str, Tuple[float, float, float]] = {}  # of one plan, that are shown
         self._located_at: Optional[float] = None
-        self._buffer = tf2_ros.Buffer(rospy.Duration(5.0))
-        self._transforms = tf2_ros.TransformListener(self._buffer)
+        self._scan: Optional[LaserScan] = None  # the last one, of the subscriber's thread
+        self._scan_shown = 0.0  # s of wall time
+        self._transform = self.ros.transforms()
         self._subscribers = [
             self.subscribe(map_topic, OccupancyGrid, lambda grid, at: state.map.grid(grid), queue_size=1),
             self.subscribe("move_base/current_goal", PoseStamped, self._goal),
-            self.subscribe("move_base/result", MoveBaseActionResult, self._arrived),
+            self.subscribe("move_base/result", MoveBaseActionResult, self._ended),
+            self.ros.subscribe("scan", LaserScan, self._scanned, queue_size=1),
             *(self.subscribe(f"move_base/{path}", Path, self._path, queue_size=1) for path in PATHS),
         ]
 
@@ -67,7 +74,7 @@ class MapPanel(Panel):
                 self._people = self.subscribe(
                     topic, message_class, lambda people, at: self.state.map.people(people), queue_size=1
                 )
-        points = rospy.get_param(POINTS, {})
+        points = self.ros.parameter(POINTS, {})
         if points != self._points:
             self._points = points
             self.state.inbox.put(self._take_points, points)
@@ -75,11 +82,13 @@ class MapPanel(Panel):
     def source(self) -> Source:
         """The robot's position, which may be old."""
         at = self._located_at
-        located = at is not None and (at == 0.0 or rospy.get_time() - at < OLD_POSITION)
+        located = at is not None and (at == 0.0 or self.ros.time() - at < OLD_POSITION)
         return Source(located, "the robot's position")
 
     def sample(self) -> None:
         """Looks where the robot is now."""
+        self._look_at_scan()
+        self._look_at_robots()
         pose = self._pose()
         if pose is not None and self._shown is not None:
             difference = [abs(a - b) for a, b in zip(pose, self._shown)]
@@ -87,20 +96,60 @@ class MapPanel(Panel):
                 return
         if pose != self._shown:
             self._shown = pose
-            self.state.inbox.put(self.state.map.robot, pose)
+            self.state.inbox.put(self.state.map.robot, pose, self.ros.time())
+
+    def _look_at_robots(self) -> None:
+        """Where the robots of one plan are, as far as they tell it."""
+        names = set(self.state.tree.get("robots", "robots") or {}) - {self._robot}
+        found = {name: self._pose_of(f"{name}/base_footprint") for name in sorted(names)}
+        poses = {name: pose for name, pose in found.items() if pose is not None}
+        moved = [
+            name
+            for name, pose in poses.items()
+            if max(abs(a - b) for a, b in zip(pose, self._robots.get(name, (1e9,) * 3))) >= MOVED
+        ]
+        if moved or poses.keys() != self._robots.keys():
+            self._robots = poses
+            self.state.inbox.put(self.state.map.robots, poses)
+
+    def check(self, at: float, wall: float) -> None:
+        """Notices that it stands."""
+        self.state.map.look(at)
+
+    def _scanned(self, scan: LaserScan) -> None:
+        self._scan = scan
+
+    def _look_at_scan(self) -> None:
+        scan, wall = self._scan, self.ros.wall()
+        if scan is None or wall - self._scan_shown < SCAN_SHOWN:
+            return
+        self._scan, self._scan_shown = None, wall
+        try:
+            stamped = self._transform(self._frames[0], scan.header.frame_id)
+        except tf2_ros.TransformException:
+            return
+        found = stamped.transform
+        points = scan_points(scan, found.translation.x, found.translation.y, _yaw(found.rotation))
+        self.state.inbox.put(self.state.map.seen, points)
 
     def _pose(self) -> Optional[Tuple[float, float, float]]:
         try:
-            stamped = self._buffer.lookup_transform(*self._frames, rospy.Time(0))
+            stamped = self._transform(*self._frames)
         except tf2_ros.TransformException:
             return None
         # Zero when all transforms on the way are static.
         self._located_at = stamped.header.stamp.to_sec()
-        found = stamped.transform
-        return found.translation.x, found.translation.y, _yaw(found.rotation)
+        return _pose_in(stamped)
+
+    def _pose_of(self, frame: str) -> Optional[Tuple[float, float, float]]:
+        try:
+            return _pose_in(self._transform(self._frames[0], frame))
+        except tf2_ros.TransformException:
+            return None
 
     def _take_points(self, points: Any) -> None:
         self.state.now.places = set(self.state.map.points(points))
+        self.state.plan.places(self.state.now.places)
         self.state.now.refresh()
 
     def _path(self, message: Path, at: float) -> None:
@@ -110,9 +159,23 @@ class MapPanel(Panel):
         where = message.pose.position
         self.state.map.goal((where.x, where.y, _yaw(message.pose.orientation)))
 
-    def _arrived(self, message: MoveBaseActionResult, at: float) -> None:
-        self.state.map.goal(None)
-        self.state.map.path([])
+    def _ended(self, message: MoveBaseActionResult, at: float) -> None:
+        failed = message.status.status in (GoalStatus.ABORTED, GoalStatus.REJECTED, GoalStatus.LOST)
+        self.state.map.ended(message.status.text or "no reason given" if failed else "", at)
+
+
+def scan_points(scan: Any, x: float, y: float, yaw: float) -> Any:
+    """What a laser sees, m, in the frame in which the laser has this pose; an array of two columns."""
+    ranges = numpy.asarray(scan.ranges, dtype=float)
+    angles = yaw + scan.angle_min + scan.angle_increment * numpy.arange(len(ranges))
+    hits = numpy.isfinite(ranges) & (ranges >= scan.range_min) & (ranges < scan.range_max)
+    ranges, angles = ranges[hits], angles[hits]
+    return numpy.column_stack((x + ranges * numpy.cos(angles), y + ranges * numpy.sin(angles)))
+
+
+def _pose_in(stamped: Any) -> Tuple[float, float, float]:
+    found = stamped.transform
+    return found.translation.x, found.translation.y, _yaw(found.rotation)
 
 
 def _yaw(rotation: Any) -> float:

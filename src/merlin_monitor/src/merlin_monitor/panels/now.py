@@ -1,6 +1,8 @@
 """The panel of the present: what the mission and the Executor do, as the headline."""
 
-import rospy
+from typing import Any
+
+from actionlib_msgs.msg import GoalID
 from merlin_msgs.msg import ExecuteActionResult, ExecutorStatus, MissionStatus
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
@@ -16,11 +18,12 @@ class NowPanel(Panel):
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)
-        executor = rospy.get_param("~executor", "merlin/execute")
+        executor = self.ros.parameter("~executor", "merlin/execute")
         self._status = self.subscribe("merlin/status", ExecutorStatus, state.now.executor)
         self._others = [
             self.subscribe("merlin/mission", MissionStatus, self._mission),
             self.subscribe(f"{executor}/result", ExecuteActionResult, state.now.result),
+            self.subscribe(f"{executor}/cancel", GoalID, self._cancel),
         ]
 
     def source(self) -> Source:
@@ -28,4 +31,12 @@ class NowPanel(Panel):
         return self.source_of(self._status)
 
     def _mission(self, message: MissionStatus, at: float) -> None:
-        self.state.now.mission(message, at, str(message._connection_header.get("callerid", "")))
+        self.state.now.mission(message, at, _sender(message))
+
+    def _cancel(self, message: GoalID, at: float) -> None:
+        if _sender(message) != self.ros.name:  # a cancel of ours has its operator's name in the history
+            self.state.now.cancel(message, at, _sender(message))
+
+
+def _sender(message: Any) -> str:
+    return str(message._connection_header.get("callerid", ""))

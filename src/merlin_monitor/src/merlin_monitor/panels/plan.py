@@ -1,8 +1,7 @@
 """The panel of the plan: plans, the planner, the dispatcher, and what the actions answer."""
 
-from typing import Any, Callable, Dict, Optional
+from typing import Any, Callable, Dict
 
-import rospy
 from merlin_msgs.msg import DispatchStatus, PlannerStatus
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback, CompletePlan, EsterelPlan
 from std_msgs.msg import String
@@ -27,12 +26,12 @@ class PlanPanel(Panel):
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)
         planner, parser, dispatcher = (
-            str(rospy.get_param(f"~{part}", f"rosplan_{part}"))
+            str(self.ros.parameter(f"~{part}", f"rosplan_{part}"))
             for part in ("planner_interface", "parsing_interface", "plan_dispatcher")
         )
-        self._plan_topic = rospy.resolve_name(f"{parser}/complete_plan")
+        self._plan_topic = self.ros.resolve(f"{parser}/complete_plan")
         self._plan_type = ""
-        self._plan_subscriber: Optional[rospy.Subscriber] = None
+        self._plan_subscriber: Any = None
         plan = state.plan
         self._dispatched = self._follow(f"{dispatcher}/action_dispatch", ActionDispatch, plan.dispatched)
         self._subscribers = [

@@ -11,11 +11,11 @@ from merlin_monitor.state.monitor_model import MonitorModel
 class QueuePanel(Panel):
     """The requests of the Executor."""
 
-    name, title, place, width = "queue", "Queue", 25, 7
+    name, title, place, width = "queue", "Queue", 15, 12
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)
-        self._queue = self.subscribe("merlin/queue", GoalQueue, lambda queue, at: state.now.queue(queue))
+        self._queue = self.subscribe("merlin/queue", GoalQueue, state.now.queue)
 
     def source(self) -> Source:
         """The Executor."""

@@ -2,9 +2,10 @@
 
 from typing import Dict, List, Mapping, NamedTuple, Optional
 
-from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.events import Tell, sentence
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.phrase import say
 
 SILENT = "silent"
 """Field of a section: None, or what its source is and since when nothing can be known."""
@@ -60,9 +61,10 @@ class Freshness:
                 self._tree.set(section, SILENT, None)
         for node, wrong in lost.items():
             if self._lost.get(node) != wrong:
-                self._tell(Event("health", f"{node or 'a node'} {wrong}", at))
+                said = say("{node} {what}", node=node or say("a node"), what=say(wrong))
+                self._tell(sentence("health", said, at, "failure"))
         for node in self._lost.keys() - lost.keys():
-            self._tell(Event("health", f"{node or 'a node'} is connected again", at))
+            self._tell(sentence("health", say("{node} is connected again", node=node or say("a node")), at))
         self._lost = lost
 
     def others_silent(self) -> List[str]:

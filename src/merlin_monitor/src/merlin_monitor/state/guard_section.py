@@ -2,14 +2,19 @@
 
 from typing import Any, Dict
 
-from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.events import Tell, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.clock_text import clock_text
+from merlin_monitor.text.phrase import in_english, say
 
 GUARD = "guard"
 HELD = "held"
 """Field of the section: while the base is stopped, by whom and since when; else empty."""
+HELD_WORDS = "held_words"
+"""The same as a phrase."""
 STATES = ("idle", "passing", "holding", "stopped")
+#: Shown by the page in its language; the guard's own reasons stay as they are.
+SILENT_REASON = "the velocity guard does not answer; nothing new drives without it"
 SILENT_AFTER = 2.0  # s of wall time; the guard sends a status every 0.5 s, paused or not
 
 
@@ -36,24 +41,32 @@ class GuardSection:
     def check_silence(self, at: float, wall: float) -> None:
         """Says so when a guard that was heard is silent."""
         if self._shown and wall - self._heard > SILENT_AFTER:
-            self._show("silent", "the velocity guard does not answer; nothing new drives without it", at, at)
+            self._show("silent", SILENT_REASON, at, at)
 
     def _show(self, state: str, reason: str, at: float, since: float) -> None:
-        shown = {
+        shown: Dict[str, Any] = {
             "state": state,
             "reason": reason if state in ("holding", "stopped", "silent") else "",
             HELD: "",
+            HELD_WORDS: "",
         }
         if state == "stopped":
             # The guard says: stopped by …, or: stopped on ….
             _, _, by = reason.partition("stopped ")
-            shown[HELD] = f"stopped and held {by or reason} since {clock_text(since)}"
+            _, _, name = by.partition("by ")
+            words = (
+                "stopped and held by {name} since {time}" if name else "stopped and held {name} since {time}"
+            )
+            shown[HELD_WORDS] = say(words, name=name or by or reason, time=clock_text(since))
+            shown[HELD] = in_english(shown[HELD_WORDS])
         if shown == self._shown:
             return
         before, self._shown = self._shown.get("state", ""), shown
         for name, value in shown.items():
             self._tree.set(GUARD, name, value)
         if state in ("stopped", "silent") and state != before:
-            self._tell(Event("guard", f"base {state}: {reason}", at))
+            held = shown[HELD_WORDS] or say(SILENT_REASON)
+            told = say("the base is {held}", held=held) if shown[HELD_WORDS] else held
+            self._tell(sentence("guard", told, at))
         elif before in ("stopped", "silent") and state not in ("stopped", "silent"):
-            self._tell(Event("guard", "base may drive again", at))
+            self._tell(sentence("guard", say("the base may drive again"), at))

@@ -1,9 +1,10 @@
-"""The section of the health: what every part tells on /diagnostics, and who has fallen silent."""
+"""The section of the health: what every part tells on /diagnostics, and which part has fallen silent."""
 
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Tuple
 
-from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.events import Tell, sentence
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.phrase import say, with_reason
 
 SECTION = "health"
 LEVELS = ("ok", "warning", "error", "stale")
@@ -13,6 +14,8 @@ FIRST_PERIOD = 2.0  # s, assumed of a part that has reported once
 LONGEST_PERIOD = 30.0  # s
 REGULAR = 3  # reports, from which on a part is expected to report again
 MOST_PARTS = 500
+MILD = ("ok", "warning")
+CALM = 60.0  # s of wall time between two events of a part that changes between these levels
 
 
 class HealthSection:
@@ -24,6 +27,7 @@ class HealthSection:
         self._seen: Dict[str, float] = {}
         self._periods: Dict[str, float] = {}
         self._reports: Dict[str, int] = {}
+        self._told: Dict[str, Tuple[float, str]] = {}  # part → when its level was told, and which
         tree.set(SECTION, "parts", {})
 
     def diagnostics(self, message: Any, at: float, wall: float) -> None:
@@ -33,7 +37,6 @@ class HealthSection:
                 continue
             level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
             word = LEVELS[level] if 0 <= level < len(LEVELS) else str(level)
-            before = self._tree.get(SECTION, "parts", status.name, "level")
             was_silent = self._tree.get(SECTION, "parts", status.name, "silent", default=False)
             self._note_period(status.name, wall)
             self._seen[status.name] = wall
@@ -46,9 +49,9 @@ class HealthSection:
             ):
                 self._tree.set(SECTION, "parts", status.name, field, value)
             if was_silent:
-                self._tell(Event("health", f"{status.name} is heard again: {status.message}", at))
-            elif before != word and (before is not None or word != "ok"):
-                self._tell(Event("health", f"{status.name}: {word}: {status.message}", at))
+                heard = say("{part} is heard again", part=status.name)
+                self._tell(sentence("health", with_reason(heard, status.message), at))
+            self._tell_level(status.name, at, wall, was_silent)
 
     def silent_nodes(self) -> List[str]:
         """Nodes that have reported regularly and of which every part is silent, without the leading slash.
@@ -69,7 +72,26 @@ class HealthSection:
         for name, seen in self._seen.items():
             silent = wall - seen > max(SILENT_AFTER, PERIODS * self._periods[name])
             if self._tree.set(SECTION, "parts", name, "silent", silent) and silent:
-                self._tell(Event("health", f"{name} has fallen silent", at))
+                self._tell(sentence("health", say("{part} has fallen silent", part=name), at, "failure"))
+            self._tell_level(name, at, wall, silent)
+
+    def _tell_level(self, name: str, at: float, wall: float, known: bool) -> None:
+        """Tells a level that is new; of a part that goes to and fro, where it is after a while.
+
+        :param known: it was told otherwise.
+        """
+        level = self._tree.get(SECTION, "parts", name, "level")
+        told, before = self._told.get(name, (wall - CALM, "ok"))
+        if known or level == before or name not in self._told and level == "ok":
+            self._told[name] = (wall if known else told, level)
+            return
+        if level in MILD and before in MILD and wall - told < CALM:
+            return
+        self._told[name] = wall, level
+        message = self._tree.get(SECTION, "parts", name, "message")
+        mark = "" if level in MILD else "failure"
+        said = say("{part}: {level}", part=name, level=say(level))
+        self._tell(sentence("health", with_reason(said, message), at, mark))
 
     def _note_period(self, name: str, wall: float) -> None:
         """Learns how often a part reports; one long pause is forgotten within a few reports."""

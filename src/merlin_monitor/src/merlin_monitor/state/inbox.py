@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 import traceback
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Optional, Tuple
 
 WAITING = 2000  # messages; a callback that brings more waits, and rospy drops the oldest of its topic
 
@@ -44,14 +44,24 @@ class Inbox:
             item: Optional[Any] = self._calls.get()
             if item is None:
                 return
-            call, arguments = item
-            try:
-                call(*arguments)
-            except Exception as error:  # one strange message must not blind the monitor
-                if time.monotonic() - self._complained > 10.0:
-                    self._complained = time.monotonic()
-                    where = traceback.extract_tb(error.__traceback__)[-1]
-                    self._complain(
-                        f"a message could not be shown: {type(error).__name__}: {error} "
-                        f"({where.filename.rsplit('/', 1)[-1]}:{where.lineno})"
-                    )
+            self._make(*item)
+
+    def _make(self, call: Callable[..., object], arguments: Tuple[Any, ...]) -> None:
+        try:
+            call(*arguments)
+        except Exception as error:  # one strange message must not blind the monitor
+            if time.monotonic() - self._complained > 10.0:
+                self._complained = time.monotonic()
+                where = traceback.extract_tb(error.__traceback__)[-1]
+                self._complain(
+                    f"a message could not be shown: {type(error).__name__}: {error} "
+                    f"({where.filename.rsplit('/', 1)[-1]}:{where.lineno})"
+                )
+
+
+class DirectInbox(Inbox):
+    """Calls at once, in the thread of the caller, which owns the model: for a recording."""
+
+    def put(self, call: Callable[..., object], *arguments: Any) -> None:
+        """Makes a call."""
+        self._make(call, arguments)

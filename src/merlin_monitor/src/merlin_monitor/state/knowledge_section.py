@@ -3,14 +3,15 @@
 from collections import deque
 from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Tuple
 
-from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.events import Tell, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import FACT, FUNCTION, INSTANCE, item_text, number_text
+from merlin_monitor.text.phrase import Phrase, goal_phrase, say, value_phrase
 
 SECTION = "knowledge"
 KINDS = ("objects", "facts", "values", "goals")
 RECENT = 60  # changes that are shown as a list
-FEW = 5  # changes of one transaction that are told one by one
+FEW = 3  # changes of one transaction that are told one by one
 
 Entry = Dict[str, Any]
 Table = Dict[str, Entry]
@@ -141,6 +142,8 @@ class KnowledgeSection:
         number = str(self._number)
         self._recent.append(number)
         change = {"sign": sign, "kind": kind, "text": text, "by": by, "at": at}
+        if text != key:
+            change.update(key=key, value=entry["value"])
         self._tree.set(SECTION, "recent", number, change)
         while len(self._recent) > RECENT:
             self._tree.remove(SECTION, "recent", self._recent.popleft())
@@ -148,18 +151,32 @@ class KnowledgeSection:
     def _told(self, changes: List[Tuple[str, str, str]], by: str, at: float) -> None:
         if not changes:
             return
-        shown = ", ".join(_words(*change) for change in changes[:FEW])
-        more = f" and {len(changes) - FEW} more" if len(changes) > FEW else ""
-        self._tell(Event("knowledge", f"{shown}{more}, by {by or 'somebody'}", at))
+        told: Phrase = [_words(*change) for change in changes[:FEW]]
+        if len(changes) > FEW:
+            told = say("{first} and {count} more", first=told, count=str(len(changes) - FEW))
+        client = by or say("an unknown client")
+        self._tell(sentence("knowledge", say("{what}, by {client}", what=told, client=client), at))
 
 
-def _words(sign: str, kind: str, key: str) -> str:
-    noun = {"goals": "goal ", "objects": "object "}.get(kind, "")
-    return {"+": f"{noun}{key} added", "-": f"{noun}{key} removed", "=": f"{noun}{key} changed"}[sign]
+def _words(sign: str, kind: str, key: str) -> Phrase:
+    what: Phrase = value_phrase(key) if kind == "values" else goal_phrase(key)
+    if kind == "goals":
+        what = say("goal {text}", text=what)
+    elif kind == "objects":
+        what = say("object {text}", text=key)
+    if sign == "+":
+        return say("{what} added", what=what)
+    return say("{what} removed", what=what) if sign == "-" else say("{what} changed", what=what)
 
 
 def _kind(item: Any) -> str:
     return {INSTANCE: "objects", FACT: "facts", FUNCTION: "values"}.get(item.knowledge_type, "facts")
+
+
+def added(operator: Any) -> List[List[str]]:
+    """The facts that an operator makes true, with its variables; from a DomainOperator message."""
+    effects = [*operator.at_start_add_effects, *operator.at_end_add_effects]
+    return [[fact.name, *(parameter.key for parameter in fact.typed_parameters)] for fact in effects]
 
 
 def formulas(items: Iterable[Any]) -> Dict[str, List[List[str]]]:

@@ -1,16 +1,33 @@
 """The section of the state machines: every container of every introspection server, and where it is."""
 
 import re
-from typing import Any, Callable, Dict, List, Optional, Set
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Tuple
 
-from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.events import Tell, sentence
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.phrase import Phrase, say, with_reason
 from merlin_monitor.text.userdata_text import UserDataTextError, userdata_rows
+from merlin_sm.holding.autonomy import LEVELS
 
 SECTION = "machines"
 SILENT_AFTER = 7.0  # s of wall time: three heartbeats
+HELD_SILENT_AFTER = 5.0  # s of wall time: five heartbeats of a node that holds a machine
+MOST_STEPS = 20  # of a run, the newest
+MOST_ROWS = 12  # of the userdata of one step
+LONGEST_ROW = 120  # characters of a value in them
 NO_STATE = "None"  # SMACH's word for no active state, and for no target
 _TERMINATED = re.compile(r"TERMINATED: (.+)\Z", re.DOTALL)
+
+
+class _Decided(NamedTuple):
+    """How an operator had a state left."""
+
+    server: str
+    """That shows the machine; further instances of it have a number more."""
+    labels: List[str]
+    outcome: str
+    at: float
+    said: Phrase
 
 
 class MachineSection:
@@ -27,9 +44,13 @@ class MachineSection:
         self._tell = tell
         self._structure_changed = structure_changed
         self._local_data: Dict[str, str] = {}
+        self._steps: Dict[str, Dict[str, str]] = {}  # container → userdata after its last step
         self._seen: Dict[str, float] = {}
+        self._holds_seen: Dict[str, float] = {}  # node → when it was heard last
+        self._decided: List[_Decided] = []  # not found among the executed steps yet
         tree.set(SECTION, "containers", {})
         tree.set(SECTION, "layouts", {})
+        tree.set(SECTION, "holds", {})
 
     def structure(self, server: str, message: Any, wall: float) -> None:
         """Takes a message with the fields of smach_msgs/SmachContainerStructure.
@@ -74,6 +95,8 @@ class MachineSection:
         elif active and not before:
             fields["outcome"] = ""
             fields["last"] = {}
+            fields["steps"] = {}
+            self._steps[key] = {}
         if known and (active != before or ended):
             fields["last"] = _last_edges(known, fields, before, active, ended and ended.group(1))
             fields["since"] = at
@@ -82,8 +105,78 @@ class MachineSection:
         if message.local_data != self._local_data.get(key):
             self._local_data[key] = message.local_data
             self._set(key, _userdata(message.local_data))
+        left = [state for state in before if state not in active]
+        if left:
+            self._note_steps(key, {state: fields["last"][state] for state in left}, at)
         if known and active != before and len(message.path.strip("/").split("/")) == 1:
             self._tell_change(message.path, active, ended and ended.group(1), at)
+
+    def holds(self, message: Any, at: float, wall: float) -> None:
+        """Takes a message with the fields of merlin_msgs/MachineHolds."""
+        known = self._tree.get(SECTION, "holds", message.node, default={})
+        self._holds_seen[message.node] = wall
+        confirm = [list(each) for each in zip(message.confirm, message.confirm_outcomes)]
+        fields = {
+            "breakpoints": list(message.breakpoints),
+            "held": list(message.held),
+            "autonomy": message.autonomy,
+            "confirm": confirm,
+        }
+        self._tree.set(SECTION, "holds", message.node, fields)
+        held = [held_words(path) for path in message.held if path not in known.get("held", [])]
+        waits = [unconfirmed_words(*each) for each in confirm if each not in known.get("confirm", [])]
+        for said in [*held, *waits]:
+            self._tell(sentence("control", said, at))
+
+    def outcome(self, message: Any, at: float) -> None:
+        """Takes a message with the fields of merlin_msgs/StateOutcome."""
+        self._tell(sentence("control", _decided_words(message), at, by=message.operator))
+        if message.refused:
+            return
+        how = "confirmed by {client}" if message.ended == message.outcome else "forced by {client}"
+        said = say(how, client=message.operator) if message.operator else say("not confirmed")
+        machine, *labels = message.state.split("/")
+        server = f"{message.node.rpartition('/')[0]}/{machine.lower()}"
+        decided = _Decided(server, labels, message.outcome, message.header.stamp.to_sec(), said)
+        self._decided = [*self._decided, decided][-MOST_STEPS:]
+        for key in self._tree.keys(SECTION, "containers"):
+            self._mark_steps(key)
+
+    @property
+    def held(self) -> List[str]:
+        """The states before which machines are held: ``NAVIGATE/DRIVE``."""
+        nodes = self._tree.get(SECTION, "holds", default={})
+        return [path for node in sorted(nodes) for path in nodes[node]["held"]]
+
+    @property
+    def unconfirmed(self) -> List[Tuple[str, str]]:
+        """The states that wait until an operator confirms their outcome, with that."""
+        nodes = self._tree.get(SECTION, "holds", default={})
+        return [(path, outcome) for node in sorted(nodes) for path, outcome in nodes[node]["confirm"]]
+
+    @property
+    def may_be_held(self) -> bool:
+        """Whether there are breakpoints, a level below ``full``, or something is held."""
+        nodes = self._tree.get(SECTION, "holds", default={})
+        return any(
+            holds["held"]
+            or holds["confirm"]
+            or holds["breakpoints"]
+            or holds["autonomy"] not in ("", LEVELS[-1])
+            for holds in nodes.values()
+        )
+
+    def check_holds(self, wall: float) -> bool:
+        """Forgets what nodes hold that are not heard of any more; whether there were any."""
+        nodes = self._tree.get(SECTION, "holds", default={})
+        gone = [
+            node
+            for node, holds in nodes.items()
+            if (holds["held"] or holds["confirm"]) and wall - self._holds_seen[node] > HELD_SILENT_AFTER
+        ]
+        for node in gone:
+            self._tree.remove(SECTION, "holds", node)
+        return bool(gone)
 
     def server_gone(self, server: str) -> None:
         """Forgets the containers of a server that is no more."""
@@ -93,6 +186,7 @@ class MachineSection:
                 self._tree.remove(SECTION, "layouts", key)
                 self._seen.pop(key, None)
                 self._local_data.pop(key, None)
+                self._steps.pop(key, None)
                 self._structure_changed(key)
 
     def check_silence(self, wall: float, paused: bool) -> None:
@@ -160,7 +254,48 @@ class MachineSection:
             container = inner
         return path
 
+    def _note_steps(self, key: str, left: Dict[str, List[str]], at: float) -> None:
+        """Keeps with which outcomes states were left, and what of the userdata has another value since."""
+        rows = dict(self._tree.get(SECTION, "containers", key, "userdata", default=[]))
+        before = self._steps.get(key, {})
+        self._steps[key] = rows
+        changed = [
+            [name, value if len(value) <= LONGEST_ROW else f"{value[: LONGEST_ROW - 1]}…"]
+            for name, value in rows.items()
+            if before.get(name) != value
+        ][:MOST_ROWS]
+        steps = self._tree.get(SECTION, "containers", key, "steps", default={})
+        number = max(map(int, steps), default=0)
+        for state, outcomes in left.items():
+            number += 1
+            step = {"state": state, "outcome": outcomes, "at": at, "userdata": changed}
+            self._tree.set(SECTION, "containers", key, "steps", str(number), step)
+            if len(steps) >= MOST_STEPS:
+                self._tree.remove(SECTION, "containers", key, "steps", min(steps, key=int))
+                steps = self._tree.get(SECTION, "containers", key, "steps")
+        self._mark_steps(key)
+
+    def _mark_steps(self, key: str) -> None:
+        """Notes at the steps of a container what operators have decided; either may be heard of first."""
+        server, _, path = key.partition(" ")
+        within = path.strip("/").split("/")[1:]
+        for decided in list(self._decided):
+            if decided.labels[:-1] != within or not re.fullmatch(
+                rf"{re.escape(decided.server)}(_\d+)?", server
+            ):
+                continue
+            steps = self._tree.get(SECTION, "containers", key, "steps", default={})
+            for number in sorted(steps, key=int, reverse=True):
+                step = steps[number]
+                if step["state"] == decided.labels[-1] and step["at"] >= decided.at and "said" not in step:
+                    marked = {**step, "outcome": [decided.outcome], "said": decided.said}
+                    self._tree.set(SECTION, "containers", key, "steps", number, marked)
+                    self._decided.remove(decided)
+                    break
+
     def _set(self, key: str, fields: Dict[str, Any]) -> bool:
+        if key not in self._tree.keys(SECTION, "containers"):  # a page never sees a part of a new one
+            return self._tree.set(SECTION, "containers", key, dict(fields))
         changed = [self._tree.set(SECTION, "containers", key, name, value) for name, value in fields.items()]
         return any(changed)
 
@@ -171,9 +306,40 @@ class MachineSection:
     def _tell_change(self, path: str, active: List[str], outcome: Optional[str], at: float) -> None:
         name = path.strip("/")
         if active:
-            self._tell(Event("machine", f"{name}: in {', '.join(active)}", at))
+            said = say("in {state}", state=", ".join(active))
         else:
-            self._tell(Event("machine", f"{name}: ended{f' with {outcome}' if outcome else ''}", at))
+            said = say("ended with {outcome}", outcome=outcome) if outcome else say("ended")
+        self._tell(sentence("machine", with_reason(name, said), at))
+
+
+def held_words(path: str) -> Phrase:
+    """That a machine is held before a state.
+
+    :param path: of the state: ``NAVIGATE/DRIVE``.
+    """
+    machine, _, state = path.partition("/")
+    return say("held before state {state} of {machine}", state=state, machine=machine)
+
+
+def unconfirmed_words(path: str, outcome: str) -> Phrase:
+    """That the outcome of a state waits for an operator."""
+    return say("{outcome} of {state} waits for an operator", outcome=outcome, state=path)
+
+
+def _decided_words(message: Any) -> Phrase:
+    """What became of what an operator decided, of a message with the fields of merlin_msgs/StateOutcome."""
+    blanks = {"state": message.state, "outcome": message.outcome, "client": message.operator}
+    if not message.operator:
+        return say("{state} left with {outcome}, not confirmed: there was no console", **blanks)
+    if message.refused:
+        said = say("{client} wished {outcome} of {state}, which did not come true", **blanks)
+        return with_reason(said, message.refused)
+    if message.ended == message.outcome:
+        return say("{state} left with {outcome}, confirmed by {client}", **blanks)
+    said = say("{state} left with {outcome}, forced by {client}", **blanks)
+    if not message.unset:
+        return said
+    return say("{what}; nothing has set {keys}", what=said, keys=", ".join(message.unset))
 
 
 def container_key(server: str, path: str) -> str:

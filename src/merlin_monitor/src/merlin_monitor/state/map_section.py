@@ -1,39 +1,67 @@
 """The section of the map: the map's picture, the robot, its path, points of interest and people on it."""
 
-import struct
-import zlib
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+import math
+from collections import deque
+from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy
 
+from merlin_monitor.drawing.png import png
+from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.clock_text import clock_text
+from merlin_monitor.text.phrase import Phrase, say
 
 SECTION = "map"
 LONGEST_PATH = 300  # points that are shown
 MOST_PEOPLE = 200
 ABSENT = 0  # state of a simulated person who is not there
 SHOWN = 0  # action of a marker that is not to be deleted
+TRAIL_STEP = 0.15  # m between two points of the trail
+LONGEST_TRAIL = 400  # points
+JUMP = 2.0  # m; further away within one look, the robot was put there
+NEAR_MAP = 0.2  # m around what the map shows, in which what is seen is that
+MOST_SEEN = 150  # points
+STANDS_AFTER = 3.0  # s without a move on the way to a goal
+MOVED = 0.05  # m
+ROOM = 0.4  # m around the goal and the way that a robot needs
+AHEAD = 1.0  # m of the way
 _INK = {"free": 0, "unknown": 40, "occupied": 255}  # opacity
 
 
-class MapSection:
-    """Keeps the section ``map`` of the state; the picture itself is fetched by the page."""
+STANDS_GOAL = "stands since {time}: something that the map does not have stands at the goal"
+STANDS_WAY = "stands since {time}: something that the map does not have is in the way"
+STANDS = "stands since {time} on the way to its goal; nothing in the way is seen"
 
-    def __init__(self, tree: StateTree) -> None:
+
+class MapSection:
+    """Keeps the section ``map`` of the state; the picture itself is fetched by the page.
+
+    :param pictures: takes the map's.
+    """
+
+    def __init__(self, tree: StateTree, pictures: Optional[Pictures] = None) -> None:
         self._tree = tree
+        self._pictures = pictures or Pictures()
         self.picture: Optional[bytes] = None
-        self._version = 0
+        self._mapped: Any = None  # cells with something on or near them, rows from the south
+        self._info: Any = None
+        self._trail: Deque[Tuple[int, float, float]] = deque()
+        self._moved: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # where and since when (s) it stands
+        self._failed = ""  # why the last drive ended
 
     def grid(self, message: Any) -> None:
         """Takes a message with the fields of nav_msgs/OccupancyGrid."""
         info = message.info
         self.picture = grid_picture(message.data, info.width, info.height)
-        self._version += 1
+        self._info = info
+        self._mapped = near_cells(message.data, info.width, info.height, NEAR_MAP / (info.resolution or 1.0))
+        version = self._pictures.put(SECTION, self.picture)
         self._tree.set(
             SECTION,
             "grid",
             {
-                "version": self._version,
+                "version": version,
                 "width": info.width * info.resolution,
                 "height": info.height * info.resolution,
                 "x": info.origin.position.x,
@@ -42,10 +70,83 @@ class MapSection:
             },
         )
 
-    def robot(self, pose: Optional[Tuple[float, float, float]]) -> None:
-        """Where the robot is, m and rad in the map's frame; None: not known."""
+    def robot(self, pose: Optional[Tuple[float, float, float]], at: float = 0.0) -> None:
+        """Where the robot is, m and rad in the map's frame; None: not known.
+
+        :param at: s of ROS time.
+        """
+        if pose is not None:
+            self._note_trail(pose[0], pose[1])
+            if math.hypot(pose[0] - self._moved[0], pose[1] - self._moved[1]) > MOVED:
+                self._moved = (pose[0], pose[1], at)
         shown = None if pose is None else [round(pose[0], 3), round(pose[1], 3), round(pose[2], 3)]
         self._tree.set(SECTION, "robot", shown)
+
+    def robots(self, poses: Dict[str, Tuple[float, float, float]]) -> None:
+        """Where the robots of one plan are, by their names, m and rad in the map's frame."""
+        shown = {name: [round(value, 3) for value in pose] for name, pose in poses.items()}
+        self._tree.set(SECTION, "robots", shown)
+
+    def seen(self, points: Any) -> None:
+        """What a laser sees; what the map has there is left out.
+
+        :param points: x and y in the map's frame, m, as an array of two columns.
+        """
+        if self._mapped is not None and len(points):
+            origin = self._info.origin.position
+            columns = ((points[:, 0] - origin.x) / self._info.resolution).astype(int)
+            rows = ((points[:, 1] - origin.y) / self._info.resolution).astype(int)
+            height, width = self._mapped.shape
+            inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+            points = points[inside][~self._mapped[rows[inside], columns[inside]]]
+        points = points[:: max(1, -(-len(points) // MOST_SEEN))]
+        self._tree.set(SECTION, "seen", [[round(float(x), 2), round(float(y), 2)] for x, y in points])
+
+    def ended(self, reason: str, at: float) -> None:
+        """A drive has ended.
+
+        :param reason: why it failed; empty: it did not.
+        """
+        self.goal(None)
+        self.path([])
+        self._failed = reason
+        self.look(at)
+
+    def look(self, at: float) -> None:
+        """Says why the robot stands, while it is to drive, or why its last drive ended."""
+        stands: Phrase = say("did not get there: {why}", why=self._failed) if self._failed else ""
+        goal, robot = self._tree.get(SECTION, "goal"), self._tree.get(SECTION, "robot")
+        since = self._moved[2]
+        if goal and robot and at - since > STANDS_AFTER:
+            stands = say(self._why(goal, robot), time=clock_text(since))
+        self._tree.set(SECTION, "stands", stands)
+
+    def _why(self, goal: Sequence[float], robot: Sequence[float]) -> str:
+        seen = self._tree.get(SECTION, "seen") or []
+
+        def crowded(x: float, y: float) -> bool:
+            return any(math.hypot(x - a, y - b) < ROOM for a, b in seen)
+
+        if crowded(goal[0], goal[1]):
+            return STANDS_GOAL
+        way = [p for p in self._tree.get(SECTION, "path") or [] if math.dist(p, robot[:2]) < AHEAD]
+        return STANDS_WAY if any(crowded(x, y) for x, y in way) else STANDS
+
+    def _note_trail(self, x: float, y: float) -> None:
+        trail = self._trail
+        number = 0
+        if trail:
+            number, last_x, last_y = trail[-1]
+            far = math.hypot(x - last_x, y - last_y)
+            if far < TRAIL_STEP:
+                return
+            if far > JUMP:
+                trail.clear()
+                self._tree.set(SECTION, "trail", {})
+        trail.append((number + 1, x, y))
+        self._tree.set(SECTION, "trail", str(number + 1), [round(x, 2), round(y, 2)])
+        if len(trail) > LONGEST_TRAIL:
+            self._tree.remove(SECTION, "trail", str(trail.popleft()[0]))
 
     def path(self, points: Sequence[Tuple[float, float]]) -> None:
         """The way the robot means to take, m; none: it is not going anywhere."""
@@ -57,22 +158,19 @@ class MapSection:
 
     def goal(self, pose: Optional[Tuple[float, float, float]]) -> None:
         """Where it is going."""
+        if pose is not None:
+            self._failed = ""
         self._tree.set(SECTION, "goal", None if pose is None else [round(value, 3) for value in pose])
 
     def points(self, parameter: Any) -> List[str]:
         """Takes ``world/points_of_interest``: name → x, y, yaw. Returns the names."""
-        points: Dict[str, List[float]] = {}
-        for name, place in (parameter if isinstance(parameter, dict) else {}).items():
-            try:
-                points[name] = [float(place["x"]), float(place["y"]), float(place.get("yaw", 0.0))]
-            except (TypeError, KeyError, ValueError, AttributeError):
-                continue  # another node's parameter of that name
+        points = read_points(parameter)
         self._tree.set(SECTION, "points", points)
         return list(points)
 
     def people(self, message: Any) -> None:
         """Takes people from a PoseArray, a People, a MarkerArray or a SimPeople, read by their fields."""
-        people: List[List[float]] = []
+        people: List[List[Union[float, str]]] = []
         position_of: Dict[str, Callable[[Any], Any]] = {
             "poses": lambda pose: pose.position,
             "people": lambda person: getattr(person, "position", person),
@@ -83,8 +181,41 @@ class MapSection:
                 if getattr(item, "state", None) == ABSENT or getattr(item, "action", SHOWN) != SHOWN:
                     continue
                 where = position(item)
-                people.append([round(where.x, 2), round(where.y, 2)])
+                name = str(getattr(item, "name", "") or "")
+                place: List[Union[float, str]] = [round(where.x, 2), round(where.y, 2)]
+                people.append([*place, name] if name else place)
         self._tree.set(SECTION, "people", people[:MOST_PEOPLE])
+
+
+def read_points(parameter: Any) -> Dict[str, List[float]]:
+    """The points of interest of ``world/points_of_interest``: name → x, y, yaw."""
+    points: Dict[str, List[float]] = {}
+    for name, place in (parameter if isinstance(parameter, dict) else {}).items():
+        try:
+            points[name] = [float(place["x"]), float(place["y"]), float(place.get("yaw", 0.0))]
+        except (TypeError, KeyError, ValueError, AttributeError):
+            continue  # another node's parameter of that name
+    return points
+
+
+def near_cells(data: Sequence[int], width: int, height: int, cells: float) -> Any:
+    """Which cells of an occupancy grid have something on or near them; None: there is no grid."""
+    if width <= 0 or height <= 0 or len(data) != width * height:
+        return None
+    taken = numpy.asarray(data, dtype=numpy.int8).reshape(height, width) > 50
+    reach = int(min(cells, 20.0))
+    for axis in (0, 1):
+        grown = taken.copy()
+        for step in range(1, reach + 1):
+            ahead, behind = (slice(step, None), slice(None, -step))
+            if axis == 0:
+                grown[ahead] |= taken[behind]
+                grown[behind] |= taken[ahead]
+            else:
+                grown[:, ahead] |= taken[:, behind]
+                grown[:, behind] |= taken[:, ahead]
+        taken = grown
+    return taken
 
 
 def grid_picture(data: Sequence[int], width: int, height: int) -> bytes:
@@ -98,18 +229,4 @@ def grid_picture(data: Sequence[int], width: int, height: int) -> bytes:
     alpha[known] = (cells[known].astype(numpy.uint16) * _INK["occupied"] // 100).clip(0, 255)
     rows = numpy.zeros((height, width, 2), dtype=numpy.uint8)
     rows[:, :, 1] = alpha.reshape(height, width)[::-1]
-    filtered = numpy.zeros((height, 1 + width * 2), dtype=numpy.uint8)
-    filtered[:, 1:] = rows.reshape(height, width * 2)
-    header = struct.pack(">IIBBBBB", width, height, 8, 4, 0, 0, 0)  # 8 bit grey with opacity
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        _chunk(kind, body)
-        for kind, body in (
-            (b"IHDR", header),
-            (b"IDAT", zlib.compress(filtered.tobytes(), 6)),
-            (b"IEND", b""),
-        )
-    )
-
-
-def _chunk(kind: bytes, body: bytes) -> bytes:
-    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    return png(rows)

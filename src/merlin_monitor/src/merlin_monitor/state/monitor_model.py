@@ -2,10 +2,12 @@
 
 import concurrent.futures
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional
 
 from merlin_monitor.drawing.layout_thread import LayoutThread
 from merlin_monitor.drawing.machine_graph import Graph, machine_graph, plan_graph
+from merlin_monitor.history.pictures import Pictures
+from merlin_monitor.history.recorder import Recorder
 from merlin_monitor.state.events import Event, Tell
 from merlin_monitor.state.freshness import Freshness
 from merlin_monitor.state.guard_section import GuardSection
@@ -33,6 +35,8 @@ class MonitorModel:
     :param history: file of the history; None: it is not kept.
     :param history_limit: most events that are kept.
     :param make_folder: whether the folder of the history's file is made, or waited for.
+    :param megabytes: most that is kept of what was shown.
+    :param clock: s since 1970, the time of all that is kept; None: now.
     :raises HistoryError: the file cannot be used.
     """
 
@@ -42,9 +46,12 @@ class MonitorModel:
         history: Optional[Path] = None,
         history_limit: int = 100_000,
         make_folder: bool = True,
+        megabytes: float = 500.0,
+        clock: Optional[Callable[[], float]] = None,
     ) -> None:
         self.inbox = inbox
         self.tree = StateTree()
+        self.pictures = Pictures(self._keep_picture)
         self._history = HistorySection(self.tree)
         self.history: Optional[HistoryStore] = None
         self.on_event: Tell = lambda event: None
@@ -52,15 +59,18 @@ class MonitorModel:
         self.knowledge = KnowledgeSection(self.tree, self.tell)
         self.plan = PlanSection(self.tree, self.tell)
         self.machines = MachineSection(self.tree, self.tell, self._machine_changed)
-        self.map = MapSection(self.tree)
+        self.map = MapSection(self.tree, self.pictures)
         self.health = HealthSection(self.tree, self.tell)
         self.freshness = Freshness(self.tree, self.tell, self.health)
         self.now = NowSection(self.tree, self.tell, self.plan, self.machines, self.freshness)
         self.guard = GuardSection(self.tree, self.tell)
+        """PNGs of panels, by the names under which the page fetches them."""
         self.checked_at = float("-inf")
         """When all sections were checked last, s of ``time.monotonic``; old when the model hangs."""
         if history is not None:
-            self.history = HistoryStore(history, history_limit, self._history.add, make_folder)
+            add = self._history.add
+            self.history = HistoryStore(history, history_limit, add, make_folder, megabytes, clock)
+            self._recorder = Recorder(self.tree, self.history.add_frame, self.history.now)
 
     def start(self) -> None:
         """Begins to take messages in and to draw; shows what earlier runs left in the history.
@@ -73,6 +83,7 @@ class MonitorModel:
             except concurrent.futures.TimeoutError as error:
                 raise HistoryError(f"the history did not answer within {STARTUP:.0f} s") from error
             self.tree.set("meta", "run", self.history.run)
+            self._recorder.start()
         self._layouts.start()
         self.inbox.start()
 
@@ -81,6 +92,7 @@ class MonitorModel:
         self.inbox.stop()
         self._layouts.stop()
         if self.history is not None:
+            self._recorder.stop()
             self.history.close()
 
     def tell(self, event: Event) -> None:
@@ -88,6 +100,10 @@ class MonitorModel:
         self.on_event(event)
         if self.history is not None:
             self.history.add(event)
+
+    def _keep_picture(self, name: str, version: str, picture: bytes) -> None:
+        if self.history is not None:
+            self.history.add_picture(name, version, picture)
 
     def checked(self, wall: float) -> None:
         """All sections were checked.
@@ -100,7 +116,7 @@ class MonitorModel:
         """Takes a new plan and has it drawn."""
         self.plan.planned(steps, edges, at)
         self.now.refresh()
-        shown = {str(step.id): {"text": step.text} for step in steps}
+        shown = self.plan.in_words()
         pairs = [[str(before), str(after)] for before, after in edges]
         self._layouts.ask(PLAN_PICTURE, lambda: plan_graph(shown, pairs))
 

@@ -1,47 +1,33 @@
 """The sections of the present: the line that says what the robot does and why, and the queue of goals."""
 
 import re
-from typing import Any, Dict, List, Optional, Set, Tuple
+from typing import Any, Dict, Iterable, List, Optional, Set, Tuple
 
-from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.events import Tell, sentence
 from merlin_monitor.state.freshness import SILENT, Freshness
-from merlin_monitor.state.guard_section import GUARD, HELD
-from merlin_monitor.state.machine_section import MachineSection
+from merlin_monitor.state.guard_section import GUARD, HELD, HELD_WORDS
+from merlin_monitor.state.machine_section import MachineSection, held_words, unconfirmed_words
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
-from merlin_monitor.text.plain_words import action_in_words, listed
+from merlin_monitor.text.now_words import (
+    ENDED,
+    ENDS,
+    EXECUTOR_STATES,
+    HELD_BEFORE,
+    LIVE,
+    MARKS,
+    MISSION_STATES,
+    OUTCOMES,
+    PAUSED,
+    STAGES,
+    cancel_words,
+    name_of,
+)
+from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, in_english, say, with_reason
+from merlin_monitor.text.plain_words import action_in_words, shown_parameters
 
 NOW, QUEUE = "now", "queue"
-MISSION_STATES = ("starting", "running", "paused", "succeeded", "failed", "cancelled")
-EXECUTOR_STATES = ("idle", "running", "cancelling")
-OUTCOMES = (
-    "succeeded",
-    "already true",
-    "cancelled",
-    "dropped",
-    "refused",
-    "unsolvable",
-    "planner timeout",
-    "planner error",
-    "action failed",
-    "cancel timeout",
-    "internal",
-    "no plan",
-)
-_STAGES = {
-    "ADD_GOALS": "noting the goals",
-    "GENERATE_PROBLEM": "writing the problem",
-    "PLAN": "planning",
-    "PARSE_PLAN": "reading the plan",
-    "DISPATCH_PLAN": "starting the next action",
-    "REPLAN": "preparing a new plan",
-    "REMOVE_GOALS": "clearing up",
-}
-_ENDS = {"succeeded": "ended", "failed": "failed", "cancelled": "been cancelled"}
 _REQUEST = re.compile(r"(?P<node>[^-]+)(?:-[0-9a-f]{12})?-\d+-\d+\.\d+(?:-leased)?\Z")
-PAUSED = "no further goal begins until the robot is resumed"
-LIVE = ("starting", "running", "paused")
-ENDED = ("succeeded", "failed", "cancelled")
 
 
 class NowSection:
@@ -70,7 +56,8 @@ class NowSection:
         self._mission_node = ""
         self._executor: Dict[str, Any] = {}
         self._request_began: Dict[str, Tuple[float, List[str]]] = {}
-        self._task_began = 0.0
+        self._ended: Dict[str, List[str]] = {}  # requests → goals: a cancel may come later
+        self._queued: Optional[Dict[str, Dict[str, Any]]] = None  # what waited last; None: not heard yet
         self.places: Set[str] = set()
         tree.set(QUEUE, "waiting", [])
         self.refresh()
@@ -81,7 +68,7 @@ class NowSection:
         :param node: that sent it; with its name a request of another client is told from the mission's.
         """
         self._mission_node = node
-        state = _word(MISSION_STATES, message.state)
+        state = name_of(MISSION_STATES, message.state)
         before = self._mission
         self._mission = {
             "name": message.mission,
@@ -91,10 +78,11 @@ class NowSection:
             "description": message.description,
         }
         if before != self._mission:
-            of = f" of {message.tasks}" if message.tasks else ""
-            task = f", task {message.task}{of}" if message.task and state == "running" else ""
-            said = f": {message.description}" if message.description else ""
-            self._tell(Event("mission", f"{message.mission} {state}{task}{said}", at))
+            task = self._task() if state == "running" else ""
+            said = say("{mission} {state}", mission=message.mission, state=say(state))
+            said = say("{what}, {more}", what=said, more=task) if task else said
+            mark = MARKS.get(state, "failure") if state in ENDED else ""
+            self._tell(sentence("mission", with_reason(said, message.description), at, mark))
             if state in ENDED:
                 # The end of the mission says more than that of its last request.
                 self._tree.set(NOW, "last", None)
@@ -105,9 +93,10 @@ class NowSection:
         """Takes a message with the fields of merlin_msgs/ExecutorStatus."""
         before = self._executor
         self._executor = {
-            "state": _word(EXECUTOR_STATES, message.state),
+            "state": name_of(EXECUTOR_STATES, message.state),
             "request": message.request,
             "goals": list(message.goals),
+            "words": [goal_phrase(goal) for goal in message.goals],
             "priority": message.priority,
             "stage": message.stage,
             "done": message.steps_done,
@@ -115,6 +104,8 @@ class NowSection:
             "replans": message.replans,
             "reason": message.reason,
             "paused": message.paused,
+            "held": message.held,
+            "breakpoints": list(message.breakpoints),
             "running": [
                 {
                     "id": action.action_id,
@@ -130,10 +121,17 @@ class NowSection:
                 self._plan_request = message.request
                 resumed = message.request in self._request_began
                 self._request_began.setdefault(message.request, (at, list(message.goals)))
-                what = "gone on with" if resumed else f"asked for by {self._who()}"
-                self._tell(Event("goal", f"{listed(message.goals) or 'a request'} {what}", at))
+                goals = self._executor["words"] or say("a request")
+                begun = (
+                    say("“{goals}” gone on with", goals=goals)
+                    if resumed
+                    else say("“{goals}” asked for by {client}", goals=goals, client=self._who())
+                )
+                self._tell(sentence("goal", begun, at))
         elif message.replans > before.get("replans", 0):
             self._plan.replanned(message.reason, at)
+        if message.held and message.held != before.get("held"):
+            self._tell(sentence("control", self._held(), at))
         self._tree.set(NOW, "executor", self._executor)
         self.refresh()
 
@@ -143,26 +141,51 @@ class NowSection:
         began, goals = self._request_began.pop(identity, (at, []))
         if len(self._request_began) > 200:
             self._request_began.clear()
-        outcome = _word(OUTCOMES, message.result.outcome)
+        self._ended[identity] = goals
+        if len(self._ended) > 20:
+            del self._ended[next(iter(self._ended))]
+        outcome = name_of(OUTCOMES, message.result.outcome)
         reason = message.result.reason or message.status.text
-        said = f": {reason}" if reason and outcome not in ("succeeded", "already true") else ""
-        label = listed(goals) or "a request"
+        words = [goal_phrase(goal) for goal in goals]
         if identity == self._plan_request:
             self._plan.request_ended()
-        detail = {"began": began, "ended": at, "outcome": outcome, "lane": "goal", "label": label}
-        self._tell(Event("goal", f"{label}: {outcome} after {at - began:.1f} s{said}", at, detail))
+        what = words or say("a request")
+        seconds = f"{at - began:.1f} s"
+        said = say("“{goals}”: {outcome} after {time}", goals=what, outcome=say(outcome), time=seconds)
+        said = said if outcome in ("succeeded", "already true") else with_reason(said, reason)
+        detail = {"began": began, "ended": at, "outcome": outcome, "lane": "goal"}
+        label = {"label": ", ".join(goals), "words": what}
+        self._tell(sentence("goal", said, at, MARKS.get(outcome, "failure"), **detail, **label))
         self._tree.set(
             NOW,
             "last",
-            {"goals": goals, "outcome": outcome, "reason": reason, "at": at, "seconds": at - began},
+            {
+                "goals": goals,
+                "words": words,
+                "outcome": outcome,
+                "reason": reason,
+                "at": at,
+                "seconds": at - began,
+            },
         )
 
-    def queue(self, message: Any) -> None:
+    def cancel(self, message: Any, at: float, node: str) -> None:
+        """Takes a message with the fields of actionlib_msgs/GoalID: a client takes its request back.
+
+        :param node: that sent it.
+        """
+        _, goals = self._request_began.get(message.id) or (at, self._ended.get(message.id, []))
+        queued = (self._queued or {}).get(message.id, {"words": []})
+        words = [goal_phrase(goal) for goal in goals] or queued["words"]
+        self._tell(sentence("goal", cancel_words(self._named(node), message.id, words), at))
+
+    def queue(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/GoalQueue."""
         waiting = [
             {
                 "request": request.request,
                 "goals": list(request.goals),
+                "words": [goal_phrase(goal) for goal in request.goals],
                 "priority": request.priority,
                 "on_interrupt": "drop" if request.on_interrupt else "resume",
                 "interrupted": request.interrupted,
@@ -171,7 +194,31 @@ class NowSection:
             }
             for request in message.requests
         ]
+        before = self._queued
+        self._queued = {request["request"]: request for request in waiting}
+        if before is not None:  # what comes first was so before the monitor began
+            for identity, request in self._queued.items():
+                if request["interrupted"] and not before.get(identity, {}).get("interrupted"):
+                    self._interrupted(request, [self._executor, *waiting, *before.values()], at)
         self._tree.set(QUEUE, "waiting", waiting)
+
+    def _interrupted(self, request: Dict[str, Any], others: Iterable[Dict[str, Any]], at: float) -> None:
+        """Tells which request took the place of one; it may run already, wait, or have waited just now."""
+        goals = request["words"] or say("a request")
+        urgent = [
+            other for other in others if other.get("request") and other["priority"] > request["priority"]
+        ]
+        if not urgent:
+            self._tell(sentence("goal", say("“{goals}” interrupted", goals=goals), at))
+            return
+        first = max(urgent, key=lambda other: int(other["priority"]))
+        phrase = say(
+            "“{goals}” interrupted by the more urgent “{other}”, asked for by {client}",
+            goals=goals,
+            other=first["words"] or say("a request"),
+            client=self._named(_sender(first["request"])),
+        )
+        self._tell(sentence("goal", phrase, at))
 
     def refresh(self) -> None:
         """Says anew what the robot does, and why."""
@@ -179,16 +226,22 @@ class NowSection:
         silent = self._tree.get(NOW, SILENT)
         if silent is not None:
             # What was known of it may not be true any more.
-            doing, because, step = f"not known: the Executor {silent['what']}", f"before: {doing}", ""
+            before = say("before: {what}", what=doing)
+            doing = say("not known: the Executor {what}", what=say(silent["what"]))
+            because, step = before, ""
         held = self._tree.get(GUARD, HELD)
         if held:
             # What the Executor does comes second: nothing of it moves the base.
-            doing, because = held, f"the Executor: {doing}"
+            because = say("the Executor: {what}", what=doing)
+            doing = self._tree.get(GUARD, HELD_WORDS)
+        trouble = [say("{node} does not answer", node=node) for node in self._freshness.others_silent()]
         for name, value in (
-            ("trouble", [f"{node} does not answer" for node in self._freshness.others_silent()]),
-            ("doing", doing),
-            ("because", because),
-            ("step", step),
+            ("trouble", [in_english(each) for each in trouble]),
+            ("trouble_said", trouble),
+            ("doing", in_english(doing)),
+            ("because", in_english(because)),
+            ("step", in_english(step)),
+            ("said", {"doing": doing, "because": because, "step": step}),
             ("chain", self._chain()),
             ("active", self._executor.get("state", "idle") != "idle"),
         ):
@@ -204,42 +257,64 @@ class NowSection:
         # Over another executive than ours the plan's feedback is all there is.
         return [current] if current is not None and not self._executor else []
 
-    def _sentence(self) -> Tuple[str, str, str]:
+    def _sentence(self) -> Tuple[Phrase, Phrase, Phrase]:
         actions = self._actions()
         executor = self._executor
         paused = bool(executor.get("paused"))
+        held = self._held()
+        if held and not actions and executor.get("state") != "cancelling":
+            return held, say("at a breakpoint, until it is let go on"), ""
+        machines = [held_words(path) for path in self._machines.held]
+        unconfirmed = [unconfirmed_words(*each) for each in self._machines.unconfirmed]
+        if (machines or unconfirmed) and executor.get("state") != "cancelling":
+            at_breakpoint = say("at a breakpoint, until it is let go on")
+            why = at_breakpoint if machines else say("its autonomy level is higher than the present one")
+            return [*machines, *unconfirmed], why, self._step(actions)
         if not actions and executor.get("state", "idle") == "idle":
-            return ("paused", PAUSED, "") if paused else (self._idle(), "", "")
-        goals = executor.get("goals", [])
-        because = f"because {listed(goals)} was requested by {self._who()}" if goals else ""
+            return (say("paused"), say(PAUSED), "") if paused else (self._idle(), "", "")
+        goals = executor.get("words", [])
+        because = (
+            say("for “{goals}”, asked for by {client}", goals=goals, client=self._who()) if goals else ""
+        )
+        words: List[Phrase] = [self._in_words(action) for action in actions]
         if executor.get("state") == "cancelling":
-            doing = "stopping"
-            if actions:
-                doing += " " + listed([self._in_words(action) for action in actions])
+            doing = say("stopping {what}", what=words) if words else say("stopping")
             return doing, executor.get("reason") or because, self._step(actions)
+        if actions and held:
+            return say("{what}, then {held}", what=words, held=held), because, self._step(actions)
         if actions:
-            then = ", then pausing" if paused else ""
-            doing = listed([self._in_words(action) for action in actions]) + then
-            return doing, because, self._step(actions)
+            return say("{what}, then pausing", what=words) if paused else words, because, self._step(actions)
         stage = executor.get("stage", "")
-        return _STAGES.get(stage, stage.replace("_", " ").lower() or "working"), because, ""
+        return say(STAGES.get(stage, stage.replace("_", " ").lower() or "working")), because, ""
 
-    def _idle(self) -> str:
+    def _held(self) -> Phrase:
+        """What a breakpoint holds, an action or a request; empty: nothing."""
+        held = self._executor.get("held", "")
+        if not held:
+            return ""
+        # Between two requests it is one that is held.
+        otherwise = goal_phrase(held) if self._executor["state"] == "idle" else held
+        return say(HELD_BEFORE, what=self._plan.words_of(held) or otherwise)
+
+    def _idle(self) -> Phrase:
         if not self._executor and not self._mission:
-            return "nothing heard yet"
+            return say("nothing heard yet")
         if self._mission.get("state") == "paused":
-            return "paused"
+            return say("paused")
         if self._mission.get("state") == "starting":
-            return "starting"
+            return say("starting")
         if self._mission.get("state") in ENDED:
             mission = self._mission
-            return f"{mission['name']} has {_ENDS[mission['state']]}: {mission['description'] or 'no more'}"
-        return "idle"
+            what = mission["description"] or say("no more")
+            return say(ENDS[mission["state"]], mission=mission["name"], what=what)
+        return say("idle")
 
-    def _in_words(self, action: Dict[str, Any]) -> str:
-        return action_in_words(action["name"], [tuple(pair) for pair in action["parameters"]], self.places)
+    def _in_words(self, action: Dict[str, Any]) -> Phrase:
+        parameters = [(pair[0], pair[1]) for pair in action["parameters"]]
+        english = action_in_words(action["name"], parameters, self.places)
+        return action_phrase(action["name"], shown_parameters(parameters), english)
 
-    def _step(self, actions: List[Dict[str, Any]]) -> str:
+    def _step(self, actions: List[Dict[str, Any]]) -> Phrase:
         total = self._executor.get("total") or self._plan.count
         if not actions or not total:
             return ""
@@ -248,32 +323,49 @@ class NowSection:
         number: Optional[int] = numbers[0] if numbers else None
         if number is None:
             number = min(total, self._executor.get("done", 0) + 1)
-        return f"step {number} of {total}"
+        return say("step {number} of {count}", number=str(number), count=str(total))
 
     def _who(self) -> str:
-        sender = _sender(self._executor.get("request", ""))
-        if self._mission.get("state") in LIVE and self._mission_node in ("", sender):
+        return self._named(_sender(self._executor.get("request", "")))
+
+    def _named(self, sender: str) -> str:
+        # Its end may be heard before what it asked for last: the topics are several.
+        if self._mission and (self._mission_node == sender or self._unsigned_mission()):
             return self._mission["name"]
         return sender
 
-    def _chain(self) -> List[List[str]]:
+    def _unsigned_mission(self) -> bool:
+        return not self._mission_node and self._mission["state"] in LIVE
+
+    def _task(self) -> Phrase:
+        mission = self._mission
+        if not mission["task"]:
+            return ""
+        number = str(mission["task"])
+        if mission["tasks"]:
+            return say("task {number} of {count}", number=number, count=str(mission["tasks"]))
+        return say("task {number}", number=number)
+
+    def _chain(self) -> List[List[Phrase]]:
+        """From the mission to the state: what it is, its words, and where they are of PDDL, that."""
         mission, executor = self._mission, self._executor
-        chain: List[List[str]] = []
+        chain: List[List[Phrase]] = []
         if mission:
-            task = ""
-            if mission["task"]:
-                task = f", task {mission['task']}" + (f" of {mission['tasks']}" if mission["tasks"] else "")
-            chain.append(["mission", f"{mission['name']}{task}"])
+            task = self._task()
+            name = mission["name"]
+            chain.append(["mission", say("{what}, {more}", what=name, more=task) if task else name])
         if executor.get("goals"):
-            chain.append(["goal", listed(executor["goals"])])
+            chain.append(["goal", executor["words"], ", ".join(executor["goals"])])
         actions = self._actions()
         if actions:
-            chain.append(["action", listed([_text(action) for action in actions])])
+            words = [self._in_words(action) for action in actions]
+            chain.append(["action", words, ", ".join(map(_text, actions))])
             leaf = self._machines.active_leaf(actions[0]["name"].replace("-", "_"))
             if leaf:
                 chain.append(["state", leaf])
         elif executor.get("stage"):
-            chain.append(["stage", executor["stage"]])
+            stage = executor["stage"]
+            chain.append(["stage", say(STAGES[stage]) if stage in STAGES else stage])
         return chain
 
 
@@ -283,8 +375,4 @@ def _text(action: Dict[str, Any]) -> str:
 
 def _sender(request: str) -> str:
     match = _REQUEST.match(request)
-    return match.group("node") if match else (request or "somebody")
-
-
-def _word(words: Tuple[str, ...], number: int) -> str:
-    return words[number] if 0 <= number < len(words) else str(number)
+    return match.group("node") if match else (request or "an unknown client")

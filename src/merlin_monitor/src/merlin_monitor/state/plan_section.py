@@ -1,12 +1,14 @@
 """The section of the plan: its steps with state and time, replans, the planner and the dispatcher."""
 
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Set, Tuple
 
-from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.events import Tell, sentence
 from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
+from merlin_monitor.text.phrase import Phrase, action_phrase, in_english, say, with_reason
 from merlin_monitor.text.plain_value import plain_text
+from merlin_monitor.text.plain_words import action_in_words, shown_parameters
 
 SECTION = "plan"
 WAITING, DISPATCHED, RUNNING = "waiting", "dispatched", "running"
@@ -15,7 +17,9 @@ ENDED = (SUCCEEDED, FAILED, CANCELLED, DROPPED)
 #: Topics overtake each other: the end of a request may come before the dispatch of its last step.
 NOT_DISPATCHED = (WAITING, DROPPED)
 CANCEL_ACTION = "cancel_action"
+OVERTAKEN = 2.0  # s, by which a dispatch may be heard before its plan
 MOST_REPLANS = 20  # that are shown
+TOLD_STEPS = 3  # of a plan, in its event
 LONGEST_WORDS = 4000  # characters of what a planner printed
 _FEEDBACK = {0: FAILED, 1: RUNNING, 3: RUNNING, 2: SUCCEEDED, 4: SUCCEEDED, 10: FAILED}
 _PLANNER = (
@@ -44,6 +48,8 @@ class PlanSection:
         self._replans: List[Dict[str, Any]] = []
         self._early: Dict[Tuple[int, int], Tuple[int, str, float]] = {}  # feedback that came before its plan
         self._status: Any = None  # the dispatcher's last one
+        self._places: Set[str] = set()
+        self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known
         tree.set(SECTION, "steps", {})
         tree.set(SECTION, "replans", [])
 
@@ -70,13 +76,17 @@ class PlanSection:
         late = not self._plans and self._status is not None and self._status.state
         self._plans += 1
         self._dispatch = 0
+        missed = [(message, told) for message, told in self._missed if at - told < OVERTAKEN]
+        self._missed = []
         if not late:
-            self._early.clear()
+            kept = {message.plan_id for message, _ in missed}
+            self._early = {key: told for key, told in self._early.items() if key[0] in kept}
         self._steps = {
             step.id: {
                 "id": step.id,
                 "name": step.name,
                 "text": step.text,
+                "words": self._words(step.name, step.parameters),
                 "parameters": [list(pair) for pair in step.parameters],
                 "start": step.start,
                 "duration": step.duration,
@@ -90,11 +100,26 @@ class PlanSection:
         self._tree.set(SECTION, "order", [str(step.id) for step in steps])
         self._tree.set(SECTION, "steps", {str(key): step for key, step in self._steps.items()})
         if steps:
-            words = " ".join(step.text for step in steps[:6]) + (" …" if len(steps) > 6 else "")
-            plural = "s" if len(steps) > 1 else ""
-            self._tell(Event("plan", f"plan of {len(steps)} step{plural}: {words}", at))
+            self._tell(sentence("plan", self._told(), at))
+        for message, told in missed:
+            self.dispatched(message, told)
         if late:
             self._catch_up(at)
+
+    def words_of(self, text: str) -> Phrase:
+        """The words of a step; empty: the plan has none of this text."""
+        return next((step["words"] for step in self._steps.values() if step["text"] == text), "")
+
+    def in_words(self) -> Dict[str, str]:
+        """The steps in English words, by their keys; a picture has room for these."""
+        return {str(key): in_english(step["words"]) for key, step in self._steps.items()}
+
+    def places(self, names: Set[str]) -> None:
+        """Takes the names of the places, which the words of a step are made with."""
+        self._places = names
+        for step in self._steps.values():
+            words = self._words(step["name"], [(pair[0], pair[1]) for pair in step["parameters"]])
+            self._put(step, words=words)
 
     def dispatched(self, message: Any, at: float) -> None:
         """Takes a message with the fields of rosplan_dispatch_msgs/ActionDispatch."""
@@ -104,7 +129,9 @@ class PlanSection:
         step = self._steps.get(message.action_id)
         text = atom_text(message.name, [parameter.value for parameter in message.parameters])
         if step is None or step["text"] != text:
-            return  # latched, of a plan that was not received
+            # Latched, of a plan that was not received, or faster than its plan.
+            self._missed = [*self._missed, (message, at)][-20:]
+            return
         if step["state"] in NOT_DISPATCHED:
             self._put(step, state=DISPATCHED, began=at)
         early = self._early.pop((message.plan_id, message.action_id), None)
@@ -160,9 +187,14 @@ class PlanSection:
         ):
             self._tree.set(SECTION, "planner", field, value)
         if state not in ("idle", "planning") and before is not None:
-            name = message.planner or "the planner"
-            reason = f": {message.reason}" if message.reason else ""
-            self._tell(Event("plan", f"{name}: {state} after {message.seconds:.2f} s{reason}", at))
+            said = say(
+                "{what}: {state} after {time}",
+                what=message.planner or say("the planner"),
+                state=say(state),
+                time=f"{message.seconds:.2f} s",
+            )
+            mark = "" if state in ("solved", CANCELLED) else "failure"
+            self._tell(sentence("plan", with_reason(said, message.reason), at, mark))
 
     def planner_words(self, text: str) -> None:
         """What the planner printed."""
@@ -172,7 +204,8 @@ class PlanSection:
         """A failed plan is replaced."""
         self._replans = [*self._replans, {"at": at, "reason": reason}][-MOST_REPLANS:]
         self._tree.set(SECTION, "replans", self._replans)
-        self._tell(Event("plan", f"planning again: {reason or 'the plan failed'}", at))
+        why = reason or say("the plan failed")
+        self._tell(sentence("plan", say("planning again: {why}", why=why), at, "replan"))
 
     def request_changed(self) -> None:
         """Another request is served: replans count anew, and the plan of the last one is over."""
@@ -184,6 +217,20 @@ class PlanSection:
         for step in self._steps.values():
             if step["state"] == WAITING:
                 self._put(step, state=DROPPED)
+
+    def _told(self) -> Phrase:
+        """The plan in words: its first steps."""
+        steps = [step["words"] for step in self._steps.values()]
+        if len(steps) == 1:
+            return say("plan of one step: {steps}", steps=steps)
+        shown, count = steps[:TOLD_STEPS], str(len(steps))
+        if len(steps) > TOLD_STEPS:
+            return say("plan of {count} steps, first {steps}", count=count, steps=shown)
+        return say("plan of {count} steps: {steps}", count=count, steps=shown)
+
+    def _words(self, name: str, parameters: List[Tuple[str, str]]) -> Phrase:
+        english = action_in_words(name, parameters, self._places)
+        return action_phrase(name, shown_parameters(parameters), english)
 
     def _catch_up(self, at: float) -> None:
         """Started in the middle of a dispatch, it gets the latched messages before or after the plan."""
@@ -209,9 +256,12 @@ class PlanSection:
             return
         began = step.get("began", at)
         self._put(step, state=state, ended=at, reason="" if state == SUCCEEDED else reason)
-        because = f": {reason}" if reason and state == FAILED else ""
-        detail = {"began": began, "ended": at, "outcome": state, "lane": "action", "label": step["text"]}
-        self._tell(Event("action", f"{step['text']} {state} after {at - began:.1f} s{because}", at, detail))
+        words, seconds = step["words"], f"{at - began:.1f} s"
+        said = say("{what}: {state} after {time}", what=words, state=say(state), time=seconds)
+        detail = {"began": began, "ended": at, "outcome": state, "lane": "action"}
+        mark = {FAILED: "failure", CANCELLED: "cancel"}.get(state, "")
+        said = with_reason(said, reason if state == FAILED else "")
+        self._tell(sentence("action", said, at, mark, **detail, label=step["text"], words=words))
 
     def _put(self, step: Dict[str, Any], **fields: Any) -> None:
         step.update(fields)

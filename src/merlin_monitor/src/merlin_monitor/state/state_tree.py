@@ -174,10 +174,14 @@ class StateTree:
         with self._lock:
             return self.version, _copy(self._root)
 
-    def as_json(self) -> Tuple[int, str]:
-        """The version and the whole state as JSON text."""
+    def as_json(self, without: Tuple[str, ...] = ()) -> Tuple[int, str]:
+        """The version and the whole state as JSON text.
+
+        :param without: sections that are left out.
+        """
         with self._lock:
-            return self.version, json.dumps(self._root, separators=(",", ":"))
+            shown = {name: section for name, section in self._root.items() if name not in without}
+            return self.version, json.dumps(shown, separators=(",", ":"))
 
     def subscribe(self, wake: Callable[[], object]) -> Feed:
         """A feed of all changes from now on."""

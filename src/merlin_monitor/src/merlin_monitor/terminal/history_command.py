@@ -11,8 +11,9 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence
 
 import rospkg
 
+from merlin_monitor.state.events import KINDS
+
 FILE = "history.sqlite"
-KINDS = ("mission", "goal", "plan", "action", "machine", "knowledge", "health", "guard", "control", "monitor")
 EXIT_MISTAKES = 2
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 

@@ -3,6 +3,8 @@
 import unicodedata
 from typing import Any, Dict, List, NamedTuple
 
+from merlin_monitor.text.phrase import in_english
+
 GLYPHS = {
     "waiting": "o",
     "dispatched": "~",
@@ -44,9 +46,10 @@ def lines(state: Dict[str, Any], changed: Any = ()) -> List[Line]:
     why = " · ".join(part for part in (now.get("because"), now.get("step")) if part)
     if why:
         shown.append(Line(why))
-    chain = " > ".join(text for _, text in now.get("chain", []))
+    chain = " > ".join(in_english(link[1]) for link in now.get("chain", []))
     if chain:
         shown.append(Line(chain, "soft"))
+    shown += _robots(state.get("robots", {}))
     shown += _plan(state.get("plan", {}))
     shown += _queue(state.get("queue", {}))
     shown += _machines(state.get("machines", {}))
@@ -87,6 +90,15 @@ def _headline(meta: Dict[str, Any]) -> str:
 
 def _section(name: str, note: str = "") -> List[Line]:
     return [Line(""), Line(f"{name}{f'  {note}' if note else ''}", "title")]
+
+
+def _robots(robots: Dict[str, Any]) -> List[Line]:
+    known = robots.get("robots", {})
+    shown = _section("Robots") if known else []
+    for name, robot in sorted(known.items()):
+        does = robot.get("away") or ", ".join(robot.get("does", [])) or "waits"
+        shown.append(Line(f"  {name}: {does}", "bad" if robot.get("away") else ""))
+    return shown
 
 
 def _plan(plan: Dict[str, Any]) -> List[Line]:

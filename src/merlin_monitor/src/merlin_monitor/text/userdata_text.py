@@ -1,31 +1,51 @@
 """Userdata of a state machine as text, read from its pickle without making a single object of it.
 
-A pickle is a program: unpickling runs what it names. This reader follows the opcodes itself and
-keeps a note where the program would import or call something, so nothing is executed and nothing imported.
+A pickle is a program: unpickling runs what it names. Here the standard library's unpickler gets a stub for
+everything that a pickle names, so nothing of it is imported or called.
 """
 
 import base64
 import binascii
-import pickletools
-from typing import Any, Callable, Dict, List, Tuple
+import io
+import pickle
+from typing import Any, Callable, ClassVar, Dict, List, Tuple
 
 LONGEST = 256 * 1024  # bytes of pickle that are read
 LONGEST_VALUE = 600  # characters shown of one value
-_MARK = object()
-_Handler = Callable[[Any, str], None]  # of an opcode: its argument and its name
+_SETS = ("builtins.set", "builtins.frozenset")
 
 
 class UserDataTextError(ValueError):
     """Userdata that cannot be shown, with the reason."""
 
 
-class _Note:
-    """An object that would have been made: by name, from arguments, with a state."""
+class _Stub:
+    """Takes the place of an object: its arguments, its items and its state instead of what they would do.
 
-    def __init__(self, name: str, arguments: Any = ()) -> None:
-        self.name = name
-        self.arguments = arguments
-        self.state: Any = None
+    Each name of a pickle gets a subclass of its own, which is gone with the pickle: what a pickle does to the
+    class of an object cannot reach another one.
+    """
+
+    name = ""
+    arguments: List[Any]
+    state: Any
+
+    def __new__(cls, *arguments: Any, **more: Any) -> "_Stub":
+        stub = super().__new__(cls)
+        stub.arguments = [*arguments, *more.values()]
+        stub.state = None
+        return stub
+
+    def __setstate__(self, state: Any) -> None:
+        self.state = state
+
+    def append(self, item: Any) -> None:
+        """Adds an item to a list or a set."""
+        self.arguments.append(item)
+
+
+def _stub_class(name: str) -> type:
+    return type("Stub", (_Stub,), {"name": name})
 
 
 def userdata_rows(text: str) -> List[Tuple[str, str]]:
@@ -39,9 +59,7 @@ def userdata_rows(text: str) -> List[Tuple[str, str]]:
     if len(data) > LONGEST:
         raise UserDataTextError(f"userdata of {len(data)} bytes is too long to be shown")
     try:
-        values = _Reader().read(data)
-    except UserDataTextError:
-        raise
+        values = _Reader(io.BytesIO(data), encoding="latin-1").load()
     except Exception as error:  # hostile bytes find every way to fail
         raise UserDataTextError(f"userdata is no pickle: {type(error).__name__}: {error}") from error
     if not isinstance(values, dict):
@@ -56,193 +74,92 @@ def _bytes(text: str) -> bytes:
         return text.encode("latin-1", "replace")  # before SMACH 2.5 the pickle itself
 
 
-class _Reader:
-    """The stack machine of pickle, over plain values and notes."""
+class _Reader(pickle._Unpickler):
+    """The unpickler written in Python, whose steps can be replaced one by one.
 
-    def __init__(self) -> None:
-        self._stack: List[Any] = []
-        self._memo: Dict[int, Any] = {}
+    Replaced is also what hashes: the hash of tuples that share their parts takes time without end.
+    """
 
-    def read(self, data: bytes) -> Any:
-        for opcode, argument, _ in pickletools.genops(data):
-            if opcode.name == "STOP":
-                return self._stack.pop()
-            handler: _Handler = getattr(self, f"_do_{opcode.name.lower()}", self._constant)
-            handler(argument, opcode.name)
-        raise UserDataTextError("userdata ends too early")
+    dispatch: ClassVar[Dict[int, Callable[[Any], None]]] = dict(pickle._Unpickler.dispatch)
+    # Of the base class, whose types do not name them.
+    stack: List[Any]
+    append: Callable[[Any], None]
+    read: Callable[[int], bytes]
+    pop_mark: Callable[[], List[Any]]
 
-    def _constant(self, argument: Any, name: str) -> None:
-        if argument is None or name not in _CONSTANTS:
-            raise UserDataTextError(f"userdata has the opcode {name}, which is not read")
-        self._stack.append(argument)
+    def find_class(self, module: str, name: str) -> type:
+        """A stub instead of what the pickle names."""
+        return _stub_class(f"{module}.{name}")
 
-    def _since_mark(self) -> List[Any]:
-        for index in range(len(self._stack) - 1, -1, -1):
-            if self._stack[index] is _MARK:
-                items = self._stack[index + 1 :]
-                del self._stack[index:]
-                return items
-        raise UserDataTextError("userdata has no mark where one is needed")
+    def persistent_load(self, pid: Any) -> Any:
+        """A stub instead of an object kept elsewhere."""
+        return _stub_class("persistent")(pid)
 
-    def _do_proto(self, argument: Any, name: str) -> None:
-        pass
+    def _set(self) -> None:
+        self.append(_stub_class("builtins.set")([]))
 
-    _do_frame = _do_proto
+    def _frozenset(self) -> None:
+        items = self.pop_mark()  # changes `append`
+        self.append(_stub_class("builtins.frozenset")(items))
 
-    def _do_mark(self, argument: Any, name: str) -> None:
-        self._stack.append(_MARK)
+    def _add(self) -> None:
+        items = self.pop_mark()
+        self.stack[-1].arguments[0].extend(items)
 
-    def _do_none(self, argument: Any, name: str) -> None:
-        self._stack.append({"NEWTRUE": True, "NEWFALSE": False}.get(name))
-
-    _do_newtrue = _do_newfalse = _do_none
-
-    def _do_empty_dict(self, argument: Any, name: str) -> None:
-        self._stack.append({})
-
-    def _do_empty_list(self, argument: Any, name: str) -> None:
-        self._stack.append([])
-
-    def _do_empty_tuple(self, argument: Any, name: str) -> None:
-        self._stack.append(())
-
-    def _do_empty_set(self, argument: Any, name: str) -> None:
-        self._stack.append(_Note("set", []))
-
-    def _do_list(self, argument: Any, name: str) -> None:
-        self._stack.append(self._since_mark())
-
-    def _do_tuple(self, argument: Any, name: str) -> None:
-        self._stack.append(tuple(self._since_mark()))
-
-    def _do_frozenset(self, argument: Any, name: str) -> None:
-        self._stack.append(_Note("frozenset", self._since_mark()))
-
-    def _do_dict(self, argument: Any, name: str) -> None:
-        items = self._since_mark()
-        self._stack.append({})
+    def _dict(self) -> None:
+        items = self.pop_mark()
+        self.append({})
         self._fill(items)
 
-    def _do_tuple1(self, argument: Any, name: str) -> None:
-        size = int(name[-1])
-        if len(self._stack) < size:
-            raise UserDataTextError("userdata takes from an empty stack")
-        items = tuple(self._stack[-size:])
-        del self._stack[-size:]
-        self._stack.append(items)
-
-    _do_tuple2 = _do_tuple3 = _do_tuple1
-
-    def _do_append(self, argument: Any, name: str) -> None:
-        self._extend([self._stack.pop()])
-
-    def _do_appends(self, argument: Any, name: str) -> None:
-        self._extend(self._since_mark())
-
-    _do_additems = _do_appends
-
-    def _extend(self, items: List[Any]) -> None:
-        target = self._stack[-1]
-        if isinstance(target, _Note) and isinstance(target.arguments, list):
-            target = target.arguments
-        if isinstance(target, list):
-            target.extend(items)
-
-    def _do_setitem(self, argument: Any, name: str) -> None:
-        value, key = self._stack.pop(), self._stack.pop()
+    def _setitem(self) -> None:
+        value, key = self.stack.pop(), self.stack.pop()
         self._fill([key, value])
 
-    def _do_setitems(self, argument: Any, name: str) -> None:
-        self._fill(self._since_mark())
+    def _setitems(self) -> None:
+        self._fill(self.pop_mark())
 
     def _fill(self, items: List[Any]) -> None:
-        target = self._stack[-1]
+        target = self.stack[-1]
+        if isinstance(target, _Stub):
+            target.state = target.state if isinstance(target.state, dict) else {}
+            target = target.state
         for key, value in zip(items[::2], items[1::2]):
-            if isinstance(target, dict):
-                hashable = isinstance(key, (str, int, float, bytes, bool, type(None)))
-                target[key if hashable else _show(key, 80)] = value
+            plain = isinstance(key, (str, int, float, bytes, bool, type(None)))
+            target[key if plain else _show(key, 80)] = value
 
-    def _do_pop(self, argument: Any, name: str) -> None:
-        self._stack.pop()
+    def _bytearray(self) -> None:
+        # Read as bytes: the original allocates what the pickle announces before it looks for it.
+        self.append(self.read(int.from_bytes(self.read(8), "little")))
 
-    def _do_pop_mark(self, argument: Any, name: str) -> None:
-        self._since_mark()
+    def _extension(self) -> None:
+        raise UserDataTextError("it names a part of a process that is not this one")
 
-    def _do_dup(self, argument: Any, name: str) -> None:
-        self._stack.append(self._stack[-1])
-
-    def _do_put(self, argument: Any, name: str) -> None:
-        self._memo[len(self._memo) if name == "MEMOIZE" else int(argument)] = self._stack[-1]
-
-    _do_binput = _do_long_binput = _do_memoize = _do_put
-
-    def _do_get(self, argument: Any, name: str) -> None:
-        self._stack.append(self._memo[int(argument)])
-
-    _do_binget = _do_long_binget = _do_get
-
-    def _do_global(self, argument: Any, name: str) -> None:
-        self._stack.append(_Note(str(argument).replace(" ", ".")))
-
-    def _do_stack_global(self, argument: Any, name: str) -> None:
-        attribute, module = self._stack.pop(), self._stack.pop()
-        self._stack.append(_Note(f"{module}.{attribute}"))
-
-    def _do_inst(self, argument: Any, name: str) -> None:
-        self._stack.append(_Note(str(argument).replace(" ", "."), self._since_mark()))
-
-    def _do_obj(self, argument: Any, name: str) -> None:
-        kind, *arguments = self._since_mark() or [None]
-        self._stack.append(_made(kind, arguments))
-
-    def _do_reduce(self, argument: Any, name: str) -> None:
-        arguments, kind = self._stack.pop(), self._stack.pop()
-        self._stack.append(_made(kind, arguments))
-
-    _do_newobj = _do_reduce
-
-    def _do_newobj_ex(self, argument: Any, name: str) -> None:
-        self._stack.pop()
-        self._do_reduce(argument, name)
-
-    def _do_build(self, argument: Any, name: str) -> None:
-        state = self._stack.pop()
-        if isinstance(self._stack[-1], _Note):
-            self._stack[-1].state = state
-
-    def _do_persid(self, argument: Any, name: str) -> None:
-        self._stack.append(_Note("persistent", [argument]))
-
-    def _do_binpersid(self, argument: Any, name: str) -> None:
-        self._stack.append(_Note("persistent", [self._stack.pop()]))
-
-
-_CONSTANTS = frozenset(
-    (
-        *("INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4", "FLOAT", "BINFLOAT"),
-        *("STRING", "BINSTRING", "SHORT_BINSTRING"),
-        *("UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8"),
-        *("BINBYTES", "SHORT_BINBYTES", "BINBYTES8", "BYTEARRAY8"),
+    dispatch.update(
+        {
+            pickle.EMPTY_SET[0]: _set,
+            pickle.FROZENSET[0]: _frozenset,
+            pickle.ADDITEMS[0]: _add,
+            pickle.DICT[0]: _dict,
+            pickle.SETITEM[0]: _setitem,
+            pickle.SETITEMS[0]: _setitems,
+            pickle.BYTEARRAY8[0]: _bytearray,
+            **dict.fromkeys((pickle.EXT1[0], pickle.EXT2[0], pickle.EXT4[0]), _extension),
+        }
     )
-)
-_PLAIN_MAKERS = ("builtins.set", "__builtin__.set", "builtins.frozenset", "__builtin__.frozenset")
 
 
-def _made(kind: Any, arguments: Any) -> Any:
-    """What a call would give; known makers of plain values give the value."""
-    name = kind.name if isinstance(kind, _Note) else "?"
-    arguments = list(arguments) if isinstance(arguments, (tuple, list)) else [arguments]
+def _plain(stub: _Stub) -> Any:
+    """What older protocols call a function for: bytes and text as themselves, all else as it is."""
+    name, arguments = stub.name.replace("__builtin__.", "builtins."), stub.arguments
     if name == "_codecs.encode" and arguments and isinstance(arguments[0], str):
         return arguments[0].encode("latin-1", "replace")
-    if name in ("builtins.bytes", "__builtin__.bytes") and not arguments:
-        return b""
-    if name in ("builtins.str", "__builtin__.str") and len(arguments) == 1 and isinstance(arguments[0], str):
-        return arguments[0]
-    if name in _PLAIN_MAKERS and arguments and isinstance(arguments[0], list):
-        return _Note(name.rsplit(".", 1)[1], arguments[0])
+    if name in ("builtins.bytes", "builtins.str") and len(arguments) < 2:
+        return arguments[0] if arguments else b""
     if name in ("copy_reg._reconstructor", "copyreg._reconstructor") and arguments:
-        return _Note(arguments[0].name if isinstance(arguments[0], _Note) else "?")
-    return _Note(name, arguments)
+        made = _stub_class(getattr(arguments[0], "name", "?"))()
+        made.state = stub.state
+        return made
+    return stub
 
 
 def _show(value: Any, limit: int) -> str:
@@ -264,6 +181,19 @@ def _show(value: Any, limit: int) -> str:
             walk(item, depth + 1)
         say(closing)
 
+    def stub(item: _Stub, depth: int) -> None:
+        name = item.name.replace("__builtin__.", "builtins.")
+        if name in _SETS:
+            say(name.split(".")[1])
+            items = item.arguments[0] if item.arguments else []
+            join(items if isinstance(items, list) else [items], "{", "}", depth)
+            return
+        say(_short_name(name))
+        if item.state is not None:
+            walk(item.state, depth + 1)
+        else:
+            join(item.arguments, "(", ")", depth)
+
     def walk(item: Any, depth: int) -> None:
         if left[0] <= 0 or depth > 20:
             say("…")
@@ -281,16 +211,14 @@ def _show(value: Any, limit: int) -> str:
             join(item, "[", "]", depth)
         elif isinstance(item, tuple):
             join(item, "(", ")", depth)
-        elif isinstance(item, _Note):
-            say(_short_name(item.name))
-            if item.name in ("set", "frozenset"):
-                join(item.arguments, "{", "}", depth)
-            elif item.state is not None:
-                walk(item.state, depth + 1)
+        elif isinstance(item, _Stub):
+            plain = _plain(item)
+            if isinstance(plain, _Stub):
+                stub(plain, depth)
             else:
-                join(item.arguments, "(", ")", depth)
-        elif item is _MARK:
-            say("?")
+                walk(plain, depth + 1)
+        elif isinstance(item, type):
+            say(_short_name(getattr(item, "name", "?")))
         elif isinstance(item, int) and not isinstance(item, bool) and item.bit_length() > 200:
             say(f"<integer of {item.bit_length()} bits>")
         elif isinstance(item, (str, bytes, bytearray)):

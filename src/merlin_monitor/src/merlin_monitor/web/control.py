@@ -1,10 +1,15 @@
 """Control of the robot from the page: goals, cancels, pausing, stop. Each request is checked first."""
 
-from typing import Any, Dict, Protocol
+from typing import Any, Dict, List, Protocol, Sequence
 
 LONGEST_GOAL = 4000  # characters
+LONGEST_NAME = 400  # characters of the name of a state, an outcome or a level
+MOST_LISTED = 100  # actions in a list
 HIGHEST_PRIORITY = 2**31 - 1
-REQUESTS = ("who", "check", "send", "cancel", "cancel_all", "pause", "resume", "stop", "release")
+REQUESTS = (
+    *("who", "check", "send", "cancel", "cancel_all", "pause", "resume", "stop", "release"),
+    *("plan", "change", "breakpoints", "step", "continue", "leave", "autonomy"),
+)
 
 
 class ControlError(Exception):
@@ -38,6 +43,37 @@ class ControlledRobot(Protocol):
     def release(self, by: str) -> str:
         """Lets the base drive again; returns what was done."""
 
+    def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
+        """A plan for a goal that is not carried out; returns a sentence, ``done``, and the ``plan``."""
+
+    def change(self, facts: str, by: str) -> str:
+        """Makes facts true or false and sets values, by hand; returns what was done."""
+
+    def hold_before(self, texts: Sequence[str], by: str) -> str:
+        """Replaces the breakpoints; returns what was done."""
+
+    def go_on(self, step: bool, by: str) -> str:
+        """Lets what a breakpoint holds begin, and holds the next action or state if it is a step."""
+
+    def leave(self, state: str, outcome: str, within: str, by: str) -> str:
+        """Has a state left with an outcome, or without one confirms that with which it waits.
+
+        :param within: the namespace of the node that runs it, with a slash at its end; empty: any.
+        """
+
+    def set_autonomy(self, level: str, by: str) -> str:
+        """Sets up to which level machines take outcomes by themselves; returns what was done."""
+
+
+class Controls(Protocol):
+    """Carries out what a page asks for: of a robot (`Control`), or of a fleet."""
+
+    def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
+        """Does something; returns a sentence, ``done``, and what belongs to it.
+
+        :raises ControlError: it cannot be done.
+        """
+
 
 class Control:
     """Carries out what the page asks for.
@@ -48,22 +84,40 @@ class Control:
     def __init__(self, robot: ControlledRobot) -> None:
         self._robot = robot
 
-    def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> str:
-        """Does something; returns a sentence.
+    def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
+        """Does something; returns a sentence, ``done``, and what belongs to it.
 
         :param what: one of `REQUESTS`.
-        :param fields: goal and priority, or request.
+        :param fields: goal and priority, request, goal and what to leave out, or facts.
         :param by: the operator.
         :raises ControlError: it cannot be done.
         """
+        if what == "plan":
+            goal = _text(fields, "goal")
+            self._robot.check(goal)
+            return self._robot.plan(goal, _listed(fields, "without"), by)
+        return {"done": self._done(what, fields, by)}
+
+    def _done(self, what: str, fields: Dict[str, Any], by: str) -> str:
         robot = self._robot
         if what == "who":
             return by
+        if what == "breakpoints":
+            return robot.hold_before(_listed(fields, "before"), by)
+        if what in ("step", "continue"):
+            return robot.go_on(what == "step", by)
+        if what == "leave":
+            state, outcome, within = (_name(fields, each) for each in ("state", "outcome", "within"))
+            return robot.leave(state, outcome, within, by)
+        if what == "autonomy":
+            return robot.set_autonomy(_name(fields, "level"), by)
+        if what == "change":
+            return robot.change(_text(fields, "facts"), by)
         if what == "check":
-            robot.check(_goal(fields))
+            robot.check(_text(fields, "goal"))
             return "The goal can be sent."
         if what == "send":
-            goal, priority = _goal(fields), _priority(fields)
+            goal, priority = _text(fields, "goal"), _priority(fields)
             robot.check(goal)
             return f"Sent as {robot.send(goal, priority, by)}."
         if what == "cancel":
@@ -82,13 +136,33 @@ class Control:
         raise ControlError(f"There is nothing called {what!r}; there is {', '.join(REQUESTS)}.")
 
 
-def _goal(fields: Dict[str, Any]) -> str:
-    goal = fields.get("goal")
-    if not isinstance(goal, str) or not goal.strip():
-        raise ControlError("Write a goal, like (checked kitchen).")
-    if len(goal) > LONGEST_GOAL:
-        raise ControlError(f"A goal has at most {LONGEST_GOAL} characters.")
-    return goal.strip()
+def _text(fields: Dict[str, Any], name: str) -> str:
+    """The PDDL text of a field, ``goal`` or ``facts``."""
+    text = fields.get(name)
+    what = "a goal" if name == "goal" else "facts"
+    if not isinstance(text, str) or not text.strip():
+        raise ControlError(f"Write {what}, like (checked kitchen).")
+    if len(text) > LONGEST_GOAL:
+        raise ControlError(f"{what.capitalize()} may have at most {LONGEST_GOAL} characters.")
+    return text.strip()
+
+
+def _name(fields: Dict[str, Any], field: str) -> str:
+    """The text of a field that names something; empty when it is missing."""
+    name = fields.get(field, "")
+    if not isinstance(name, str) or len(name) > LONGEST_NAME:
+        raise ControlError(f"{field} is a text of {LONGEST_NAME} characters at most.")
+    return name.strip()
+
+
+def _listed(fields: Dict[str, Any], name: str) -> List[str]:
+    """The actions of a field."""
+    texts = fields.get(name, [])
+    if not isinstance(texts, list) or not all(isinstance(each, str) for each in texts):
+        raise ControlError(f"{name} is a list of actions.")
+    if len(texts) > MOST_LISTED or any(len(each) > LONGEST_GOAL for each in texts):
+        raise ControlError(f"{name} takes {MOST_LISTED} actions at most.")
+    return texts
 
 
 def _priority(fields: Dict[str, Any]) -> int:

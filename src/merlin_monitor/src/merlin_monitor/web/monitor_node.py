@@ -8,9 +8,11 @@ from typing import List, Optional
 import rospkg
 import rospy
 
+from merlin_monitor.access.tls import Tls, TlsError, read_tls
 from merlin_monitor.access.web_access import WebAccess
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import PanelBoard
-from merlin_monitor.panels.control import operators_of_node
+from merlin_monitor.panels.control import operators_of_node, path_of_node
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
@@ -40,15 +42,26 @@ def _start() -> None:
     port = _whole("~port", 8080, 0, 65535)
     limit = _whole("~history_limit", 100_000, 100, 100_000_000)
     path = history_path(str(rospy.get_param("~history", "")))
+    megabytes = _whole("~history_megabytes", 500, 1, 1_000_000)
     make_folder = bool(rospy.get_param("~make_folder", True))
-    state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder)
-    panels = PanelBoard(state, _class_paths("~panels"))
-    operators = operators_of_node()
+    state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder, megabytes)
+    panels = PanelBoard(state, _class_paths("~panels"), offered=True)
+    operators = operators_of_node(RosSystem())
     # Operators may come later; the files of a monitor that never has any stay unwritten.
     control = Control(RobotControl(state)) if operators is not None else None
     names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
     folder = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
-    server = WebServer(state, folder, WebAccess(host, names, operators), control, host, port, panels.scripts)
+    tls = _tls()
+    server = WebServer(
+        state,
+        folder,
+        WebAccess(host, names, operators),
+        control,
+        host,
+        port,
+        panels.scripts,
+        tls.context if tls else None,
+    )
     state.start()
     panels.start()
     server.start()
@@ -71,6 +84,17 @@ def _begin_anew(state: MonitorModel, server: WebServer) -> None:
     # Open pages look for it at its port; as an argument, because the new master may be gone again.
     arguments = [word for word in sys.argv if not word.startswith("_port:=")]
     os.execv(sys.executable, [sys.executable, *arguments, f"_port:={server.port}"])
+
+
+def _tls() -> Optional[Tls]:
+    ros = RosSystem()
+    try:
+        tls = read_tls(path_of_node(ros, "~certificate"), path_of_node(ros, "~key"))
+    except TlsError as error:
+        raise ParameterError(str(error)) from error
+    if tls is not None and tls.warning:
+        rospy.logwarn(tls.warning)
+    return tls
 
 
 def _class_paths(name: str) -> List[str]:

@@ -5,7 +5,7 @@ is there already, and its own status says whether it obeyed.
 """
 
 import threading
-from typing import Any
+from typing import Any, Dict, List, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalID
@@ -15,10 +15,14 @@ from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.goal_check import GoalError, check_goals
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.events import sentence
 from merlin_monitor.state.freshness import SILENT
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.text.now_words import cancel_words
+from merlin_monitor.text.phrase import Phrase, goal_phrase, say
 from merlin_monitor.web.control import ControlError
+from merlin_monitor.web.robot_breakpoints import RobotBreakpoints
+from merlin_monitor.web.robot_knowledge import RobotKnowledge
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import knowledge_client
 from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal
@@ -38,6 +42,8 @@ class RobotControl:
         self._state = state
         executor = str(rospy.get_param("~executor", "merlin/execute"))
         self._knowledge = knowledge_client(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
+        self._planning = RobotKnowledge(state, self._knowledge, self._tell)
+        self._breakpoints = RobotBreakpoints(self._knowledge, self._tell)
         self._client = MerlinExecutorClient(executor, knowledge_base=None)
         self._cancels = rospy.Publisher(f"{executor}/cancel", GoalID, queue_size=10)
         self._pause = {
@@ -64,29 +70,33 @@ class RobotControl:
         if not self._client.executor_alive:
             raise ControlError("There is no Executor to send the goal to.")
         request = self._client.send(goal, priority)
-        self._tell(by, f"sends {goal}, priority {priority}")
+        words, number = goal_phrase(goal), str(priority)
+        sent = say("{client} sends “{goal}”, priority {number}", client=by, goal=words, number=number)
+        self._tell(by, sent, goal=goal)
         return request.id
 
     def cancel(self, request: str, by: str) -> str:
         """Cancels a request of any client."""
         tree = self._state.tree
-        known = [waiting["request"] for waiting in tree.get("queue", "waiting") or []]
-        if request not in (*known, tree.get("now", "executor", "request")):
+        requests = [*(tree.get("queue", "waiting") or []), tree.get("now", "executor") or {}]
+        known = {each["request"]: each["words"] for each in requests if each.get("request")}
+        if request not in known:
             raise ControlError("There is no such request: it has ended, or there never was one.")
         self._cancels.publish(GoalID(id=request))
-        self._tell(by, f"cancels {request}")
+        self._tell_cancel(by, request, known[request])
         return f"The cancel was sent.{self._silent_executor()}"
 
     def cancel_all(self, by: str) -> str:
         """Cancels all requests."""
         self._cancels.publish(ALL_REQUESTS)
-        self._tell(by, "cancels all requests")
+        self._tell_cancel(by, "", [])
         return f"The cancel of all requests was sent.{self._silent_executor()}"
 
     def pause(self, pause: bool, by: str) -> str:
         """Asks the Executor to let no further request begin, or the next one."""
         answer = _ask(self._pause[pause], "The Executor does not pause" if pause else "It stays paused")
-        self._tell(by, "pauses: no further goal begins" if pause else "resumes: the next goal may begin")
+        pauses = say("{client} pauses: no further goal begins", client=by)
+        self._tell(by, pauses if pause else say("{client} resumes: the next goal may begin", client=by))
         return answer
 
     def stop(self, by: str) -> str:
@@ -102,13 +112,13 @@ class RobotControl:
             if not self._stopped:
                 self._keep_paused = bool(self._state.tree.get("now", "executor", "paused"))
         threading.Thread(target=self._hold_requests, args=(by,), name="hold requests", daemon=True).start()
-        self._tell(by, "stops and holds: the base stops, all requests are cancelled")
+        self._tell(by, say("{client} stops and holds: the base stops, all requests are cancelled", client=by))
         if not (listening and self._wait_stopped()):
             otherwise = "The cancel of all requests was sent, but the base is NOT confirmed to be held"
             try:
                 _ask(self._stop, otherwise)
             except ControlError as error:
-                self._tell(by, f"stop not confirmed: {error}")
+                self._tell(by, say("stop by {client} not confirmed: {why}", client=by, why=str(error)))
                 raise
         return (
             "Stopped and held, confirmed by the guard, until it is released. All requests were cancelled."
@@ -118,7 +128,7 @@ class RobotControl:
     def release(self, by: str) -> str:
         """Lets the base drive again."""
         _ask(self._release, "The base was not released")
-        self._tell(by, "releases the base")
+        self._tell(by, say("{client} releases the base", client=by))
         with self._told:
             keep, self._keep_paused = self._keep_paused, False
         if keep:
@@ -129,11 +139,35 @@ class RobotControl:
             return f"The base may drive again; {error}"
         return "The base may drive again, and the next goal may begin."
 
+    def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
+        """Plans a goal; nothing is carried out."""
+        return self._planning.plan(goal, without, by)
+
+    def change(self, facts: str, by: str) -> str:
+        """Changes the knowledge."""
+        return self._planning.change(facts, by)
+
+    def hold_before(self, texts: Sequence[str], by: str) -> str:
+        """Replaces the breakpoints."""
+        return self._breakpoints.hold_before(texts, by)
+
+    def go_on(self, step: bool, by: str) -> str:
+        """Lets what is held begin."""
+        return self._breakpoints.go_on(step, by)
+
+    def leave(self, state: str, outcome: str, within: str, by: str) -> str:
+        """Has a state left with an outcome."""
+        return self._breakpoints.leave(state, outcome, within, by)
+
+    def set_autonomy(self, level: str, by: str) -> str:
+        """Sets the autonomy level."""
+        return self._breakpoints.set_autonomy(level, by)
+
     def _hold_requests(self, by: str) -> None:
         try:
             _ask(self._pause[True], "the Executor was not paused")
         except ControlError as error:
-            self._tell(by, f"stops, but {error}")
+            self._tell(by, say("{client} stops, but {why}", client=by, why=str(error)))
 
     def _guard_told(self, status: GuardStatus) -> None:
         with self._told:
@@ -148,8 +182,11 @@ class RobotControl:
         silent = self._state.tree.get("now", SILENT)
         return f" The Executor {silent['what']}: it obeys when it is back." if silent else ""
 
-    def _tell(self, by: str, text: str) -> None:
-        self._state.tell(Event("control", f"{by} {text}", rospy.get_time(), {"by": by}))
+    def _tell_cancel(self, by: str, request: str, goals: List[Phrase]) -> None:
+        self._tell(by, cancel_words(by, request, goals))
+
+    def _tell(self, by: str, said: Phrase, **detail: str) -> None:
+        self._state.tell(sentence("control", said, rospy.get_time(), by=by, **detail))
 
 
 def _ask(service: Any, otherwise: str) -> str:

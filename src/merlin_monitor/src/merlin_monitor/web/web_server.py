@@ -4,10 +4,11 @@ import asyncio
 import json
 import logging
 import socket
+import ssl
 import threading
 import time
 from pathlib import Path
-from typing import Any, Awaitable, Callable, List, Mapping, Optional
+from typing import Any, Awaitable, Callable, Dict, List, Optional
 
 from aiohttp import web
 
@@ -20,14 +21,17 @@ from merlin_monitor.access.web_access import (
     WrongToken,
 )
 from merlin_monitor.access.wrong_tokens import WrongTokens
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.events import sentence
 from merlin_monitor.state.history_store import HistoryError
-from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.web.control import Control, ControlError
+from merlin_monitor.text.phrase import say
+from merlin_monitor.web import silent_connections
+from merlin_monitor.web.control import ControlError, Controls
 from merlin_monitor.web.live_feed import LiveFeed
+from merlin_monitor.web.past_routes import PastRoutes
+from merlin_monitor.web.shown import Shown
 
 PORTS_TRIED = 20  # from the wanted one on
-FILES = (".html", ".css", ".js", ".svg")
+FILES = (".html", ".css", ".js", ".json", ".svg")
 GOODBYE = 0.5  # s for a page to answer when it is closed
 PING = 20.0  # s between two signs of life of a page
 OLD_CHECK = 1.5  # s since the model's last check, after which it counts as hung
@@ -42,37 +46,43 @@ class ServerError(RuntimeError):
 class WebServer:
     """Serves the page in a thread of its own.
 
-    :param state: the model that is shown.
+    :param state: what is shown.
     :param folder: of the page's files.
     :param access: which requests are served.
     :param control: of the robot; None: it is only shown.
     :param host: address to listen on.
     :param port: wanted; if it is taken, the next free one. 0: any free one.
-    :param scripts: of the panels, by their names.
+    :param scripts: of the panels, by their names; later ones may be added to it.
+    :param tls: certificate and key; None: without encryption.
     :raises ServerError: it cannot listen.
     """
 
     def __init__(
         self,
-        state: MonitorModel,
+        state: Shown,
         folder: Path,
         access: WebAccess,
-        control: Optional[Control] = None,
+        control: Optional[Controls] = None,
         host: str = "127.0.0.1",
         port: int = 0,
-        scripts: Optional[Mapping[str, Path]] = None,
+        scripts: Optional[Dict[str, Path]] = None,
+        tls: Optional[ssl.SSLContext] = None,
     ) -> None:
         self._state = state
         self._folder = folder
         self._access = access
         self._control = control
-        self._scripts = dict(scripts or {})
-        self._wrong_tokens = WrongTokens(self._tell)
+        self._scripts: Dict[str, Path] = scripts if scripts is not None else {}
+        self._tls = tls
+        self._wrong_tokens = WrongTokens(self._tell_wrong)
         self._socket = listen(host, port)
         self.port: int = self._socket.getsockname()[1]
         shown = host if host not in ("", "0.0.0.0", "::") else socket.gethostname()
-        self.address = f"http://{f'[{shown}]' if ':' in shown else shown}:{self.port}/"
+        self.address = (
+            f"{'https' if tls else 'http'}://{f'[{shown}]' if ':' in shown else shown}:{self.port}/"
+        )
         self._live = LiveFeed(state.tree, lambda: time.monotonic() - state.checked_at < OLD_CHECK)
+        self._silent = silent_connections.SilentConnections()
         self._loop = asyncio.new_event_loop()
         self._started = threading.Event()
         self._failed = ""
@@ -102,10 +112,12 @@ class WebServer:
         routes.add_get("/live", self._serve_live)
         routes.add_get("/state.json", self._serve_state)
         routes.add_get("/map.png", self._serve_map)
+        routes.add_get("/pictures/{name}.png", self._serve_picture)
         routes.add_get("/history", self._serve_history)
         routes.add_get("/history.json", self._export_history)
         routes.add_post("/control/{what}", self._serve_control)
         routes.add_get("/panels/{name}.js", self._serve_panel)
+        PastRoutes(self._history).add_to(routes)
         routes.add_get("/{name}", self._serve_file)
         return application
 
@@ -121,11 +133,15 @@ class WebServer:
 
     async def _serve(self) -> None:
         self._stop = asyncio.Event()
-        runner = web.AppRunner(self.application(), access_log=None)
+        runner = web.AppRunner(
+            self.application(), access_log=None, keepalive_timeout=silent_connections.NEXT_REQUEST
+        )
         await runner.setup()
-        await web.SockSite(runner, self._socket, shutdown_timeout=1.0).start()
+        await web.SockSite(runner, self._socket, shutdown_timeout=1.0, ssl_context=self._tls).start()
+        watch = self._loop.create_task(self._silent.watch(runner))
         self._started.set()
         await self._stop.wait()
+        watch.cancel()
         await self._live.close()
         await runner.cleanup()
 
@@ -133,6 +149,7 @@ class WebServer:
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        self._silent.heard(request)
         try:
             self._access.check_host(request.headers.get("Host"))
             if request.path == "/live" or request.method != "GET":
@@ -185,9 +202,19 @@ class WebServer:
         return web.Response(text=text, content_type="application/json")
 
     async def _serve_map(self, request: web.Request) -> web.StreamResponse:
-        if self._state.map.picture is None:
-            raise web.HTTPNotFound(text="There is no map yet.\n")
-        return web.Response(body=self._state.map.picture, content_type="image/png")
+        return await self._picture("map", request)
+
+    async def _serve_picture(self, request: web.Request) -> web.StreamResponse:
+        return await self._picture(request.match_info["name"], request)
+
+    async def _picture(self, name: str, request: web.Request) -> web.StreamResponse:
+        version = request.query.get("version", "")
+        picture = self._state.pictures.get(name, version)
+        if picture is None and version and self._state.history is not None:
+            picture = await asyncio.wrap_future(self._state.history.picture(name, version))
+        if picture is None:
+            raise web.HTTPNotFound(text="There is no such picture.\n")
+        return web.Response(body=picture, content_type="image/png")
 
     async def _serve_history(self, request: web.Request) -> web.StreamResponse:
         try:
@@ -223,7 +250,7 @@ class WebServer:
             await self._wrong_tokens.slow_down(request.remote or "an unknown address")
             raise
         try:
-            fields = json.loads(await request.text() or "{}")
+            fields = json.loads(await silent_connections.body_of(request) or "{}")
             if not isinstance(fields, dict):
                 raise ValueError("no object")
         except (ValueError, LookupError, RecursionError):
@@ -233,11 +260,14 @@ class WebServer:
             said = await self._loop.run_in_executor(None, lambda: control.carry_out(what, fields, by))
         except ControlError as error:
             return web.json_response({"error": str(error)}, status=409)
-        return web.json_response({"done": said})
+        return web.json_response(said)
 
-    def _tell(self, text: str) -> None:
-        logging.getLogger(__name__).warning("%s", text)
-        self._state.tell(Event("control", text, self._state.tree.get("meta", "time") or 0.0))
+    def _tell_wrong(self, address: str, count: int) -> None:
+        wrong = say("wrong token from {address}", address=address)
+        told = say("{what}, {count} times", what=wrong, count=str(count)) if count > 1 else wrong
+        event = sentence("control", told, self._state.tree.get("meta", "time") or 0.0)
+        logging.getLogger(__name__).warning("%s", event.text)
+        self._state.tell(event)
 
 
 def listen(host: str, port: int) -> socket.socket:

@@ -1,0 +1,1 @@
+"""Bags that ``record:=true`` has written: what is in them, and the history that is made of one."""

@@ -1,0 +1,169 @@
+"""The ROS system in a bag: its topics, parameters and times stand where those of a robot stand otherwise."""
+
+from functools import partial
+from typing import Any, Callable, Dict, List, Optional
+
+import genpy
+import rosgraph.names
+import tf2_ros
+from tf2_msgs.msg import TFMessage
+
+from merlin_monitor.bag.bag_clock import BagClock
+from merlin_monitor.bag.recording import DAMAGE, Message, Recording, RecordingError, parameter_tree
+from merlin_monitor.listeners.ros_system import TRANSFORMS_KEPT, Graph, RosSystem
+
+MONITOR = "merlin_monitor"
+"""Name of the node whose parameters a recording has."""
+SIMULATOR = "/merlin_sim/status"
+
+
+class RecordedSystem(RosSystem):
+    """What panels ask, answered by a recording. Nothing is asked of a master, and nothing published.
+
+    :param recording: it is told message by message, by :meth:`deliver`.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._namespace = f"/{recording.namespace}/".replace("//", "/")
+        self._parameters = parameter_tree(recording.parameters)
+        factors = [(each.at.to_sec(), each.read().achieved_factor) for each in recording.of_topic(SIMULATOR)]
+        self._simulated = bool(factors)
+        self.clock = BagClock(recording.begin, recording.end, factors, recording.written)
+        self._at, self._wall = recording.begin, self.clock.begin
+        self._receivers: Dict[str, List[_Receiver]] = {}
+        self._senders: Dict[str, List[str]] = {}  # topic → the node that has published last
+
+    def go_to(self, wall: float) -> None:
+        """Time goes on.
+
+        :param wall: s since 1970.
+        """
+        self._at, self._wall = self.clock.time(wall), wall
+
+    def deliver(self, message: Message) -> None:
+        """Gives a message to those that follow its topic, at its own time.
+
+        :raises RecordingError: it cannot be read.
+        """
+        self._at = message.at.to_sec()
+        self._wall = max(self._wall, self.clock.wall(self._at))
+        self._senders[message.topic] = [message.sender]
+        for receiver in list(self._receivers.get(message.topic, ())):
+            if receiver.message_class._type == message.type:
+                receiver.take(self._read(message, receiver.message_class))
+
+    # --- what panels ask ------------------------------------------------------------------------------------
+
+    @property
+    def namespace(self) -> str:
+        """Of the robot that was recorded."""
+        return self._namespace
+
+    @property
+    def name(self) -> str:
+        """None: what the monitor of then has done was done by another node."""
+        return ""
+
+    def resolve(self, name: str) -> str:
+        """A global name, as in the monitor of the robot."""
+        return str(rosgraph.names.resolve_name(name, self._namespace + MONITOR))
+
+    def parameter(self, name: str, default: Any) -> Any:
+        """A parameter of then."""
+        path = self.resolve(name)
+        if path == "/use_sim_time":
+            return self._simulated
+        value: Any = self._parameters
+        for part in path.strip("/").split("/"):
+            if not isinstance(value, dict) or part not in value:
+                return default
+            value = value[part]
+        return value
+
+    def time(self) -> float:
+        """ROS time of then, s."""
+        return self._at
+
+    def wall(self) -> float:
+        """s since 1970 of then."""
+        return round(self._wall, 3)
+
+    def subscribe(
+        self, topic: str, message_class: type, receive: Callable[[Any], object], **options: Any
+    ) -> Any:
+        """A subscriber, of which the panels ask what they ask of rospy's."""
+        receiver = _Receiver(self.resolve(topic), message_class, receive, self._receivers)
+        self._receivers.setdefault(receiver.resolved_name, []).append(receiver)
+        return receiver
+
+    def publisher(self, topic: str, message_class: type) -> Any:
+        """Nothing that is published arrives anywhere."""
+        return _Mute()
+
+    def transforms(self) -> Callable[[str, str], Any]:
+        """Follows the transforms of then."""
+        buffer = tf2_ros.BufferCore(genpy.Duration.from_sec(TRANSFORMS_KEPT))
+
+        def take(put: Callable[[Any, str], object], message: Any) -> None:
+            for transform in message.transforms:
+                put(transform, "")
+
+        self.subscribe("/tf", TFMessage, partial(take, buffer.set_transform))
+        self.subscribe("/tf_static", TFMessage, partial(take, buffer.set_transform_static))
+        return lambda target, source: buffer.lookup_transform_core(target, source, genpy.Time(0))
+
+    def graph(self) -> Optional[Graph]:
+        """All topics of the recording, from its begin on; their nodes as they come."""
+        return Graph(self._senders, dict(self._recording.topics))
+
+    def address_of(self, service: str) -> str:
+        """None is served."""
+        return ""
+
+    def _read(self, message: Message, message_class: Any) -> Any:
+        # Of another version of a package the class that lies in the bag.
+        kind = message_class if message_class._md5sum == message.raw[2] else message.raw[-1]
+        try:
+            found = kind().deserialize(message.raw[1])
+        except DAMAGE as error:
+            raise RecordingError(
+                f"{self._recording.path} is damaged: a message of {message.topic} cannot be read: {error}"
+            ) from error
+        found._connection_header = {"callerid": message.sender}
+        return found
+
+
+class _Receiver:
+    """A subscriber of a topic of the bag."""
+
+    def __init__(
+        self,
+        name: str,
+        message_class: Any,
+        receive: Callable[[Any], object],
+        receivers: Dict[str, List["_Receiver"]],
+    ) -> None:
+        self.resolved_name = name
+        self.message_class = message_class
+        self._receive = receive
+        self._receivers = receivers
+        self._heard = False
+
+    def take(self, message: Any) -> None:
+        """Takes a message."""
+        self._heard = True
+        self._receive(message)
+
+    def get_num_connections(self) -> int:
+        """A recording does not tell of connections: what was heard once is connected."""
+        return int(self._heard)
+
+    def unregister(self) -> None:
+        """Ends it."""
+        self._receivers[self.resolved_name].remove(self)
+
+
+class _Mute:
+    def publish(self, message: Any) -> None:
+        pass

@@ -1,0 +1,118 @@
+"""The events in the file of the history. The caller owns the connection."""
+
+import json
+import sqlite3
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+
+from merlin_monitor.text.plain_value import plain, plain_text
+
+Row = Dict[str, Any]
+LONGEST_TEXT = 1000  # characters of an event
+MARKS = ("failure", "cancel", "replan")
+MOST_MARKS = 1000  # that are told of one run
+_COLUMNS = "id, run, wall, at, kind, text, detail, mark"
+
+
+class Neighbour(NamedTuple):
+    """Which event is asked for: the next one from here.
+
+    Attributes:
+        run: number.
+        wall: s since 1970.
+        identity: of the event from which it goes on; 0: none, only the time counts.
+        forward: the next one, else the last one before.
+        kinds: none: all.
+        marks: none: all.
+    """
+
+    run: int
+    wall: float
+    identity: int = 0
+    forward: bool = True
+    kinds: Tuple[str, ...] = ()
+    marks: Tuple[str, ...] = ()
+
+
+class EventLog:
+    """Adds, finds and forgets events."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+
+    def add(self, run: int, wall: float, event: Any) -> Row:
+        """Adds an event, within a transaction of the caller; returns it as it was stored."""
+        row = {
+            "run": run,
+            "wall": wall,
+            "at": plain(float(event.at)) or 0.0,
+            "kind": event.kind,
+            "text": plain_text(event.text, LONGEST_TEXT).encode("utf-8", "replace").decode(),
+            "detail": plain(event.detail),
+            "mark": event.mark,
+        }
+        cursor = self._connection.execute(
+            "INSERT INTO events (run, wall, at, kind, text, detail, mark) VALUES (?,?,?,?,?,?,?)",
+            tuple(json.dumps(value) if name == "detail" else value for name, value in row.items()),
+        )
+        return {"id": cursor.lastrowid, **row}
+
+    def prune(self, limit: int) -> None:
+        """Forgets the oldest beyond a number."""
+        self._connection.execute("DELETE FROM events WHERE id <= (SELECT MAX(id) FROM events) - ?", (limit,))
+
+    def page(self, before: Optional[int], limit: int, kinds: Sequence[str]) -> List[Row]:
+        """The newest events before an id, oldest first."""
+        conditions: List[str] = []
+        values: List[Any] = []
+        if before is not None:
+            conditions.append("id < ?")
+            values.append(before)
+        _among("kind", kinds, conditions, values)
+        where = f"WHERE {' AND '.join(conditions)} " if conditions else ""
+        limit = max(1, min(1000, limit))
+        return list(self._select(f"{where}ORDER BY id DESC LIMIT ?", (*values, limit)))[::-1]
+
+    def all(self) -> List[Row]:
+        """All events."""
+        return list(self._select("ORDER BY id", ()))
+
+    def neighbour(self, wanted: Neighbour) -> Optional[Row]:
+        """The next or last event."""
+        sign, order = (">", "ASC") if wanted.forward else ("<", "DESC")
+        conditions: List[str] = ["run = ?"]
+        values: List[Any] = [wanted.run]
+        if wanted.identity:
+            conditions.append(f"id {sign} ?")
+            values.append(wanted.identity)
+        else:
+            conditions.append(f"wall {sign} ?")
+            values.append(wanted.wall)
+        _among("kind", wanted.kinds, conditions, values)
+        if wanted.marks:
+            conditions.append("mark != ''")  # for the index
+        _among("mark", wanted.marks, conditions, values)
+        by = "id" if wanted.identity else "wall"
+        rows = self._select(
+            f"WHERE {' AND '.join(conditions)} ORDER BY {by} {order}, id {order} LIMIT 1", values
+        )
+        return next(rows, None)
+
+    def marks(self, run: int) -> List[List[Any]]:
+        """The marked events of a run, the newest ones when there are many: id, s since 1970, mark."""
+        rows = self._connection.execute(
+            "SELECT id, wall, mark FROM events WHERE run = ? AND mark != '' ORDER BY wall DESC LIMIT ?",
+            (run, MOST_MARKS),
+        )
+        return [list(row) for row in rows][::-1]
+
+    def _select(self, rest: str, values: Sequence[Any]) -> Iterator[Row]:
+        for row in self._connection.execute(f"SELECT {_COLUMNS} FROM events {rest}", values):
+            event = dict(zip(_COLUMNS.split(", "), row))
+            event["detail"] = json.loads(event["detail"])
+            yield event
+
+
+def _among(column: str, wanted: Sequence[str], conditions: List[str], values: List[Any]) -> None:
+    if wanted:
+        conditions.append(f"{column} IN ({','.join('?' * len(wanted))})")
+        values += wanted

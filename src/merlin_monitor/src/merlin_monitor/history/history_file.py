@@ -1,0 +1,132 @@
+"""The SQLite file of the history: what is in it, how it is opened, and what it may not be."""
+
+import sqlite3
+import time
+from pathlib import Path
+
+FILE = "history.sqlite"
+VERSION = 1
+"""Of the file; 0: events only, as files were before they held what was shown."""
+BUSY = 10.0  # s that another process may hold the file, before it counts as an error
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS events (
+  id INTEGER PRIMARY KEY AUTOINCREMENT, run INTEGER NOT NULL, wall REAL NOT NULL, at REAL NOT NULL,
+  kind TEXT NOT NULL, text TEXT NOT NULL, detail TEXT NOT NULL, mark TEXT NOT NULL DEFAULT '');
+CREATE TABLE IF NOT EXISTS runs (id INTEGER PRIMARY KEY AUTOINCREMENT, began REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS segments (
+  run INTEGER NOT NULL, number INTEGER NOT NULL, began REAL NOT NULL, ended REAL NOT NULL,
+  bytes INTEGER NOT NULL, PRIMARY KEY (run, number)) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS frames (
+  run INTEGER NOT NULL, segment INTEGER NOT NULL, number INTEGER NOT NULL, data BLOB NOT NULL,
+  PRIMARY KEY (run, segment, number)) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS pictures (
+  name TEXT NOT NULL, version TEXT NOT NULL, wall REAL NOT NULL, data BLOB NOT NULL,
+  PRIMARY KEY (name, version));
+"""
+_INDICES = """
+CREATE INDEX IF NOT EXISTS events_in_time ON events (run, wall);
+CREATE INDEX IF NOT EXISTS events_marked ON events (run, wall) WHERE mark != '';
+"""
+
+
+class HistoryError(RuntimeError):
+    """The file cannot be used; the text says why."""
+
+
+def open_for_writing(name: str) -> sqlite3.Connection:
+    """Opens a file, which is made if there is none, and brings an older one up to date.
+
+    :raises HistoryError: a newer MERLIN has written it.
+    :raises sqlite3.Error: it cannot be written, or is something else.
+    """
+    connection = sqlite3.connect(name, timeout=BUSY, check_same_thread=False)
+    try:
+        version = connection.execute("PRAGMA user_version").fetchone()[0]
+        if version > VERSION:
+            raise HistoryError(_newer(version))
+        connection.execute("PRAGMA journal_mode=WAL")
+        connection.execute("PRAGMA synchronous=NORMAL")
+        connection.isolation_level = None
+        connection.execute("BEGIN IMMEDIATE")  # two monitors may begin with one file
+        for statement in _SCHEMA.split(";"):
+            connection.execute(statement)
+        if "mark" not in [column[1] for column in connection.execute("PRAGMA table_info(events)")]:
+            connection.execute("ALTER TABLE events ADD COLUMN mark TEXT NOT NULL DEFAULT ''")
+        for statement in _INDICES.split(";"):
+            connection.execute(statement)
+        connection.execute(f"PRAGMA user_version={VERSION}")
+        connection.execute("COMMIT")
+        connection.isolation_level = "DEFERRED"
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def begin_run(connection: sqlite3.Connection, wall: float) -> int:
+    """The number of a run that begins."""
+    with connection:
+        return connection.execute("INSERT INTO runs (began) VALUES (?)", (wall,)).lastrowid or 0
+
+
+def open_for_reading(path: Path) -> sqlite3.Connection:
+    """Opens the history of a run that has ended, or of one that goes on.
+
+    :param path: the file, or the folder that it lies in.
+    :raises HistoryError: there is none, or it is damaged, something else, newer, or without what was shown.
+    """
+    file = path / FILE if path.is_dir() else path
+    if not file.is_file():
+        raise HistoryError(
+            f"there is no history {file}; name the results folder of a run that had a monitor, or its file"
+        )
+    try:
+        return _checked(file, "mode=ro")
+    except sqlite3.OperationalError:
+        # A folder that cannot be written cannot take SQLite's lock files either.
+        try:
+            return _checked(file, "mode=ro&immutable=1")
+        except sqlite3.Error as error:
+            raise HistoryError(f"{file} cannot be read: {error}") from error
+    except sqlite3.DatabaseError as error:
+        raise HistoryError(f"{file} is not a history, or damaged: {error}") from error
+
+
+def _checked(file: Path, how: str) -> sqlite3.Connection:
+    connection = sqlite3.connect(
+        f"{file.resolve().as_uri()}?{how}", uri=True, timeout=BUSY, check_same_thread=False
+    )
+    try:
+        tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_master WHERE type='table'")}
+        if not {"events", "runs"} <= tables:
+            raise HistoryError(f"{file} is the file of another program, not a history")
+        version = connection.execute("PRAGMA user_version").fetchone()[0]
+        if version > VERSION:
+            raise HistoryError(f"{file}: {_newer(version)}")
+        if version < 1 or not connection.execute("SELECT 1 FROM segments LIMIT 1").fetchone():
+            raise HistoryError(
+                f"{file} holds events only, not what was shown; read them with 'rosrun merlin history {file}'"
+            )
+        connection.execute(
+            "SELECT COUNT(*), MAX(detail) FROM (SELECT detail FROM events ORDER BY id DESC LIMIT 200)"
+        )
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _newer(version: int) -> str:
+    return f"a newer MERLIN has written this file (version {version}, this one knows {VERSION}); update it"
+
+
+class WallClock:
+    """s since 1970 that never go back, also when the computer's clock is set."""
+
+    def __init__(self) -> None:
+        self.began = time.time()
+        self._monotonic = time.monotonic()
+
+    def __call__(self) -> float:
+        """The time."""
+        return round(self.began + time.monotonic() - self._monotonic, 3)

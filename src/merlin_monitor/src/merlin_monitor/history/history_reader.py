@@ -1,0 +1,124 @@
+"""Answers questions about a history, in the one thread that owns its file."""
+
+import contextlib
+import queue
+import sqlite3
+import threading
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any, Callable, List, Optional, Tuple, TypeVar
+
+from merlin_monitor.history.event_log import EventLog, Neighbour, Row
+from merlin_monitor.history.history_file import HistoryError, open_for_reading
+from merlin_monitor.history.recording import Recording
+
+A = TypeVar("A")
+WAITING = 5000  # questions and events that wait for the disk
+BATCH = 500  # of them that are taken at once
+CLOSING = 5.0  # s for what waits
+
+
+class HistoryReader:
+    """The history of runs that have ended; :class:`HistoryStore` also writes one.
+
+    All methods return at once, those that ask with a future.
+
+    :param connection: becomes its own.
+    """
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._jobs: queue.Queue[Any] = queue.Queue(WAITING)
+        self._use(connection)
+        self._thread = threading.Thread(target=self._work, name="history", daemon=True)
+        self._thread.start()
+
+    @classmethod
+    def of(cls, path: Path) -> "HistoryReader":
+        """The history in a file or folder.
+
+        :raises HistoryError: it cannot be read.
+        """
+        return cls(open_for_reading(path))
+
+    def page(
+        self, before: Optional[int] = None, limit: int = 200, kinds: Tuple[str, ...] = ()
+    ) -> "Future[List[Row]]":
+        """The newest events before an id, oldest first."""
+        return self._ask(lambda: self._log.page(before, limit, kinds))
+
+    def export(self) -> "Future[List[Row]]":
+        """All events."""
+        return self._ask(lambda: self._log.all())
+
+    def neighbour(self, wanted: Neighbour) -> "Future[Optional[Row]]":
+        """The next event, or the last one before."""
+        return self._ask(lambda: self._log.neighbour(wanted))
+
+    def marks(self, run: int) -> "Future[List[List[Any]]]":
+        """The marked events of a run: id, s since 1970, mark."""
+        return self._ask(lambda: self._log.marks(run))
+
+    def runs(self) -> "Future[List[Row]]":
+        """The runs of which is known what was shown, oldest first."""
+        return self._ask(lambda: self._recording.runs())
+
+    def segment(self, run: int, wall: float) -> "Future[Optional[str]]":
+        """What was shown around a moment, as :meth:`Recording.segment` has it."""
+        return self._ask(lambda: self._recording.segment(run, wall))
+
+    def picture(self, name: str, version: str) -> "Future[Optional[bytes]]":
+        """A picture."""
+        return self._ask(lambda: self._recording.picture(name, version))
+
+    def close(self) -> None:
+        """Does what waits and closes the file."""
+        if self._thread.is_alive():
+            self._jobs.put(None)
+            self._thread.join(CLOSING)
+
+    # --- in the thread of the history -----------------------------------------------------------------------
+
+    def _use(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+        self._log = EventLog(connection)
+        self._recording = Recording(connection)
+
+    def _write(self, jobs: List[Any]) -> None:
+        """Writes what is no question."""
+
+    def _finish(self) -> None:
+        """Before the file is closed."""
+
+    def _ask(self, question: Callable[[], A]) -> "Future[A]":
+        answer: Future[A] = Future()
+        if not self._thread.is_alive():
+            answer.set_exception(HistoryError("the history is closed"))
+            return answer
+        try:
+            self._jobs.put_nowait((question, answer))
+        except queue.Full:
+            answer.set_exception(HistoryError("the history is busy; ask again"))
+        return answer
+
+    def _work(self) -> None:
+        while True:
+            jobs = [self._jobs.get()]
+            with contextlib.suppress(queue.Empty):
+                while len(jobs) < BATCH:
+                    jobs.append(self._jobs.get_nowait())
+            self._write([job for job in jobs if job is not None and not isinstance(job[1], Future)])
+            for job in jobs:
+                if job is not None and isinstance(job[1], Future):
+                    _answer(*job)
+            if None in jobs:
+                with contextlib.suppress(sqlite3.Error):  # there is no one left to report to
+                    self._finish()
+                self._connection.close()
+                return
+
+
+def _answer(question: Callable[[], A], answer: "Future[A]") -> None:
+    try:
+        answer.set_result(question())
+    except Exception as error:  # raised in the caller; the history goes on
+        answer.set_exception(HistoryError(f"the history could not be read: {error}"))

@@ -1,0 +1,32 @@
+"""The pictures that the state names by their versions: those of now, which the history keeps too."""
+
+import hashlib
+import threading
+from typing import Callable, Dict, Optional, Tuple
+
+
+class Pictures:
+    """The newest picture of each name, as PNG. Safe between threads.
+
+    :param keep: takes name, version and data of each new picture, before the state names it.
+    """
+
+    def __init__(self, keep: Optional[Callable[[str, str, bytes], object]] = None) -> None:
+        self._keep = keep
+        self._lock = threading.Lock()  # guards the newest ones
+        self._newest: Dict[str, Tuple[str, bytes]] = {}
+
+    def put(self, name: str, data: bytes) -> str:
+        """Takes a picture; returns its version, which the same picture has in each run."""
+        version = hashlib.sha256(data).hexdigest()[:16]
+        if self._keep is not None:
+            self._keep(name, version, data)
+        with self._lock:
+            self._newest[name] = version, data
+        return version
+
+    def get(self, name: str, version: str = "") -> Optional[bytes]:
+        """The newest picture, or None; with a version, only if it is that one."""
+        with self._lock:
+            newest, data = self._newest.get(name, ("", None))
+        return data if version in ("", newest) else None

@@ -1,0 +1,100 @@
+"""The ROS system that panels follow; where a recording is opened, that of its bag stands for it."""
+
+import time
+from typing import Any, Callable, Dict, List, NamedTuple, Optional
+
+import rospy
+import tf2_ros
+
+from merlin_ros.master.master_link import ERRORS, bounded_master
+
+TRANSFORMS_KEPT = 5.0  # s
+
+
+class Graph(NamedTuple):
+    """What is published.
+
+    Attributes:
+        publishers: nodes, by topic.
+        types: by topic.
+    """
+
+    publishers: Dict[str, List[str]]
+    types: Dict[str, str]
+
+
+class RosSystem:
+    """What panels ask of ROS, asked in the node that they live in."""
+
+    @property
+    def namespace(self) -> str:
+        """Of the robot, with a slash at its end."""
+        return str(rospy.get_namespace()).rstrip("/") + "/"
+
+    @property
+    def name(self) -> str:
+        """Of the node, global."""
+        return str(rospy.get_name())
+
+    def resolve(self, name: str) -> str:
+        """A global name."""
+        return str(rospy.resolve_name(name))
+
+    def parameter(self, name: str, default: Any) -> Any:
+        """A parameter."""
+        return rospy.get_param(name, default)
+
+    def time(self) -> float:
+        """ROS time, s."""
+        return float(rospy.get_time())
+
+    def wall(self) -> float:
+        """s that go on at any time, and never back."""
+        return time.monotonic()
+
+    def subscribe(
+        self, topic: str, message_class: type, receive: Callable[[Any], object], **options: Any
+    ) -> Any:
+        """A subscriber, as rospy's.
+
+        :param receive: called with each message.
+        :param options: of rospy.
+        """
+        return rospy.Subscriber(topic, message_class, receive, **options)
+
+    def publisher(self, topic: str, message_class: type) -> Any:
+        """A publisher, as rospy's."""
+        return rospy.Publisher(topic, message_class, queue_size=10)
+
+    def transforms(self) -> Callable[[str, str], Any]:
+        """Follows /tf. The function gives the newest transform into the first frame from the second one.
+
+        It raises tf2_ros.TransformException when there is none.
+        """
+        return _Transforms().newest
+
+    def graph(self) -> Optional[Graph]:
+        """What is published; None: the master does not answer for a moment."""
+        try:
+            master = bounded_master()
+            publishers = {topic: nodes for topic, nodes in master.getSystemState()[0] if nodes}
+            types = {topic: kind for topic, kind in master.getTopicTypes() if topic in publishers}
+        except ERRORS:
+            return None
+        return Graph(publishers, types)
+
+    def address_of(self, service: str) -> str:
+        """Where a service is served, empty when nowhere; a new address means a new process."""
+        try:
+            return str(bounded_master().lookupService(service))
+        except ERRORS:
+            return ""
+
+
+class _Transforms:
+    def __init__(self) -> None:
+        self._buffer = tf2_ros.Buffer(rospy.Duration(TRANSFORMS_KEPT))
+        self._listener = tf2_ros.TransformListener(self._buffer)
+
+    def newest(self, target: str, source: str) -> Any:
+        return self._buffer.lookup_transform(target, source, rospy.Time(0))

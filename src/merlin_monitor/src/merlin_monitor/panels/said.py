@@ -1,0 +1,120 @@
+"""The panel of what the robot said, heard and saw."""
+
+from typing import Any, Dict, List
+
+import numpy
+from merlin_msgs.msg import ListenActionResult, RecognizeActionResult
+from sensor_msgs.msg import Image
+from sound_play.msg import SoundRequest, SoundRequestActionGoal
+
+from merlin_monitor.drawing.png import png
+from merlin_monitor.history.pictures import Pictures
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.state.events import Tell, sentence
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.phrase import Phrase, say
+
+SAY = -3  # sound_play's number of a text
+MOST = 12  # things that are kept
+WIDEST = 480  # px of the picture
+_CHANNELS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "mono8": (0,), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
+_BYTES = {"rgb8": 3, "bgr8": 3, "mono8": 1, "rgba8": 4, "bgra8": 4}
+
+
+class SaidPanel(Panel):
+    """The last sentences, what was understood of people, and the last look with its picture."""
+
+    name, title, place, width = "said", "Said, heard, seen", 35, 7
+
+    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
+        super().__init__(state, watch)
+        section = self._said = SaidSection(state.tree, state.pictures, state.tell)
+        self._subscribers = [
+            self.subscribe(
+                "sound_play/goal",
+                SoundRequestActionGoal,
+                lambda message, at: section.spoken(message.goal.sound_request, at),
+            ),
+            self.subscribe("robotsound", SoundRequest, section.spoken),
+            self.subscribe(
+                "listen/result", ListenActionResult, lambda message, at: section.heard(message.result, at)
+            ),
+            self.subscribe("recognize/result", RecognizeActionResult, self._looked),
+            self.subscribe(
+                "recognition/image", Image, lambda message, at: section.image(message), queue_size=1
+            ),
+        ]
+
+    def _looked(self, message: RecognizeActionResult, at: float) -> None:
+        result = message.result
+        found = [_best(detection, list(result.names)) for detection in result.detections.detections]
+        self._said.seen([name for name in found if name], at)
+
+
+class SaidSection:
+    """Keeps the section ``said`` of the state; the page fetches the picture itself.
+
+    :param pictures: takes it, as ``seen``.
+    """
+
+    def __init__(self, tree: StateTree, pictures: Pictures, tell: Tell) -> None:
+        self._tree = tree
+        self._tell = tell
+        self._pictures = pictures
+        self._entries: List[Dict[str, Any]] = []
+        self._number = 0
+        tree.set("said", "entries", [])
+
+    def spoken(self, request: Any, at: float) -> None:
+        """Takes a message with the fields of sound_play/SoundRequest; sounds that are not texts count not."""
+        if request.sound == SAY and request.arg.strip():
+            words = request.arg.strip()
+            self._add("said", words, at)
+            self._tell(sentence("speech", say("said “{words}”", words=words), at))
+
+    def heard(self, result: Any, at: float) -> None:
+        """Takes a message with the fields of merlin_msgs/ListenResult."""
+        if result.heard:
+            unclear = say("something that was not understood")
+            self._add("heard", result.text or unclear, at)
+            heard = (
+                say("heard “{words}”", words=result.text)
+                if result.text
+                else say("heard {what}", what=unclear)
+            )
+            self._tell(sentence("speech", heard, at))
+
+    def seen(self, names: List[str], at: float) -> None:
+        """Takes what a look has found."""
+        counts = {name: names.count(name) for name in names}
+        shown = [f"{count} × {name}" if count > 1 else name for name, count in counts.items()]
+        listed: List[Phrase] = [name.replace("_", " ") for name in shown]
+        found = listed or say("nothing of what it knows")
+        self._add("seen", found, at)
+        self._tell(sentence("sight", say("saw {what}", what=found), at))
+
+    def image(self, message: Any) -> None:
+        """Takes a message with the fields of sensor_msgs/Image; other encodings are left out."""
+        channels, size = _CHANNELS.get(message.encoding), _BYTES.get(message.encoding, 1)
+        if channels is None or len(message.data) < message.step * message.height or message.width < 1:
+            return
+        rows = numpy.frombuffer(message.data, dtype=numpy.uint8)[: message.step * message.height]
+        rows = rows.reshape(message.height, message.step)[:, : message.width * size]
+        pixels = rows.reshape(message.height, message.width, size)
+        stride = max(1, -(-message.width // WIDEST))
+        picture = png(numpy.ascontiguousarray(pixels[::stride, ::stride, list(channels)]))
+        self._tree.set("said", "picture", self._pictures.put("seen", picture))
+
+    def _add(self, kind: str, words: Phrase, at: float) -> None:
+        self._number += 1
+        self._entries = [{"number": self._number, "kind": kind, "words": words, "at": at}, *self._entries][
+            :MOST
+        ]
+        self._tree.set("said", "entries", self._entries)
+
+
+def _best(detection: Any, names: Any) -> str:
+    best = max(detection.results, key=lambda hypothesis: hypothesis.score, default=None)
+    return names[best.id] if best is not None and 0 <= best.id < len(names) else ""

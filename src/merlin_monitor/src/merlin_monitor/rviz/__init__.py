@@ -1,0 +1,1 @@
+"""What rviz shows of MERLIN, and the goals that are clicked there."""

@@ -1,0 +1,73 @@
+"""Goals for points of interest that are clicked in rviz."""
+
+import threading
+from typing import Optional
+
+import rospy
+from geometry_msgs.msg import PoseStamped
+
+from merlin_executor.core.outcome import Outcome
+from merlin_executor.core.request_limits import RequestTooLarge
+from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
+from merlin_executor.goal_check import GoalError
+from merlin_monitor.panels.map import POINTS
+from merlin_monitor.rviz.places import NoPlace, nearest
+from merlin_monitor.state.map_section import read_points
+from merlin_ros.service_proxy import ServiceError
+from merlin_sm.knowledge_text import PDDLSyntaxError
+
+#: In a goal, what stands for the point.
+BLANK = "{point}"
+GOOD = (Outcome.SUCCEEDED, Outcome.ALREADY_TRUE, Outcome.CANCELLED)
+
+
+class ClickedGoals:
+    """Sends a goal to the Executor for each place that is clicked on the map, instead of the one before.
+
+    :param frame: of the map.
+    :param goal: in PDDL, with ``{point}`` for the point of interest nearest to the place.
+    :param priority: of the goal.
+    :param reach: m, beyond which a point is not meant.
+    """
+
+    def __init__(self, frame: str, goal: str, priority: int, reach: float) -> None:
+        self._frame = frame
+        self._goal = goal
+        self._priority = priority
+        self._reach = reach
+        self._client = MerlinExecutorClient()
+        self._lock = threading.Lock()  # each publisher has a thread; guards the field below
+        self._request: Optional[ExecutorRequest] = None
+        self._places = rospy.Subscriber(
+            "merlin/clicked_goal", PoseStamped, self._clicked, queue_size=1, tcp_nodelay=True
+        )
+
+    def _clicked(self, place: PoseStamped) -> None:
+        try:
+            with self._lock:
+                self._send(place)
+        except (GoalError, NoPlace, PDDLSyntaxError, RequestTooLarge, ServiceError) as error:
+            rospy.logwarn(f"rviz: no goal is sent: {' '.join(str(error).split())}")
+
+    def _send(self, place: PoseStamped) -> None:
+        frame = place.header.frame_id.lstrip("/")
+        if frame != self._frame:
+            raise NoPlace(f"the place is in frame {frame!r}; set rviz's fixed frame to {self._frame}")
+        points = read_points(rospy.get_param(POINTS, {}))
+        point = nearest(points, place.pose.position.x, place.pose.position.y, self._reach)
+        if not self._client.executor_alive:
+            raise NoPlace(f"there is no Executor at {self._client.name}")
+        goal = self._goal.replace(BLANK, point)
+        before = self._request
+        self._request = self._client.send(goal, self._priority, on_done=lambda done: _tell(goal, done))
+        rospy.loginfo(f"rviz: {goal} is sent, priority {self._priority}")
+        if before is not None and not before.done:
+            before.cancel()
+
+
+def _tell(goal: str, request: ExecutorRequest) -> None:
+    assert request.result is not None
+    outcome = request.result.outcome
+    because = f": {' '.join(request.result.reason.split())}" if request.result.reason else ""
+    tell = rospy.loginfo if outcome in GOOD else rospy.logwarn
+    tell(f"rviz: {goal}: {outcome_name(outcome)}{because}")

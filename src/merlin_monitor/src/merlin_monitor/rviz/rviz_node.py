@@ -1,0 +1,75 @@
+"""Node: what rviz shows of MERLIN, and goals for points of interest that are clicked there."""
+
+import math
+from typing import Dict, List
+
+import rospy
+
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.panels.map import MapPanel
+from merlin_monitor.panels.now import NowPanel
+from merlin_monitor.panels.plan import PlanPanel
+from merlin_monitor.rviz.clicked_goals import BLANK, ClickedGoals
+from merlin_monitor.rviz.marker_publisher import MarkerPublisher
+from merlin_monitor.state.inbox import Inbox
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_ros.node import run_node
+from merlin_ros.parameters import ParameterError
+from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal
+
+REACH = 2.0  # m
+
+
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run_node("rviz_markers", _start)
+
+
+def _start() -> None:
+    frame = str(rospy.get_param("~global_frame", "map"))
+    goal, priority, reach = _goal(), _priority(), _reach()
+    state = MonitorModel(Inbox(rospy.logwarn))
+    panels: List[Panel] = []
+
+    def look(topics: Dict[str, str]) -> None:
+        for panel in panels:
+            panel.look(topics)
+
+    watch = GraphWatch(look)
+    panels += [MapPanel(state, watch), NowPanel(state, watch), PlanPanel(state, watch)]
+    publisher = MarkerPublisher(state, frame)
+    # Only the inbox of the model: nothing is drawn for a page, and no history is kept.
+    state.inbox.start()
+    watch.start()
+    publisher.start()
+    rospy.on_shutdown(publisher.stop)
+    rospy.on_shutdown(state.inbox.stop)
+    ClickedGoals(frame, goal, priority, reach)
+
+
+def _goal() -> str:
+    goal = str(rospy.get_param("~goal", f"(robot_at {BLANK})"))
+    try:
+        if BLANK not in goal:
+            raise PDDLSyntaxError(f"it does not have {BLANK}")
+        parse_goal(goal.replace(BLANK, "point"))
+    except PDDLSyntaxError as error:
+        name = rospy.resolve_name("~goal")
+        raise ParameterError(f"parameter {name} is {goal!r}: {error}; give (robot_at {BLANK})") from error
+    return goal
+
+
+def _priority() -> int:
+    priority = rospy.get_param("~priority", 0)
+    if not isinstance(priority, int) or isinstance(priority, bool) or abs(priority) >= 2**31:
+        name = rospy.resolve_name("~priority")
+        raise ParameterError(f"parameter {name} is {priority!r}; give a whole number")
+    return priority
+
+
+def _reach() -> float:
+    reach = rospy.get_param("~reach", REACH)
+    if not isinstance(reach, (int, float)) or not (math.isfinite(reach) and reach > 0):
+        raise ParameterError(f"parameter {rospy.resolve_name('~reach')} is {reach!r}; give m, more than 0")
+    return float(reach)

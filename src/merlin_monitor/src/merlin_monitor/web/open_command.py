@@ -1,0 +1,139 @@
+"""``rosrun merlin_monitor open``: the page of a run that has ended, or of a bag. No node, no master."""
+
+import argparse
+import contextlib
+import os
+import select
+import signal
+import sys
+import termios
+import tty
+from pathlib import Path
+from typing import Iterable, Iterator
+
+import rospkg
+
+from merlin_monitor.access.web_access import WebAccess
+from merlin_monitor.bag.bag_history import BagError, as_bag, history_of
+from merlin_monitor.history.history_file import FILE, HistoryError
+from merlin_monitor.web.archive import Archive
+from merlin_monitor.web.web_server import ServerError, WebServer
+
+EXIT_MISTAKES = 2
+EXIT_INTERRUPTED = 130
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextlib.contextmanager
+def opened(path: Path, host: str, port: int, name: str = "") -> Iterator[WebServer]:
+    """Serves the page of a history.
+
+    :param path: its file, or the folder in which it is.
+    :param port: wanted; if it is taken, the next free one.
+    :param name: what the page calls it; empty: its folder.
+    :raises HistoryError: it cannot be shown.
+    :raises ServerError: it cannot be served.
+    """
+    folder = path if path.is_dir() else path.parent if path.name == FILE else path
+    archive = Archive(path, name or _shown(folder))
+    try:
+        web = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
+        server = WebServer(archive, web, WebAccess(host), None, host, port, archive.scripts)
+        server.start()
+        try:
+            for missing in archive.missing:
+                print(f"open: {missing}", file=sys.stderr)
+            yield server
+        finally:
+            server.stop()
+    finally:
+        archive.stop()
+
+
+def _shown(path: Path) -> str:
+    name = os.path.relpath(path)
+    return str(path.resolve()) if name.startswith("..") else name
+
+
+def wait_for_end(key: bool) -> None:
+    """Waits for a signal that ends processes.
+
+    :param key: whether a key in the terminal ends it, too.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    # A handler of Python does not run once the wait has begun; this is written at the signal itself.
+    woken = signal.set_wakeup_fd(writing)
+    before = {}
+    try:
+        for number in SIGNALS:
+            before[number] = signal.signal(number, lambda *_: None)
+        with _single_keys() if key else contextlib.nullcontext():
+            ready: Iterable = ()
+            while sys.stdin not in ready:
+                ready, _, _ = select.select([reading, sys.stdin] if key else [reading], [], [])
+                if reading in ready and set(os.read(reading, 64)).intersection(SIGNALS):
+                    break
+    finally:
+        signal.set_wakeup_fd(woken)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        os.close(reading)
+        os.close(writing)
+
+
+@contextlib.contextmanager
+def _single_keys() -> Iterator[None]:
+    before = termios.tcgetattr(sys.stdin)
+    try:
+        tty.setcbreak(sys.stdin)
+        yield
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+
+
+def main() -> int:
+    """Serves until Ctrl-C; returns the exit code: 0, 2 for a mistake, 130: ended while it read a bag."""
+    given = _arguments()
+    try:
+        with contextlib.ExitStack() as ends:
+            bag = as_bag(given.path)
+            if bag is None:
+                if given.into is not None:
+                    raise BagError(f"--into is for a bag; {given.path} is a history already")
+                server = ends.enter_context(opened(given.path, given.host, given.port))
+            else:
+                file = ends.enter_context(history_of(bag, given.into))
+                server = ends.enter_context(opened(file, given.host, given.port, _shown(bag)))
+            print(f"{server.address}  (Ctrl-C ends it)", flush=True)
+            wait_for_end(key=False)
+    except (HistoryError, ServerError, BagError) as error:
+        print(f"open: {error}", file=sys.stderr)
+        return EXIT_MISTAKES
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    return 0
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="rosrun merlin_monitor open",
+        description="Shows a run that has ended, as the page showed it then. Ctrl-C ends it.",
+    )
+    parser.add_argument(
+        "path",
+        type=Path,
+        help="results folder of a run that had a monitor, or its history file; or a bag of record:=true",
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="address to serve on (%(default)s)")
+    parser.add_argument(
+        "--port", type=int, default=8080, help="if it is taken, the next free one (%(default)s)"
+    )
+    parser.add_argument(
+        "--into", type=Path, metavar="FOLDER", help="where the history of a bag is kept; else it is not kept"
+    )
+    given = parser.parse_args()
+    if not 0 <= given.port <= 65535:
+        parser.error("--port is 0 to 65535")
+    return given

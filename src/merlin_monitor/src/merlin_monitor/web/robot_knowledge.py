@@ -1,0 +1,96 @@
+"""What operators ask of the planning system itself: a plan that is only shown, and facts set by hand."""
+
+from typing import Any, Callable, Dict, List, Sequence, Tuple
+
+import rospy
+from merlin_msgs.msg import PlannerStatus
+from merlin_msgs.srv import PreviewPlan
+
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, say, with_reason
+from merlin_monitor.text.plain_words import action_in_words, shown_parameters
+from merlin_monitor.web.control import ControlError
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_sm.knowledge_changes import parse_changes
+from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
+from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
+
+PREVIEW_ANSWERS = 13.0  # s of wall time; the planner stops after 10 s
+_NO_PLAN = {
+    PlannerStatus.UNSOLVABLE: "There is no plan from here",
+    PlannerStatus.NO_PLAN: "No plan was found",
+    PlannerStatus.TIMEOUT: "No plan was found in time",
+}
+
+
+class RobotKnowledge:
+    """Plans and changes of one planning system.
+
+    :param state: knows what is shown.
+    :param knowledge: its knowledge base.
+    :param tell: takes an operator and the sentence about what he does, for the history.
+    """
+
+    def __init__(
+        self, state: MonitorModel, knowledge: KnowledgeClient, tell: Callable[[str, Phrase], None]
+    ) -> None:
+        self._state = state
+        self._knowledge = knowledge
+        self._tell = tell
+        planner = str(rospy.get_param("~planner_interface", "rosplan_planner_interface"))
+        self._preview = ServiceProxy(f"{planner}/preview_plan", PreviewPlan, timeout=PREVIEW_ANSWERS)
+
+    def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
+        """A plan for a goal from the present state; nothing is carried out.
+
+        :param without: actions that it has to do without, as PDDL text.
+        :return: a sentence, ``done``, and the plan's steps with their times.
+        """
+        if not self._preview.available():
+            raise ControlError(f"No plan can be shown: nothing offers {self._preview.name}.")
+        try:
+            answer = self._preview([goal], list(without))
+        except ServiceError as error:
+            raise ControlError(f"No plan can be shown: {error}") from error
+        status = answer.status
+        left_out = f" without {', '.join(without)}" if without else ""
+        looks = say("{client} looks for a plan for “{goal}”", client=by, goal=goal_phrase(goal))
+        if without:
+            looks = say(
+                "{what} without {actions}", what=looks, actions=[self._words(text) for text in without]
+            )
+        if status.state != PlannerStatus.SOLVED:
+            why = f"{_NO_PLAN.get(status.state, 'No plan can be shown')}{left_out}: {status.reason}"
+            self._tell(by, with_reason(looks, status.reason or why))
+            raise ControlError(why)
+        steps = [
+            {"text": text, "words": self._words(text), "start": start, "duration": duration}
+            for text, start, duration in zip(answer.actions, answer.starts, answer.durations)
+        ]
+        end = max((step["start"] + step["duration"] for step in steps), default=0.0)
+        said = f"a plan of {len(steps)} steps, {end:.1f} s" if steps else "the goal holds already"
+        found = say("{count} steps, {time}, not carried out", count=str(len(steps)), time=f"{end:.1f} s")
+        self._tell(by, with_reason(looks, found if steps else say("the goal holds already")))
+        plan = {"goal": goal, "without": list(without), "steps": steps, "seconds": end}
+        return {"done": f"Not carried out: {said}.", "plan": plan}
+
+    def change(self, facts: str, by: str) -> str:
+        """Makes facts true and false and sets values, in one transaction."""
+        try:
+            updates = parse_changes(facts)
+            texts = [to_pddl(update.item) for update in updates]
+            self._knowledge.update(updates)
+        except (PDDLSyntaxError, KnowledgeError, ServiceError) as error:
+            raise ControlError(f"Nothing was changed: {error}") from error
+        self._tell(by, say("{client} changes the knowledge: {facts}", client=by, facts=goal_phrase(facts)))
+        return f"The knowledge was changed: {len(texts)} of facts and values."
+
+    def _words(self, text: str) -> Any:
+        """An action in words, with the names of its parameters where the domain is known."""
+        name, *objects = text.strip("()").split()
+        known: List[Tuple[str, str]] = self._state.tree.get("knowledge", "domain", "operators", name) or []
+        if len(known) != len(objects):
+            return text
+        pairs = [(variable, value) for (variable, _), value in zip(known, objects)]
+        places = self._state.now.places
+        return action_phrase(name, shown_parameters(pairs), action_in_words(name, pairs, places))

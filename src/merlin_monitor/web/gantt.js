@@ -1,0 +1,98 @@
+// The plan in time: lanes of steps, as planned (outlined) and as it was and is (filled), with the present as a line.
+import { clockText, secondsText, svg } from "./dom.js";
+import { pannable } from "./pan.js";
+import { planTimes, stepsOf, stepSpan } from "./plan_times.js";
+import { say, t } from "./texts.js";
+
+const LANE = 46; // px
+const NAME = 14; // px, of the robot above its lanes
+const BAR = 16; // px
+const TOP = 20; // px, of the times
+const READABLE = 84; // px of a step of middle length, at least
+const LETTER = 6.4; // px
+const TICKS = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600];
+
+export class Gantt {
+  constructor(box) {
+    this.box = box;
+    this.zoom = 1;
+    this.followed = null; // number of the plan that is followed to the present
+    this.root = svg("svg", { role: "img" });
+    box.append(this.root);
+    pannable(box, { move: (dx, dy) => box.scrollBy(dx, dy), zoom: (factor) => { this.zoom = Math.min(8, Math.max(0.25, this.zoom * factor)); this.draw(...this.last); } });
+    this.last = [{}, 0, {}];
+  }
+
+  // robots: the section of the state; each has lanes of its own.
+  draw(plan, now, robots) {
+    this.last = [plan, now, robots];
+    const steps = stepsOf(plan).filter((step) => step.duration > 0.01 || step.began !== undefined);
+    this.box.hidden = steps.length === 0;
+    if (this.box.hidden) return;
+    const times = planTimes(plan, now);
+    const spans = steps.map((step) => ({ step, ...stepSpan(step, times, now) }));
+    const ends = spans.flatMap(({ planned, real }) => [...planned, ...(real || [])]);
+    const [from, to] = [Math.min(...ends), Math.max(...ends, times ? now : -Infinity)];
+    const lengths = steps.map((step) => step.duration).sort((a, b) => a - b);
+    const room = Math.max(300, this.box.clientWidth - 4);
+    const middle = Math.max(0.5, lengths[lengths.length >> 1]);
+    const width = Math.max(room, ((to - from) / middle) * READABLE) * this.zoom;
+    const x = (at) => 4 + ((width - 60) * (at - from)) / Math.max(0.1, to - from);
+    const { tops, names, height } = layOut(spans, robots || {});
+    const items = ticks(from, to, x, height, times);
+    spans.forEach((span, index) => items.push(...bars(span, x, tops[index])));
+    if (times && now <= to) items.push(svg("line", { class: "now", x1: x(now), x2: x(now), y1: 0, y2: height }));
+    this.root.replaceChildren(...items);
+    this.root.setAttribute("width", width);
+    this.root.setAttribute("height", height);
+    const late = times && times.delay > 2 ? `; ${t("{time} late", { time: secondsText(times.delay) })}` : "";
+    this.root.setAttribute("aria-label", t("The plan in time, {count} steps", { count: steps.length }) + late);
+    if (times && !this.box.matches(":hover, :focus")) this.box.scrollLeft = x(now) - this.box.clientWidth / 2;
+    for (const [name, y] of names) this.root.append(svg("text", { class: "robot", x: this.box.scrollLeft + 5, y: y + 11 }, name));
+  }
+}
+
+// The upper edge of each step: below the name of its robot, in the first lane that is free when it is planned to begin.
+function layOut(spans, { parameters = {}, robots = {} }) {
+  const robotOf = ({ step }) => ((step.parameters || []).find(([key, value]) => key === parameters[step.name] && value in robots) || [])[1] || "";
+  const owners = spans.map(robotOf);
+  const tops = spans.map(() => 0);
+  const names = [];
+  let height = TOP;
+  for (const owner of [...new Set(owners)].sort()) {
+    if (owner) { names.push([owner, height]); height += NAME; }
+    const free = [];
+    const order = spans.map((span, index) => index).filter((index) => owners[index] === owner);
+    order.sort((a, b) => spans[a].planned[0] - spans[b].planned[0]);
+    for (const index of order) {
+      const { planned } = spans[index];
+      let lane = free.findIndex((end) => end <= planned[0] + 0.01);
+      if (lane < 0) lane = free.length;
+      free[lane] = planned[1];
+      tops[index] = height + LANE * lane;
+    }
+    height += LANE * free.length;
+  }
+  return { tops, names, height };
+}
+
+function bars({ step, planned, real }, x, y) {
+  const rect = (kind, [from, to], top) => svg("rect", { class: kind, x: x(from), y: top, width: Math.max(2, x(to) - x(from) - 1), height: BAR, rx: 4, "data-state": step.state });
+  const words = say(step.words) || step.text;
+  const seconds = real ? t("{state} in {time}", { state: t(step.state), time: secondsText(real[1] - real[0]) }) : t(step.state);
+  const title = svg("title", {}, `${words}: ${t("planned {time}", { time: secondsText(step.duration) })}, ${seconds}`);
+  const shapes = [svg("g", {}, title, rect("planned", planned, y + 2), real ? rect("real", real, y + 4 + BAR) : null)];
+  const letters = Math.floor((x(planned[1]) - x(planned[0]) - 10) / LETTER);
+  if (letters >= 4) shapes.push(svg("text", { x: x(planned[0]) + 5, y: y + 14 }, words.length > letters ? `${words.slice(0, letters - 1)}…` : words));
+  return shapes;
+}
+
+function ticks(from, to, x, height, times) {
+  const each = TICKS.find((step) => x(from + step) - x(from) > 90) || TICKS[TICKS.length - 1];
+  const items = [];
+  for (let at = Math.ceil(from / each) * each; at <= to; at += each) {
+    items.push(svg("line", { class: "tick", x1: x(at), x2: x(at), y1: TOP - 4, y2: height }));
+    items.push(svg("text", { class: "at", x: x(at) + 3, y: 12 }, times ? clockText(at).replace(".0 s", " s") : `${at} s`));
+  }
+  return items;
+}

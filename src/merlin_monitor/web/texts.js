@@ -1,0 +1,56 @@
+// The page's texts in the reader's language: ?lang=de, else what the browser asks for. English is the key of each.
+
+const TABLES = ["de"]; // languages with a table, texts.<language>.json
+const wanted = [new URLSearchParams(location.search).get("lang"), ...(navigator.languages || [])];
+const known = wanted.map((name) => (name || "").slice(0, 2).toLowerCase()).find((name) => name === "en" || TABLES.includes(name));
+
+export const language = known || "en";
+const table = await load();
+document.documentElement.lang = language;
+
+async function load() {
+  if (language === "en") return {};
+  try {
+    const answer = await fetch(`/texts.${language}.json`);
+    return answer.ok ? await answer.json() : {};
+  } catch {
+    return {}; // English is better than no page
+  }
+}
+
+const own = (name) => (Object.prototype.hasOwnProperty.call(table, name) ? table[name] : name);
+
+// A text with its blanks filled in: t("step {number} of {count}", {number: 2, count: 5}).
+export function t(text, blanks = {}) {
+  return own(text).replace(/\{(\w+)\}/g, (whole, name) => (name in blanks ? String(blanks[name]) : whole));
+}
+
+const filled = (text, blanks) => text.replace(/\{(\w+)\}/g, (whole, name) => (Object.prototype.hasOwnProperty.call(blanks, name) ? say(blanks[name]) : whole));
+const entry = (key) => (Object.prototype.hasOwnProperty.call(table, key) ? table[key] : null);
+
+// A phrase of the monitor (text/phrase.py): a text, a list, a sentence with blanks, an action, or a fact.
+export function say(phrase) {
+  if (phrase === null || phrase === undefined) return "";
+  if (typeof phrase !== "object") return String(phrase);
+  if (Array.isArray(phrase)) return listed(phrase.map(say));
+  if (phrase.action !== undefined) {
+    const words = entry(`action ${phrase.action}`);
+    if (words !== null) return filled(words, phrase.with || {});
+    if (language === "en") return phrase.english;
+    return t("doing {what}", { what: [phrase.action, ...Object.values(phrase.with || {})].join(" ").replace(/[_-]/g, " ") });
+  }
+  if (phrase.fact !== undefined) {
+    const words = entry(`fact ${phrase.fact}`);
+    return words !== null ? filled(words, { ...phrase.of }) : phrase.english;
+  }
+  return filled(own(String(phrase.say)), phrase);
+}
+
+// An event of the history: as a phrase where the monitor has told it as one.
+export const told = (event) => (event.detail && event.detail.said !== undefined ? say(event.detail.said) : event.text);
+
+function listed(texts, most = 3) {
+  if (texts.length > most) return t("{first} and {count} more", { first: texts.slice(0, most).join(", "), count: texts.length - most });
+  if (texts.length > 1) return t("{first} and {last}", { first: texts.slice(0, -1).join(", "), last: texts[texts.length - 1] });
+  return texts.join("");
+}

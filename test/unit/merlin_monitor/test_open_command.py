@@ -1,0 +1,90 @@
+"""A folder that cannot be opened is one line that says why; a recording brings no foreign scripts."""
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from merlin_monitor.history.history_file import HistoryError
+from merlin_monitor.panel_scripts import script_file
+from merlin_monitor.state.inbox import Inbox
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.web import open_command
+from merlin_monitor.web.archive import Archive
+
+
+def kept(folder: Path, panels: Any) -> Path:
+    """The history of a run that showed these panels."""
+    state = MonitorModel(Inbox(), folder / "history.sqlite")
+    state.tree.set("meta", "panels", panels)
+    state.start()
+    state.stop()
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("", None, "there is no history"),
+        (
+            "history.sqlite",
+            "a text of some length that is no database at all " * 20,
+            "not a history, or damaged",
+        ),
+        ("history.sqlite", "", "another program"),
+    ],
+)
+def test_what_is_no_history_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any, name: str, content: Any, said: str
+) -> None:
+    if name:
+        (tmp_path / name).write_text(content)
+    monkeypatch.setattr(sys, "argv", ["open", str(tmp_path)])
+    assert open_command.main() == open_command.EXIT_MISTAKES
+    out, errors = capsys.readouterr()
+    assert out == "" and errors.count("\n") == 1 and said in errors
+
+
+def test_a_last_state_without_panels_is_damaged(tmp_path: Path) -> None:
+    with pytest.raises(HistoryError, match="damaged"):
+        Archive(kept(tmp_path, None), "name")
+
+
+def test_panels_that_are_told_after_the_first_frame_are_shown(tmp_path: Path) -> None:
+    state = MonitorModel(Inbox(), tmp_path / "history.sqlite")
+    state.start()
+    end = time.monotonic() + 60.0
+    while not [run for run in state.history.runs().result(60.0) if run["bytes"]]:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    panel = {
+        "name": "plan",
+        "title": "Plan",
+        "width": 3,
+        "script": "package://merlin_monitor/web/panels/plan.js",
+    }
+    state.tree.set("meta", "panels", [panel])
+    state.stop()
+    archive = Archive(tmp_path, "name")
+    assert [shown["name"] for shown in archive.tree.get("meta", "panels")] == ["plan"]
+    archive.stop()
+
+
+def test_only_scripts_of_packages_are_served(tmp_path: Path) -> None:
+    def panel(name: str, script: str) -> Any:
+        return {"name": name, "title": name, "width": 3, "script": script}
+
+    good = panel("plan", "package://merlin_monitor/web/panels/plan.js")
+    bad = [
+        panel("up", "package://merlin_monitor/web/../../../etc/x.js"),
+        panel("file", "file:///etc/passwd"),
+        panel("../x", good["script"]),
+        panel("gone", "package://nowhere/x.js"),
+    ]
+    archive = Archive(kept(tmp_path, [good, *bad]), "name")
+    assert archive.tree.get("meta", "panels") == [good]
+    assert archive.scripts == {"plan": script_file(good["script"])}
+    assert len(archive.missing) == len(bad)
+    archive.stop()

@@ -1,0 +1,93 @@
+"""Connections that ask nothing are closed; those of pages stay. The page stays small."""
+
+import asyncio
+import socket
+from pathlib import Path
+from typing import Iterator
+from urllib.parse import urlsplit
+
+import aiohttp
+import pytest
+from served import TOKEN, WEB, Served
+
+from merlin_monitor.access.web_access import TOKEN_HEADER
+from merlin_monitor.web import silent_connections
+
+LONG = 60.0  # s
+MANY = 100
+LARGEST = 200_000  # bytes of the page, with all languages
+
+
+@pytest.fixture
+def hasty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
+    """A server whose limits are short, but that for a first request: a test may be slow, too."""
+    for name, limit in (("NEXT_REQUEST", 1), ("BODY", 0.5), ("LOOK", 0.1)):
+        monkeypatch.setattr(silent_connections, name, limit)
+    served = Served(tmp_path, TOKEN)
+    yield served
+    served.stop()
+
+
+def connect(served: Served, said: bytes = b"") -> socket.socket:
+    where = urlsplit(served.url)
+    found = socket.create_connection((where.hostname, where.port), LONG)
+    found.sendall(said)
+    return found
+
+
+def all_of(connection: socket.socket) -> bytes:
+    """What comes until the server closes; an error when it never does."""
+    parts = []
+    while True:
+        try:
+            part = connection.recv(65536)
+        except ConnectionResetError:
+            part = b""
+        if not part:
+            connection.close()
+            return b"".join(parts)
+        parts.append(part)
+
+
+@pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\nHost: 127.0"], ids=["nothing", "half a head"])
+def test_many_connections_without_a_request_are_closed(
+    hasty: Served, monkeypatch: pytest.MonkeyPatch, said: bytes
+) -> None:
+    monkeypatch.setattr(silent_connections, "FIRST_REQUEST", 0.6)
+    connections = [connect(hasty, said) for _ in range(MANY)]
+    for connection in connections:
+        assert b"200 OK" not in all_of(connection)
+
+
+def test_a_connection_is_closed_some_time_after_its_answer(hasty: Served) -> None:
+    host = urlsplit(hasty.url).netloc.encode()
+    whole = connect(hasty, b"GET /keys.js HTTP/1.1\r\nHost: " + host + b"\r\n\r\n")
+    assert all_of(whole).startswith(b"HTTP/1.1 200 OK")
+
+
+def test_a_request_without_its_end_is_answered_and_closed(hasty: Served) -> None:
+    head = f"POST /control/who HTTP/1.1\r\nHost: {urlsplit(hasty.url).netloc}\r\n{TOKEN_HEADER}: {TOKEN}\r\n"
+    answer = all_of(connect(hasty, f"{head}Content-Length: 40\r\n\r\n{{".encode()))
+    assert answer.startswith(b"HTTP/1.1 408 ") and b"The request did not end." in answer
+
+
+def test_a_page_is_not_closed(hasty: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def follow() -> int:
+        async with aiohttp.ClientSession() as session, session.ws_connect(f"{hasty.url}live") as page:
+            monkeypatch.setattr(silent_connections, "FIRST_REQUEST", 0.6)
+            others = [connect(hasty) for _ in range(3)]  # closed while the page is not
+            for other in others:
+                await asyncio.get_running_loop().run_in_executor(None, all_of, other)
+            hasty.state.tree.set("now", "doing", "still here")
+            while True:
+                message = await asyncio.wait_for(page.receive(), LONG)
+                assert message.type == aiohttp.WSMsgType.TEXT, message
+                if "still here" in message.data:
+                    return 1
+
+    assert asyncio.run(follow()) == 1
+
+
+def test_the_page_is_small() -> None:
+    sizes = {path.relative_to(WEB): path.stat().st_size for path in WEB.rglob("*") if path.is_file()}
+    assert sum(sizes.values()) <= LARGEST, sorted(sizes.items(), key=lambda item: -item[1])[:5]
