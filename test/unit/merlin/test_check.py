@@ -58,6 +58,22 @@ def test_the_applications_of_merlin_fit(tmp_path: Path, name: str) -> None:
     assert "points of interest fit; servers: " in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("robots", "said"), [("ann,bob", ""), ("[ann, kitchen]", "is of type place, not robot")]
+)
+def test_robots_are_checked(tmp_path: Path, robots: str, said: str) -> None:
+    pddl = Path(__file__).resolve().parents[3] / "pddl" / "robots"
+    words = [f"domain_path:={pddl}/domain.pddl", f"problem_path:={pddl}/problem.pddl"]
+    drive = "actions:=['merlin_actions.actions.drive:Drive']"
+    launch = str(pddl.parents[1] / "launch" / "include" / "application.launch")
+    done = check(tmp_path, launch, "on:=servers", f"robots:={robots}", drive, *words)
+    assert done.returncode == (2 if said else 0), done.stderr
+    assert said in done.stderr
+    if not said:
+        assert "robot bob: 1 operators, 1 classes" in done.stdout
+        assert "application.launch: 1 operators, 0 classes" in done.stdout
+
+
 def test_every_mistake_of_an_application_is_named(tmp_path: Path) -> None:
     done = check(tmp_path, application(tmp_path, NAVIGATE, points="kitchen bathroom dorm_room"))
     assert done.returncode == 2
@@ -70,6 +86,21 @@ def test_a_misspelt_class_is_named(tmp_path: Path) -> None:
     done = check(tmp_path, application(tmp_path, f"{NAVIGATE}, {ASK}k"))
     assert done.returncode == 2
     assert "merlin_home.actions.ask has no Askk" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_mission_that_does_not_exist_and_an_object_declared_twice_are_named(tmp_path: Path) -> None:
+    launch = Path(application(tmp_path, f"{NAVIGATE}, {ASK}", points="kitchen bathroom dorm_room main_door"))
+    home = Path(__file__).resolve().parents[3] / "pddl" / "home" / "problem.pddl"
+    problem = tmp_path / "problem.pddl"
+    problem.write_text(home.read_text().replace("kitchen", "kitchen kitchen", 1))
+    args = "mission:=merlin_home.home_mission:X"
+    node = f'<node pkg="merlin_executor" type="mission" name="mission" args="{args}"/>'
+    text = launch.read_text().replace("$(find merlin)/pddl/home/problem.pddl", str(problem))
+    launch.write_text(text.replace("</launch>", f"{node}</launch>"))
+    done = check(tmp_path, str(launch))
+    assert done.returncode == 2
+    assert "node /mission: 'merlin_home.home_mission:X': module" in done.stderr and "has no X" in done.stderr
+    assert "warning: 'kitchen' is declared in line" in done.stdout
 
 
 def test_a_server_that_is_missing_is_named_and_one_with_a_script_is_there(tmp_path: Path) -> None:

@@ -85,6 +85,7 @@ def test_ends_with_the_missions_exit_code_and_shows_only_its_lines(tmp_path: Pat
         (("nowhere.launch",), "no launch file 'nowhere.launch'"),
         ((str(LAUNCH_FILE), "misson:=exit 0"), "did you mean 'mission'?"),
         ((str(LAUNCH_FILE), "port:=eleven"), "not a TCP port"),
+        ((str(LAUNCH_FILE), "linger:=maybe"), "none of false, true, auto"),
         ((str(LAUNCH_FILE), "domain:=/nowhere/domain.pddl"), "/nowhere/domain.pddl"),
         ((str(LAUNCH_FILE), "executable:=nothing"), "merlin_test/nothing"),
     ],

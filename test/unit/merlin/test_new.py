@@ -51,6 +51,12 @@ def test_each_class_leads_to_its_operator(specs):
             assert snake_case(class_name(action.operator)) == action.operator
 
 
+def test_numbered_actions_are_imported_in_ruffs_order(tmp_path):
+    package = package_of(tmp_path, "load_10 ?p - poi", "load_2 ?p - poi")
+    ruff = [sys.executable, "-m", "ruff", "check", str(package)]
+    assert subprocess.run(ruff, capture_output=True, check=False).returncode == 0
+
+
 def test_the_launch_file_of_four_actions_has_at_most_fifteen_lines():
     application = new_application(
         "hospital_courier", [f"action_{word} ?p - poi" for word in ["one", "two", "six", "ten"]]

@@ -3,6 +3,7 @@
 import os
 import subprocess
 from pathlib import Path
+from typing import List
 
 import pytest
 
@@ -10,18 +11,26 @@ ACTIONS = Path(__file__).parents[3] / "launch" / "include" / "actions.launch"
 
 
 @pytest.mark.parametrize(
-    ("actions", "reason"),
+    ("actions", "further", "reason"),
     [
         (
             "['merlin_actions.actions.navigate:Navigat']",
+            [],
             "module merlin_actions.actions.navigate has no Navigat",
         ),
-        ("['merlin_actions.no_such_module:Navigate']", "No module named 'merlin_actions.no_such_module'"),
+        ("['merlin_actions.no_such_module:Navigate']", [], "No module named 'merlin_actions.no_such_module'"),
+        (
+            "['merlin_actions.actions.navigate:Navigate']",
+            ["autonomy:=medium"],
+            "parameter ~autonomy: 'medium' is no autonomy level; there are off, low, high, full",
+        ),
     ],
 )
-def test_a_misspelt_class_ends_the_launch(tmp_path: Path, actions: str, reason: str) -> None:
+def test_a_wrong_argument_ends_the_launch(
+    tmp_path: Path, actions: str, further: List[str], reason: str
+) -> None:
     done = subprocess.run(
-        ["rosrun", "merlin", "run", str(ACTIONS), f"actions:={actions}"],
+        ["rosrun", "merlin", "run", str(ACTIONS), f"actions:={actions}", *further],
         env={**os.environ, "ROS_LOG_DIR": str(tmp_path)},
         capture_output=True,
         text=True,

@@ -5,14 +5,20 @@ import sys
 from typing import Dict, List, Tuple
 
 import rospy
+from rosgraph.names import load_mappings
 from roslaunch.core import Node
 
 from merlin.launch_config import LaunchConfig
-from merlin.launch_request import LaunchError, LaunchRequest
+from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest
+from merlin.local_names import master_uri, use_loopback
 from merlin.master import Master
 from merlin_actions.action_classes import make_machines
 from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, check_application
+from merlin_actions.core.declared import declared_fault
+from merlin_actions.core.robot_check import check_robots, robot_parameters
 from merlin_actions.machine_survey import survey
+from merlin_executor.mission.mission_host import load_mission
+from merlin_pddl.checks.portability import declared_twice
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.problem import Problem
@@ -21,6 +27,7 @@ from merlin_pddl.text_reader import PddlError
 from merlin_ros.node import init_node
 
 MISSION = "mission"
+MISSION_NODE = ("merlin_executor", "mission")
 EXIT_MISTAKES = 2
 
 
@@ -29,11 +36,15 @@ def main() -> int:
     try:
         request = LaunchRequest.from_command_line(sys.argv[1:])
         config = LaunchConfig(request)
+    except HelpWanted as asked:
+        print(f"usage: rosrun merlin check {asked}")
+        return 0
     except LaunchError as error:
         print(f"merlin check: {error}", file=sys.stderr)
         return EXIT_MISTAKES
+    use_loopback()
     master = Master()  # states announce themselves to one
-    os.environ["ROS_MASTER_URI"] = f"http://localhost:{master.port}"
+    os.environ["ROS_MASTER_URI"] = master_uri(master.port)
     sys.argv[1:] = []  # the arguments are not those of a node
     init_node("merlin_check", anonymous=True)
     try:
@@ -53,6 +64,7 @@ def _report(name: str, config: LaunchConfig) -> int:
             )
         for namespace, host in hosts:
             print(f"{name}: {check_host(config, namespace, host)}")
+        check_missions(config)
     except ApplicationError as error:
         for mistake in error.mistakes:
             print(f"{name}: {mistake}", file=sys.stderr)
@@ -72,11 +84,14 @@ def check_host(config: LaunchConfig, namespace: str, host: Node) -> str:
     :raises LaunchError: when domain or problem are missing.
     :raises PddlError: when one of them is not PDDL.
     """
-    prefix = f"{namespace}rosplan_knowledge_base"
+    prefix = config.knowledge_base(host)
     domain = read_domain(config.file(f"{prefix}/domain_path"))
     problem = Problem("", domain.name)
     if config.param(f"{prefix}/problem_path"):
-        problem = read_problem(config.file(f"{prefix}/problem_path"), domain)
+        file = config.file(f"{prefix}/problem_path")
+        problem = read_problem(file, domain)
+        for warning in declared_twice(file.read_text(encoding="utf-8-sig"), str(file)):
+            print(warning)
     own = f"{namespace}{host.name}"
     paths = config.param(f"{own}/actions", [])
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
@@ -86,6 +101,8 @@ def check_host(config: LaunchConfig, namespace: str, host: Node) -> str:
         operator.name: [(variable.label, variable.types[0]) for variable in operator.parameters]
         for operator in domain.operators.values()
     }
+    robot = str(config.param(f"{own}/robot", ""))
+    robots = config.robots()
     points = list(config.param(f"{namespace}world/points_of_interest", {}))
     served = config.servers(namespace)
     world = ApplicationWorld(
@@ -93,17 +110,48 @@ def check_host(config: LaunchConfig, namespace: str, host: Node) -> str:
         lambda kind: _objects(domain, problem, kind),
         points,
         list(served) if config.has_robot else None,
+        {name: next(iter(domain.types.parents(name)), "") for name in domain.types} if robots else {},
+        lambda text, operator: declared_fault(text, operator, domain, problem.objects),
     )
-    needs = [survey(machine) for machine in machines]
-    mistakes = check_application(needs, world, bool(config.param(f"{own}/complete", False)))
+    everything = [survey(machine) for machine in machines]
+    bound = robot_parameters(everything, world) if robots else {}
+    # With several robots a host serves the actions that name one, or the others.
+    needs = [need for need in everything if not robots or (need.operator in bound) == bool(robot)]
+    elsewhere = [need._replace(points=(), targets=(), servers=()) for need in everything if need not in needs]
+    mistakes = check_application([*needs, *elsewhere], world, bool(config.param(f"{own}/complete", False)))
+    mistakes += check_robots(everything, world, robots)
     if mistakes:
         raise ApplicationError(mistakes)
     wanted = sorted({server for need in needs for _, server in need.servers})
     there = "" if config.has_robot else ", which the robot has to serve"
     return (
-        f"{len(operators)} operators, {len(machines)} classes, {len(points)} points of interest fit; "
+        f"{f'robot {robot}: ' if robot else ''}"
+        f"{len(operators)} operators, {len(needs)} classes, {len(points)} points of interest fit; "
         f"servers: {', '.join(wanted) or 'none'}{there}"
     )
+
+
+def check_missions(config: LaunchConfig) -> None:
+    """Loads the class of each mission.
+
+    :raises LaunchError: when one does not exist, is not a mission, or waits for a server that is not started.
+    """
+    for node in config.nodes:
+        if (node.package, node.type) != MISSION_NODE:
+            continue
+        own = f"{node.namespace}{node.name}"
+        path = str(load_mappings(node.args.split()).get("mission") or config.param(f"{own}/mission", ""))
+        try:
+            servers = load_mission(path).servers
+        except ValueError as error:
+            raise LaunchError(f"node {own}: {error}; correct its mission:=package.module:Class") from error
+        served = config.servers(node.namespace)
+        missing = [name for name in servers if name not in served] if config.has_robot else []
+        if missing:
+            raise LaunchError(
+                f"node {own}: {path} waits for the action servers {', '.join(missing)}, which the launch "
+                f"file does not start; it starts: {', '.join(sorted(served)) or 'none'}"
+            )
 
 
 def _objects(domain: Domain, problem: Problem, kind: str) -> List[str]:

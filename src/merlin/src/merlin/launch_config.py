@@ -20,6 +20,7 @@ SERVED = {
 }
 #: Executables that stand in for a robot: with one of them the launch file starts every server itself.
 STAND_INS = {("merlin_sim", "merlin_sim"), ("merlin_actions", "simulated_base")}
+KNOWLEDGE_BASE = "rosplan_knowledge_base"
 HOSTS = {("merlin_actions", "fsm_host"), ("merlin_actions", "naive_actions")}
 
 
@@ -62,6 +63,15 @@ class LaunchConfig:
         for node in self.nodes:
             if (node.package, node.type) in HOSTS:
                 yield node.namespace, node
+
+    def knowledge_base(self, host: Node) -> str:
+        """Global name of the knowledge base of a host."""
+        return dict(host.remap_args).get(KNOWLEDGE_BASE, f"{host.namespace}{KNOWLEDGE_BASE}")
+
+    def robots(self) -> List[str]:
+        """The robots that it names; none: it starts one that has no name."""
+        names = [self.param(f"{namespace}{host.name}/robot", "") for namespace, host in self.hosts()]
+        return [str(name) for name in names if name]
 
     def servers(self, namespace: str) -> Dict[str, str]:
         """Actions that a namespace's nodes serve → the node."""

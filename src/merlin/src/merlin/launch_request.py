@@ -15,11 +15,27 @@ import rospkg
 from roslaunch.core import RLException
 from roslaunch.substitution_args import ArgException, SubstitutionException, resolve_args
 
+from merlin.linger import Linger
+
 PORT_ARGUMENT = "port"
+LINGER_ARGUMENT = "linger"
+
+
+#: What `run` and `check` take.
+HELP = """A launch file is a path, or a name in launch/ of the package; without a package it is MERLIN's.
+name:=value sets its arguments, and those of the files that it includes with pass_all_args. They are listed by
+  roslaunch --ros-args PACKAGE FILE
+  roslaunch --ros-args merlin application.launch    what `rosrun merlin new` includes
+`run` also takes port:=11311 (of the ROS master; otherwise a free one) and linger:=true (the page stays at the
+end)."""
 
 
 class LaunchError(Exception):
     """The run cannot start; the text is one line that says what is wrong and what to do."""
+
+
+class HelpWanted(Exception):
+    """The command line asks what may stand in it; the text says so."""
 
 
 @dataclass(frozen=True)
@@ -30,21 +46,27 @@ class LaunchRequest:
         launch_file: the file to run.
         arguments: arguments of the launch file, name → text.
         port: port of the ROS master; None: any free one.
+        linger: whether the page stays when the run has ended.
     """
 
     launch_file: Path
     arguments: Dict[str, str] = field(default_factory=dict)
     port: Optional[int] = None
+    linger: Linger = Linger.NEVER
 
     @classmethod
     def from_command_line(cls, words: Iterable[str]) -> "LaunchRequest":
         """Reads `[package] <launch file> name:=value …`.
 
         Raises:
-            LaunchError: no such launch file, no such argument, a required argument is missing, a bad port.
+            HelpWanted: it has --help.
+            LaunchError: no such launch file, no such argument, a required argument is missing, a bad port
+                or word for lingering.
         """
         files, pairs = [], {}
         for word in words:
+            if word in ("-h", "--help"):
+                raise HelpWanted(f"[package] <launch file> name:=value …\n\n{HELP}")
             name, assigned, value = word.partition(":=")
             if assigned:
                 pairs[name] = value
@@ -61,8 +83,11 @@ class LaunchRequest:
         port = None
         if PORT_ARGUMENT in pairs and PORT_ARGUMENT not in declared:
             port = _port(pairs.pop(PORT_ARGUMENT))
+        linger = Linger.NEVER
+        if LINGER_ARGUMENT in pairs and LINGER_ARGUMENT not in declared:
+            linger = _linger(pairs.pop(LINGER_ARGUMENT))
         _check_names(launch_file, pairs, declared)
-        return cls(launch_file, pairs, port)
+        return cls(launch_file, pairs, port, linger)
 
     def words(self) -> List[str]:
         """The arguments as roslaunch takes them."""
@@ -181,3 +206,11 @@ def _port(text: str) -> int:
     if text.isdigit() and 0 < int(text) < 65536:
         return int(text)
     raise LaunchError(f"port:={text} is not a TCP port; give a number from 1 to 65535, or leave it out")
+
+
+def _linger(text: str) -> Linger:
+    try:
+        return Linger(text)
+    except ValueError:
+        words = ", ".join(each.value for each in Linger)
+        raise LaunchError(f"linger:={text} is none of {words}; leave it out to end with the run") from None

@@ -11,6 +11,7 @@ import os
 import queue
 import signal
 import sys
+import time
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, NamedTuple, Optional
 
@@ -22,7 +23,9 @@ from roslaunch.pmon import ProcessListener
 from roslaunch.substitution_args import SubstitutionException
 
 from merlin.error_relay import ErrorRelay
-from merlin.launch_request import LaunchError, LaunchRequest, one_line
+from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest, one_line
+from merlin.linger import Page, keep, lingers, page_of, terminal
+from merlin.local_names import LOCALHOST, LOOPBACK, master_uri, resolves, use_loopback
 from merlin.master import Master
 from merlin.orphans import adopt_orphans, end_children
 from merlin.running import announced
@@ -33,6 +36,8 @@ INTERRUPT_TIMEOUT = 15.0
 """Wall seconds between SIGINT and SIGTERM of a node that does not end (a bag is being closed)."""
 TERMINATE_TIMEOUT = 1.0
 """Wall seconds between SIGTERM and SIGKILL."""
+LOOK_FOR_SIGNALS = 0.5
+"""Wall seconds after which a signal that did not wake the run is seen at the latest."""
 FILE_PARAMETERS = ("/domain_path", "knowledge_base/problem_path", "/world_file", "/world_path")
 """Ends of the names of parameters that name a file which has to be there when a node starts."""
 EXIT_FAILED = 1
@@ -76,7 +81,7 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
             ) from error
         except (ValueError, SubstitutionException) as error:  # roslaunch does not wrap all of them
             raise LaunchError(one_line(error)) from error
-        check_files({key: param.value for key, param in self.config.params.items()})
+        check_files(self.parameters())
         # roslaunch starts its core nodes (rosout) only together with a master of its own.
         self.config.nodes.extend(self.config.nodes_core)
         check_executables(self.config.nodes)
@@ -90,6 +95,10 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
     def process_died(self, process_name: str, exit_code: Optional[int]) -> None:
         """Called by roslaunch's process monitor."""
         self._events.put(_Death(process_name, exit_code))
+
+    def parameters(self) -> Dict[str, Any]:
+        """The parameters that the launch file sets, name → value."""
+        return {key: param.value for key, param in self.config.params.items()}
 
     def node_of(self, process: str) -> Optional[Node]:
         """The launch file's entry of a process."""
@@ -131,18 +140,32 @@ def check_executables(nodes: Iterable[Node]) -> None:
 class LaunchRun:
     """One run, from the first process to the last.
 
+    Parameters:
+        request: what is run.
+        command: that the user has given, for messages.
+
     Attributes:
         log_folder: where the nodes' logs are.
     """
 
-    def __init__(self, request: LaunchRequest) -> None:
+    def __init__(self, request: LaunchRequest, command: str = "merlin run") -> None:
         self._request = request
+        self._command = command
         self._events: queue.SimpleQueue[object] = queue.SimpleQueue()
         self._master: Optional[Master] = None
         self._parent: Optional[_Parent] = None
         self._missions: Dict[str, Optional[int]] = {}
         self._run_id = roslaunch.core.generate_run_id()
+        self._page: Optional[Page] = None
+        self._user_ended = False
+        self._began = time.time()
         self.log_folder = Path(rospkg.get_log_dir()) / self._run_id
+
+    @property
+    def page(self) -> Optional[Page]:
+        """What is left of its page; None when there is nothing, or when its user has ended the run."""
+        page = None if self._user_ended else self._page
+        return page if page is not None and page.written_since(self._began) else None
 
     def run(self) -> int:
         """Runs to the end.
@@ -171,7 +194,9 @@ class LaunchRun:
     def _start_and_wait(self, stack: contextlib.ExitStack) -> int:
         try:
             self._master = Master(self._request.port)
-            os.environ["ROS_MASTER_URI"] = uri = f"http://localhost:{self._master.port}"
+            os.environ["ROS_MASTER_URI"] = uri = master_uri(self._master.port)
+            if not resolves(LOCALHOST):
+                roslaunch.core.local_machine().address = LOOPBACK
             self._parent = _Parent(self._run_id, self._request, self._master.port, self._events)
             self._parent.load()
             stack.enter_context(announced(uri, self._request.launch_file, self.log_folder))
@@ -180,15 +205,18 @@ class LaunchRun:
             self._say(f"{self._request.launch_file.name}: {one_line(error)}")
             return EXIT_REFUSED
         nodes = self._parent.config.nodes
+        self._page = page_of(nodes, self._parent.parameters())
         self._missions = {node.process_name: None for node in nodes if node.name == MISSION_NODE}
         if not self._missions:
             self._say(
                 f"{self._request.launch_file.name} starts no node named 'mission': it runs until Ctrl-C"
             )
         while True:
-            code = self._handle(self._events.get())
-            if code is not None:
-                return code
+            # A signal that comes between Python's last look for one and the wait does not end the wait.
+            with contextlib.suppress(queue.Empty):
+                code = self._handle(self._events.get(timeout=LOOK_FOR_SIGNALS))
+                if code is not None:
+                    return code
 
     def _handle(self, event: object) -> Optional[int]:
         """The exit code when the event ends the run."""
@@ -215,10 +243,11 @@ class LaunchRun:
         return None
 
     def _signalled(self, number: int, _frame: object) -> None:
+        self._user_ended = True
         self._events.put(signal.Signals(number))
 
     def _say(self, text: str) -> None:
-        self._relay.say(f"merlin run: {text}")
+        self._relay.say(f"{self._command}: {text}")
 
     def _stop(self) -> None:
         self._relay.mute()
@@ -245,8 +274,19 @@ def main() -> int:
     """Entry point of `rosrun merlin run`."""
     try:
         request = LaunchRequest.from_command_line(sys.argv[1:])
+    except HelpWanted as asked:
+        print(f"usage: rosrun merlin run {asked}")
+        return 0
     except LaunchError as error:
         print(f"merlin run: {error}", file=sys.stderr)
         return EXIT_REFUSED
+    said = use_loopback()
+    if said:
+        print(f"merlin run: {said}", file=sys.stderr, flush=True)
     end_lightly()
-    return LaunchRun(request).run()
+    run = LaunchRun(request)
+    code = run.run()
+    page, user = run.page, terminal()
+    if page is not None and code != EXIT_REFUSED and lingers(request.linger, user):
+        keep(page, key=user)
+    return code

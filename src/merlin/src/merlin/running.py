@@ -14,6 +14,7 @@ import rosgraph
 import rospkg
 
 from merlin.launch_request import LaunchError
+from merlin.local_names import use_loopback
 from merlin_ros.master.master_link import ERRORS, MASTER_TIMEOUT, bounded_proxy
 
 
@@ -71,6 +72,7 @@ def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tu
     :return: the master's address, and the names.
     :raises LaunchError: when no master has it, or several have.
     """
+    use_loopback()
     masters = {rosgraph.get_master_uri(): "ROS_MASTER_URI"}
     masters.update((run.uri, Path(run.launch_file).name) for run in living())
     found: Dict[str, List[str]] = {}

@@ -7,6 +7,7 @@ from typing import List
 
 import rospy
 from merlin_msgs.msg import ExecuteFeedback, ExecuteResult
+from rospy.core import is_shutdown_requested
 
 from merlin.launch_request import LaunchError
 from merlin.running import choose
@@ -39,7 +40,7 @@ def main() -> int:
     given = parser.parse_args()
     try:
         uri, (executor, *others) = choose(
-            lambda nodes, services: _executors(nodes, given.robot), "an Executor"
+            lambda nodes, services: executors(nodes, given.robot), "an Executor"
         )
     except LaunchError as error:
         print(f"merlin send: {error}", file=sys.stderr)
@@ -57,7 +58,8 @@ def main() -> int:
         rospy.signal_shutdown("sent")
 
 
-def _executors(nodes: List[str], robot: str) -> List[str]:
+def executors(nodes: List[str], robot: str) -> List[str]:
+    """The Executors among the nodes: all of them, or that of one robot."""
     if robot is None:
         return [node for node in nodes if node.rpartition("/")[2] == EXECUTOR]
     return [node for node in nodes if node.strip("/") == f"{robot.strip('/')}/{EXECUTOR}".strip("/")]
@@ -79,7 +81,7 @@ def _send(given: argparse.Namespace, robot: str) -> int:
         print(f"merlin send: {error}", file=sys.stderr)
         return EXIT_MISTAKES
     rospy.on_shutdown(lambda: _cancel(request))
-    if not request.wait(given.timeout) and not rospy.is_shutdown():
+    if not request.wait(given.timeout) and not is_shutdown_requested():
         print(f"not achieved within {given.timeout:g} s: cancelled", flush=True)
         request.cancel()
         request.wait()
@@ -89,7 +91,8 @@ def _send(given: argparse.Namespace, robot: str) -> int:
         return EXIT_INTERRUPTED
     reason = f": {result.reason}" if result.reason else ""
     print(f"{outcome_name(result.outcome)}{reason}", flush=True)
-    if rospy.is_shutdown():
+    # rospy.is_shutdown() says so only after the cancel; the result may come before.
+    if is_shutdown_requested():
         return EXIT_INTERRUPTED
     achieved = result.outcome in (ExecuteResult.SUCCEEDED, ExecuteResult.ALREADY_TRUE)
     return 0 if achieved else EXIT_NOT_ACHIEVED

@@ -1,13 +1,14 @@
 """Writes the files of a new application, all of them or none."""
 
 import json
+import re
 import shutil
 import stat
 import sys
 import tempfile
 import textwrap
 from pathlib import Path
-from typing import Any, Dict, List, Sequence
+from typing import Any, Dict, List, Sequence, Tuple
 
 import jinja2
 
@@ -23,6 +24,7 @@ FILES = {
     "CMakeLists.txt": "CMakeLists.txt",
     "setup.py": "setup.py",
     "ruff.toml": "ruff.toml",
+    "pytest.ini": "pytest.ini",
     "README.md": "README.md",
     "domain.pddl": "pddl/domain.pddl",
     "problem.pddl": "pddl/problem.pddl",
@@ -33,6 +35,8 @@ FILES = {
     "actions/init.py": "src/{name}/actions/__init__.py",
     "app.test": "test/{name}.test",
     "mission_test.py": "test/mission_test.py",
+    "conftest.py": "test/conftest.py",
+    "test_actions.py": "test/test_actions.py",
 }
 EXECUTABLE = ("test/mission_test.py",)
 
@@ -55,6 +59,7 @@ def files_of(application: Application, python: str = sys.executable) -> Dict[str
     values: Dict[str, Any] = {
         "python": python,
         "classes": _classes(application),
+        "imports": _imports(application),
         "goals": [_literal(goal, 4) for goal in application.goals],
         "plain_points": [name for name in application.points if name not in application.objects],
     }
@@ -115,6 +120,21 @@ def _classes(application: Application) -> str:
     paths = [f"{application.package}.actions.{a.module}:{a.class_name}" for a in application.actions]
     lines = textwrap.wrap(", ".join([*ready, *paths]), 100, break_long_words=False, break_on_hyphens=False)
     return "\n      ".join(lines)
+
+
+def _imports(application: Application) -> List[str]:
+    """The imports of the action classes, sorted and folded as ruff does it."""
+    lines = []
+    for action in sorted(application.actions, key=lambda action: _natural(action.module)):
+        begin = f"from {application.package}.actions.{action.module} import "
+        short = len(begin) + len(action.class_name) <= WIDTH
+        lines.append(begin + (action.class_name if short else f"(\n    {action.class_name},\n)"))
+    return lines
+
+
+def _natural(name: str) -> List[Tuple[int, str]]:
+    """A key by which load_2 comes before load_10."""
+    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]
 
 
 def _literal(text: str, indent: int) -> str:

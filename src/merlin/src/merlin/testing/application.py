@@ -10,10 +10,11 @@ from typing import IO, List, Tuple
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin.launch_request import LaunchError, file_of_package, find_launch_file, known_arguments
+from merlin.local_names import launch_tool
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.mission.readiness import NotReady, wait_for_robot
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, knowledge_client
-from merlin_sm.knowledge_text import to_pddl
+from merlin_sm.knowledge_text import parse_goal, to_pddl
 
 #: What a launch file is given, as far as it takes it: the test is the robot and the mission.
 ARGUMENTS = {"on": "robot", "mission": "false", "monitor": "false", "guard": "false", "state_file": "run"}
@@ -38,7 +39,7 @@ class Application:
         passed = {**{name: value for name, value in ARGUMENTS.items() if name in known}, **given}
         self._log = log
         self._process = subprocess.Popen(
-            ["roslaunch", str(file), *(f"{name}:={value}" for name, value in passed.items())],
+            [*launch_tool("roslaunch"), str(file), *(f"{name}:={value}" for name, value in passed.items())],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,
@@ -63,6 +64,13 @@ class Application:
         ]
         updates += [Update(ADD, item) for text, item in begin.items() if text not in now]
         self._knowledge.update(updates)
+
+    def holds(self, *facts: str) -> bool:
+        """Whether facts hold in the knowledge base: ``holds("(checked kitchen)")``.
+
+        :raises ValueError: for text that is not PDDL.
+        """
+        return all(self._knowledge.query([item for fact in facts for item in parse_goal(fact)]))
 
     def end(self) -> None:
         """Ends all of it."""

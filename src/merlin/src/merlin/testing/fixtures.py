@@ -7,6 +7,7 @@ from typing import Callable, Dict, Iterator, Tuple
 import pytest
 import rospy
 
+from merlin.local_names import master_uri, use_loopback
 from merlin.master import Master
 from merlin.testing.application import Application
 from merlin.testing.simulated_robot import SimulatedRobot
@@ -16,8 +17,9 @@ from merlin_ros.node import init_node
 @pytest.fixture(scope="session")
 def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A ROS master of the tests' own, at which this process is a node."""
+    use_loopback()
     master = Master()
-    uri = f"http://localhost:{master.port}"
+    uri = master_uri(master.port)
     folder = tmp_path_factory.mktemp("ros")
     os.environ.update(ROS_MASTER_URI=uri, ROS_HOME=str(folder), ROS_LOG_DIR=str(folder / "log"))
     init_node("test", anonymous=True)
@@ -35,9 +37,9 @@ def robot_of_session(ros_master: str) -> Iterator[SimulatedRobot]:
 
 
 @pytest.fixture
-def robot(robot_of_session: SimulatedRobot) -> SimulatedRobot:
+def robot(robot_of_session: SimulatedRobot, request: pytest.FixtureRequest) -> SimulatedRobot:
     """A robot whose servers do what the test says."""
-    robot_of_session.reset()
+    robot_of_session.reset(Path(str(request.node.fspath)).parent)
     return robot_of_session
 
 

@@ -89,6 +89,7 @@ class SimulatedRobot:
     def __init__(self) -> None:
         self.said: List[str] = []
         self.drives: List[tuple] = []
+        self._folder = Path()
         self._drive_began = threading.Event()
         notes = {"move_base": self._note_drive, "sound_play": self._note_speech}
         self._servers: Dict[str, SimulatedActionServer] = {
@@ -100,8 +101,12 @@ class SimulatedRobot:
         for server in self._servers.values():
             server.start()
 
-    def reset(self) -> None:
-        """Forgets scripts and what was done."""
+    def reset(self, folder: Path = Path()) -> None:
+        """Forgets scripts and what was done.
+
+        :param folder: of the test.
+        """
+        self._folder = folder
         for server in self._servers.values():
             server.follow(Behaviour(DURATION))
         self.said.clear()
@@ -136,10 +141,15 @@ class SimulatedRobot:
         self._servers[server].follow(Behaviour(**{"duration": DURATION, **behaviour}), script)
 
     def points(self, file: Union[str, Path, None] = None, **points: Sequence[float]) -> None:
-        """The points of interest: from a world's file, or ``kitchen=(x, y, yaw)``, m and rad in frame map."""
+        """The points of interest: from a world's file, or ``kitchen=(x, y, yaw)``, m and rad in frame map.
+
+        :param file: below the current folder, the test's folder, or a folder above that.
+        :raises FileNotFoundError: when it is in none of them.
+        """
         known: Dict[str, Any] = {}
         if file is not None:
-            known.update(yaml.safe_load(Path(file).read_text(encoding="utf-8"))["points_of_interest"])
+            text = self._find(Path(file)).read_text(encoding="utf-8")
+            known.update(yaml.safe_load(text)["points_of_interest"])
         known.update({name: dict(zip(("x", "y", "yaw"), map(float, pose))) for name, pose in points.items()})
         rospy.set_param(POINTS_PARAM, known)
 
@@ -171,6 +181,12 @@ class SimulatedRobot:
         """
         if not self._drive_began.wait(limit):
             raise TimeoutError(f"no drive began within {limit:g} s")
+
+    def _find(self, file: Path) -> Path:
+        for base in (Path(), self._folder, *self._folder.parents):
+            if (base / file).is_file():
+                return base / file
+        raise FileNotFoundError(f"there is no {file} in {Path.cwd()}, {self._folder} or a folder above it")
 
     def _note_drive(self, goal: Any) -> None:
         position = goal.target_pose.pose.position

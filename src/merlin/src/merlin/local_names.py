@@ -1,0 +1,58 @@
+"""What runs on one machine runs although the machine's names cannot be resolved: it uses 127.0.0.1.
+
+In containers, `/etc/hosts` may lack the machine's own name or `localhost`. ROS puts both into addresses.
+"""
+
+import os
+import socket
+import sys
+from typing import List
+
+LOOPBACK = "127.0.0.1"
+LOCALHOST = "localhost"
+#: roslaunch asks for the address of localhost before it starts a node.
+_TOOL = (
+    "import sys, roslaunch, roslaunch.core, rostest\n"
+    f"roslaunch.core.local_machine().address = {LOOPBACK!r}\n"
+    "del sys.argv[0]\n"
+    "sys.exit({'roslaunch': roslaunch.main, 'rostest': rostest.rostestmain}[sys.argv[0]]())\n"
+)
+
+
+def resolves(name: str) -> bool:
+    """Whether a name has an address."""
+    try:
+        return bool(socket.getaddrinfo(name, None))
+    except (OSError, UnicodeError):
+        return False
+
+
+def use_loopback() -> str:
+    """Lets this process, and those that it starts, call itself 127.0.0.1 when its name has no address.
+
+    What the user has set, ROS_IP or ROS_HOSTNAME, stays.
+
+    :return: a sentence for the user; empty when all names have addresses.
+    """
+    missing = [] if resolves(LOCALHOST) else [f"{LOOPBACK} {LOCALHOST}"]
+    name = socket.gethostname()
+    if not os.environ.get("ROS_IP") and not os.environ.get("ROS_HOSTNAME") and not resolves(name):
+        os.environ["ROS_IP"] = LOOPBACK
+        if name != LOCALHOST:
+            missing.append(f"127.0.1.1 {name}")
+    if not missing:
+        return ""
+    names = " and ".join(repr(line.split()[1]) for line in missing)
+    lines = ", and the line ".join(f"'{line}'" for line in missing)
+    needs = f"plain roslaunch needs the line {lines} in /etc/hosts"
+    return f"{names} cannot be resolved, {LOOPBACK} is used; {needs}"
+
+
+def master_uri(port: int) -> str:
+    """The address of a master on this machine."""
+    return f"http://{LOCALHOST if resolves(LOCALHOST) else LOOPBACK}:{port}"
+
+
+def launch_tool(name: str) -> List[str]:
+    """The command `roslaunch` or `rostest`, so that it starts nodes although localhost has no address."""
+    return [name] if resolves(LOCALHOST) else [sys.executable, "-c", _TOOL, name]

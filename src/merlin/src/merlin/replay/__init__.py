@@ -1,0 +1,1 @@
+"""What a recording keeps beside its topics, and how it is shown again."""

@@ -1,0 +1,109 @@
+"""The command `rosrun merlin replay`: shows the page as it was while a bag was recorded."""
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import List
+
+import yaml
+
+from merlin.launch_request import LaunchError, LaunchRequest, launch_folder
+from merlin.launch_runner import EXIT_REFUSED, LaunchRun
+from merlin_monitor.bag.recording import Recording, RecordingError, parameter_tree
+from merlin_ros.node import end_lightly
+
+LAUNCH_FILE = "include/replay.launch"
+#: Ends of the topics that the monitor follows, of those that are recorded.
+FOLLOWED = (
+    "/map",
+    "/diagnostics",
+    "/tf",
+    "/tf_static",
+    "/people",
+    "/merlin_sim/status",
+    "/merlin/status",
+    "/merlin/queue",
+    "/merlin/mission",
+    "/merlin/guard",
+    "/merlin/execute/result",
+    "/changes",
+    "/complete_plan",
+    "/planner_output",
+    "/planner_status",
+    "/action_dispatch",
+    "/action_feedback",
+    "/dispatch_status",
+    "/smach/container_structure",
+    "/smach/container_status",
+    "/move_base/result",
+    "/move_base/current_goal",
+    "/move_base/plan",
+)
+
+
+def main() -> int:
+    """Replays a bag; returns the exit code: 0 at its end, 2 for a mistake, 130 after Ctrl-C."""
+    given = _arguments(sys.argv[1:])
+    end_lightly()
+    try:
+        recording = Recording(given.bag)
+        # Beside the bag may be no room, and no right to write.
+        with tempfile.TemporaryDirectory(prefix="merlin-replay-") as folder:
+            recording.write(Path(folder) / "replay.bag", given.start)
+            (Path(folder) / "parameters.yaml").write_text(
+                yaml.safe_dump(parameter_tree(recording.parameters))
+            )
+            left = recording.length - given.start
+            print(
+                f"{left:.1f} s of {given.bag}; space pauses, s goes one message on, Ctrl-C ends", flush=True
+            )
+            return LaunchRun(_request(recording, Path(folder), given), "merlin replay").run()
+    except (RecordingError, LaunchError) as error:
+        print(f"merlin replay: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+
+
+def _arguments(words: List[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="rosrun merlin replay",
+        description="Shows the page as it was while a bag was recorded (record:=true).",
+    )
+    last = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / "merlin"
+    parser.add_argument(
+        "bag",
+        type=Path,
+        nargs="?",
+        default=last,
+        help=f"the bag, or the results folder with run.bag ({last})",
+    )
+    parser.add_argument("--rate", type=_rate, default=1.0, help="s of the recording per s; 1 by default")
+    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="begin after S seconds")
+    parser.add_argument("--pause", action="store_true", help="begin paused; space goes on")
+    parser.add_argument("--keep", action="store_true", help="stay at the end, until Ctrl-C")
+    parser.add_argument("--port", type=int, default=8080, help="of the page, or the next free one")
+    return parser.parse_args(words)
+
+
+def _rate(text: str) -> float:
+    rate = float(text)
+    if not 0.0 < rate <= 1000.0:
+        raise argparse.ArgumentTypeError(f"{text} is not a number above 0, up to 1000")
+    return rate
+
+
+def _request(recording: Recording, folder: Path, given: argparse.Namespace) -> LaunchRequest:
+    followed = [name for name in recording.topics if name.endswith(FOLLOWED)]
+    options = f"--rate={given.rate:g}" + (" --keep-alive" if given.keep else "")
+    if not sys.stdout.isatty():  # its line of time, many times per second, is for a screen
+        options += " --quiet"
+    arguments = {
+        "folder": str(folder),
+        "robot": recording.namespace,
+        "options": options,
+        "begin": str(not given.pause).lower(),
+        "followed": str(followed),
+        "port": str(given.port),
+    }
+    return LaunchRequest(launch_folder() / LAUNCH_FILE, arguments)

@@ -1,0 +1,75 @@
+"""Node: tells on latched topics what a recording needs besides: the knowledge at its begin, and parameters.
+
+It begins together with ``rosbag record``; see ``record.launch``.
+"""
+
+from typing import Any, Dict
+
+import rospy
+import yaml
+from merlin_msgs.msg import KnowledgeChanges
+from rosplan_knowledge_msgs.msg import KnowledgeItem
+from std_msgs.msg import String
+
+from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
+from merlin_ros.node import run_node
+from merlin_ros.service_proxy import ServiceError
+from merlin_sm.knowledge_client import KnowledgeClient
+
+#: Parameters that the page and rviz read, below the robot's namespace.
+READ = ("world", "robot_description")
+#: Parameters of the monitor that tell what it shows; its address and its operators are its own.
+MONITOR = ("panels", "map_topic", "people_topic", "global_frame", "base_frame")
+#: Named as the client that made what was known when the recording began.
+BEGIN = "the begin of the recording"
+
+
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run_node("recorded_state", _start)
+
+
+def _start() -> Any:
+    parameters = rospy.Publisher(PARAMETERS, String, queue_size=1, latch=True)
+    parameters.publish(String(yaml.safe_dump(_parameters())))
+    publisher = rospy.Publisher(KNOWLEDGE, KnowledgeChanges, queue_size=1, latch=True)
+    client = KnowledgeClient(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
+
+    def tell() -> None:
+        if client.wait():
+            try:
+                publisher.publish(everything(client))
+            except ServiceError as error:
+                rospy.logwarn(f"the recording begins without the knowledge: {error}")
+        rospy.spin()
+
+    return tell
+
+
+def everything(client: KnowledgeClient) -> KnowledgeChanges:
+    """All that a knowledge base knows, as one change.
+
+    Its stamp is from before the reading: later changes may be in it, and change nothing when applied again.
+    """
+    change = KnowledgeChanges(client=BEGIN, cleared=True)
+    change.header.stamp = rospy.Time.now()
+    seen = set()
+    for kind in client.types():
+        for name in client.instances(kind, True, False):
+            if name not in seen:
+                seen.add(name)
+                change.added.append(_instance(kind, name))
+    change.added += [_instance("object", name) for name in client.instances() if name not in seen]
+    change.added += [*client.propositions(), *client.functions()]
+    change.goals_added += client.goals()
+    return change
+
+
+def _instance(kind: str, name: str) -> KnowledgeItem:
+    return KnowledgeItem(knowledge_type=KnowledgeItem.INSTANCE, instance_type=kind, instance_name=name)
+
+
+def _parameters() -> Dict[str, Any]:
+    wanted = [*READ, *(f"merlin_monitor/{name}" for name in MONITOR)]
+    found = {rospy.resolve_name(name): rospy.get_param(name, None) for name in wanted}
+    return {name: value for name, value in found.items() if value is not None}

@@ -1,0 +1,171 @@
+"""Recordings: what is played for them, and bags that cannot be shown."""
+
+import re
+from pathlib import Path
+from typing import Any, Dict, List, Tuple
+
+import genpy
+import pytest
+import rosbag
+import yaml
+from geometry_msgs.msg import TransformStamped
+from merlin_msgs.msg import KnowledgeChanges, MissionStatus
+from nav_msgs.msg import Odometry
+from rosplan_knowledge_msgs.msg import KnowledgeItem
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+
+from merlin.replay import command
+from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
+from merlin_monitor.bag.recording import Recording, RecordingError
+
+CHANGES = "/r1/rosplan_knowledge_base/changes"
+BEGIN = 100.0
+
+
+def fact(name: str) -> KnowledgeItem:
+    return KnowledgeItem(knowledge_type=KnowledgeItem.FACT, attribute_name=name)
+
+
+def changes(at: float, version: int, *added: str, cleared: bool = False) -> KnowledgeChanges:
+    message = KnowledgeChanges(version=version, added=[fact(name) for name in added], cleared=cleared)
+    message.header.stamp = genpy.Time.from_sec(at)
+    return message
+
+
+def fixed(child: str) -> TFMessage:
+    transform = TransformStamped(child_frame_id=child)
+    transform.header.frame_id = "base_link"
+    return TFMessage([transform])
+
+
+def record(path: Path, *messages: Tuple[str, Any, float]) -> Path:
+    """A bag with the parameters of a recording and these messages: topic, message, s after its begin."""
+    with rosbag.Bag(str(path), "w") as bag:
+        parameters = String(yaml.safe_dump({"/r1/world": {"points_of_interest": {}}}))
+        bag.write(f"/r1/{PARAMETERS}", parameters, genpy.Time.from_sec(BEGIN))
+        for topic, message, after in messages:
+            bag.write(topic, message, genpy.Time.from_sec(BEGIN + after))
+    return path
+
+
+def recorded(path: Path) -> Path:
+    return record(
+        path,
+        (CHANGES, changes(BEGIN, 7, "before_the_reading"), 0.1),
+        (CHANGES, changes(BEGIN + 0.3, 8, "while_reading"), 0.3),
+        (f"/r1/{KNOWLEDGE}", changes(BEGIN + 0.2, 0, "all", cleared=True), 0.4),
+        ("/r1/merlin/mission", MissionStatus(task=1), 1.0),
+        ("/r1/odom", Odometry(), 1.5),
+        ("/tf_static", fixed("camera"), 2.0),
+        ("/tf_static", fixed("laser"), 2.1),
+        ("/r1/merlin/mission", MissionStatus(task=2), 3.0),
+        (CHANGES, changes(BEGIN + 5.0, 20, "after_a_gap"), 5.0),
+        ("/r1/odom", Odometry(), 6.0),
+    )
+
+
+def played(path: Path, start: float = 0.0) -> Dict[str, List[Tuple[Any, float]]]:
+    """Topic -> messages and s after the begin of the recording."""
+    found: Dict[str, List[Tuple[Any, float]]] = {}
+    target = path.with_name("played.bag")
+    Recording(path).write(target, start)
+    with rosbag.Bag(str(target)) as bag:
+        for topic, message, at in bag.read_messages():
+            found.setdefault(topic, []).append((message, at.to_sec() - BEGIN))
+    return found
+
+
+def test_the_knowledge_is_one_row_of_changes_that_begins_with_all_that_was_known(tmp_path: Path) -> None:
+    told = [message for message, _ in played(recorded(tmp_path / "run.bag"))[CHANGES]]
+    names = [[item.attribute_name for item in message.added] for message in told]
+    assert names == [["all"], ["while_reading"], ["after_a_gap"]]
+    assert [message.version for message in told] == [1, 2, 3]
+    assert told[0].cleared
+
+
+def test_namespace_and_parameters_are_those_of_the_robot(tmp_path: Path) -> None:
+    recording = Recording(recorded(tmp_path / "run.bag"))
+    assert (recording.namespace, recording.length) == ("r1", pytest.approx(6.0))
+    assert recording.parameters == {"/r1/world": {"points_of_interest": {}}}
+    assert Recording(tmp_path).length == recording.length  # the results folder
+
+
+def test_what_was_known_before_the_start_is_told_at_the_start_in_its_order(tmp_path: Path) -> None:
+    found = played(recorded(tmp_path / "run.bag"), 4.0)
+    tasks = [(message.task, at) for message, at in found["/r1/merlin/mission"]]
+    assert [task for task, _ in tasks] == [1, 2]
+    assert all(at == pytest.approx(4.0, abs=0.01) for _, at in tasks) and tasks[0][1] < tasks[1][1]
+    assert [at for _, at in found[CHANGES]] == pytest.approx([4.0, 4.0, 5.0], abs=0.01)
+    assert len(found["/r1/odom"]) == 1  # where it was before is of no use
+
+
+def test_fixed_frames_are_told_at_once(tmp_path: Path) -> None:
+    ((message, at),) = played(recorded(tmp_path / "run.bag"))["/tf_static"]
+    assert {each.child_frame_id for each in message.transforms} == {"camera", "laser"}
+    assert at == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_start_after_the_end_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="lasts 6.0 s"):
+        played(recorded(tmp_path / "run.bag"), 60.0)
+
+
+def foreign(path: Path) -> None:
+    with rosbag.Bag(str(path), "w") as bag:
+        bag.write("/chatter", String("hello"), genpy.Time(1))
+
+
+def unindexed(path: Path) -> None:
+    with rosbag.Bag(str(path), "w", chunk_threshold=1) as bag:  # never closed, as when its recorder is killed
+        bag.write("/chatter", String("hello"), genpy.Time(1))
+        bag.flush()
+        content = path.read_bytes()
+    path.write_bytes(content)
+
+
+def cut(path: Path) -> None:
+    content = recorded(path).read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+
+
+def overwritten(path: Path) -> None:
+    content = bytearray(recorded(path).read_bytes())
+    content[5000:9000] = b"x" * len(content[5000:9000])
+    path.write_bytes(bytes(content))
+
+
+def active(path: Path) -> None:
+    recorded(path).rename(path.with_name("run.bag.active"))
+
+
+BAD = {
+    "missing": (lambda path: None, "there is no bag"),
+    "a text": (lambda path: path.write_text("hello"), "is damaged, or not a bag"),
+    "nothing in it": (lambda path: path.write_bytes(b""), "is damaged, or not a bag"),
+    "of another program": (foreign, "is not a recording of record:=true"),
+    "without an index": (unindexed, "rosbag reindex"),
+    "cut off": (cut, "rosbag reindex|is damaged"),
+    "overwritten": (overwritten, "is damaged"),
+    "not ended": (active, "is still being recorded"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_bag_that_cannot_be_shown_is_one_line(
+    kind: str, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    make, text = BAD[kind]
+    make(tmp_path / "run.bag")
+    monkeypatch.setattr("sys.argv", ["replay", str(tmp_path / "run.bag")])
+    assert command.main() == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("merlin replay: ")
+    assert re.search(text, line)
+
+
+def test_a_recording_of_other_messages_is_refused(tmp_path: Path, monkeypatch: Any) -> None:
+    path = recorded(tmp_path / "run.bag")
+    monkeypatch.setattr(MissionStatus, "_md5sum", "0" * 32)
+    with pytest.raises(RecordingError, match="merlin_msgs/MissionStatus differs"):
+        Recording(path)
