@@ -2,6 +2,7 @@
 """Runs all benchmarks, each in its own process, writes results/bench.json and prints a table.
 
 Usage: bench/run.py [--docs] [topic ...]     for example: bench/run.py knowledge dispatch
+Without topics all but the long ones: fleet, robots_home.
 --docs puts the table into docs/benchmarks.md.
 """
 
@@ -22,6 +23,8 @@ RESULTS = BENCH.parent / "results" / "bench.json"
 PAGE = BENCH.parent / "docs" / "benchmarks.md"
 BEGIN, END = "<!-- table of make bench: begin -->", "<!-- table of make bench: end -->"
 LIMIT = float(os.environ.get("LIMIT", 600.0))  # s for one benchmark
+#: Benchmarks that are run by their name only, and s for each.
+LONG = {"bench_fleet": 3600.0, "bench_robots_home": 3600.0}
 
 # What a benchmark's process does: measure, and write what it measured where it is told.
 _CHILD = "import json, sys; sys.path.insert(0, sys.argv[1]); module = __import__(sys.argv[2]); \
@@ -32,6 +35,7 @@ def run(module: str) -> Tuple[Optional[Dict[str, Any]], str]:
     """Results of one benchmark and, when it failed, what it printed."""
     target = RESULTS.parent / f"{module}.json"
     target.unlink(missing_ok=True)
+    limit = max(LIMIT, LONG.get(module, 0.0))
     process = subprocess.Popen(
         [sys.executable, "-c", _CHILD, str(BENCH), module, str(target)],
         stdout=subprocess.PIPE,
@@ -41,11 +45,11 @@ def run(module: str) -> Tuple[Optional[Dict[str, Any]], str]:
         start_new_session=True,
     )
     try:
-        output, _ = process.communicate(timeout=LIMIT)
+        output, _ = process.communicate(timeout=limit)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         output, _ = process.communicate()
-        output += f"\nended after {LIMIT:.0f} s"
+        output += f"\nended after {limit:.0f} s"
     if process.returncode or not target.exists():
         return None, output
     results = json.loads(target.read_text())
@@ -109,6 +113,8 @@ def main(topics: List[str]) -> int:
             print(f"no benchmark: {', '.join(unknown)}", file=sys.stderr)
             return 2
         modules = [f"bench_{topic}" for topic in topics]
+    else:
+        modules = [module for module in modules if module not in LONG]
     RESULTS.parent.mkdir(exist_ok=True)
     collected: Dict[str, Any] = {}
     if topics and RESULTS.exists():  # a part is measured anew, the rest is kept

@@ -4,7 +4,8 @@ The kernel may have no netem, and a proxy per TCP connection would not know ROS'
 a TUN device whose packets pass through this process. A packet that it drops is lost as on a radio link:
 neither side is told.
 
-Usage: link.py NAMESPACE ADDRESS NAMESPACE ADDRESS; commands are lines of JSON: {"loss": 0..1, "delay": s}.
+Usage: link.py NAMESPACE ADDRESS NAMESPACE ADDRESS [DEVICE]; commands are lines of JSON:
+{"loss": 0..1, "delay": s}. It says `linked` when it is there, and `shaped` after each command.
 """
 
 import ctypes
@@ -64,16 +65,16 @@ class Shaper:
         return max(0.0, self._queue[0][0] - now) if self._queue else 1.0
 
 
-def open_tun(namespace: str, address: str) -> int:
+def open_tun(namespace: str, address: str, name: str = DEVICE) -> int:
     """Makes the device in a namespace and returns its descriptor."""
     with open(f"/run/netns/{namespace}") as handle:
         if ctypes.CDLL(None, use_errno=True).setns(handle.fileno(), CLONE_NEWNET):
             raise OSError(ctypes.get_errno(), f"cannot enter the network namespace {namespace}")
     device = os.open("/dev/net/tun", os.O_RDWR)
-    fcntl.ioctl(device, TUNSETIFF, struct.pack("16sH", DEVICE.encode(), IFF_TUN | IFF_NO_PI))
+    fcntl.ioctl(device, TUNSETIFF, struct.pack("16sH", name.encode(), IFF_TUN | IFF_NO_PI))
     for words in (
-        ["addr", "add", f"{address}/24", "dev", DEVICE],
-        ["link", "set", DEVICE, "mtu", str(MTU), "up"],
+        ["addr", "add", f"{address}/24", "dev", name],
+        ["link", "set", name, "mtu", str(MTU), "up"],
         ["link", "set", "lo", "up"],
     ):
         subprocess.run(["ip", *words], check=True)
@@ -82,8 +83,9 @@ def open_tun(namespace: str, address: str) -> int:
 
 def main() -> int:
     """Forwards until the input is closed; returns the exit code."""
-    one = open_tun(sys.argv[1], sys.argv[2])
-    other = open_tun(sys.argv[3], sys.argv[4])
+    name = sys.argv[5] if len(sys.argv) > 5 else DEVICE
+    one = open_tun(sys.argv[1], sys.argv[2], name)
+    other = open_tun(sys.argv[3], sys.argv[4], name)
     target: Dict[int, int] = {one: other, other: one}
     shaper = Shaper()
     print(json.dumps({"at": time.monotonic(), "kind": "linked"}), flush=True)
@@ -98,6 +100,7 @@ def main() -> int:
                 for part in line.decode().splitlines():
                     setting = json.loads(part)
                     shaper.loss, shaper.delay = setting["loss"], setting["delay"]
+                    print(json.dumps({"at": time.monotonic(), "kind": "shaped"}), flush=True)
             else:
                 shaper.put(os.read(source, 65536), target[source], time.monotonic())
         for device, packet in shaper.due(time.monotonic()):

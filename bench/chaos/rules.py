@@ -5,7 +5,7 @@ Each rule returns sentences that say what was seen and when, in s since the faul
 
 import re
 from dataclasses import dataclass
-from typing import Callable, List, Optional, Tuple
+from typing import Callable, List, Optional, Set, Tuple
 
 from chaos import events
 from chaos.events import Event
@@ -15,6 +15,8 @@ from chaos.knowledge_rules import nothing_is_lost, one_true_place, what_is_full_
 from chaos.moments import Moment
 from chaos.scene import CANCEL_ACTION, IDLE, commands_motion, scene_at, stands
 
+#: s after which the clients of a server that hangs have given it up.
+GIVEN_UP = 7.0
 #: s from the loss of an owner until the base stands.
 STAND_LIMIT = 1.0
 #: The same when the owner is not dead, but hung or cut off.
@@ -286,9 +288,19 @@ def _cancelled_truly(evidence: Evidence, ended: Event) -> List[str]:
     after = next((event for event in later if event.get("ros", event.at) > braked), None)
     if after is not None and not stands(after):
         found.append(f"CANCELLED is told at {at}, and the base moves with {scene.speed:.2f} m/s")
-    dead = set(evidence.trial.fault.targets) if evidence.trial.fault.signal in ("KILL", "TERM") else set()
     servers = {"move_base": "navigation", "sound_play": "soundplay_node", "listen": "listen"}
-    busy = [server for server in scene.busy() if servers[server] not in dead]
+    over = _over(evidence, ended.at)
+    busy = [server for server in scene.busy() if servers[server] not in over]
     if busy:
         found.append(f"CANCELLED is told at {at}, and {', '.join(busy)} has not ended its goal")
     return found
+
+
+def _over(evidence: Evidence, at: float) -> Set[str]:
+    """The nodes that were killed, or have hung for so long that they were given up: their goals are over."""
+    fault = evidence.trial.fault
+    helped = evidence.first(events.HELPED)
+    killed = fault.signal in ("KILL", "TERM") or (helped is not None and helped.at <= at)
+    goes_on = evidence.zero + fault.lasts if fault.lasts is not None else evidence.end
+    given_up = fault.signal == "STOP" and evidence.zero + GIVEN_UP < at <= goes_on
+    return set(fault.targets) if killed or given_up else set()

@@ -34,32 +34,41 @@ except socket.timeout:
 """
 
 
+class Shaped:
+    """A network whose link has taken each command before the test goes on."""
+
+    def __init__(self, folder: Path) -> None:
+        self._said = {"linked": threading.Event(), "shaped": threading.Event()}
+        self.network = Network(f"test{os.getpid()}", dict(os.environ), folder, self._receive)
+        assert self._said["linked"].wait(30.0), (folder / "link.err").read_text()
+
+    def _receive(self, event: Event) -> None:
+        if event.kind in self._said:
+            self._said[event.kind].set()
+
+    def shape(self, **how: float) -> None:
+        self._said["shaped"].clear()
+        self.network.shape(**how)
+        assert self._said["shaped"].wait(30.0)
+
+
 @pytest.fixture
-def network(tmp_path: Path) -> Iterator[Network]:
-    linked = threading.Event()
-
-    def receive(event: Event) -> None:
-        if event.kind == "linked":
-            linked.set()
-
-    made = Network(f"test{os.getpid()}", dict(os.environ), tmp_path, receive)
-    try:
-        assert linked.wait(30.0), (tmp_path / "link.err").read_text()
-        yield made
-    finally:
-        made.close()
+def network(tmp_path: Path) -> Iterator[Shaped]:
+    made = Shaped(tmp_path)
+    yield made
+    made.network.close()
 
 
-def run(network: Network, side: str, code: str, *words: str) -> List[str]:
-    return network.inside(side, [sys.executable, "-c", code, *words])
+def run(shaped: Shaped, side: str, code: str, *words: str) -> List[str]:
+    return shaped.network.inside(side, [sys.executable, "-c", code, *words])
 
 
-def ask(network: Network, limit: float) -> str:
-    command = run(network, MIND, ASK, ADDRESSES[ROBOT], str(limit))
+def ask(shaped: Shaped, limit: float) -> str:
+    command = run(shaped, MIND, ASK, ADDRESSES[ROBOT], str(limit))
     return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout.strip()
 
 
-def test_a_link_can_be_cut_and_healed(network: Network) -> None:
+def test_a_link_can_be_cut_and_healed(network: Shaped) -> None:
     server = subprocess.Popen(run(network, ROBOT, ECHO), stdout=subprocess.PIPE, text=True)
     try:
         assert server.stdout is not None
@@ -76,7 +85,7 @@ def test_a_link_can_be_cut_and_healed(network: Network) -> None:
         server.communicate()
 
 
-def test_namespaces_are_taken_away(network: Network) -> None:
-    network.close()
+def test_namespaces_are_taken_away(network: Shaped) -> None:
+    network.network.close()
     left = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout
-    assert not [name for name in network.names.values() if name in left]
+    assert not [name for name in network.network.names.values() if name in left]

@@ -176,6 +176,27 @@ def test_cancelled_while_the_base_drives_is_a_lie() -> None:
     assert "the base moves until 3.95 s" in found or "the base moves until 4.00 s" in found
 
 
+@pytest.mark.parametrize(("killed", "blamed"), [(True, False), (False, True)])
+def test_a_hung_server_that_was_killed_has_no_goal_any_more(killed: bool, blamed: bool) -> None:
+    story = good().add(8.0, events.GOALS, server="listen", active=["c"], ended={})
+    if killed:
+        story.add(12.05, events.HELPED, what="listen killed")
+    trial = Trial("test", Fault("listen:stop", SIGNAL, ("listen",), "STOP"), Moment.LISTENING, cancel=True)
+    found = [text for text in story.judge(trial).violations if text.startswith("CANCELLED is told at 2.80")]
+    assert bool(found) is blamed
+
+
+@pytest.mark.parametrize(("told", "blamed"), [(16.0, True), (17.5, False)])
+def test_a_hung_server_is_given_up(told: float, blamed: bool) -> None:
+    story = Story().add(8.0, events.GOALS, server="listen", active=["c"], ended={})
+    story.add(10.2, events.GOALS, server="move_base", active=[], ended={"a": 3}).drive(6.0, 9.0, 20.0).told(
+        told
+    )
+    trial = Trial("test", Fault("listen:stop", SIGNAL, ("listen",), "STOP"), Moment.LISTENING)
+    found = [text for text in story.judge(trial).violations if "listen has not ended its goal" in text]
+    assert bool(found) is blamed
+
+
 def test_a_base_may_brake_after_the_end_but_nothing_may_command_it() -> None:
     braking = Story().drive(6.0, 10.4, 20.0).add(10.0, events.CANCEL, label=REQUEST)
     braking.add(10.0, events.GOALS, server="move_base", active=[], ended={"a": 2}).told(10.05)
