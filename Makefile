@@ -6,28 +6,34 @@ SEED ?= 1
 MISSION ?= 1
 APPROACH ?= merlin
 CYCLES ?= 10000
+ROBOT_CYCLES ?= 1100
 CANCEL_AFTER ?= 10
 RECORD ?= false
 GUESTS ?= 6
 DISTURBANCES ?= 5
+# Whether the page stays when the run has ended: true, false, auto: on a terminal, until a key.
+LINGER ?= auto
 
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment restaurant test lint docs bench chaos chaos-table soak screenshots clean
+.PHONY: help build demo experiment restaurant fleet fleet-chaos test lint docs bench chaos chaos-table soak screenshots debian clean
 
 help:
-	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD=)"
+	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD= LINGER=)"
 	@echo "make experiment   Missions 1, 2, 3, naive and MERLIN, and a report (MISSION= APPROACH= RUNS= SEED= RTF= SWEEPS= WORLDS= CHECK=1)"
-	@echo "make restaurant   an evening in the simulated restaurant (GUESTS= DISTURBANCES= SEED= RTF= RECORD=)"
+	@echo "make restaurant   an evening in the simulated restaurant (ROBOTS= GUESTS= DISTURBANCES= SEED= RTF= RECORD= LINGER=)"
+	@echo "make fleet  a fleet on this machine: a hub, robots, a link that is cut, a robot that is killed (ROBOTS=)"
+	@echo "make fleet-chaos  its fault campaign (TRIALS= of each FAULT=, SEED=)"
 	@echo "make test   all tests"
 	@echo "make bench  benchmarks"
 	@echo "make chaos  the fault campaign (TRIALS= MINUTES= SEED= FAULT= MOMENT= RESPAWN=yes|no)"
 	@echo "make chaos-table   its table into docs/reliability.md (RESULTS='folder folder …')"
-	@echo "make soak   10 000 cancels and interruptions, the long tests, an hour of faults, 3 000 goals (CYCLES= MINUTES=)"
+	@echo "make soak   10 000 cancels and interruptions, 1 000 with robots that come and go, the long tests, an hour of faults, 3 000 goals (CYCLES= ROBOT_CYCLES= MINUTES=)"
 	@echo "make lint   ruff, mypy, the map of imports, catkin_lint, roslaunch-check"
 	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
+	@echo "make debian  build and demo in a bare root of another Debian (VERSION=12|13 TARGET='build demo test' PYTEST='FILE …')"
 	@echo "make build  only what the others need"
 
 build:
@@ -35,7 +41,7 @@ build:
 
 demo: build
 	@$(RUN) home.launch mission:=$(MISSION) approach:=$(APPROACH) seed:=$(SEED) rtf:=$(RTF) \
-	  cancel_after:=$(CANCEL_AFTER) record:=$(RECORD) results:=$(CURDIR)/results/demo
+	  cancel_after:=$(CANCEL_AFTER) record:=$(RECORD) linger:=$(LINGER) results:=$(CURDIR)/results/demo
 
 # Only what was given narrows the experiment; the defaults above are those of the demo.
 given = $(if $(filter-out file default undefined,$(origin $(1))),--$(2) $($(1)))
@@ -44,12 +50,25 @@ experiment: build
 	  $(call given,RUNS,runs) $(call given,SEED,seed) $(call given,RTF,rtf) $(call given,SWEEPS,sweeps) $(call given,WORLDS,worlds) \
 	  $(if $(CHECK),--check) $(if $(filter true,$(RECORD)),--record) --results $(CURDIR)/results/experiment
 
+# ROBOTS=2 or 3; one has no name.
+several = $(if $(filter-out 1,$(ROBOTS)),robots:=$(shell seq -s, -f robot_%g $(ROBOTS)))
 restaurant: build
-	@$(RUN) restaurant.launch guests:=$(GUESTS) disturbances:=$(DISTURBANCES) seed:=$(SEED) \
-	  $(if $(filter-out file default undefined,$(origin RTF)),rtf:=$(RTF)) record:=$(RECORD) results:=$(CURDIR)/results/restaurant
+	@$(RUN) restaurant.launch guests:=$(GUESTS) disturbances:=$(DISTURBANCES) seed:=$(SEED) $(several) \
+	  $(if $(filter-out file default undefined,$(origin RTF)),rtf:=$(RTF)) record:=$(RECORD) linger:=$(LINGER) \
+	  results:=$(CURDIR)/results/restaurant
 
+fleet: build
+	@$(IN) python bench/fleet $(call given,ROBOTS,robots)
+
+# In docs/fleet.md: the table of faults.
+fleet-chaos: build
+	@$(IN) python bench/fleet/campaign.py $(call given,TRIALS,trials) $(call given,FAULT,faults) --seed $(SEED)
+
+# Most tests wait for processes most of the time: two at once. The part of the fault campaign has the machine to itself.
+JOBS ?= 2
 test: build
-	@$(IN) python -m pytest test
+	@$(IN) python -m pytest -n $(JOBS) --dist loadfile test
+	@$(IN) python -m pytest -m alone test/application
 
 bench: build
 	@$(IN) python bench/run.py
@@ -66,7 +85,9 @@ chaos-table: build
 
 soak: build
 	@CYCLES=$(CYCLES) LIMIT=20000 $(IN) python bench/run.py cancel_stress
+	@CYCLES=$(ROBOT_CYCLES) SEED=$(SEED) LIMIT=20000 $(IN) python bench/run.py robots_stress
 	@$(IN) python -m pytest -m long test
+	@$(IN) python bench/fleet/campaign.py --trials 3 --seed $(SEED)
 	@$(CHAOS) --goals 3000 --results $(CURDIR)/results/chaos_soak
 	@$(CHAOS) --minutes $(or $(MINUTES),60) --seed $(SEED) --results $(CURDIR)/results/chaos_soak
 
@@ -75,6 +96,9 @@ screenshots: build
 
 docs:
 	@tools/docs.sh
+
+debian:
+	@VERSION=$(VERSION) TARGET="$(TARGET)" PYTEST="$(PYTEST)" tools/debian.sh
 
 lint: build
 	@$(IN) tools/lint.sh

@@ -17,31 +17,65 @@ as_root() {
 
 install_apt() {
   local wanted missing
-  wanted=$(sed 's/#.*//' apt.txt)
+  wanted=$(tools/apt_packages.sh)
   # shellcheck disable=SC2086
   missing=$(comm -13 \
     <(dpkg-query -W -f '${db:Status-Abbrev} ${Package}\n' $wanted 2>/dev/null | awk '$1 == "ii" {print $2}' | sort -u) \
     <(tr -s ' \n' '\n' <<<"$wanted" | sed '/^$/d' | sort -u))
   [ -z "$missing" ] && return
   say "installing $(wc -w <<<"$missing") Debian packages"
+  [ -z "$ros" ] || say "ROS is that of $ros: Debian's packages of ROS are left out"
   local log=$workspace/.apt.log
   as_root apt-get update -q >"$log" 2>&1 || true   # an old list may do; the install decides
   # shellcheck disable=SC2086
   as_root apt-get install -y -q --no-install-recommends $missing >>"$log" 2>&1 || {
     tail -n 5 "$log" >&2
-    fail "apt-get could not install the packages of apt.txt (network? Debian 12?); the whole log is $log"
+    fail "apt-get could not install the packages of apt.txt (network? Debian 12 or 13?); the whole log is $log"
   }
   rm -f "$log"
 }
 
+# pybullet has no wheel for Python 3.13, and its C is older than the errors of gcc 14. Built once, with the numpy that
+# is installed, without which its pictures come as lists.
+build_pybullet() {
+  local wanted=$1 temporary=$workspace/.venv/tmp shown=0 done builder
+  say "$wanted has no wheel for this Python: it is built from source, which takes some minutes"
+  rm -rf "$temporary"
+  mkdir "$temporary"
+  TMPDIR=$temporary CFLAGS="-Wno-incompatible-pointer-types -Wno-int-conversion -Wno-implicit-function-declaration -fpermissive -g0 -w" \
+    $pip install -v --no-deps --no-build-isolation --no-binary pybullet "$wanted" >.venv/pybullet.log 2>&1 &
+  builder=$!
+  while kill -0 $builder 2>/dev/null; do
+    # pip removes folders meanwhile, which find calls an error.
+    done=$({ find "$temporary" -name '*.o' 2>/dev/null || true; } | wc -l)
+    if [ "$done" -ge $((shown + 25)) ]; then
+      say "pybullet: $done files compiled"
+      shown=$done
+    fi
+    sleep 1
+  done
+  wait $builder || {
+    tail -n 5 .venv/pybullet.log >&2
+    fail "pip could not build $wanted (network?); the whole log is $workspace/.venv/pybullet.log"
+  }
+  rm -rf "$temporary"
+}
+
 make_venv() {
-  local stamp=.venv/.requirements key
-  key=$(cat requirements.txt requirements-nodeps.txt constraints.txt | sha256sum)
+  local python=/usr/bin/python3 stamp=.venv/.requirements pip=".venv/bin/pip --disable-pip-version-check" key numpy pybullet
+  # The Python of a conda environment with ROS is the one that can import it.
+  case $ros/ in "${CONDA_PREFIX:-/none}"/*) python=$CONDA_PREFIX/bin/python3 ;; esac
+  # cv_bridge and OpenCV are built for this numpy.
+  numpy=$("$python" -c 'import numpy; print("numpy==" + numpy.__version__)') || fail "$python has no numpy"
+  key=$({ echo "$python $numpy"; cat requirements.txt requirements-nodeps.txt; } | sha256sum)
   [ -x .venv/bin/python ] && [ "$(cat $stamp 2>/dev/null)" = "$key" ] && return
   say "virtual environment .venv"
-  [ -x .venv/bin/python ] || /usr/bin/python3 -m venv --system-site-packages .venv
-  .venv/bin/pip install -q --disable-pip-version-check -c constraints.txt -r requirements.txt 2>.venv/pip.log &&
-    .venv/bin/pip install -q --disable-pip-version-check --no-deps -r requirements-nodeps.txt 2>>.venv/pip.log || {
+  [ -x .venv/bin/python ] || "$python" -m venv --system-site-packages .venv
+  echo "$numpy" >.venv/constraints.txt
+  pybullet=$(grep '^pybullet' requirements.txt)
+  $pip install -q --no-deps --only-binary :all: "$pybullet" 2>.venv/pip.log || build_pybullet "$pybullet"
+  $pip install -q -c .venv/constraints.txt -r requirements.txt 2>.venv/pip.log &&
+    $pip install -q --no-deps -r requirements-nodeps.txt 2>>.venv/pip.log || {
     tail -n 5 .venv/pip.log >&2
     fail "pip could not install requirements.txt (network?)"
   }
@@ -78,6 +112,7 @@ build_catkin() {
 mkdir -p build
 exec 9>build/.lock
 flock 9 2>/dev/null || true    # two targets at once: the second waits for the first's build
+ros=$(tools/apt_packages.sh --ros)   # prefix of a ROS 1 that is not Debian's; empty: Debian's
 install_apt
 make_venv
 build_catkin

@@ -23,11 +23,20 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
     "merlin_sm": ("merlin_msgs", "merlin_pddl", "merlin_ros"),
     "merlin_guard": ("merlin_msgs", "merlin_ros"),
     "merlin_actions": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_sm"),
-    "merlin_executor": ("merlin_msgs", "merlin_ros", "merlin_sm"),
+    "merlin_executor": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_sm"),
     "merlin_rosplan": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_sm", "merlin_actions"),
+    "merlin_fleet": (
+        "merlin_msgs",
+        "merlin_pddl",
+        "merlin_ros",
+        "merlin_sm",
+        "merlin_rosplan",
+        "merlin_executor",
+        "merlin_monitor",
+    ),
     "merlin_reactive": ("merlin_msgs", "merlin_ros"),
     "merlin_sim": ("merlin_msgs", "merlin_ros", "merlin_reactive"),
-    "merlin_monitor": ("merlin_msgs", "merlin_ros", "merlin_sm", "merlin_executor"),
+    "merlin_monitor": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_sm", "merlin_executor"),
     "merlin_home": ("merlin_msgs", "merlin_ros", "merlin_sm", "merlin_actions", "merlin_executor"),
     "merlin_restaurant": (
         "merlin_msgs",
@@ -77,8 +86,18 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_sim": ("world", "robot people", "engine", "node"),
     "merlin_actions": ("core", ".", "actions nodes testing"),
     "merlin_executor": ("core goals", ".", "mission node testing"),
-    "merlin_monitor": ("text drawing access", "state", "listeners", "panels", ".", "web terminal"),
-    "merlin": ("new", ".", "testing"),
+    "merlin_fleet": ("core", ". testing", "page node", "commands"),
+    "merlin_monitor": (
+        "text drawing access",
+        "history",
+        "state",
+        "listeners",
+        "panels",
+        ".",
+        "bag",
+        "web terminal rviz",
+    ),
+    "merlin": ("new", ".", "replay testing"),
     "merlin_home": (".", "actions"),
     "merlin_restaurant": (".", "actions"),
     "merlin_experiment": ("records oracle", "mission runs", "report", "."),
@@ -89,7 +108,8 @@ WITHOUT_ROS: Dict[str, str] = {
     "merlin_pddl": "*",
     "merlin_actions": "core",
     "merlin_executor": "core goals",
-    "merlin_monitor": "access",
+    "merlin_fleet": "core testing",
+    "merlin_monitor": "access history",
     "merlin_rosplan": "knowledge planning dispatch storage supervision",
 }
 ROS = re.compile(r"(ros\w+|actionlib|smach\w*|tf2_ros|diagnostic_updater|bondpy|\w+_msgs|\w+_srvs)\Z")
@@ -101,6 +121,7 @@ MAY_BE_FULL = ("smach",)
 KEYS = {
     "aiohttp": "python3-aiohttp",
     "cv2": "python3-opencv",
+    "grpc": "python3-grpcio",
     "jinja2": "python3-jinja2",
     "jsonschema": "python3-jsonschema",
     "matplotlib": "python3-matplotlib",
@@ -111,7 +132,9 @@ KEYS = {
     "yaml": "python3-yaml",
 }
 #: Comes from requirements.txt: rosdep has no key for it.
-FROM_PIP = {"kairos", "pocketsphinx", "pyastar2d", "pybullet", "pybullet_utils", "rdflib"}
+FROM_PIP = {"kairos", "pocketsphinx", "py_trees", "pyastar2d", "pybullet", "pybullet_utils", "rdflib"}
+#: Comes from apt.txt: rosdep has no key for it.
+FROM_APT = {"etcd3"}
 
 
 class Import(NamedTuple):
@@ -215,7 +238,8 @@ def _room_of(root: Path, module: str) -> str:
 def missing_in_manifest(root: Path, imports: List[Import]) -> Iterator[str]:
     """Imported packages that the manifest does not name."""
     manifest = (root / "package.xml").read_text(encoding="utf-8")
-    named = set(re.findall(r"<(?:exec_|run_)?depend[^>]*>([^<]+)<", manifest)) | {root.name} | FROM_PIP
+    named = set(re.findall(r"<(?:exec_|run_)?depend[^>]*>([^<]+)<", manifest))
+    named |= {root.name, *FROM_PIP, *FROM_APT}
     told: Set[str] = set()
     for found in imports:
         name = found.package

@@ -18,8 +18,19 @@ LINK = re.compile(r"(?<!\!)\[[^\]]*\]\(([^)\s]+)\)|!\[[^\]]*\]\(([^)\s]+)\)")
 #: Title in the menu → pages, in the order in which they are read.
 MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
     ("Begin", ("README.md", "docs/hello.md", "docs/tutorial.md", "docs/testing.md", "docs/real-robot.md")),
-    ("Reference", ("docs/states.md", "docs/planners.md", "docs/dispatch.md", "docs/simulation.md")),
-    ("Design", ("docs/architecture.md", "docs/reliability.md", "docs/ontology.md")),
+    (
+        "Reference",
+        (
+            "docs/states.md",
+            "docs/missions.md",
+            "docs/behaviour-trees.md",
+            "docs/planners.md",
+            "docs/dispatch.md",
+            "docs/several-robots.md",
+            "docs/simulation.md",
+        ),
+    ),
+    ("Design", ("docs/architecture.md", "docs/reliability.md", "docs/fleet.md", "docs/ontology.md")),
     ("ROS and ROSPlan", ("docs/ros1.md", "docs/over-rosplan.md", "docs/rosplan-compatibility.md")),
     ("Measured", ("docs/benchmarks.md", "docs/experiment.md")),
 )

@@ -8,4 +8,14 @@ set +u
 command=("$@")
 set --   # catkin's script takes the arguments of its caller for its own, --help for one
 . "$workspace/devel/setup.bash"
+# What runs on one machine does not need its names (merlin/local_names.py does the same for a single run).
+has_address() { getent ahosts "$1" >/dev/null; }
+name=$(uname -n)
+if [ -z "${ROS_IP:-}${ROS_HOSTNAME:-}" ] && ! has_address "$name"; then
+  export ROS_IP=127.0.0.1
+  echo "in_workspace: '$name' cannot be resolved, 127.0.0.1 is used; plain roslaunch needs the line '127.0.1.1 $name' in /etc/hosts" >&2
+fi
+case ${ROS_MASTER_URI:-http://localhost:11311} in
+  http://localhost:*) has_address localhost || export ROS_MASTER_URI=http://127.0.0.1:11311 ;;
+esac
 exec "${command[@]}"

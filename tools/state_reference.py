@@ -25,7 +25,10 @@ made by `tools/state_reference.py` from the classes.
 All states have the outcomes `succeeded`, `aborted` and `preempted`. After an abort, the state's `reason`
 says why; a preempt ends the state at once. Text in braces, `"Hello {name}"`, names userdata. A machine maps
 userdata by `remapping={key of the state: key of the machine}`. `rosrun merlin check` finds userdata that
-nothing sets. `GivenUp` is in `merlin_sm.states.merlin_state`.
+nothing sets. `GivenUp` is in `merlin_sm.states.merlin_state`. An operator can hold a machine before any
+state: [breakpoints](../src/merlin_monitor#breakpoints), or leave a state with one of its outcomes.
+`self.add(…, autonomy={"succeeded": "high"})` has an outcome wait for an operator below that
+[level](../src/merlin_monitor#forced-outcomes-and-autonomy-levels).
 """
 TAIL = """
 ## Your own
