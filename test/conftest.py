@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Iterator
@@ -15,11 +16,22 @@ from typing import Iterator
 import pytest
 from hypothesis import settings
 
+from merlin.local_names import launch_tool, use_loopback
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))  # tools, not part of the robot
+
+from chaos import processes
+
 # A busy machine is slow, not wrong; how fast things are is for bench/ to say.
 settings.register_profile("merlin", deadline=None)
 settings.load_profile("merlin")
 
 LIMIT = 450.0  # s, below pytest's own limit, so that the suite's processes are ended here
+
+
+def pytest_configure() -> None:
+    """Where the machine's names have no addresses, all tests run on 127.0.0.1."""
+    use_loopback()
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "RosTestFile":
@@ -52,6 +64,7 @@ class RosTestItem(pytest.Item):
         home = Path(self.config.rootpath) / "results" / "test" / self.name
         home.mkdir(parents=True, exist_ok=True)
         env = dict(os.environ, ROS_HOME=str(home), ROS_LOG_DIR=str(home / "log"), PYTHONUNBUFFERED="1")
+        env[processes.MARK] = f"{os.getpid()}.{self.name}"
         env.pop("ROS_MASTER_URI", None)
         results = home / "test_results"
         env["ROS_TEST_RESULTS_DIR"] = str(results)
@@ -60,7 +73,7 @@ class RosTestItem(pytest.Item):
         # What a robot keeps for good would be there for the suite's next run.
         shutil.rmtree(str(home / "merlin"), ignore_errors=True)
         process = subprocess.Popen(
-            ["rostest", str(self.path)],
+            [*launch_tool("rostest"), str(self.path)],
             env=env,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -72,16 +85,10 @@ class RosTestItem(pytest.Item):
         try:
             output, _ = process.communicate(timeout=LIMIT)
         except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGINT)
-            try:
-                output, _ = process.communicate(timeout=15)
-            except subprocess.TimeoutExpired:
-                os.killpg(process.pid, signal.SIGKILL)
-                output, _ = process.communicate()
-            raise RosTestFailure(f"no end after {LIMIT:.0f} s\n{output[-8000:]}") from None
+            raise RosTestFailure(f"no end after {LIMIT:.0f} s\n{_stopped(process)[-8000:]}") from None
         finally:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
+            # Its nodes have sessions of their own, and outlive it when it is killed.
+            processes.kill_marked(env[processes.MARK])
         cases = failures = 0
         for report in results.glob("**/*.xml"):
             for suite in ElementTree.parse(str(report)).getroot().iter("testsuite"):
@@ -101,3 +108,14 @@ class RosTestItem(pytest.Item):
     def reportinfo(self) -> tuple:
         """Where the suite is."""
         return self.path, None, f"rostest {self.path.name}"
+
+
+def _stopped(process: subprocess.Popen) -> str:
+    """Ends a suite as Ctrl-C does; returns what it printed."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGINT)
+    try:
+        return str(process.communicate(timeout=15)[0])
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return str(process.communicate()[0])

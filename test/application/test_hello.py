@@ -53,4 +53,5 @@ def test_every_step_of_the_page_works(tmp_path: Path) -> None:
     assert 's  robot   says "Hello, kitchen."' in said
     assert "edited: my_robot.actions.greet" in said
     assert "ALREADY_TRUE" in said
+    assert "3 passed" in said
     assert "3 tests, 0 errors, 0 failures" in said

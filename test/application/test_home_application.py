@@ -1,19 +1,29 @@
 """The home application as its users start it: `rosrun merlin run home.launch …`."""
 
 import csv
+import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
+import urllib.request
 from pathlib import Path
-from typing import List, Tuple
+from typing import Any, Dict, Iterator, List, Tuple
 
 import pytest
 import rosbag
+from merlin_msgs.msg import MissionStatus
 
 from merlin_home.mission_list import make_mission
+from merlin_monitor.bag.bag_import import BagImport
+from merlin_monitor.bag.recording import Recording
+from merlin_monitor.history.history_reader import HistoryReader
+from merlin_monitor.state.state_tree import apply_changes
 
 RUN = [sys.executable, "-c", "from merlin.launch_runner import main; raise SystemExit(main())", "home.launch"]
+REPLAY = [sys.executable, "-c", "from merlin.replay.command import main; raise SystemExit(main())"]
 POINTS = ["dorm_room", "bathroom", "kitchen", "main_door"]
 
 
@@ -29,8 +39,130 @@ def end(process: subprocess.Popen) -> Tuple[int, List[str], List[str]]:
     return process.returncode, out.splitlines(), err.splitlines()
 
 
+def monitor_of(process: subprocess.Popen) -> str:
+    """The address of the page, as the screen tells it."""
+    for line in process.stderr:
+        if line.startswith("monitor: http"):
+            return line.split()[1]
+    raise AssertionError("there is no page")
+
+
+def until(process: subprocess.Popen, begin: str) -> Iterator[str]:
+    """The lines of the screen, up to the one that begins so."""
+    for line in process.stdout:
+        yield line.rstrip("\n")
+        if line.startswith(begin):
+            return
+
+
+def page(address: str) -> Dict[str, Any]:
+    """What the page shows, when that is asked for."""
+    with urllib.request.urlopen(f"{address}state.json", timeout=60) as answer:
+        return json.load(answer)["state"]
+
+
+def last_page(address: str) -> Dict[str, Any]:
+    """The page once the end of the last task has reached it, which may be later than on the screen."""
+    end_at = time.monotonic() + 60.0
+    while True:
+        state = page(address)
+        open_steps = [
+            step for step in state["plan"]["steps"].values() if step["state"] in ("waiting", "running")
+        ]
+        has_ended = "has ended" in state["now"]["doing"]
+        if (has_ended and not open_steps) or time.monotonic() > end_at:
+            return state
+        time.sleep(0.05)
+
+
+#: A goal begins or ends. Its cancels and interruptions name nodes, which a replay has not.
+GOAL = re.compile(r"“[^”]*”(?: asked for|:)")
+
+
+def spoken(phrase: Any) -> Any:
+    """A phrase without its English words, whose articles depend on the places that are known by then."""
+    if isinstance(phrase, list):
+        return [spoken(each) for each in phrase]
+    if isinstance(phrase, dict):
+        return {key: spoken(value) for key, value in phrase.items() if key != "english"}
+    return phrase
+
+
+def shown(state: Dict[str, Any]) -> Dict[str, Any]:
+    """What a replay has to show again: plan, knowledge, and what happened."""
+    kinds = ("mission", "goal", "plan", "action")
+    events = [event for event in state["history"]["events"].values() if event["kind"] in kinds]
+    told = [event["text"] for event in events]
+    return {
+        "plan": {key: (step["text"], step["state"]) for key, step in state["plan"]["steps"].items()},
+        "facts": sorted(state["knowledge"]["facts"]),
+        "values": {key: entry["value"] for key, entry in state["knowledge"]["values"].items()},
+        "objects": {key: entry["type"] for key, entry in state["knowledge"]["objects"].items()},
+        "points": state["map"]["points"],
+        "grid": state["map"]["grid"]["width"],
+        # At a high rate a mission may be heard after its first request, and the clock goes in large steps.
+        "goals": sorted(
+            re.sub(r"after [0-9.]+ s", "", text).replace("by /mission", "by home mission 1")
+            for text in told
+            if GOAL.match(text)
+        ),
+        "plans": [spoken(event["detail"]["said"]) for event in events if event["text"].startswith("plan of")],
+    }
+
+
+def check_replay(tmp_path: Path, live: Dict[str, Any]) -> None:
+    """Replays the recording at a high rate: at its end the page shows what it showed then."""
+    env = dict(os.environ, ROS_HOME=str(tmp_path), ROS_LOG_DIR=str(tmp_path / "log"), TMPDIR=str(tmp_path))
+    env["ROS_MASTER_URI"] = "http://localhost:1"  # a robot's, which a replay does not ask
+    words = [str(tmp_path / "results"), "--rate", "20", "--keep", "--port", "0"]
+    process = subprocess.Popen(
+        [*REPLAY, *words], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        address = monitor_of(process)
+        end_at = time.monotonic() + 60.0
+        state: Dict[str, Any] = {}
+        while "has ended" not in (state.get("now") or {}).get("doing", "") and time.monotonic() < end_at:
+            time.sleep(0.5)
+            state = page(address)
+        with rosbag.Bag(str(tmp_path / "results" / "run.bag")) as bag:
+            (*_, (_, odometry, _)) = bag.read_messages("/ground_truth")
+            (*_, (_, ended, _)) = bag.read_messages("/merlin/mission")
+        assert (ended.state, ended.description) == (MissionStatus.SUCCEEDED, "every task ended as listed")
+        assert state["now"]["doing"] == "home mission 1 has ended: every task ended as listed", state["now"]
+        assert shown(state) == shown(live)
+        where = odometry.pose.pose.position
+        assert state["map"]["robot"][:2] == pytest.approx([where.x, where.y], abs=0.2)
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=100)
+    assert process.returncode == 130, err
+    assert not list(tmp_path.glob("merlin-replay-*"))
+
+
+def check_opened_bag(tmp_path: Path, live: Dict[str, Any]) -> None:
+    """Opens the recording as a history: its last moment is what the page showed then."""
+    file = tmp_path / "opened.sqlite"
+    BagImport(Recording(tmp_path / "results" / "run.bag"), file).run()
+    reader = HistoryReader.of(file)
+    (run,) = reader.runs().result(60.0)
+    first, *later = json.loads(reader.segment(run["run"], run["ended"]).result(60.0) or "")["frames"]
+    state = first[2]
+    for frame in later:
+        apply_changes(state, frame[2])
+    state["history"] = {"events": {row["id"]: row for row in reader.export().result(60.0)}}
+    reader.close()
+    assert state["now"]["doing"] == "home mission 1 has ended: every task ended as listed", state["now"]
+    assert shown(state) == shown(live)
+
+
 def test_a_short_mission_ends_as_listed_and_leaves_its_tables(tmp_path: Path) -> None:
-    code, out, err = end(start(tmp_path, "tasks:=2", "seed:=1", "rtf:=4", "record:=true"))
+    process = start(tmp_path, "tasks:=2", "seed:=1", "rtf:=4", "record:=true", "monitor_port:=0")
+    address = monitor_of(process)
+    out = list(until(process, "2/2"))
+    live = last_page(address)
+    code, rest, err = end(process)
+    out += rest
     assert code == 0, "\n".join(out + err)
     results = tmp_path / "results"
     with (results / "runs.csv").open() as file:
@@ -52,11 +184,22 @@ def test_a_short_mission_ends_as_listed_and_leaves_its_tables(tmp_path: Path) ->
     assert {"/merlin/status", "/ground_truth", "/cmd_vel", "/merlin/mission"} <= set(topics)
     assert any(line.startswith("2/2") for line in out)
     assert str(results / "runs.csv") in "\n".join(out)
+    check_replay(tmp_path, live)
+    check_opened_bag(tmp_path, live)
 
 
 def test_the_plain_mission_that_newcomers_copy_ends_as_listed(tmp_path: Path) -> None:
-    code, out, err = end(start(tmp_path, "measure:=false", "tasks:=2", "seed:=1", "rtf:=4"))
-    assert code == 0, "\n".join(out + err)
+    process = start(tmp_path, "measure:=false", "tasks:=2", "seed:=1", "rtf:=4", "linger:=true")
+    stays = next((line for line in process.stderr if "the page of this run stays" in line), "")
+    if stays:
+        state = page(next(word for word in stays.split() if word.startswith("http")))
+        process.send_signal(signal.SIGINT)
+    code, out, err = end(process)
+    assert (code, bool(stays)) == (0, True), "\n".join(out + err)
+    assert state["meta"]["archive"] == str(tmp_path / "results")
+    events = state["history"]["events"].values()
+    assert any(" cancels “" in event["text"] for event in events if event["kind"] == "goal")
+    assert any("said “" in event["text"] for event in events if event["kind"] == "speech")
     assert not list(tmp_path.glob("results/*.csv"))
 
 
@@ -72,7 +215,7 @@ def test_bad_input_of_the_plain_mission_is_one_line(tmp_path: Path, word: str, c
 
 
 def test_an_interrupted_mission_stops_and_keeps_what_it_has(tmp_path: Path) -> None:
-    process = start(tmp_path, "tasks:=4", "rtf:=4")
+    process = start(tmp_path, "tasks:=4", "rtf:=4", "linger:=true")  # which is not for a run that is ended
     for line in process.stdout:
         if line.startswith("1/4"):
             break

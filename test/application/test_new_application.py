@@ -28,7 +28,9 @@ def test_the_new_package_is_built_and_tested_over_the_devel_space(tmp_path: Path
     assert not lint.strip()
     shell("devel", build(""), tmp_path)
     overlay = ". my_robot_ws/devel/setup.bash; cd my_robot_ws; "
-    said = shell("devel", f"{overlay} catkin_make run_tests; catkin_test_results", tmp_path)
+    tests = "python -m pytest src/my_robot; catkin_make run_tests; catkin_test_results"
+    said = shell("devel", f"{overlay} {tests}", tmp_path)
+    assert "6 passed" in said, said
     assert "3 tests, 0 errors, 0 failures" in said, said
     said = shell("devel", f"{overlay} rosrun merlin run my_robot my_robot.launch rtf:=0", tmp_path)
     assert "next: (look-at_done hall)" in said, said

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,7 +19,7 @@ RUN = [
 ]
 
 
-LIMIT = 240.0  # s of wall time
+LIMIT = 480.0  # s of wall time
 SHORT = ("haste:=8", "seed:=3", "rtf:=3")
 
 
@@ -38,8 +39,8 @@ def run(tmp_path: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.CompletedProcess(command, process.returncode, out, err)
 
 
-def guests(tmp_path: Path) -> List[Dict[str, str]]:
-    with (tmp_path / "results" / "guests.csv").open() as file:
+def guests(tmp_path: Path, name: str = "guests.csv") -> List[Dict[str, str]]:
+    with (tmp_path / "results" / name).open() as file:
         return list(csv.DictReader(file))
 
 
@@ -59,6 +60,25 @@ def test_a_guest_is_served_though_an_item_is_missing_and_a_chair_in_the_way(tmp_
     assert "interrupted by a more urgent request" in done.stdout
     assert "goes on with (checked" in done.stdout
     assert "the books balance" in done.stdout
+
+
+def test_two_robots_share_an_evening_by_one_plan(tmp_path: Path) -> None:
+    two = ("robots:=robot_1,robot_2", "monitor:=false", "haste:=40", "seed:=3", "rtf:=5")
+    done = run(tmp_path, "guests:=1", "disturbances:=0", "wrong_share:=0", *two)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (ann,) = guests(tmp_path)
+    assert ann["outcome"] == "served" and ann["ordered"] == ann["served"] != ""
+    assert "the books balance" in done.stdout
+    robots = guests(tmp_path, "robots.csv")
+    assert [robot["robot"] for robot in robots] == ["robot_1", "robot_2"]
+    assert all(float(robot["driven_m"]) > 1.0 and int(robot["tables_checked"]) > 0 for robot in robots)
+    # The guest has one waiter, and the other robot takes nothing that it hears for an answer.
+    (waiter,) = {robot["robot"] for robot in robots if int(robot["delivered"])}
+    served = re.findall(
+        rf"\((?:take_order|order_to_barman|load_order|deliver_order) (\w+) {ann['table']}\)", done.stdout
+    )
+    assert set(served) == {waiter}
+    assert set(re.findall(r"(robot_\d) understands", done.stdout)) == {waiter}
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""docs/testing.md: its tests are written to files and run, as a reader would."""
+"""docs/testing.md, behaviour-trees.md, missions.md: their tests are written to files and run."""
 
 import os
 import re
@@ -6,13 +6,23 @@ import subprocess
 import sys
 from pathlib import Path
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "testing.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+NAMES = ("testing.md", "behaviour-trees.md", "missions.md")
+PAGES = "".join((DOCS / name).read_text(encoding="utf-8") for name in NAMES)
 BLOCK = re.compile(r"<!-- file: (\S+) -->\n```python\n(.*?)```", re.DOTALL)
 
 
-def test_the_tests_of_the_page_pass(tmp_path: Path) -> None:
-    files = BLOCK.findall(PAGE)
-    assert [name for name, _ in files] == ["conftest.py", "test_actions.py", "test_mission.py"]
+def test_the_tests_of_the_pages_pass(tmp_path: Path) -> None:
+    files = BLOCK.findall(PAGES)
+    assert [name for name, _ in files] == [
+        "conftest.py",
+        "test_actions.py",
+        "test_mission.py",
+        "visit.py",
+        "test_visit.py",
+        "night.py",
+        "test_night.py",
+    ]
     for name, text in files:
         (tmp_path / name).write_text(text, encoding="utf-8")
     done = subprocess.run(
@@ -26,4 +36,4 @@ def test_the_tests_of_the_page_pass(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout[-6000:]
-    assert "6 passed" in done.stdout, done.stdout
+    assert "13 passed" in done.stdout, done.stdout

@@ -41,7 +41,11 @@ class Conformance(unittest.TestCase):
                 with self.world.interfaces(case, kind) as interfaces:
                     for pace in rospy.get_param("~paces"):
                         with self.subTest(case=case.name, kind=kind, pace=pace):
-                            self.check(case, model, kind, pace, interfaces)
+                            try:
+                                self.check(case, model, kind, pace, interfaces)
+                            except AssertionError as error:  # rostest keeps the texts of subtests for itself
+                                print(f"{case.name}, {kind}, {pace}: {error}", flush=True)
+                                raise
 
     def check(self, case, model, kind, pace, interfaces):
         factor, self.world.clock.factor = PACES[pace]

@@ -10,7 +10,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Sequence
+from typing import Any, Callable, Dict, Iterator, List, Sequence
 
 import rospy
 from cases import FACTS, Case, plan_of, sections
@@ -88,9 +88,9 @@ class Recorded:
             if self._run.changes_at_start(number):
                 self._run.note("start", number)
 
-    def close(self, opening: Any, closing: Closing) -> None:
+    def close(self, opening: Any, closing: Closing, *on_gone: Callable[[], None]) -> None:
         with self.lock:
-            self._effects.close(opening, closing)
+            self._effects.close(opening, closing, *on_gone)
             if closing is Closing.END:
                 self._run.note("end", int(opening.token.split("/")[1]))
 
@@ -116,9 +116,11 @@ class Interface(ActionInterface):
         self._effects = Recorded(getattr(self._effects, "_effects", self._effects), run)
 
     def _receive(self, dispatch: Any) -> None:
-        # All that the start of some actions is, are conditions: they were checked just now.
+        # All that the start of some actions is, are conditions: they were checked just now. What made
+        # them true may be a transaction whose answer is still under way.
         if dispatch.name == self.operator and not self.of_run.changes_at_start(dispatch.action_id):
-            self.of_run.note("start", dispatch.action_id)
+            with Recorded.lock:
+                self.of_run.note("start", dispatch.action_id)
         super()._receive(dispatch)
 
 

@@ -91,12 +91,20 @@ class Visit:
         )
 
     def now(self) -> Dict[str, str]:
-        """What the robot does, as it is said at one moment: mission, goal, action, state, because → text."""
+        """What the robot does, as it is said at one moment: mission, goal, action, state, because → text.
+
+        Of goal and action also the PDDL, as ``goal pddl`` and ``action pddl``.
+        """
         chain, because = self.page.evaluate(
-            "() => [[...document.querySelectorAll('#now-chain li')].map((item) => item.textContent),"
+            "() => [[...document.querySelectorAll('#now-chain li')]"
+            ".map((item) => [item.textContent, item.title]),"
             " document.getElementById('now-because').textContent]"
         )
-        return {"because": because, **dict(text.split(": ", 1) for text in chain)}
+        shown = {"because": because}
+        for text, pddl in chain:
+            what, words = text.split(": ", 1)
+            shown.update({what: words, f"{what} pddl": pddl})
+        return shown
 
     def choose_kinds(self, *kinds: str) -> None:
         """Shows these kinds of events in the history, and no others."""

@@ -217,6 +217,14 @@ class Faults(unittest.TestCase):
         self.assertTrue(self.knowledge.holds("(checked kitchen)"))
         self.assertNextGoalWorks()
 
+    def test_a_request_that_met_a_dying_executor_is_carried_out_by_the_next(self):
+        os.kill(pid_of("/merlin_executor"), signal.SIGSTOP)
+        request = self.client.send("(robot_at kitchen)")
+        kill(self.executor)
+        self.start_executor()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "SUCCEEDED")
+
     def test_a_second_executor_names_the_first_and_does_not_serve(self):
         second = start("merlin_executor", "executor", "__name:=another", output=subprocess.PIPE)
         output, _ = second.communicate(timeout=LONG)

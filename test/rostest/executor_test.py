@@ -1,13 +1,17 @@
 #!/usr/bin/env python3
 """The Executor over real nodes: goals in, robot moved, knowledge true, whatever happens in between."""
 
+import contextlib
+import os
+import signal
+import subprocess
 import threading
 import unittest
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import Twist
-from merlin_msgs.msg import DispatchStatus, ExecutorStatus, KnowledgeChanges
+from merlin_msgs.msg import DispatchStatus, ExecuteActionResult, ExecutorStatus, KnowledgeChanges
 from move_base_msgs.msg import MoveBaseActionGoal
 
 import rostest
@@ -125,6 +129,33 @@ class Executor(unittest.TestCase):
         self.assertEqual(self.knowledge.facts("robot_at"), ["(robot_at anywhere)"])
         self.assertFalse(self.knowledge.holds("(checked bathroom)"))
         self.assertOutcome(self.client.execute("(checked bathroom)", LONG), "SUCCEEDED")
+
+    def test_ctrl_c_of_send_cancels_its_goal(self):
+        ended = Watch("merlin/execute/result", ExecuteActionResult)
+        mark = self.velocity.mark()
+        send = subprocess.Popen(
+            ["rosrun", "merlin", "send", "(checked kitchen)"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            self.driving(mark)
+            os.killpg(send.pid, signal.SIGINT)  # as a terminal does
+            said, errors = send.communicate(timeout=LONG)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(send.pid, signal.SIGKILL)
+        self.assertEqual(send.returncode, 130, errors)
+        self.assertIn("(navigate", said)
+        self.assertNotIn("Traceback", errors)
+        result = ended.wait(lambda message: True).result
+        self.assertOutcome(result, "CANCELLED")
+        self.assertFalse(self.knowledge.holds("(checked kitchen)"))
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(send.pid, 0)
+            self.fail("a process of send is left")
 
     def test_a_cancel_in_the_same_instant_is_not_lost(self):
         for _ in range(10):

@@ -5,13 +5,18 @@ import threading
 import unittest
 
 import rospy
-from merlin_msgs.msg import ExecutorStatus, MissionStatus
+from merlin_msgs.msg import ExecutorStatus, MachineHolds, MissionStatus, StateOutcome
+from merlin_msgs.srv import BreakpointsRequest
 from smach_msgs.msg import SmachContainerStructure
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 import rostest
 import smach
 from merlin_executor.mission.goal_dispatcher import GoalDispatcher, MissionFailed, MissionSM
+from merlin_pddl.breakpoints import BreakpointError
+from merlin_sm.breakpoint_client import MachineNodes
+from merlin_sm.holding.node_holds import CONSOLES_TOPIC, node_holds
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 60.0
@@ -47,7 +52,8 @@ class BrokenMachine(MissionSM):
 class Evening(MissionSM):
     def build(self):
         self.add_goal_state("KITCHEN", "(checked kitchen)", {"succeeded": "DOOR"})
-        self.add_goal_state("DOOR", ["(checked main_door)", "(checked bathroom)"])
+        goals = ["(checked main_door)", "(checked bathroom)"]
+        self.add_goal_state("DOOR", goals, autonomy={"succeeded": "high"})
 
 
 class GoalDispatchers(unittest.TestCase):
@@ -178,6 +184,73 @@ class GoalDispatchers(unittest.TestCase):
         self.assertTrue(self.knowledge.holds("(and (checked kitchen) (checked main_door))"))
         self.assertIn("/MISSION_EVENING", shown)
         self.wait(lambda: any(entry[:2] == ("Evening", MissionStatus.SUCCEEDED) for entry in self.missions))
+
+    def test_a_machine_that_is_held_before_a_state_is_preempted(self):
+        mission = Evening()
+        outcomes, said = [], []
+        holds = rospy.Subscriber(
+            "merlin/machine_holds", MachineHolds, lambda message: self.note(said, message)
+        )
+        node_holds.offer()
+        states = MachineNodes()
+        self.addCleanup(states.release, BreakpointsRequest.CLEAR)
+        states.set(["MISSION_EVENING/KITCHEN"])
+        thread = threading.Thread(target=lambda: outcomes.append(mission.run()))
+        thread.start()
+        self.wait(lambda: said and said[-1].held == ["MISSION_EVENING/KITCHEN"])
+        self.assertFalse(self.running)
+        mission.request_preempt()
+        thread.join(LONG)
+        self.assertEqual(outcomes, ["preempted"])
+        self.wait(lambda: said[-1].held == [])
+        holds.unregister()
+
+    def test_outcomes_are_forced_and_wait_for_an_operator(self):
+        mission = Evening()
+        outcomes, said, left = [], [], []
+        for topic, kind, seen in (
+            ("merlin/machine_holds", MachineHolds, said),
+            ("merlin/state_outcomes", StateOutcome, left),
+        ):
+            follower = rospy.Subscriber(topic, kind, lambda message, seen=seen: self.note(seen, message))
+            self.addCleanup(follower.unregister)
+        node_holds.offer()
+        console = rospy.Publisher(CONSOLES_TOPIC, String, queue_size=1)
+        follows = rospy.Timer(rospy.Duration(1.0), lambda _: console.publish("/goal_dispatcher_test"))
+        self.addCleanup(follows.shutdown)
+        states = MachineNodes()
+        self.addCleanup(states.set_autonomy, "full")
+        states.set_autonomy("low")
+        self.wait(lambda: said and said[-1].autonomy == "low" and follower.get_num_connections())
+        thread = threading.Thread(target=lambda: outcomes.append(mission.run()))
+        thread.start()
+        self.wait(lambda: self.running)
+        with self.assertRaisesRegex(BreakpointError, "has no outcome 'done'"):
+            states.leave("MISSION_EVENING/KITCHEN", "done", "Ana")
+        with self.assertRaisesRegex(BreakpointError, "no machine has a state MISSION_EVENING/HALL"):
+            states.leave("MISSION_EVENING/HALL", "succeeded", "Ana")
+        self.assertIn("is preempted", states.leave("MISSION_EVENING/KITCHEN", "succeeded", "Ana"))
+        self.wait(lambda: said[-1].confirm == ["MISSION_EVENING/DOOR"])
+        self.assertEqual(said[-1].confirm_outcomes, ["succeeded"])
+        self.assertFalse(self.knowledge.holds("(checked kitchen)"))  # its goal was cancelled
+        self.assertTrue(self.knowledge.holds("(checked main_door)"))
+        self.assertEqual(outcomes, [])
+        states.leave("MISSION_EVENING/DOOR", "", "Ben")
+        thread.join(LONG)
+        self.assertEqual(outcomes, ["succeeded"])
+        self.wait(lambda: len(left) == 2 and said[-1].confirm == [])
+        self.assertEqual(
+            [(each.state, each.operator, each.outcome, each.ended) for each in left],
+            [
+                ("MISSION_EVENING/KITCHEN", "Ana", "succeeded", "preempted"),
+                ("MISSION_EVENING/DOOR", "Ben", "succeeded", "succeeded"),
+            ],
+        )
+
+    def note(self, said, message):
+        with self.changed:
+            said.append(message)
+            self.changed.notify_all()
 
     def test_a_preempted_machine_stops_the_robot(self):
         mission = Evening()

@@ -6,6 +6,19 @@ import unittest
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
+from knowledge_fixture import (
+    KB,
+    LONG,
+    Received,
+    call,
+    comparison,
+    fact,
+    function,
+    instance,
+    number,
+    operator,
+    travel_time,
+)
 from merlin_msgs.msg import KnowledgeChanges, Lease
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest
 from rosplan_dispatch_msgs.srv import ProblemService
@@ -33,75 +46,7 @@ from std_srvs.srv import Empty
 import rostest
 from merlin_ros.actions.lease_holder import LeaseHolder
 
-LONG = 60.0
-KB = "rosplan_knowledge_base"
 LENIENT = "lenient_knowledge_base"
-
-
-def call(name, service_class, *args, base=KB):
-    return rospy.ServiceProxy(f"{base}/{name}", service_class)(*args)
-
-
-def fact(name, *args, negative=False, at=0.0):
-    values = [KeyValue("some text", arg) for arg in args]
-    return Item(
-        knowledge_type=Item.FACT,
-        attribute_name=name,
-        values=values,
-        is_negative=negative,
-        initial_time=rospy.Time.from_sec(at),
-    )
-
-
-def instance(kind, name):
-    return Item(knowledge_type=Item.INSTANCE, instance_type=kind, instance_name=name)
-
-
-def travel_time(origin, goal, value=0.0):
-    item = fact("travel_time", origin, goal)
-    item.knowledge_type, item.function_value = Item.FUNCTION, value
-    return item
-
-
-def number(value):
-    return ExprComposite([ExprBase(expr_type=ExprBase.CONSTANT, constant=value)])
-
-
-def function(name, *args):
-    formula = DomainFormula(name, [KeyValue("", arg) for arg in args])
-    return [ExprBase(expr_type=ExprBase.FUNCTION, function=formula)]
-
-
-def operator(op):
-    return [ExprBase(expr_type=ExprBase.OPERATOR, op=op)]
-
-
-def comparison(kind, left, right):
-    return Item(knowledge_type=Item.INEQUALITY, ineq=DomainInequality(kind, left, right, False))
-
-
-class Received:
-    """The messages of a topic."""
-
-    def __init__(self, name, kind, publishers=1):
-        self.messages = []
-        self._arrived = threading.Condition()
-        self._subscriber = rospy.Subscriber(name, kind, self._receive)
-        while self._subscriber.get_num_connections() < publishers:
-            rospy.rostime.wallsleep(0.01)
-
-    def _receive(self, message):
-        with self._arrived:
-            self.messages.append(message)
-            self._arrived.notify_all()
-
-    def wait(self, predicate):
-        with self._arrived:
-            assert self._arrived.wait_for(lambda: any(map(predicate, self.messages)), LONG), self.messages
-            return next(message for message in self.messages if predicate(message))
-
-    def close(self):
-        self._subscriber.unregister()
 
 
 class KnowledgeBaseTest(unittest.TestCase):
@@ -325,17 +270,18 @@ class KnowledgeBaseTest(unittest.TestCase):
     def test_timed_knowledge_fires(self):
         changes = Received(f"{KB}/changes", KnowledgeChanges)
         self.addCleanup(changes.close)
-        soon = rospy.get_time() + 1.0
         later = rospy.get_time() + 1000.0
-        items = [fact("checked", "kitchen", at=soon), fact("checked", "bathroom", at=later)]
+        items = [fact("checked", "main_door", at=later), fact("checked", "bathroom", at=later)]
         self.assertTrue(self.update([0, 0], items))
         self.assertEqual(self.propositions("checked"), [])
         waiting = call("state/timed_knowledge", GetAttributeService, "checked").attributes
-        self.assertEqual([item.values[0].value for item in waiting], ["kitchen", "bathroom"])
+        self.assertEqual([item.values[0].value for item in waiting], ["main_door", "bathroom"])
+        soon = rospy.get_time() + 0.5
+        self.assertTrue(self.update([0], [fact("checked", "kitchen", at=soon)]))
         fired = changes.wait(lambda change: any(i.values[0].value == "kitchen" for i in change.added))
         self.assertGreaterEqual(fired.header.stamp.to_sec(), soon)
         self.assertEqual(self.propositions("checked"), [("checked", ["kitchen"], False)])
-        self.assertTrue(self.update([Update.REMOVE_KNOWLEDGE], [waiting[1]]))
+        self.assertTrue(self.update([Update.REMOVE_KNOWLEDGE] * 2, waiting))
         self.assertEqual(call("state/timed_knowledge", GetAttributeService, "").attributes, [])
 
     def test_changes_and_status_name_the_caller(self):

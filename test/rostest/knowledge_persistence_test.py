@@ -104,6 +104,16 @@ class KnowledgePersistenceTest(unittest.TestCase):
         self.assertTrue(effects(ApplyEffectsRequest.ROLLBACK, "run 1", "", [], []).success)
         self.assertIn(("robot_at", "anywhere"), texts("propositions"))
 
+    def test_killed_at_a_master_that_was_started_anew(self):
+        """Such a master has another run, or none; the node brings its own parameters back."""
+        self.assertTrue(call(f"{KB}/update", KnowledgeUpdateService, 0, fact("checked", "kitchen")).success)
+        run = rospy.get_param("/run_id")
+        rospy.delete_param("/run_id")
+        self.addCleanup(rospy.set_param, "/run_id", run)
+        self.restart(signal.SIGKILL)
+        self.assertIn(("checked", "kitchen"), texts("propositions"))
+        self.assertTrue(call(f"{KB}/update", KnowledgeUpdateService, 2, fact("checked", "kitchen")).success)
+
     def robot_at(self):
         return [words[1:] for words in texts("propositions") if words[0] == "robot_at"]
 

@@ -2,6 +2,7 @@
 """State machines whose code does what it must not: their goals are answered, and the next one works."""
 
 import threading
+import time
 import unittest
 
 import rospy
@@ -9,9 +10,14 @@ from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from merlin_msgs.msg import RunActionAction, RunActionGoal
 from move_base_msgs.msg import MoveBaseAction
+from py_trees.behaviours import Failure
+from py_trees.common import ParallelPolicy
+from py_trees.composites import Parallel, Selector
+from rospy.impl.registration import get_topic_manager
 
 import rostest
 import smach
+from merlin_actions.merlin_action_bt import MerlinActionBT
 from merlin_actions.merlin_action_server import MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.actions.action_client import ActionClient
@@ -73,6 +79,23 @@ def machine(name, state):
     return type(name, (MerlinActionSM,), {"build": build})()
 
 
+class TreeBesideStubborn(MerlinActionBT):
+    """As the machine below, as a behaviour tree."""
+
+    def tree(self):
+        drive = self.behaviour("DRIVE", self.state("navigation", target=pose()))
+        stubborn = self.behaviour("STUBBORN", Stubborn())
+        return Parallel("BOTH", ParallelPolicy.SuccessOnAll(), [drive, stubborn])
+
+
+class DriveInTree(MerlinActionBT):
+    """Drives; the drive of a selector that is not the first choice."""
+
+    def tree(self):
+        drive = self.behaviour("DRIVE", self.state("navigation", target=pose()))
+        return Selector("ANY", memory=True, children=[Failure("NO"), drive])
+
+
 class DriveBesideStubborn(MerlinActionSM):
     """Drives, and beside it runs a state that does not stop."""
 
@@ -108,12 +131,27 @@ class MachineHost(unittest.TestCase):
         client = ActionClient(f"actions/{server.operator}", RunActionAction)
         self.addCleanup(client.shutdown)
         self.assertTrue(client.wait_for_server(LONG))
+        # A client hears of a connection before the server's publisher uses it: feedback could be lost.
+        self.until(lambda: f"{client.name}/feedback" in self.followed(), "feedback is followed")
         return server, client
+
+    @staticmethod
+    def followed():
+        """The topics that this process sends to a subscriber."""
+        return {topic for _, _, way, _, topic, *_ in get_topic_manager().get_pub_sub_info() if way == "o"}
+
+    def until(self, holds, what):
+        end = time.monotonic() + LONG
+        while not holds():
+            self.assertLess(time.monotonic(), end, what)
+            rospy.rostime.wallsleep(0.01)
 
     def start(self, client):
         goal = client.send(RunActionGoal())
+        end = time.monotonic() + LONG
         while goal.status != GoalStatus.ACTIVE or not goal.feedback:
             self.assertFalse(goal.wait(0.01))
+            self.assertLess(time.monotonic(), end, goal.status)
         return goal
 
     def finish(self, goal):
@@ -185,6 +223,19 @@ class MachineHost(unittest.TestCase):
                     self.assertTrue(goal.result.reason)
 
     def test_what_an_abandoned_machine_drives_is_stopped(self):
+        for action in (DriveBesideStubborn, TreeBesideStubborn):
+            with self.subTest(action.__name__):
+                self.setUp()
+                stopped, goal = self.cancel_a_drive(action())
+                self.assertTrue(stopped.wait(LONG))
+                self.assertIn("BOTH/STUBBORN", goal.result.unstopped)
+
+    def test_the_drive_of_a_tree_is_cancelled_with_it(self):
+        stopped, goal = self.cancel_a_drive(DriveInTree(), "DRIVE_IN_TREE/ANY/DRIVE")
+        self.assertTrue(stopped.is_set())
+        self.assertEqual(goal.status, GoalStatus.PREEMPTED)
+
+    def cancel_a_drive(self, action, state=""):
         stopped = threading.Event()
         goals = []
 
@@ -199,13 +250,12 @@ class MachineHost(unittest.TestCase):
         base = ActionServer("move_base", MoveBaseAction, drive, stop)
         base.start()
         self.addCleanup(base.shutdown)
-        _, client = self.serve(DriveBesideStubborn())
+        _, client = self.serve(action)
         goal = self.start(client)
-        while not goals:
-            self.assertFalse(goal.wait(0.01))
+        self.until(lambda: goals and state in goal.feedback.state, goal.feedback)
+        self.assertFalse(goal.wait(0.0))
         goal.cancel()
-        self.assertTrue(stopped.wait(LONG))
-        self.assertIn("BOTH/STUBBORN", self.finish(goal).result.unstopped)
+        return stopped, self.finish(goal)
 
 
 if __name__ == "__main__":

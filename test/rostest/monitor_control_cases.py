@@ -2,12 +2,14 @@
 
 import os
 import signal
+import subprocess
 import xmlrpc.client
 from pathlib import Path
 
 import rosgraph
 import rospy
 from merlin_msgs.msg import ExecutorStatus, GuardStatus
+from merlin_msgs.srv import Breakpoints, BreakpointsRequest
 from monitor_fixture import OPERATOR, TOKEN, PageCases
 from monitor_process import LONG
 from std_srvs.srv import Trigger
@@ -16,6 +18,7 @@ from merlin_executor.executor_client import outcome_name
 
 #: Takes long enough for a slow browser to find and press a button meanwhile.
 LONG_GOAL = "(and (checked kitchen) (checked bathroom) (checked dorm_room) (checked main_door))"
+STATE_BREAKPOINTS = "merlin_fsm_host/state_breakpoints"
 
 
 def pid_of(node):
@@ -25,6 +28,11 @@ def pid_of(node):
 
 def parent_of(pid):
     return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+
+
+def clear_breakpoints():
+    for name in ("merlin/breakpoints", "rosplan_plan_dispatcher/breakpoints", STATE_BREAKPOINTS):
+        rospy.ServiceProxy(name, Breakpoints)(BreakpointsRequest.CLEAR, [])
 
 
 class ControlCases(PageCases):
@@ -47,7 +55,7 @@ class ControlCases(PageCases):
             self.monitor.process.send_signal(signal.SIGCONT)
         visit.wait_text("#connection", "live")
         self.knowledge.add_facts("(checked kitchen)")
-        visit.wait_text("#knowledge-list .fact", "(checked kitchen)")
+        visit.wait_text("#knowledge-list .fact", "kitchen checked")
 
     def test_5_an_executor_that_hangs_or_is_gone_is_the_headline(self):
         visit = self.visit()
@@ -89,7 +97,7 @@ class ControlCases(PageCases):
     def test_6_goals_are_completed_checked_sent_and_cancelled(self):
         visit = self.visit()
         page = visit.page
-        visit.wait_text("#knowledge-list", "(travel_time")
+        visit.wait_text("#knowledge-list", "travel time")
         goal = page.locator("#goal")
         goal.click()
         goal.press_sequentially("(che")
@@ -113,6 +121,16 @@ class ControlCases(PageCases):
         visit.wait_text("#control-said", "moon")
         visit.wait_text("#operator", OPERATOR)
         self.assertEqual(goal.input_value(), "(checked moon)")
+        # The goals of the application, and those of a place, by what its operators achieve.
+        self.assertIn("Ask in the kitchen", visit.texts("#offered-goals button"))
+        visit.wait("() => document.querySelector('.map-point[role=button][aria-label$=kitchen]')")
+        page.focus(".map-point[aria-label$=kitchen]")
+        page.keyboard.press("Enter")
+        self.assertEqual(
+            sorted(visit.texts("#place-list button")),
+            ["Ask everybody", "Ask in the kitchen", "robot at kitchen"],
+        )
+        page.keyboard.press("Escape")
         page.fill("#goal", LONG_GOAL)
         page.get_by_role("button", name="Send goal").click()
         visit.wait_text("#control-said", "Sent as")
@@ -128,7 +146,7 @@ class ControlCases(PageCases):
 
         events = visit.page.evaluate("async () => (await fetch('/history.json')).json()")
         mine = [event["text"] for event in events if event["detail"].get("by") == OPERATOR]
-        self.assertTrue(any(text.startswith("Ana sends (and (checked kitchen)") for text in mine), mine)
+        self.assertTrue(any(text.startswith("Ana sends “kitchen checked") for text in mine), mine)
         self.assertTrue(any(text.startswith("Ana cancels ") for text in mine), mine)
 
     def test_6_an_unknown_request_cannot_be_cancelled(self):
@@ -143,6 +161,159 @@ class ControlCases(PageCases):
         )
         self.assertEqual(answer[0], 409)
         self.assertIn("no such request", answer[1])
+
+    def test_6_a_plan_is_shown_and_not_carried_out(self):
+        self.client.execute("(robot_at bathroom)", LONG)
+        goals = self.knowledge.goals()
+        visit = self.operator()
+        page = visit.page
+        page.fill("#goal", "(robot_at kitchen)")
+        page.click("#plan-only")
+        visit.wait_text("#preview .title", "Not carried out: (robot_at kitchen) in ")
+        step = page.locator("#preview li").first.get_attribute("title")
+        self.assertIn("kitchen)", step)
+        page.locator("#preview li button").first.click()
+        visit.wait_text("#preview .left-out", step)
+        steps = [each.get_attribute("title") for each in page.locator("#preview li").all()]
+        self.assertTrue(steps)
+        self.assertNotIn(step, steps)
+        visit.wait_text(
+            "#history-list .said", "Ana looks for a plan for “robot at kitchen” without navigating"
+        )
+        page.fill("#goal", "(and (robot_at kitchen) (robot_at bathroom))")
+        page.click("#plan-only")
+        visit.wait_text("#control-said[data-bad]", "no plan")
+        # Nothing of it has reached the planning system's topics, its goals or the robot.
+        self.assertEqual(self.knowledge.goals(), goals)
+        self.assertEqual(self.status.message.state, ExecutorStatus.IDLE)
+        page.locator("#preview .close").click()
+        visit.wait("() => document.getElementById('preview').hidden")
+
+    def test_6_facts_are_set_by_hand(self):
+        before = self.knowledge.value("(travel_time kitchen bathroom)")
+        self.addCleanup(self.knowledge.set_value, "(travel_time kitchen bathroom)", value=before)
+        visit = self.operator()
+        visit.page.fill("#goal", "(and (checked kitchen) (= (travel_time kitchen bathroom) 77))")
+        visit.page.click("#set-facts")
+        visit.wait_text("#control-said", "The knowledge was changed")
+        self.assertTrue(self.knowledge.holds("(checked kitchen)"))
+        self.assertEqual(self.knowledge.value("(travel_time kitchen bathroom)"), 77.0)
+        visit.wait_text("#history-list .said", "Ana changes the knowledge: kitchen checked and")
+        visit.page.fill("#goal", "(not (checked kitchen))")
+        visit.page.click("#set-facts")
+        visit.wait("() => document.getElementById('goal').value === ''")
+        self.assertFalse(self.knowledge.holds("(checked kitchen)"))
+        visit.page.fill("#goal", "(checked moon)")
+        visit.page.click("#set-facts")
+        visit.wait_text("#control-said[data-bad]", "moon")
+
+    # --- breakpoints ---------------------------------------------------------------------------------------
+
+    def hold_before(self, visit, text):
+        visit.page.fill("#goal", text)
+        visit.page.click("#hold-before")
+        visit.wait_text("#breakpoints button", text)
+
+    def test_6_a_plan_is_held_before_an_action_steps_and_goes_on(self):
+        self.addCleanup(clear_breakpoints)
+        self.client.execute("(robot_at bathroom)", LONG)
+        visit = self.operator()
+        self.hold_before(visit, "(navigate * kitchen)")
+        request = self.client.send("(checked kitchen)")
+        visit.wait_text("#now-doing", "held before navigating")
+        visit.wait_text("#glance-state", "Held")
+        self.assertEqual(self.status.message.running, [])
+        visit.page.click("#step")
+        visit.wait_text("#now-doing", "held before asking")
+        self.assertFalse(request.done)
+        visit.page.click("#go-on")
+        self.assertTrue(request.wait(LONG))
+        self.assertEqual(outcome_name(request.result.outcome), "SUCCEEDED", request.result.reason)
+        for text in ("Ana holds the robot before (navigate * kitchen)", "Ana lets one action begin"):
+            visit.wait_text("#history-list .said", text)
+        visit.page.locator("#breakpoints button").first.click()
+        visit.wait("() => !document.querySelector('#breakpoints button')")
+
+    def test_6_what_is_held_is_cancelled_or_released_without_a_page(self):
+        self.addCleanup(clear_breakpoints)
+        visit = self.operator()
+        self.hold_before(visit, "ask")
+        request = self.client.send("(checked kitchen)")
+        self.assertTrue(self.status.wait(lambda status: status.held == "(ask kitchen)"))
+        request.cancel()
+        self.assertTrue(request.wait(LONG))
+        self.assertEqual(outcome_name(request.result.outcome), "CANCELLED", request.result.reason)
+        self.assertTrue(self.status.wait(lambda status: not status.held))
+        self.hold_before(visit, "(checked kitchen)")
+        request = self.client.send("(checked kitchen)")
+        visit.wait_text("#now-doing", "held before kitchen checked")
+        self.assertEqual(self.status.message.state, ExecutorStatus.IDLE)
+        command = ["rosrun", "merlin", "breakpoints"]
+        said = subprocess.run(command, stdout=subprocess.PIPE, timeout=LONG, check=True).stdout.decode()
+        self.assertIn("held before (checked kitchen)\n  (checked kitchen)\n  ask\n", said)
+        subprocess.run([*command, "--clear"], timeout=LONG, check=True)
+        self.assertTrue(request.wait(LONG))
+        self.assertEqual(outcome_name(request.result.outcome), "SUCCEEDED", request.result.reason)
+
+    def test_6_a_machine_is_held_before_a_state_steps_and_is_cancelled(self):
+        self.addCleanup(clear_breakpoints)
+        self.client.execute("(robot_at bathroom)", LONG)
+        visit = self.operator()
+        visit.page.fill("#goal", "NAVIGATE/FLY")
+        visit.page.click("#hold-before")
+        visit.wait_text("#control-said[data-bad]", "no machine has a state NAVIGATE/FLY")
+        self.hold_before(visit, "NAVIGATE/DRIVE")
+        request = self.client.send("(robot_at kitchen)")
+        visit.wait_text("#now-doing", "held before state DRIVE of NAVIGATE")
+        visit.wait_text("#glance-state", "Held")
+        visit.page.click("#step")
+        self.assertTrue(request.wait(LONG))
+        self.assertEqual(outcome_name(request.result.outcome), "SUCCEEDED", request.result.reason)
+        visit.wait_text("#history-list .said", "Ana lets the state NAVIGATE/DRIVE begin")
+        request = self.client.send("(robot_at bathroom)")
+        visit.wait_text("#now-doing", "held before state DRIVE of NAVIGATE")
+        command = ["rosrun", "merlin", "breakpoints"]
+        said = subprocess.run(command, stdout=subprocess.PIPE, timeout=LONG, check=True).stdout.decode()
+        self.assertIn("held before NAVIGATE/DRIVE\n  NAVIGATE/DRIVE\n", said)
+        request.cancel()
+        self.assertTrue(request.wait(LONG))
+        self.assertEqual(outcome_name(request.result.outcome), "CANCELLED", request.result.reason)
+        visit.wait("() => !document.querySelector('#now-doing').textContent.includes('held')")
+        # Left with an outcome, without being entered; the action counts as done.
+        request = self.client.send("(robot_at bathroom)")
+        visit.wait_text("#now-doing", "held before state DRIVE of NAVIGATE")
+        visit.page.locator("#machine-list .machine[data-active=true] .node", has_text="DRIVE").first.focus()
+        visit.page.keyboard.press("Enter")
+        visit.page.get_by_role("button", name="Leave with succeeded").click()
+        visit.wait_text("#control-said", "without being entered")
+        self.assertTrue(request.wait(LONG))
+        self.assertEqual(outcome_name(request.result.outcome), "SUCCEEDED", request.result.reason)
+        visit.wait_text("#history-list .said", "NAVIGATE/DRIVE left with succeeded, forced by Ana")
+        visit.wait_text("#userdata .ran", "DRIVE → succeeded, forced by Ana")
+        self.leave_on_a_terminal(visit)
+
+    def leave_on_a_terminal(self, visit):
+        """What the page does with a token, the robot's own terminal does without one."""
+
+        def told(*words):
+            done = subprocess.run(
+                ["rosrun", "merlin", *words], capture_output=True, text=True, timeout=LONG, check=False
+            )
+            return done.returncode, done.stdout + done.stderr
+
+        request = self.client.send("(robot_at kitchen)")
+        visit.wait_text("#now-doing", "held before state DRIVE of NAVIGATE")
+        code, said = told("leave", "NAVIGATE/DRIVE", "flown")
+        self.assertEqual((code, said.count("\n")), (2, 1), said)
+        self.assertIn("merlin leave: ", said)
+        self.assertIn("has no outcome 'flown'", said)
+        code, said = told("leave", "NAVIGATE/DRIVE", "succeeded")
+        self.assertEqual(code, 0, said)
+        self.assertIn("without being entered", said)
+        self.assertTrue(request.wait(LONG))
+        self.assertEqual(outcome_name(request.result.outcome), "SUCCEEDED", request.result.reason)
+        visit.wait_text("#history-list .said", "on a terminal")
+        self.assertEqual(told("autonomy", "full"), (0, "The autonomy level is full.\n"))
 
     def test_7_a_pause_lets_the_goal_end_and_no_other_begin(self):
         visit = self.operator()
@@ -211,6 +382,7 @@ class ControlCases(PageCases):
         self.assertTrue(running.wait(LONG))
         self.assertEqual(outcome_name(running.result.outcome), "CANCELLED", running.result.reason)
         self.assertTrue(self.status.wait(lambda status: status.paused))
+        self.knowledge.remove_facts("(checked bathroom)")  # a slow browser stops late
         waiting = self.client.send("(checked bathroom)")
         visit.wait_text("#queue-note", "1 waiting")
         visit.page.click("#release")

@@ -8,11 +8,13 @@ import threading
 import time
 from pathlib import Path
 
+import rospkg
 import rospy
 
 from merlin_monitor.access.operators import write_operators
 
 LONG = 60.0
+GOALS = Path(rospkg.RosPack().get_path("merlin"), "pddl", "home", "goals.yaml")
 
 
 class Latest:
@@ -48,7 +50,8 @@ class Monitor:
         rospy.set_param("/merlin_monitor/port", self.port)
         if operators is not None:
             write_operators(self.operators, operators)
-        rospy.set_param("/merlin_monitor/operators", str(self.operators) if operators else "")
+        rospy.set_param("/merlin_monitor/operators", str(self.operators) if operators else "none")
+        rospy.set_param("/merlin_monitor/goals", str(GOALS))
         rospy.set_param("/merlin_monitor/history", str(self.history))
         rospy.set_param("/merlin_monitor/panels", list(panels))
         self.process = subprocess.Popen(

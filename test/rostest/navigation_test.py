@@ -4,8 +4,10 @@
 import math
 import threading
 import unittest
+from pathlib import Path
 
 import rospy
+import yaml
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped, Twist
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
@@ -171,6 +173,18 @@ class Navigation(unittest.TestCase):
             rospy.rostime.wallsleep(0.01)
         publisher.publish(pose(here.x, here.y))
         self.assertTrue(current.wait(LONG))
+
+    def test_what_rviz_shows_is_published(self):
+        """The topics of merlin.rviz, which a unit test compares with this list; see also executor.test."""
+        listed = yaml.safe_load(Path(__file__).parents[1].joinpath("data", "rviz_topics.yaml").read_text())
+        wanted = {(rospy.resolve_name(topic), kind) for topic, kind in listed.items()}
+        end = threading.Event()
+        for _ in range(int(LONG)):  # the nodes begin together with this test
+            missing = wanted - {tuple(pair) for pair in rospy.get_published_topics()}
+            if not missing or end.wait(1.0):
+                break
+        self.assertEqual(missing, set())
+        self.assertTrue(rospy.has_param("robot_description"))
 
 
 if __name__ == "__main__":

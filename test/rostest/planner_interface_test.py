@@ -199,6 +199,13 @@ class Planner(unittest.TestCase):
             self.plain()
         self.assertIn("problem_path is empty", str(caught.exception))
 
+    def test_a_problem_that_cannot_be_written_names_the_planner_interface_and_the_file(self):
+        self.problem_topic.publish(String(Path(self.problem("(checked bathroom)")).read_text()))
+        self.assertFalse(self.params(self.domain, "/gone/problem.pddl", "", "", True).plan_found)
+        reason = self.status(PlannerStatus.INVALID).reason
+        self.assertIn(NODE, reason)
+        self.assertIn("cannot write the problem to /gone/problem.pddl: No such file", reason)
+
 
 if __name__ == "__main__":
     rospy.init_node("planner_interface_test")

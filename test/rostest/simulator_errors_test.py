@@ -42,7 +42,7 @@ class Errors(unittest.TestCase):
             self.refused(["points_of_interest.kitchen.x", "'seven'"], f"_world:={file.name}")
 
     def test_a_robot_without_a_start(self):
-        self.refused(["no start left", "r3"], f"_world:={WORLD}", "_robots:=[r1, r2, r3]")
+        self.refused(["no start left", "r5"], f"_world:={WORLD}", "_robots:=[r1, r2, r3, r4, r5]")
 
     def test_robots_that_cannot_be_told_apart_or_placed(self):
         self.refused(["twice"], f"_world:={WORLD}", "_robots:=['', robot]")

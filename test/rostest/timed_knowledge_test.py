@@ -23,7 +23,7 @@ class TimedKnowledgeTest(unittest.TestCase):
         self.addCleanup(changes.unregister)
         self.addCleanup(self.clock.unregister)
         self.knowledge = knowledge_client()
-        # who waits for rospy waits for the clock: the wait must not stop it
+        # a waiter in rospy waits for the clock: the wait must not stop it
         while self.clock.get_num_connections() < 2 or not changes.get_num_connections():
             rospy.rostime.wallsleep(0.01)
         self.assertTrue(self.knowledge.wait(LONG), "no knowledge base")

@@ -3,34 +3,30 @@
 
 import os
 import signal
-import subprocess
-import sys
 import threading
+import time
 import unittest
-from pathlib import Path
+from unittest import mock
 
 import rospy
-from actionlib_msgs.msg import GoalID, GoalStatus
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from merlin_msgs.msg import SimStatus
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchAction as Action
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchGoal as Goal
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchResult as Result
-from std_srvs.srv import Trigger, TriggerResponse
+from transport_service_cases import Services
+from transport_victim import start_victim
 
 import rostest
 from merlin_ros import deadline
+from merlin_ros.actions import action_client
 from merlin_ros.actions.action_client import SILENCE, ActionClient
 from merlin_ros.actions.action_server import ActionServer
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.serial_action_server import SerialActionServer
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 LONG = 60.0
-
-
-def start_victim(name: str = "victim_server", *arguments: str) -> subprocess.Popen:
-    return subprocess.Popen([sys.executable, str(Path(__file__).with_name(f"{name}.py")), *arguments])
 
 
 class Deadlines(unittest.TestCase):
@@ -72,6 +68,41 @@ class Actions(unittest.TestCase):
         self.addCleanup(client.shutdown)
         self.assertFalse(client.wait_for_server(0.0))
         self.assertFalse(client.send(Goal()).wait(0.0))
+
+    @mock.patch.object(action_client, "SPEAKING", LONG)
+    @mock.patch.object(action_client, "CONNECTING", LONG)
+    def test_a_server_that_speaks_is_waited_for_beyond_the_time_out(self):
+        """Its link for results comes late, as when rospy had to try a connection again."""
+        parts = Action()
+        subscribers = [
+            rospy.Subscriber("late/goal", type(parts.action_goal)),
+            rospy.Subscriber("late/cancel", GoalID),
+        ]
+        status = rospy.Publisher("late/status", GoalStatusArray, latch=True, queue_size=1)
+        feedback = rospy.Publisher("late/feedback", type(parts.action_feedback), queue_size=1)
+        client = ActionClient("late", Action)
+        self.addCleanup(client.shutdown)
+        for part in (*subscribers, status, feedback):
+            self.addCleanup(part.unregister)
+        looks = []
+
+        def speak():
+            status.publish(GoalStatusArray())
+            looks.append(client.missing)
+            return False
+
+        timeout = 0.5
+        found = []
+        wait = threading.Thread(target=lambda: found.append(client.wait_for_server(timeout, speak)))
+        begun = time.monotonic()
+        wait.start()
+        while time.monotonic() - begun < 2.0 * timeout or "it speaks" not in "".join(looks[-1:]):
+            wait.join(0.05)
+            self.assertEqual(found, [])
+        result = rospy.Publisher("late/result", type(parts.action_result), queue_size=1)
+        self.addCleanup(result.unregister)
+        wait.join(LONG)
+        self.assertEqual(found, [True])
 
     def test_a_cancel_in_the_same_instant_as_its_goal_is_not_lost(self):
         def execute(goal):
@@ -313,77 +344,6 @@ class Owners(unittest.TestCase):
         with self.changed:
             self.below.append(state)
             self.changed.notify_all()
-
-
-class Services(unittest.TestCase):
-    def test_a_restarted_server_is_found_again(self):
-        ask = ServiceProxy("victim/ask", Trigger)
-        for _ in range(2):
-            victim = start_victim()
-            try:
-                self.assertTrue(ask.wait(LONG))
-                self.assertEqual(ask().message, "/victim")
-            finally:
-                os.kill(victim.pid, signal.SIGKILL)
-                victim.wait()
-        with self.assertRaises(ServiceError) as caught:
-            ask()
-        self.assertIn("/victim/ask", str(caught.exception))
-
-    def test_threads_share_a_proxy(self):
-        service = rospy.Service("shared", Trigger, lambda request: TriggerResponse(True, "yes"))
-        self.addCleanup(service.shutdown)
-        proxy = ServiceProxy("shared", Trigger)
-        answers = []
-        threads = [
-            threading.Thread(target=lambda: answers.extend(proxy().message for _ in range(50)))
-            for _ in range(8)
-        ]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        self.assertEqual(answers, ["yes"] * 400)
-
-    def test_a_server_that_hangs_is_given_up(self):
-        release = threading.Event()
-        self.addCleanup(release.set)
-        service = rospy.Service("hangs", Trigger, lambda request: release.wait() and TriggerResponse())
-        self.addCleanup(service.shutdown)
-        with self.assertRaises(ServiceError):
-            ServiceProxy("hangs", Trigger, timeout=0.2)()
-
-    def test_the_first_call_waits_for_a_server_that_is_being_started(self):
-        offered = []
-        ask = ServiceProxy("comes_late", Trigger, patience=LONG)
-        look = ask.available
-
-        def start_after_the_first_look():
-            found = look()
-            if not offered:
-                offered.append(rospy.Service("comes_late", Trigger, lambda _: TriggerResponse(True, "here")))
-            return found
-
-        ask.available = start_after_the_first_look
-        self.addCleanup(lambda: offered[0].shutdown())
-        self.assertEqual(ask().message, "here")
-
-    def test_a_refusal_is_told_in_the_words_of_the_server(self):
-        def refuse(_):
-            raise rospy.ServiceException("battery of 'anna' is \"flat\", naïve")
-
-        service = rospy.Service("refuses", Trigger, refuse)
-        self.addCleanup(service.shutdown)
-        with self.assertRaises(ServiceError) as caught:
-            ServiceProxy("refuses", Trigger)()
-        self.assertEqual(
-            str(caught.exception), "service /refuses failed: battery of 'anna' is \"flat\", naïve"
-        )
-
-    def test_a_missing_service_is_named(self):
-        with self.assertRaises(ServiceError) as caught:
-            ServiceProxy("nowhere", Trigger)()
-        self.assertIn("/nowhere", str(caught.exception))
 
 
 class Transport(Deadlines, Actions, Owners, Services):

@@ -14,8 +14,8 @@ from typing import Any, Dict, Iterator, List, Optional
 
 import pytest
 
-# The modules of bench/ are tools, not part of the robot.
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
+from merlin.local_names import master_uri
+
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 MASTER = """
@@ -76,8 +76,10 @@ class Process:
         return "\n".join(self.lines)
 
     def send(self, number: int) -> None:
-        """Sends a signal."""
+        """Sends a signal; one that stops it has stopped all of its threads when this returns."""
         self.process.send_signal(number)
+        if number == signal.SIGSTOP:
+            os.waitid(os.P_PID, self.process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
 
     def end(self, number: int = signal.SIGINT) -> int:
         """Sends a signal, waits for the end and returns the exit code; `output` is complete then."""
@@ -116,10 +118,10 @@ class MasterProcess:
 
     def start(self) -> None:
         """Starts a master that knows nothing; always on the same port."""
-        self.env["ROS_MASTER_URI"] = f"http://localhost:{self._port or 11311}"
+        self.env["ROS_MASTER_URI"] = master_uri(self._port or 11311)
         self.process = self.spawn(sys.executable, "-c", MASTER, str(self._port))
         self._port = int(self.process.expect(""))
-        self.env["ROS_MASTER_URI"] = self.uri = f"http://localhost:{self._port}"
+        self.env["ROS_MASTER_URI"] = self.uri = master_uri(self._port)
         self.api = xmlrpc.client.ServerProxy(self.uri)
 
     def kill(self) -> None:

@@ -70,6 +70,7 @@ class FakeRobot:
         self.known: List[str] = []
         self.things: Dict[str, List[str]] = {}
         self.sent: List[Tuple[str, int]] = []
+        self._requests: List[Ended] = []
         self.results: Dict[str, ExecuteResult] = {}
         self.never: Sequence[str] = ()
         self.on_goal: Callable[[str], None] = lambda goal: None
@@ -81,6 +82,7 @@ class FakeRobot:
         self.services: Dict[str, Callable[[Any], Any]] = {}
         self.at_shutdown: List[Callable[[], None]] = []
         self.down = False
+        self._lock = threading.Lock()  # keeps a change whole: branches of a mission change facts at once
 
     # --- the knowledge ----------------------------------------------------------------------------------
 
@@ -89,7 +91,8 @@ class FakeRobot:
 
     def change(self, add: Any = (), remove: Any = ()) -> None:
         listed = [[texts] if isinstance(texts, str) else list(texts) for texts in (add, remove)]
-        self.known = [fact for fact in self.known if fact not in listed[1]] + listed[0]
+        with self._lock:
+            self.known = [fact for fact in self.known if fact not in listed[1]] + listed[0]
 
     # --- the Executor -----------------------------------------------------------------------------------
 
@@ -100,6 +103,7 @@ class FakeRobot:
         self, goals: Any, priority: int = 0, on_interrupt: int = 0, on_done: Any = None, **_: Any
     ) -> Ended:
         request = Ended(on_done, self._cancel)
+        self._requests.append(request)
         for goal in [goals] if isinstance(goals, str) else goals:
             self.sent.append((goal, priority))
             self.on_goal(goal)
@@ -111,6 +115,10 @@ class FakeRobot:
             self.change(add=goal)
         request.end(SUCCEEDED)
         return request
+
+    def cancel_all(self) -> None:
+        for request in self._requests:
+            request.cancel()
 
     @property
     def goals(self) -> List[str]:
@@ -141,6 +149,13 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
         def __init__(self, *_: Any, **__: Any) -> None:
             self.publish = robot.published.append
 
+    class Timer:
+        def __init__(self, _: Any, callback: Callable[[Any], None], oneshot: bool = False) -> None:
+            callback(None)  # a patience of the mission is over at once
+
+        def shutdown(self) -> None:
+            pass
+
     class Service:
         def __init__(self, name: str, _: Any, handler: Callable[[Any], Any]) -> None:
             robot.services[name] = handler
@@ -168,6 +183,7 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mission_node, "is_shutdown_requested", lambda: robot.down)
     monkeypatch.setattr(rospy, "Publisher", Publisher)
     monkeypatch.setattr(rospy, "Service", Service)
+    monkeypatch.setattr(rospy, "Timer", Timer)
     monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
     monkeypatch.setattr(rospy.Time, "now", rospy.Time)
     monkeypatch.setattr(rospy, "get_time", lambda: 0.0)

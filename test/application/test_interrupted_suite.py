@@ -1,0 +1,36 @@
+"""A suite that is interrupted leaves no node behind, though roslaunch gives each a session of its own."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from chaos import processes
+
+SUITE = Path(__file__).parents[1] / "rostest" / "knowledge_base.test"
+LIMIT = 60.0
+
+
+def test_no_node_outlives_its_suite() -> None:
+    command = [sys.executable, "-m", "pytest", "-p", "no:xdist", str(SUITE)]
+    pytest_process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    run = f"{pytest_process.pid}.{SUITE.stem}"
+    try:
+        end = time.monotonic() + LIMIT
+        while not processes.with_word(run, "__name:=planning_system"):
+            assert time.monotonic() < end and pytest_process.poll() is None
+            time.sleep(0.05)
+        pytest_process.send_signal(signal.SIGINT)
+        output, _ = pytest_process.communicate(timeout=LIMIT)
+        assert b"KeyboardInterrupt" in output
+        assert processes.marked(run) == []
+    finally:
+        pytest_process.kill()
+        pytest_process.wait()
+        processes.kill_marked(run)

@@ -1,0 +1,110 @@
+"""What the tests of the guard look through: what the base gets, what the guard says, a client that leases."""
+
+import subprocess
+import sys
+import threading
+import xmlrpc.client
+from pathlib import Path
+
+import rosgraph
+import rospy
+from actionlib_msgs.msg import GoalStatusArray
+from geometry_msgs.msg import Twist
+from merlin_msgs.msg import GuardStatus
+from rosgraph_msgs.msg import Log
+
+LONG = 60.0
+
+
+class Witness:
+    """What the base gets, what the guard says and what the motion server does."""
+
+    def __init__(self, velocity_topic="cmd_vel"):
+        self.changed = threading.Condition()
+        self.velocities = []  # whether each was a motion
+        self.status = None
+        self.said = []  # all statuses since `forget`, because some last for moments only
+        self.goals = {}
+        self.log = []
+        self.topics = [
+            rospy.Subscriber(velocity_topic, Twist, self.receive_velocity, tcp_nodelay=True),
+            rospy.Subscriber("merlin/guard", GuardStatus, self.receive_status, tcp_nodelay=True),
+            rospy.Subscriber("move_base/status", GoalStatusArray, self.receive_goals, tcp_nodelay=True),
+            rospy.Subscriber("/rosout", Log, self.receive_log),
+        ]
+
+    def close(self):
+        for topic in self.topics:
+            topic.unregister()
+
+    def receive_velocity(self, velocity):
+        with self.changed:
+            self.velocities.append(velocity != Twist())
+            self.changed.notify_all()
+
+    def receive_status(self, status):
+        with self.changed:
+            self.status = status
+            self.said.append((status.state, status.reason))
+            self.changed.notify_all()
+
+    def statuses(self, count):
+        """Waits for so many messages of the guard."""
+        for _ in range(count):
+            with self.changed:
+                heard = len(self.said)
+            self.wait(lambda: len(self.said) > heard)  # noqa: B023
+
+    def receive_goals(self, message):
+        with self.changed:
+            self.goals = {entry.goal_id.id: entry.status for entry in message.status_list}
+            self.changed.notify_all()
+
+    def receive_log(self, message):
+        with self.changed:
+            self.log.append(message.msg)
+            self.changed.notify_all()
+
+    def wait(self, holds):
+        with self.changed:
+            if not self.changed.wait_for(holds, LONG):
+                raise AssertionError(f"did not happen; goals {self.goals}, guard:\n{self.status}")
+
+    def state(self, state, reason=""):
+        self.wait(lambda: self.status and self.status.state == state and reason in self.status.reason)
+
+    def has_said(self, state, reason=""):
+        self.wait(lambda: any(state == was and reason in why for was, why in self.said))
+
+    def forget(self):
+        with self.changed:
+            self.velocities.clear()
+            self.said.clear()
+
+
+class Client:
+    """The process of a client that leases its goal."""
+
+    def __init__(self):
+        self.process = subprocess.Popen(
+            [sys.executable, str(Path(__file__).with_name("motion_client.py"))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def ask(self, command):
+        self.process.stdin.write(command + "\n")
+        self.process.stdin.flush()
+        return self.process.stdout.readline().strip()
+
+    def end(self):
+        self.process.kill()
+        self.process.wait()
+        self.process.stdin.close()
+        self.process.stdout.close()
+
+
+def pid_of(node):
+    uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
+    return xmlrpc.client.ServerProxy(uri).getPid(rospy.get_name())[2]
