@@ -1,6 +1,7 @@
 """A new shell, as a reader of the documents opens it."""
 
 import os
+import signal
 import subprocess
 from pathlib import Path
 
@@ -16,15 +17,33 @@ def run_in_shell(commands: str, ros_folder: Path, folder: Path) -> str:
     """
     env = {key: os.environ[key] for key in ("PATH", "HOME")}
     env.update(ROS_HOME=str(ros_folder / "ros"), ROS_LOG_DIR=str(ros_folder / "log"), PYTHONUNBUFFERED="1")
-    done = subprocess.run(
-        ["bash", "-e", "-c", commands],
-        env=env,
-        cwd=str(folder),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=LIMIT,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout[-6000:]
-    return done.stdout
+    screen = ros_folder / "screen.txt"
+    with screen.open("w", encoding="utf-8") as output:
+        shell = subprocess.Popen(
+            ["bash", "-e", "-c", commands],
+            env=env,
+            cwd=str(folder),
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            ended = f"exit code {shell.wait(LIMIT)}"
+        except subprocess.TimeoutExpired:
+            ended = f"no end within {LIMIT} s"
+        finally:
+            stop(shell)
+    said = screen.read_text(encoding="utf-8", errors="replace")
+    assert ended == "exit code 0", f"{ended}:\n{said[-6000:]}"
+    return said
+
+
+def stop(shell: "subprocess.Popen[bytes]") -> None:
+    """Ends a shell that still runs, and what it has started."""
+    for how in (signal.SIGINT, signal.SIGKILL):
+        if shell.poll() is None:
+            os.killpg(shell.pid, how)
+            try:
+                shell.wait(20.0)
+            except subprocess.TimeoutExpired:
+                continue

@@ -30,7 +30,10 @@ KNOWLEDGE_BASE = "/rosplan_knowledge_base"
 class Interfaces:
     """Answers dispatched actions as the test wants; it applies no effects."""
 
+    LATCHED = set()  # dispatchers that have published: who subscribes gets their last message
+
     def __init__(self, dispatcher, announced=("paint", "store_part", "move", "inspect")):
+        self.dispatcher = dispatcher
         self.changed = threading.Condition()
         self.dispatched = []  # every message on action_dispatch, tombstones and cancels too
         self.answers = {}  # operator -> what to do
@@ -52,8 +55,9 @@ class Interfaces:
             and self.announcements.get_num_connections()
         ):
             assert not self.stopped.wait(0.01)
-        with self.changed:  # what was latched before us is not for us
-            self.changed.wait_for(lambda: self.dispatched, 0.2)
+        if dispatcher in self.LATCHED:  # what was latched before us is not for us
+            self.wait(lambda _: True)
+        with self.changed:
             self.dispatched.clear()
         self.announcer.start()
 
@@ -72,6 +76,7 @@ class Interfaces:
 
     def receive(self, message):
         with self.changed:
+            self.LATCHED.add(self.dispatcher)
             self.dispatched.append(message)
             self.changed.notify_all()
         if message.name == "cancel_action":

@@ -81,7 +81,7 @@ class Dispatching(Expressions):
         self.assertEqual((status.reason, status.goal_achieved, status.unmet_goals), ("", True, []))
         # whoever subscribes now gets the tombstone and nothing to execute
         late = Interfaces.__new__(Interfaces)
-        late.changed, late.dispatched, late.answers = threading.Condition(), [], {}
+        late.dispatcher, late.changed, late.dispatched, late.answers = "", threading.Condition(), [], {}
         subscriber = rospy.Subscriber(f"{self.dispatcher}/action_dispatch", ActionDispatch, late.receive)
         self.addCleanup(subscriber.unregister)
         self.assertEqual(late.wait(lambda m: True).name, "cancel_action")
@@ -152,6 +152,7 @@ class Dispatching(Expressions):
         self.knowledge.update([Update(REMOVE, fact("powered"))])
         self.assertFalse(result().success)
         self.assertIn("(powered) does not hold", self.last_status().reason)
+        self.interfaces.wait(named("cancel_action"), 2)  # the cancel, and the one that ends the dispatch
         self.interfaces.dispatched.clear()
         self.refused("(powered) does not hold")
 
@@ -173,6 +174,7 @@ class Dispatching(Expressions):
         answer = result()
         self.assertFalse(answer.success)
         self.assertNotIn("no answer", self.last_status().reason)
+        self.interfaces.wait(named("cancel_action"), 2)  # the cancel, and the one that ends the dispatch
         self.assertEqual(self.interfaces.names(), ["paint", "cancel_action", "cancel_action"])
 
     def test_who_does_not_answer_a_cancel_is_named(self):
@@ -281,6 +283,8 @@ class SimpleDispatching(Dispatching, unittest.TestCase):
         seen = []
         subscriber = rospy.Subscriber(f"{self.dispatcher}/action_feedback", ActionFeedback, seen.append)
         self.addCleanup(subscriber.unregister)
+        while subscriber.get_num_connections() < 2:  # the dispatcher, and this test's interfaces
+            rospy.rostime.wallsleep(0.01)
         self.interfaces.announced.clear()
         self.interfaces.answers["store_part"] = []
         self.knowledge.update([Update(ADD, fact("painted", "leg"))])
