@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 from typing import Any, Dict, List
 
+import axe_core_python
 import numpy
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -30,6 +31,11 @@ from merlin_monitor.state.plan_order import sequential_steps
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "rostest"))
 from chromium import Visit, chromium  # noqa: F401  (for the tests)
+
+# To be put in by the browser's own means (bypass_csp), past the policy of the page.
+AXE = Path(axe_core_python.__file__).with_name("axe.min.js")
+CHECK = """async () => (await axe.run(document, { resultTypes: ["violations"] })).violations.map(
+  ({ id, nodes }) => `${id}: ${nodes.slice(0, 4).map((node) => `${node.target} ${node.failureSummary}`)}`)"""
 
 NOW = 120.0  # s of ROS time
 PLACES = {

@@ -1,24 +1,19 @@
 """The page in Chromium: at a glance, by keyboard, on every size, and without barriers."""
 
-from pathlib import Path
 from typing import Any, Iterator, List
 
-import axe_core_python
 import pytest
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from merlin_msgs.msg import MachineHolds, StateOutcome
 from messages import fact, status, structure
 from served import TOKEN, Served
-from shown_page import Visit, chromium, fill
+from shown_page import AXE, CHECK, Visit, chromium, fill
 from std_msgs.msg import Header
 
 from merlin_monitor.state.knowledge_section import Contents
 
-AXE = Path(axe_core_python.__file__).with_name("axe.min.js")
 SIZES = {"phone": (390, 844), "desktop": (1280, 900), "wide": (2560, 1440)}
-CHECK = """async () => (await axe.run(document, { resultTypes: ["violations"] })).violations.map(
-  ({ id, nodes }) => `${id}: ${nodes.slice(0, 4).map((node) => `${node.target} ${node.failureSummary}`)}`)"""
 SMALL = """() => [...document.querySelectorAll("body *")].filter((element) => {
   const own = [...element.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
   if (!own || !element.checkVisibility()) return false;

@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+import time
 from pathlib import Path
 from typing import Iterator
 from urllib.parse import urlsplit
@@ -11,7 +12,7 @@ import pytest
 from served import TOKEN, WEB, Served
 
 from merlin_monitor.access.web_access import TOKEN_HEADER
-from merlin_monitor.web import silent_connections
+from merlin_monitor.web import live_feed, silent_connections
 
 LONG = 60.0  # s
 MANY = 100
@@ -47,6 +48,13 @@ def all_of(connection: socket.socket) -> bytes:
             connection.close()
             return b"".join(parts)
         parts.append(part)
+
+
+def established(served: Served) -> int:
+    """Connections that the server has open, as the kernel knows them."""
+    port = f":{urlsplit(served.url).port:04X}"
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    return sum(1 for row in rows if row[1].endswith(port) and row[3] == "01")
 
 
 @pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\nHost: 127.0"], ids=["nothing", "half a head"])
@@ -91,3 +99,24 @@ def test_a_page_is_not_closed(hasty: Served, monkeypatch: pytest.MonkeyPatch) ->
 def test_the_page_is_small() -> None:
     sizes = {path.relative_to(WEB): path.stat().st_size for path in WEB.rglob("*") if path.is_file()}
     assert sum(sizes.values()) <= LARGEST, sorted(sizes.items(), key=lambda item: -item[1])[:5]
+
+
+def test_a_page_that_reads_nothing_any_more_is_closed(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_feed, "SEND_LIMIT", 0.5)
+    host = urlsplit(served.url).netloc
+    page = connect(
+        served,
+        f"GET /live HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode(),
+    )
+    assert page.recv(12) == b"HTTP/1.1 101"
+    assert established(served) == 1
+    number = 0
+    while established(served):
+        number += 1
+        for fact in range(100):  # long texts are cut
+            served.state.tree.set("knowledge", "facts", f"(fact {fact})", {"at": number, "x": "x" * 8000})
+        time.sleep(0.05)  # a frame
+    page.close()

@@ -16,7 +16,7 @@ FRAME = 0.04  # s between two frames
 BEAT = 0.5  # s without a frame after which an empty one is sent: a page greys without news for 2 s
 NOTHING_NEW = '{"changes":[]}'
 GATHER = 0.004  # s that a first change waits for those that belong to it
-SEND_LIMIT = 30.0  # s for one text, after which a page counts as gone
+SEND_LIMIT = 20.0  # s for one text, after which a page counts as gone
 
 
 class LiveFeed:
@@ -40,10 +40,13 @@ class LiveFeed:
         """How many pages are open."""
         return len(self._pages)
 
-    async def serve(self, socket: web.WebSocketResponse) -> None:
-        """Feeds one page until it is closed."""
+    async def serve(self, socket: web.WebSocketResponse, abort: Callable[[], None]) -> None:
+        """Feeds one page until it is closed.
+
+        :param abort: ends its connection, whatever it has not read.
+        """
         self._watch()
-        page = _Page(socket, self._whole_text)
+        page = _Page(socket, abort, self._whole_text)
         page.changes.become_whole()
         self._pages.add(page)
         sender = asyncio.ensure_future(page.send())
@@ -105,8 +108,9 @@ class LiveFeed:
 
 
 class _Page:
-    def __init__(self, socket: web.WebSocketResponse, whole: Any) -> None:
+    def __init__(self, socket: web.WebSocketResponse, abort: Callable[[], None], whole: Any) -> None:
         self.socket = socket
+        self._abort = abort
         self.changes = ChangeSet()
         self._version = 0
         self._whole = whole
@@ -145,7 +149,7 @@ class _Page:
             try:
                 await asyncio.wait_for(self.socket.send_str(text), SEND_LIMIT)
             except (asyncio.TimeoutError, ConnectionError, RuntimeError):
-                await self.socket.close()
+                self._abort()  # a goodbye would wait behind all that the page does not read
                 return
 
 

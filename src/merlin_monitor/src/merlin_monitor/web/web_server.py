@@ -193,7 +193,8 @@ class WebServer:
         if not response.can_prepare(request).ok:
             raise web.HTTPUpgradeRequired(text="This address takes WebSockets only.\n", headers=HEADERS)
         await response.prepare(request)
-        await self._live.serve(response)
+        assert request.transport is not None
+        await self._live.serve(response, request.transport.abort)
         return response
 
     async def _serve_state(self, request: web.Request) -> web.StreamResponse:

@@ -1,0 +1,51 @@
+"""A page that hears nothing says so, whatever keeps its connection open; it comes back by itself."""
+
+from typing import Any, Iterator, List
+
+import pytest
+from served import Served
+from shown_page import Visit, chromium, fill
+from stalled_link import StalledLink
+
+GREY = "() => document.body.dataset.news === 'none'"
+
+
+@pytest.fixture
+def link(served: Served) -> Iterator[StalledLink]:
+    made = StalledLink(served.url)
+    yield made
+    made.close()
+
+
+def test_a_connection_that_stalls_is_not_live_and_comes_back(served: Served, link: StalledLink) -> None:
+    fill(served)
+    with chromium() as browser:
+        visit = Visit(browser, link.url)
+        visit.wait_text("#connection", "live")
+        link.stall()
+        visit.wait_text("#connection", "no news since")
+        visit.wait(GREY)
+        served.state.tree.set("now", "said", {"doing": "dancing in the dark"})
+        link.go_on()
+        visit.wait_text("#connection", "live")
+        visit.wait_text("#now-doing", "ancing in the dark")
+        visit.wait("() => document.body.dataset.news === 'live'")
+        assert visit.complaints == []
+        visit.close()
+
+
+def test_a_connection_that_stalls_for_good_is_replaced(served: Served, link: StalledLink) -> None:
+    fill(served)
+    with chromium() as browser:
+        visit = Visit(browser, link.url)
+        visit.wait_text("#connection", "live")
+        sockets: List[Any] = []
+        visit.page.on("websocket", lambda socket: sockets.append(socket))
+        link.stall()
+        visit.wait_text("#connection", "no news since")
+        while not sockets:  # it has given the old one up
+            visit.page.wait_for_timeout(100)
+        link.go_on()
+        visit.wait_text("#connection", "live")
+        assert visit.complaints == []
+        visit.close()
