@@ -18,7 +18,7 @@ from ros_process import RosMaster
 
 CLIENTS = (0, 1, 200)
 WARM_UP = 5.0  # s
-DURATION = 30.0  # s
+DURATION = 20.0  # s
 
 
 async def read(address: str, clients: int) -> None:

@@ -146,11 +146,15 @@ class _Page:
                 text = self._whole()
             elif text is None:
                 text = _frame(self._version, changes.as_list())
+            # A goodbye would wait behind all that the page does not read.
+            limit = asyncio.get_running_loop().call_later(SEND_LIMIT, self._abort)
             try:
-                await asyncio.wait_for(self.socket.send_str(text), SEND_LIMIT)
-            except (asyncio.TimeoutError, ConnectionError, RuntimeError):
-                self._abort()  # a goodbye would wait behind all that the page does not read
+                await self.socket.send_str(text)
+            except (ConnectionError, RuntimeError):
+                self._abort()
                 return
+            finally:
+                limit.cancel()
 
 
 def _frame(version: int, changes: List[List[Any]]) -> str:
