@@ -1,5 +1,6 @@
 """A new shell, as a reader of the documents opens it."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -7,6 +8,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT = 450.0  # s for all commands together
+ENDS = 20.0  # s from Ctrl-C to the end of what it ends
 
 
 def run_in_shell(commands: str, ros_folder: Path, folder: Path) -> str:
@@ -30,7 +32,8 @@ def run_in_shell(commands: str, ros_folder: Path, folder: Path) -> str:
         try:
             ended = f"exit code {shell.wait(LIMIT)}"
         except subprocess.TimeoutExpired:
-            ended = f"no end within {LIMIT} s"
+            parts = [f"no end within {LIMIT} s", running(shell.pid), last_words(ros_folder / "log")]
+            ended = "\n".join(parts)
         finally:
             stop(shell)
     said = screen.read_text(encoding="utf-8", errors="replace")
@@ -38,12 +41,24 @@ def run_in_shell(commands: str, ros_folder: Path, folder: Path) -> str:
     return said
 
 
+def running(session: int) -> str:
+    """The processes of a session, with how long they have run and where they wait."""
+    command = ["ps", "-s", str(session), "-o", "pid,ppid,etimes,stat,wchan:20,args"]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout
+
+
+def last_words(folder: Path) -> str:
+    """The ends of the logs of the run that began last."""
+    logs = [path for path in folder.glob("latest/*") if path.is_file() and path.stat().st_size]
+    return "\n".join(f"{path.name}: …{path.read_text(errors='replace')[-800:]}" for path in sorted(logs))
+
+
 def stop(shell: "subprocess.Popen[bytes]") -> None:
     """Ends a shell that still runs, and what it has started."""
-    for how in (signal.SIGINT, signal.SIGKILL):
-        if shell.poll() is None:
-            os.killpg(shell.pid, how)
-            try:
-                shell.wait(20.0)
-            except subprocess.TimeoutExpired:
-                continue
+    if shell.poll() is None:
+        os.killpg(shell.pid, signal.SIGINT)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            shell.wait(ENDS)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(shell.pid, signal.SIGKILL)
+    shell.wait()
