@@ -3,7 +3,8 @@
 import re
 from pathlib import Path
 
-from terminal import ROOT, run_in_shell
+import pytest
+from terminal import LIMIT, ROOT, run_in_shell
 
 PAGE = (ROOT / "docs" / "hello.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"(?:<!-- (file|run): (\S+) -->\n)?```(sh|python)\n(.*?)```", re.DOTALL)
@@ -42,6 +43,7 @@ def step(kind: str, file: str, language: str, text: str) -> str:
     return WRITE.format(code=code)
 
 
+@pytest.mark.timeout(LIMIT + 60)
 def test_every_step_of_the_page_works(tmp_path: Path) -> None:
     blocks = BLOCK.findall(PAGE)
     assert [language for _, _, language, _ in blocks].count("sh") == 6

@@ -4,7 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from terminal import ROOT, run_in_shell
+import pytest
+from terminal import LIMIT, ROOT, run_in_shell
+
+pytestmark = pytest.mark.timeout(LIMIT + 60)
 
 NEW = (
     "rosrun merlin new my_robot --type 'cup - object' "

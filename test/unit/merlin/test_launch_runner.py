@@ -16,6 +16,7 @@ import pytest
 from merlin.launch_request import LaunchError, LaunchRequest
 
 LAUNCH_FILE = Path(__file__).resolve().parents[2] / "data" / "runner" / "runner.launch"
+APPLICATION = Path(__file__).resolve().parents[3] / "launch" / "include" / "application.launch"
 RUN = [sys.executable, "-c", "from merlin.launch_runner import main; raise SystemExit(main())"]
 
 
@@ -88,6 +89,7 @@ def test_ends_with_the_missions_exit_code_and_shows_only_its_lines(tmp_path: Pat
         ((str(LAUNCH_FILE), "linger:=maybe"), "none of false, true, auto"),
         ((str(LAUNCH_FILE), "domain:=/nowhere/domain.pddl"), "/nowhere/domain.pddl"),
         ((str(LAUNCH_FILE), "executable:=nothing"), "merlin_test/nothing"),
+        ((str(APPLICATION), "on:=server"), "'server' is not in list. <arg name=\"on_is_one_of\""),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(

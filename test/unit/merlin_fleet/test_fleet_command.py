@@ -148,6 +148,20 @@ def test_the_command_sends_lists_follows_and_cancels(lab: Lab, capsys: pytest.Ca
     assert "has ended already: CANCELLED" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("wanted", [("--robot", "r2"), ("--needs", "wings"), ("--group", "night")])
+def test_a_goal_that_no_robot_can_take_is_told(
+    lab: Lab, capsys: pytest.CaptureFixture, wanted: Tuple[str, str]
+) -> None:
+    assert lab.run("send", "(done a)", *wanted) == 0
+    assert capsys.readouterr().err.endswith("it waits for one; the robots of this fleet: none\n")
+    lab.robot("r1")
+    assert lab.client.wait(lambda: any(joined for _, joined in lab.client.robots()), LIMIT)
+    assert lab.run("send", "(done a)", *wanted) == 0
+    assert capsys.readouterr().err.endswith("it waits for one; the robots of this fleet: r1\n")
+    assert lab.run("send", "(done a)") == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_follow_ends_with_the_goal(lab: Lab, capsys: pytest.CaptureFixture) -> None:
     lab.robot("r1")
     assert lab.run("send", "(done a)", "--follow") == 0

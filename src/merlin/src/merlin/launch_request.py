@@ -185,9 +185,10 @@ def _passed_on(launch_file: Path) -> Iterable[Path]:
 
 
 def one_line(error: object) -> str:
-    """The first paragraph of an error's text on one line."""
-    paragraph = str(error).strip().split("\n\n", 1)[0]
-    return " ".join(paragraph.split()) or type(error).__name__
+    """The first paragraph of an error's text on one line, and the tag of the launch file that roslaunch names after it."""
+    paragraphs = str(error).strip().split("\n\n")
+    tags = [text[len("Arg xml is ") :] for text in paragraphs[1:] if text.startswith("Arg xml is ")]
+    return " ".join(" ".join([paragraphs[0], *tags]).split()) or type(error).__name__
 
 
 def _check_names(launch_file: Path, given: Dict[str, str], declared: Dict[str, Optional[str]]) -> None:

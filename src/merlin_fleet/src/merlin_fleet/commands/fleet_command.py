@@ -10,7 +10,8 @@ from typing import List, Optional
 
 from merlin_fleet.certified import Tls
 from merlin_fleet.commands import forget_command, keep_command
-from merlin_fleet.core.records import Profile, Report
+from merlin_fleet.core.auction import unsuited
+from merlin_fleet.core.records import Goal, Profile, Report
 from merlin_fleet.core.view import GoalState
 from merlin_fleet.fleet_client import ACHIEVED, DEFAULT_FLEET, OVER, FleetClient, FleetError
 from merlin_fleet.fleet_request import FleetRequest, GoalNews
@@ -154,17 +155,23 @@ def _tls(given: argparse.Namespace) -> Optional[Tls]:
 
 
 def _send(client: FleetClient, given: argparse.Namespace) -> int:
+    wanted = {
+        "robot": given.robot,
+        "groups": tuple(given.group),
+        "needs": tuple(given.needs),
+        "domain": given.domain,
+    }
     request = client.send(
-        given.goal,
-        value=given.value,
-        deadline=given.deadline,
-        robot=given.robot,
-        groups=tuple(given.group),
-        needs=tuple(given.needs),
-        domain=given.domain,
-        finish=given.finish,
+        given.goal, value=given.value, deadline=given.deadline, finish=given.finish, **wanted
     )
     print(request.id, flush=True)
+    robots = [robot for robot, _ in client.robots()]
+    if all(unsuited(Goal("", tuple(given.goal), 0.0, "", **wanted), robot) for robot in robots):
+        known = ", ".join(sorted(robot.name for robot in robots)) or "none"
+        print(
+            f"fleet send: no robot can take it, and it waits for one; the robots of this fleet: {known}",
+            file=sys.stderr,
+        )
     return follow(client, request) if given.follow else 0
 
 
