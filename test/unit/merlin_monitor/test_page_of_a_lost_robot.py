@@ -1,0 +1,82 @@
+"""What an open page says when the master is replaced and when navigation is killed."""
+
+import json
+import signal
+import urllib.request
+from typing import Any, Dict, Tuple
+
+from shown_page import Visit, chromium
+
+# Publishes what an Executor and a mission publish; its argument is the name of the mission.
+RUN = """
+import sys, rospy
+from merlin_msgs.msg import MissionStatus
+rospy.init_node("mission")
+publisher = rospy.Publisher("merlin/mission", MissionStatus, latch=True, queue_size=1)
+publisher.publish(MissionStatus(mission=sys.argv[1], state=MissionStatus.RUNNING))
+print("published", flush=True)
+rospy.spin()
+"""
+
+# Prints a line for each report of navigation.
+REPORTS = """
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray
+rospy.init_node("reports")
+def told(message):
+    if any(status.name.startswith("navigation: ") for status in message.status):
+        print("report", flush=True)
+rospy.Subscriber("/diagnostics", DiagnosticArray, told)
+rospy.spin()
+"""
+
+
+def state(address: str) -> Dict[str, Any]:
+    with urllib.request.urlopen(f"{address}state.json", timeout=10) as answer:
+        return json.load(answer)["state"]
+
+
+def start_monitor(master: Any) -> Tuple[Any, str]:
+    """The node and the address of its page."""
+    master.api.setParam("/test", "/monitor/port", 0)
+    monitor = master.spawn("rosrun", "merlin_monitor", "monitor", "__name:=monitor", "_history:=")
+    return monitor, monitor.expect("monitor: http").split(" ", 1)[1]
+
+
+def test_nothing_of_the_old_run_is_left(master: Any) -> None:
+    monitor, address = start_monitor(master)
+    with chromium() as browser:
+        visit = Visit(browser, address)
+        first = master.node(RUN, "Alphabet")
+        visit.wait_text("#now", "Alphabet")
+        first.end()
+        master.kill()
+        master.start()
+        again = monitor.expect("monitor: http")
+        assert address in again
+        master.node(RUN, "Omega")
+        visit.wait_text("#now", "Omega")
+        visit.wait_text("#connection", "live")
+        assert "Alphabet" not in visit.page.inner_text("main")
+        assert "Alphabet" not in json.dumps(state(address))
+        assert visit.complaints == []
+        visit.close()
+    assert monitor.end() == 0
+    assert "Traceback" not in monitor.output
+
+
+def test_navigation_that_is_killed_is_the_trouble(master: Any) -> None:
+    _, address = start_monitor(master)
+    navigation = master.spawn("rosrun", "merlin_reactive", "navigation", "__name:=navigation")
+    with chromium() as browser:
+        visit = Visit(browser, address)
+        visit.wait_text("#health-list .title", "navigation: ")
+        reports = master.node(REPORTS)
+        for _ in range(5):  # what reports only now and then is not missed at once
+            reports.expect("report")
+        assert visit.page.locator("#now-trouble").is_hidden()
+        navigation.end(signal.SIGKILL)
+        visit.wait_text("#now-trouble", "navigation does not answer")
+        visit.wait_text("#glance", "navigation does not answer")
+        assert visit.complaints == []
+        visit.close()
