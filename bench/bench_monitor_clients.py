@@ -1,5 +1,6 @@
-"""What pages that are open cost the monitor: its share of a core with none, one and 200 of them, over the home's
-mission as it runs. The clients are programs that read the live feed, in a process of their own.
+"""What pages that are open cost the monitor: its share of a core with none, one and 200 of them.
+
+The home's mission runs meanwhile. The clients are programs that read the live feed, in their own process.
 """
 
 import asyncio

@@ -185,7 +185,7 @@ def _passed_on(launch_file: Path) -> Iterable[Path]:
 
 
 def one_line(error: object) -> str:
-    """The first paragraph of an error's text on one line, and the tag of the launch file that roslaunch names after it."""
+    """The first paragraph of an error's text on one line, and the tag that roslaunch names after it."""
     paragraphs = str(error).strip().split("\n\n")
     tags = [text[len("Arg xml is ") :] for text in paragraphs[1:] if text.startswith("Arg xml is ")]
     return " ".join(" ".join([paragraphs[0], *tags]).split()) or type(error).__name__
