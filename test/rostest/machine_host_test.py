@@ -124,8 +124,8 @@ class MachineHost(unittest.TestCase):
         Stubborn.release = threading.Event()
         self.addCleanup(Stubborn.release.set)
 
-    def serve(self, action):
-        server = MerlinActionServer(action, CANCEL_LIMIT)
+    def serve(self, action, cancel_limit=CANCEL_LIMIT):
+        server = MerlinActionServer(action, cancel_limit)
         server.start()
         self.addCleanup(server.shutdown)
         client = ActionClient(f"actions/{server.operator}", RunActionAction)
@@ -193,7 +193,7 @@ class MachineHost(unittest.TestCase):
         class AsksAnew(Asks):
             said = "after"
 
-        server, client = self.serve(machine("Ask", Asks))
+        server, client = self.serve(machine("Ask", Asks), LONG)
         shown = server.machine
         goal = self.start(client)
         edited = machine("Ask", AsksAnew)
@@ -231,11 +231,11 @@ class MachineHost(unittest.TestCase):
                 self.assertIn("BOTH/STUBBORN", goal.result.unstopped)
 
     def test_the_drive_of_a_tree_is_cancelled_with_it(self):
-        stopped, goal = self.cancel_a_drive(DriveInTree(), "DRIVE_IN_TREE/ANY/DRIVE")
+        stopped, goal = self.cancel_a_drive(DriveInTree(), "DRIVE_IN_TREE/ANY/DRIVE", LONG)
         self.assertTrue(stopped.is_set())
         self.assertEqual(goal.status, GoalStatus.PREEMPTED)
 
-    def cancel_a_drive(self, action, state=""):
+    def cancel_a_drive(self, action, state="", cancel_limit=CANCEL_LIMIT):
         stopped = threading.Event()
         goals = []
 
@@ -250,7 +250,7 @@ class MachineHost(unittest.TestCase):
         base = ActionServer("move_base", MoveBaseAction, drive, stop)
         base.start()
         self.addCleanup(base.shutdown)
-        _, client = self.serve(action)
+        _, client = self.serve(action, cancel_limit)
         goal = self.start(client)
         self.until(lambda: goals and state in goal.feedback.state, goal.feedback)
         self.assertFalse(goal.wait(0.0))

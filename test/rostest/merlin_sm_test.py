@@ -6,6 +6,7 @@ import unittest
 
 import rospy
 from geometry_msgs.msg import Twist
+from knowledge_fixture import LONG, Received
 from sound_play.msg import SoundRequestActionGoal
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
@@ -18,7 +19,6 @@ from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import MerlinState
 
-LONG = 60.0
 OUTCOMES = ["succeeded", "aborted", "preempted"]
 create = MerlinStateFactory.create
 
@@ -93,21 +93,6 @@ class Stop(MerlinState):
 
 
 class States(unittest.TestCase):
-    def setUp(self):
-        self.velocities = []
-        self.changed = threading.Condition()
-        self.subscriber = rospy.Subscriber("cmd_vel", Twist, self.receive)
-        self.addCleanup(self.subscriber.unregister)
-
-    def receive(self, velocity):
-        with self.changed:
-            self.velocities.append(velocity)
-            self.changed.notify_all()
-
-    def driving(self):
-        with self.changed:
-            self.assertTrue(self.changed.wait_for(lambda: any(v.linear.x for v in self.velocities), LONG))
-
     def run_and_preempt(self, sm, ready):
         outcomes = []
         thread = threading.Thread(target=lambda: outcomes.append(sm.execute()))
@@ -128,10 +113,11 @@ class States(unittest.TestCase):
             self.assertIn(reason, sm.reason)
 
     def test_a_preempt_stops_navigation_and_the_machine_runs_again(self):
+        velocities = Received("cmd_vel", Twist)
+        self.addCleanup(velocities.close)
         sm = machine(create("navigation", "kitchen"))
-        self.run_and_preempt(sm, self.driving)
-        with self.changed:
-            self.assertTrue(self.changed.wait_for(lambda: self.velocities[-1] == Twist(), LONG))
+        self.run_and_preempt(sm, lambda: velocities.wait(lambda velocity: velocity.linear.x))
+        velocities.wait(lambda velocity: velocity == Twist())  # sent once a drive, as its last
         self.assertEqual(sm.execute(), "succeeded")
 
     def test_speaking_fills_in_userdata(self):
@@ -218,9 +204,7 @@ class States(unittest.TestCase):
 
 
 class MerlinSMSuite(Knowledge, States):
-    def setUp(self):
-        Knowledge.setUp(self)
-        States.setUp(self)
+    pass
 
 
 if __name__ == "__main__":

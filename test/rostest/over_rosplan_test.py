@@ -1,18 +1,16 @@
 #!/usr/bin/env python3
 """The Executor and the actions over a planning system that behaves as the original ROSPlan does."""
 
-import threading
 import unittest
 
 import rospy
 import rosservice
 from geometry_msgs.msg import Twist
+from knowledge_fixture import LONG, Received
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-
-LONG = 60.0
 
 
 class OverROSPlan(unittest.TestCase):
@@ -20,16 +18,7 @@ class OverROSPlan(unittest.TestCase):
     def setUpClass(cls):
         cls.client = MerlinExecutorClient()
         cls.knowledge = MerlinROSPlanAssistant()
-        cls.driving = threading.Event()
-        cls.halted = threading.Event()
-        rospy.Subscriber("cmd_vel", Twist, cls.receive, tcp_nodelay=True)
         assert cls.client.wait_for_executor(LONG)
-
-    @classmethod
-    def receive(cls, velocity):
-        moving = velocity != Twist()
-        (cls.driving if moving else cls.halted).set()
-        (cls.halted if moving else cls.driving).clear()
 
     def setUp(self):
         for poi in ("kitchen", "bathroom", "dorm_room"):
@@ -55,13 +44,16 @@ class OverROSPlan(unittest.TestCase):
 
     def test_a_cancel_stops_the_robot_and_the_next_goal_is_its_own(self):
         self.assertOutcome(self.client.execute("(checked kitchen)", LONG), "SUCCEEDED")
+        velocities = Received("cmd_vel", Twist)  # nothing of the drive that has ended
+        self.addCleanup(velocities.close)
         for poi in ("bathroom", "dorm_room"):
+            velocities.messages.clear()
             request = self.client.send(f"(checked {poi})")
-            self.assertTrue(self.driving.wait(LONG))
+            velocities.wait(lambda velocity: velocity != Twist())
             request.cancel()
             self.assertTrue(request.wait(LONG))
             self.assertOutcome(request.result, "CANCELLED")
-            self.assertTrue(self.halted.wait(LONG))
+            velocities.wait(lambda velocity: velocity == Twist())  # sent once a drive, as its last
             self.assertEqual(self.knowledge.facts("robot_at"), ["(robot_at anywhere)"])
         self.assertOutcome(self.client.execute("(checked bathroom)", LONG), "SUCCEEDED")
         self.assertFalse(self.knowledge.holds("(checked dorm_room)"))
