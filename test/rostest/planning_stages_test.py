@@ -5,9 +5,11 @@ import threading
 import unittest
 
 import rospy
+from knowledge_fixture import Received
 from merlin_msgs.msg import DispatchStatus, PlannerStatus
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_dispatch_msgs.srv import DispatchService
+from rosplan_knowledge_msgs.msg import DomainFormula
 from std_srvs.srv import Empty
 
 import rostest
@@ -57,6 +59,10 @@ class System:
             assert proxy.wait(LONG), proxy.name
             setattr(self, attribute, proxy)
         assert self.knowledge.wait(LONG)
+        interfaces = self.topic("rosplan_knowledge_base/pddl_action_parameters", DomainFormula)
+        for name in ("navigate", "ask"):
+            interfaces.wait(lambda formula, name=name: formula.name == name)
+        interfaces.close()
 
     def set_goals(self, *goals):
         self.knowledge.update(
@@ -83,7 +89,7 @@ class Stages:
         return self.system.dispatch()
 
     def test_goals_come_true_and_each_request_gets_its_own_plan(self):
-        actions = self.system.topic("rosplan_plan_dispatcher/action_dispatch", ActionDispatch)
+        actions = Received(f"{self.namespace}/rosplan_plan_dispatcher/action_dispatch", ActionDispatch)
         self.addCleanup(actions.close)
         for poi in ("kitchen", "bathroom", "main_door", "dorm_room"):
             self.system.set_goals(("checked", poi))
@@ -92,6 +98,7 @@ class Stages:
             self.assertEqual(
                 self.system.knowledge.query([fact("checked", poi), fact("robot_at", poi)]), [True, True]
             )
+        actions.wait(lambda m: m.name == "ask" and m.parameters[0].value == "dorm_room")
         asked = [m.parameters[0].value for m in actions.messages if m.name == "ask"]
         self.assertEqual(asked, ["kitchen", "bathroom", "main_door", "dorm_room"])
 

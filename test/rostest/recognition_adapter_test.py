@@ -44,7 +44,7 @@ class RecognitionAdapter(unittest.TestCase):
     def test_detections_reach_whoever_asks_for_them(self):
         silent = self.look()
         self.assertEqual(
-            (silent.status, silent.text), (GoalStatus.ABORTED, "the detector sent nothing within 2 s")
+            (silent.status, silent.text), (GoalStatus.ABORTED, "the detector sent nothing within 5 s")
         )
         detector = rospy.Publisher("detections", Detection3DArray, latch=True, queue_size=1)
         self.addCleanup(detector.unregister)

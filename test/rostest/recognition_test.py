@@ -109,7 +109,7 @@ class Recognition(unittest.TestCase):
     def test_without_image_or_frame_it_says_what_is_missing(self):
         for server, words in (
             ("blind", "no camera image: service /blind/camera/capture does not answer"),
-            ("silent", "no camera image: nothing came on /nobody/image_raw within 2 s"),
+            ("silent", "no camera image: nothing came on /nobody/image_raw within 6 s"),
             ("lost", "no transform from r1/camera_optical_frame to moon"),
         ):
             goal = self.look(server=server)

@@ -28,7 +28,7 @@ class RobotsSimulator(unittest.TestCase):
     def setUpClass(cls):
         cls.changed = threading.Condition()
         cls.poses, cls.scans, cls.drives, cls.ways = {}, {}, {}, {}
-        cls.together = False  # both drove at one moment
+        cls.drove = {robot: set() for robot in ROBOTS}  # moments at which it drove
         cls.subscribers = [
             subscriber
             for robot in ROBOTS
@@ -56,9 +56,8 @@ class RobotsSimulator(unittest.TestCase):
     def moved(cls, message, robot):
         with cls.changed:
             cls.poses[robot] = message
-            cls.together |= len(cls.poses) == 2 and all(
-                pose.twist.twist.linear.x > 0.05 for pose in cls.poses.values()
-            )
+            if message.twist.twist.linear.x > 0.05:
+                cls.drove[robot].add(message.header.stamp)
             cls.changed.notify_all()
 
     @classmethod
@@ -88,7 +87,9 @@ class RobotsSimulator(unittest.TestCase):
         for robot in ROBOTS:
             self.assertEqual(self.scans[robot].header.frame_id, f"{robot}/base_laser")
             self.assertEqual(publishers[f"/{robot}/cmd_vel"], [f"/{robot}/merlin_guard"])
-            picture = ServiceProxy(f"{robot}/camera/capture", CaptureImage)()
+            capture = ServiceProxy(f"{robot}/camera/capture", CaptureImage)
+            self.assertTrue(capture.wait(LONG))
+            picture = capture()
             self.assertTrue(picture.success, picture.message)
             self.assertEqual(picture.image.header.frame_id, f"{robot}/camera_optical_frame")
             for frame in ("base_laser", "camera_optical_frame"):
@@ -107,10 +108,14 @@ class RobotsSimulator(unittest.TestCase):
         self.assertTrue(request.wait(LONG))
         result = request.result
         self.assertEqual(outcome_name(result.outcome), "SUCCEEDED", result.reason)
+        # What the topics tell may come behind the result.
+        self.assertTrue(self.until(lambda: len(self.drives) == 2), self.drives)
         self.assertEqual(
             (set(self.drives), set(self.drives.values())), (set(ROBOTS), {"dorm_room", "kitchen"})
         )
-        self.assertTrue(self.together, "both drove at the same time")
+        self.assertTrue(
+            self.until(lambda: self.drove["ann"] & self.drove["bob"]), "both drove at the same time"
+        )
         for robot, place in self.drives.items():
             self.assertEqual(self.place(robot), place)
 
@@ -135,8 +140,12 @@ class RobotsSimulator(unittest.TestCase):
         if place == "anywhere":
             return ""
         point = rospy.get_param(f"{robot}/world/points_of_interest/{place}")
-        truth = self.poses[robot].pose.pose.position
-        self.assertLess(math.hypot(point["x"] - truth.x, point["y"] - truth.y), 0.2, f"{robot} at {place}")
+
+        def there():
+            truth = self.poses[robot].pose.pose.position
+            return math.hypot(point["x"] - truth.x, point["y"] - truth.y) < 0.2
+
+        self.assertTrue(self.until(there), f"{robot} at {place}")
         return place
 
 

@@ -5,6 +5,7 @@ import threading
 import unittest
 
 import rospy
+from knowledge_fixture import Received
 from merlin_msgs.msg import KnowledgeChanges
 from rosplan_knowledge_msgs.srv import GetDomainPredicateDetailsService
 from std_msgs.msg import Bool, Float32, String
@@ -31,10 +32,9 @@ class Sensing(unittest.TestCase):
             name: rospy.Publisher(name, message_class, queue_size=10)
             for name, message_class in (("/power", Bool), ("/battery", Float32), ("/place", String))
         }
-        while not (
-            all(p.get_num_connections() for p in cls.publishers.values()) and cls.watch.get_num_connections()
-        ):
+        while not all(publisher.get_num_connections() for publisher in cls.publishers.values()):
             rospy.rostime.wallsleep(0.02)
+        Received("/rosplan_knowledge_base/changes", KnowledgeChanges)  # both are connected now
 
     @classmethod
     def receive(cls, _):

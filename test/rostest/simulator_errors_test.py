@@ -16,7 +16,7 @@ WORLD = Path(__file__).resolve().parents[2] / "src" / "merlin_sim" / "worlds" / 
 
 def start(*parameters):
     done = subprocess.run(
-        ["rosrun", "merlin_sim", "merlin_sim", *parameters], capture_output=True, text=True, timeout=60
+        ["rosrun", "merlin_sim", "merlin_sim", *parameters], capture_output=True, text=True, timeout=180
     )
     # With a latched clock of its own the node stamps its log with simulated time; the text is what counts.
     lines = [line for line in (done.stdout + done.stderr).splitlines() if "merlin_sim:" in line]

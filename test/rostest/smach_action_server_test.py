@@ -15,6 +15,13 @@ import smach
 from smach_ros import ActionServerWrapper
 
 
+def until_linked(server, clients=1):
+    """Waits until a server sends to its clients: they hear of a connection before it does."""
+    for publisher in (server.status_pub, server.result_pub, server.feedback_pub):
+        while publisher.get_num_connections() < clients:
+            rospy.rostime.wallsleep(0.01)
+
+
 class Wrapper(unittest.TestCase):
     number = 0
 
@@ -32,6 +39,7 @@ class Wrapper(unittest.TestCase):
         self.addCleanup(wrapper._action_server.stop)
         client = actionlib.SimpleActionClient(name, TestAction)
         self.assertTrue(client.wait_for_server(rospy.Duration(LONG)))
+        until_linked(wrapper._action_server)
         return client, container, wrapper
 
     def run_goal(self, client, goal=0):
@@ -127,8 +135,7 @@ class Wrapper(unittest.TestCase):
             self.addCleanup(wrapper._action_server.stop)
             client = actionlib.SimpleActionClient(f"{name}_{expected}", TestAction)
             self.assertTrue(client.wait_for_server(rospy.Duration(LONG)))
-            while not wrapper._action_server.feedback_pub.get_num_connections():
-                rospy.rostime.wallsleep(0.01)
+            until_linked(wrapper._action_server)
             sent.clear()
             client.send_goal(
                 TestGoal(), feedback_cb=lambda m, s=seen, c=came: s.append(m.feedback) or c.set()

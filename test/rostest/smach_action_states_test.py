@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 import unittest
 from typing import NamedTuple
 
@@ -77,6 +78,8 @@ class ActionStates(unittest.TestCase):
         cls.server = Server("tempers")
 
     def setUp(self):
+        # What a test before has sent and not waited for arrives before this one.
+        self.assertEqual(Run(self.action(SUCCEED)).end(), "succeeded")
         self.before = len(self.server.goals)
 
     def action(self, mode=None, **how):
@@ -230,7 +233,14 @@ class ActionStates(unittest.TestCase):
         self.assertEqual(Run(state).end(), "aborted")
         threads = threading.active_count()
         self.assertEqual([Run(state).end() for _ in range(3)], ["aborted"] * 3)
-        self.assertLessEqual(threading.active_count(), threads)
+        end = time.monotonic() + LONG
+        while threading.active_count() > threads:
+            self.assertLess(time.monotonic(), end, threading.enumerate())
+            rospy.rostime.wallsleep(0.01)
+        last = self.server.cancels[-1].get_goal_id().id
+        while last not in [message.id for message in cancels]:
+            self.assertLess(time.monotonic(), end, f"no cancel of {last}")
+            rospy.rostime.wallsleep(0.01)
         self.assertEqual(
             [goal.get_goal_id().id for goal in self.server.cancels[-3:]], [m.id for m in cancels[-3:]]
         )

@@ -128,6 +128,29 @@ class Introspection(unittest.TestCase):
         self.assertEqual(shown["/"], [["S0"], ["S1"], ["S2"], ["None"]])
         self.assertEqual(shown["/S1"], [[f"S{i}"] for i in range(10)] + [["None"]])
 
+    def test_a_viewer_is_told_once_even_when_the_worker_begins_after_it(self):
+        class Late(IntrospectionServer):
+            go = threading.Event()
+
+            def _work(self):
+                self.go.wait(LONG)
+                super()._work()
+
+        sm = machine(Done())
+        server = Late("late", sm, "/SM_ROOT")
+        server.start()
+        self.addCleanup(server.stop)
+        viewer = Viewer("late")
+        self.addCleanup(viewer.close)
+        for publisher in (server._structure_publisher, server._status_publisher):
+            while not publisher.get_num_connections():
+                rospy.rostime.wallsleep(0.01)
+        Late.go.set()
+        viewer.wait(lambda: viewer.structures and viewer.statuses)
+        sm.execute()
+        viewer.wait(lambda: viewer.statuses[-1].info.startswith("TERMINATED"))
+        self.assertNotIn("HEARTBEAT", [status.info for status in viewer.statuses])
+
     def test_heartbeats_repeat_structure_and_status(self):
         introspection.HEARTBEAT = 0.1
         name, _ = self.serve(machine(Done()))

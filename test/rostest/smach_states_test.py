@@ -140,7 +140,7 @@ class Topics:
         state = MonitorState("silence", Int32, lambda ud, message: True, timeout=rospy.Duration(0.2))
         self.assertEqual(Run(state).end(), "invalid")
         self.publisher("numbers").publish(3)
-        state = MonitorState("numbers", Int32, lambda ud, message: True, timeout=5.0)
+        state = MonitorState("numbers", Int32, lambda ud, message: True, timeout=LONG)
         self.assertEqual(Run(state).end(), "valid")
 
     def test_d12_monitor_takes_the_interface_of_its_callback_and_can_end_as_valid(self):

@@ -1,41 +1,31 @@
 #!/usr/bin/env python3
 """Timed knowledge under a simulated clock: on time, whatever the clock does."""
 
-import threading
 import unittest
 
 import rospy
+from knowledge_fixture import LONG, Received
 from merlin_msgs.msg import KnowledgeChanges
 from rosgraph_msgs.msg import Clock
 
 import rostest
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, knowledge_client
 
-LONG = 60.0
-
 
 class TimedKnowledgeTest(unittest.TestCase):
     def setUp(self):
         self.clock = rospy.Publisher("/clock", Clock, queue_size=10)
-        self.arrived = threading.Condition()
-        self.added = []
-        changes = rospy.Subscriber("rosplan_knowledge_base/changes", KnowledgeChanges, self.receive)
-        self.addCleanup(changes.unregister)
+        self.changes = Received("rosplan_knowledge_base/changes", KnowledgeChanges)
+        self.addCleanup(self.changes.close)
         self.addCleanup(self.clock.unregister)
         self.knowledge = knowledge_client()
         # a waiter in rospy waits for the clock: the wait must not stop it
-        while self.clock.get_num_connections() < 2 or not changes.get_num_connections():
+        while self.clock.get_num_connections() < 2:
             rospy.rostime.wallsleep(0.01)
         self.assertTrue(self.knowledge.wait(LONG), "no knowledge base")
 
-    def receive(self, change):
-        with self.arrived:
-            self.added += [item.values[0].value for item in change.added]
-            self.arrived.notify_all()
-
     def wait_for(self, name):
-        with self.arrived:
-            self.assertTrue(self.arrived.wait_for(lambda: name in self.added, LONG), self.added)
+        self.changes.wait(lambda change: name in [item.values[0].value for item in change.added])
 
     def set_clock(self, seconds):
         """Moves the clock and waits until the knowledge base has seen it: it stamps what it takes."""

@@ -52,9 +52,9 @@ class TwoRobots(unittest.TestCase):
             "r2": self.clients["r2"].send("(checked dorm_room)"),
         }
         for robot in ROBOTS:
-            self.assertTrue(self.moved[robot].wait(60.0), f"{robot} did not set off")
+            self.assertTrue(self.moved[robot].wait(START), f"{robot} did not set off")
         requests["r1"].cancel()
-        self.assertTrue(requests["r1"].wait(30.0))
+        self.assertTrue(requests["r1"].wait(START))
         self.assertEqual(outcome_name(requests["r1"].result.outcome), "CANCELLED")
         self.assertFalse(requests["r2"].done)
         self.assertTrue(requests["r2"].wait(120.0))

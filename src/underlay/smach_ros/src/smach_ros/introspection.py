@@ -137,7 +137,7 @@ class IntrospectionServer:
             self._changed.notify_all()
 
     def _work(self) -> None:
-        heartbeat = time.monotonic()
+        heartbeat = time.monotonic() + HEARTBEAT  # a subscriber of before is greeted
         while True:
             with self._changed:
                 while not self._notes and not self._stopping:
