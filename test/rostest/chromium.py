@@ -13,7 +13,9 @@ BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser")
 LONG = 60.0  # s
 LOOK = 0.03  # s between two looks at the page
 # That the monitor was gone for a moment, or refused something, is no fault of the page.
-EXPECTED = re.compile(r"ERR_CONNECTION|responded with a status of (403|409)")
+EXPECTED = re.compile(
+    r"ERR_(CONNECTION|EMPTY_RESPONSE|INCOMPLETE_CHUNKED_ENCODING)|responded with a status of (403|409)"
+)
 
 
 class NoBrowser(RuntimeError):

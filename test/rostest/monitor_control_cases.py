@@ -10,7 +10,7 @@ import rosgraph
 import rospy
 from merlin_msgs.msg import ExecutorStatus, GuardStatus
 from merlin_msgs.srv import Breakpoints, BreakpointsRequest
-from monitor_fixture import OPERATOR, TOKEN, PageCases
+from monitor_fixture import OPERATOR, TOKEN, PageCases, Patrol
 from monitor_process import LONG
 from std_srvs.srv import Trigger
 
@@ -81,6 +81,9 @@ class ControlCases(PageCases):
             os.kill(respawn, signal.SIGCONT)
         visit.wait_text("#now-doing", doing)
         visit.wait("() => !document.querySelector('[data-silent]')")
+        # The next test talks to its new life.
+        rospy.wait_for_service("merlin/resume", LONG)
+        self.assertTrue(self.client.wait_for_executor(LONG))
 
     def test_5_a_server_that_hangs_is_named_in_the_headline(self):
         visit = self.visit()
@@ -122,10 +125,11 @@ class ControlCases(PageCases):
         visit.wait_text("#operator", OPERATOR)
         self.assertEqual(goal.input_value(), "(checked moon)")
         # The goals of the application, and those of a place, by what its operators achieve.
-        self.assertIn("Ask in the kitchen", visit.texts("#offered-goals button"))
+        visit.wait_text("#offered-goals button", "Ask in the kitchen")
         visit.wait("() => document.querySelector('.map-point[role=button][aria-label$=kitchen]')")
         page.focus(".map-point[aria-label$=kitchen]")
         page.keyboard.press("Enter")
+        visit.wait("() => document.querySelectorAll('#place-list button').length >= 3")
         self.assertEqual(
             sorted(visit.texts("#place-list button")),
             ["Ask everybody", "Ask in the kitchen", "robot at kitchen"],
@@ -135,8 +139,7 @@ class ControlCases(PageCases):
         page.get_by_role("button", name="Send goal").click()
         visit.wait_text("#control-said", "Sent as")
         visit.wait("() => document.getElementById('goal').value === ''")
-        self.assertTrue(self.status.wait(lambda status: bool(status.running)))
-        self.assertIn("(checked dorm_room)", " ".join(self.status.message.goals))
+        self.assertTrue(self.status.wait(lambda s: s.running and "(checked dorm_room)" in " ".join(s.goals)))
         page.locator("#queue-list .cancel").first.click()
         visit.wait_text("#now-last", "cancelled after")
         self.assertTrue(self.status.wait(lambda status: status.state == ExecutorStatus.IDLE))
@@ -222,7 +225,7 @@ class ControlCases(PageCases):
         request = self.client.send("(checked kitchen)")
         visit.wait_text("#now-doing", "held before navigating")
         visit.wait_text("#glance-state", "Held")
-        self.assertEqual(self.status.message.running, [])
+        self.assertTrue(self.status.wait(lambda status: status.held and not status.running))
         visit.page.click("#step")
         visit.wait_text("#now-doing", "held before asking")
         self.assertFalse(request.done)
@@ -247,7 +250,7 @@ class ControlCases(PageCases):
         self.hold_before(visit, "(checked kitchen)")
         request = self.client.send("(checked kitchen)")
         visit.wait_text("#now-doing", "held before kitchen checked")
-        self.assertEqual(self.status.message.state, ExecutorStatus.IDLE)
+        self.assertTrue(self.status.wait(lambda s: s.held and s.state == ExecutorStatus.IDLE))
         command = ["rosrun", "merlin", "breakpoints"]
         said = subprocess.run(command, stdout=subprocess.PIPE, timeout=LONG, check=True).stdout.decode()
         self.assertIn("held before (checked kitchen)\n  (checked kitchen)\n  ask\n", said)
@@ -318,7 +321,7 @@ class ControlCases(PageCases):
     def test_7_a_pause_lets_the_goal_end_and_no_other_begin(self):
         visit = self.operator()
         page = visit.page
-        _, thread, ended = self.start_round()
+        _, thread, ended = self.start_round(Patrol())
         page.click("#pause")
         self.assertTrue(self.status.wait(lambda status: status.paused))
         visit.wait_text("#now-doing", "paused")

@@ -25,6 +25,15 @@ class Round(GoalDispatcher):
             self.achieve(f"(checked {poi})")
 
 
+class Patrol(GoalDispatcher):
+    """Goes on until it is cancelled, however slow the browser is."""
+
+    def run(self):
+        while True:
+            for poi in ("kitchen", "bathroom"):
+                self.achieve(f"(robot_at {poi})")
+
+
 class PageCases(unittest.TestCase):
     """A page in a browser, over all of MERLIN on simulated servers."""
 
@@ -77,8 +86,8 @@ class PageCases(unittest.TestCase):
         visit.wait_text("#operator", OPERATOR)
         return visit
 
-    def start_round(self):
-        mission = Round(tasks=3)
+    def start_round(self, mission=None):
+        mission = mission or Round(tasks=3)
         ended = []
 
         def execute():

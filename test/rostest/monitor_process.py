@@ -66,7 +66,5 @@ class Monitor:
         self.port = int(self.address.rstrip("/").rsplit(":", 1)[1])
 
     def stop(self):
-        begin = time.monotonic()
         self.process.send_signal(signal.SIGINT)
         self.process.wait(LONG)
-        return time.monotonic() - begin

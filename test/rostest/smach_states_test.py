@@ -140,7 +140,12 @@ class Topics:
         state = MonitorState("silence", Int32, lambda ud, message: True, timeout=rospy.Duration(0.2))
         self.assertEqual(Run(state).end(), "invalid")
         self.publisher("numbers").publish(3)
-        state = MonitorState("numbers", Int32, lambda ud, message: True, timeout=LONG)
+        # rospy hands a further subscriber at once what this process has received.
+        received = threading.Event()
+        first = rospy.Subscriber("numbers", Int32, lambda message: received.set())
+        self.addCleanup(first.unregister)
+        self.assertTrue(received.wait(LONG))
+        state = MonitorState("numbers", Int32, lambda ud, message: True, timeout=0.2)
         self.assertEqual(Run(state).end(), "valid")
 
     def test_d12_monitor_takes_the_interface_of_its_callback_and_can_end_as_valid(self):
