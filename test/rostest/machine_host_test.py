@@ -92,7 +92,7 @@ class DriveInTree(MerlinActionBT):
     """Drives; the drive of a selector that is not the first choice."""
 
     def tree(self):
-        drive = self.behaviour("DRIVE", self.state("navigation", target=pose()))
+        drive = self.behaviour("DRIVE", self.state("navigation", target=pose(), cancel_limit=LONG))
         return Selector("ANY", memory=True, children=[Failure("NO"), drive])
 
 

@@ -104,10 +104,12 @@ class RobotsStress:
             robot: {(point["x"], point["y"]): name for name, point in of_robot.items()}
             for robot, of_robot in points.items()
         }
-        rospy.Subscriber("merlin/status", ExecutorStatus, self._note_status, tcp_nodelay=True)
-        rospy.Subscriber(
-            f"{DISPATCHER}/dispatch_status", DispatchStatus, self._note_running, tcp_nodelay=True
-        )
+        subscribers = [
+            rospy.Subscriber("merlin/status", ExecutorStatus, self._note_status, tcp_nodelay=True),
+            rospy.Subscriber(
+                f"{DISPATCHER}/dispatch_status", DispatchStatus, self._note_running, tcp_nodelay=True
+            ),
+        ]
         for robot in self._robots:
             for topic, kind, callback in (
                 ("cmd_vel", Twist, self._note_velocity),
@@ -115,7 +117,15 @@ class RobotsStress:
                 ("move_base/status", GoalStatusArray, self._note_driving),
                 ("move_base/result", MoveBaseActionResult, self._note_result),
             ):
-                rospy.Subscriber(f"{robot}/{topic}", kind, callback, robot, tcp_nodelay=True)
+                subscribers.append(
+                    rospy.Subscriber(f"{robot}/{topic}", kind, callback, robot, tcp_nodelay=True)
+                )
+        # A drive of which nothing is seen would contradict the knowledge.
+        end = time.monotonic() + LIMIT
+        while not all(subscriber.get_num_connections() for subscriber in subscribers):
+            if time.monotonic() > end:
+                raise Violation(f"not all topics of the robots have publishers after {LIMIT:g} s")
+            time.sleep(0.01)
 
     def run(self, cycles: int, progress: Callable[[int], None] = lambda number: None) -> None:
         """Runs cycles.
