@@ -23,6 +23,7 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.action_server import ActionServer
 from merlin_ros.health import ERROR
+from merlin_sm.states.action_state import shared_client
 
 LONG = 60.0
 CANCEL_LIMIT = 1.0
@@ -213,6 +214,22 @@ class MachineHost(unittest.TestCase):
         self.assertEqual(second.status, GoalStatus.SUCCEEDED)
         self.assertEqual(self.finish(first).status, GoalStatus.ABORTED)
 
+    def test_what_ends_as_it_is_abandoned_is_answered_once_and_the_next_goal_runs(self):
+        server, client = self.serve(machine("EndsLate", Stubborn))
+        abandon = server._abandon
+
+        def abandon_when_it_has_ended(goal, left):
+            Stubborn.release.set()
+            server._threads[goal.id].join(LONG)
+            abandon(goal, left)
+
+        server._abandon = abandon_when_it_has_ended
+        first = self.start(client)
+        second = client.send(RunActionGoal())
+        self.assertEqual(self.finish(first).status, GoalStatus.ABORTED)
+        self.assertIn("did not stop", first.result.reason)
+        self.assertEqual(self.finish(second).status, GoalStatus.SUCCEEDED)
+
     def test_whatever_a_state_raises_its_goal_is_answered(self):
         for name, state in (("Exits", Exits), ("Recurses", Recurses)):
             with self.subTest(name):
@@ -251,6 +268,7 @@ class MachineHost(unittest.TestCase):
         base.start()
         self.addCleanup(base.shutdown)
         _, client = self.serve(action, cancel_limit)
+        self.assertTrue(shared_client("move_base", MoveBaseAction).wait_for_server(LONG))
         goal = self.start(client)
         self.until(lambda: goals and state in goal.feedback.state, goal.feedback)
         self.assertFalse(goal.wait(0.0))

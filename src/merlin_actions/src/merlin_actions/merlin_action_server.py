@@ -258,7 +258,7 @@ class MerlinActionServer:
             outcome, about = given_up(machine), given_up_about(machine)
         unstopped = ", ".join(state.unstopped for state in merlin_states(machine) if state.unstopped)
         with self._changed:
-            if self._goals.get(goal.id) is not goal:  # it was abandoned
+            if goal.id not in self._slot.running:  # its limit has passed: it is, or just is being, abandoned
                 return
             self._crash = crash
             decisions = self._slot.end(goal.id)
