@@ -2,6 +2,7 @@
 """Containers offered as actions: P13, U6, D11."""
 
 import threading
+import time
 import unittest
 
 import actionlib
@@ -20,6 +21,17 @@ def until_linked(server, clients=1):
     for publisher in (server.status_pub, server.result_pub, server.feedback_pub):
         while publisher.get_num_connections() < clients:
             rospy.rostime.wallsleep(0.01)
+
+
+def until_active(client):
+    """Waits until a client knows that its goal runs.
+
+    actionlib takes one that is cancelled earlier for lost when a status of before comes late.
+    """
+    end = time.monotonic() + LONG
+    while client.get_state() != GoalStatus.ACTIVE:
+        assert time.monotonic() < end, client.get_state()
+        rospy.rostime.wallsleep(0.01)
 
 
 class Wrapper(unittest.TestCase):
@@ -171,6 +183,7 @@ class Wrapper(unittest.TestCase):
         client, _, _ = self.wrap(state)
         client.send_goal(TestGoal(goal=1))
         self.assertTrue(state.started.acquire(timeout=LONG))
+        until_active(client)
         client.cancel_goal()
         self.assertTrue(client.wait_for_result(rospy.Duration(LONG)))
         self.assertEqual(client.get_state(), GoalStatus.PREEMPTED)
@@ -209,6 +222,7 @@ class Wrapper(unittest.TestCase):
         container.register_termination_cb(terminated)
         client.send_goal(TestGoal(goal=0))
         self.assertTrue(ends.wait(LONG))
+        until_active(client)
         client.cancel_goal()
         self.assertTrue(client.wait_for_result(rospy.Duration(LONG)))
         self.assertEqual(client.get_state(), GoalStatus.SUCCEEDED)

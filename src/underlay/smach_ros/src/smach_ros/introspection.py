@@ -260,17 +260,15 @@ class IntrospectionClient:
             if status.path == path and list(status.initial_states) == list(initial_states):
                 answered.set()
 
-        connected = threading.Event()
-        publisher = rospy.Publisher(
-            server + INIT_TOPIC, SmachContainerInitialStatusCmd, _Connected(connected), queue_size=1
-        )
+        publisher = _init_publisher(server + INIT_TOPIC)
         if timeout is None:
             publisher.publish(command)
             return None
         subscriber = rospy.Subscriber(server + STATUS_TOPIC, SmachContainerStatus, receive, tcp_nodelay=True)
         end = time.monotonic() + (timeout.to_sec() if hasattr(timeout, "to_sec") else float(timeout))
         try:
-            connected.wait(max(0.0, end - time.monotonic()))
+            while not publisher.get_num_connections() and time.monotonic() < end:
+                answered.wait(0.01)
             while not rospy.is_shutdown():
                 publisher.publish(command)
                 if answered.wait(max(0.0, min(REPEAT_INIT, end - time.monotonic()))):
@@ -280,13 +278,22 @@ class IntrospectionClient:
             return False
         finally:
             subscriber.unregister()
-            publisher.unregister()
 
 
-class _Connected(rospy.SubscribeListener):
-    def __init__(self, event: threading.Event) -> None:
-        super().__init__()
-        self._event = event
+_init_publishers: Dict[str, rospy.Publisher] = {}
+_init_lock = threading.Lock()  # guards _init_publishers
 
-    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
-        self._event.set()
+
+def _init_publisher(topic: str) -> rospy.Publisher:
+    """The process's publisher of init commands for a server.
+
+    It stays: where one goes and the next comes at once, rospy's subscriber still has the link of the first,
+    and makes none for the second.
+    """
+    resolved = rospy.resolve_name(topic)
+    with _init_lock:
+        if resolved not in _init_publishers:
+            _init_publishers[resolved] = rospy.Publisher(
+                resolved, SmachContainerInitialStatusCmd, queue_size=1
+            )
+        return _init_publishers[resolved]
