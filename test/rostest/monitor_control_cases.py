@@ -3,15 +3,12 @@
 import os
 import signal
 import subprocess
-import xmlrpc.client
-from pathlib import Path
 
-import rosgraph
 import rospy
 from merlin_msgs.msg import ExecutorStatus, GuardStatus
 from merlin_msgs.srv import Breakpoints, BreakpointsRequest
 from monitor_fixture import OPERATOR, TOKEN, PageCases, Patrol
-from monitor_process import LONG
+from monitor_process import LONG, parent_of, pid_of
 from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import outcome_name
@@ -19,15 +16,6 @@ from merlin_executor.executor_client import outcome_name
 #: Takes long enough for a slow browser to find and press a button meanwhile.
 LONG_GOAL = "(and (checked kitchen) (checked bathroom) (checked dorm_room) (checked main_door))"
 STATE_BREAKPOINTS = "merlin_fsm_host/state_breakpoints"
-
-
-def pid_of(node):
-    uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
-    return xmlrpc.client.ServerProxy(uri).getPid(rospy.get_name())[2]
-
-
-def parent_of(pid):
-    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
 def clear_breakpoints():

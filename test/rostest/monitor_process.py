@@ -6,8 +6,10 @@ import signal
 import subprocess
 import threading
 import time
+import xmlrpc.client
 from pathlib import Path
 
+import rosgraph
 import rospkg
 import rospy
 
@@ -15,6 +17,15 @@ from merlin_monitor.access.operators import write_operators
 
 LONG = 60.0
 GOALS = Path(rospkg.RosPack().get_path("merlin"), "pddl", "home", "goals.yaml")
+
+
+def pid_of(node):
+    uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
+    return xmlrpc.client.ServerProxy(uri).getPid(rospy.get_name())[2]
+
+
+def parent_of(pid):
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
 class Latest:
