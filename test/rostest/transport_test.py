@@ -313,6 +313,7 @@ class Owners(unittest.TestCase):
         self.wait_for(lambda: self.stopped)
 
     def test_two_clients_of_one_process_do_not_let_go_of_each_others_goals(self):
+        self.server._leases._book._lose_after = LONG  # their process may be without a processor
         clients = [ActionClient("owned", Action) for _ in range(2)]
         for client in clients:
             self.addCleanup(client.shutdown)
@@ -330,6 +331,8 @@ class Owners(unittest.TestCase):
     def test_a_suspension_travels_down_the_chain(self):
         self.server._leases._book._lose_after = LONG
         below = ActionServer("below", Action, lambda goal: goal.accept(), lambda goal: None, self.note_below)
+        # Its client is this process, which may be without a processor.
+        below._leases._book._suspend_after = below._leases._book._lose_after = LONG
         self.below = []
         below.start()
         self.addCleanup(below.shutdown)
