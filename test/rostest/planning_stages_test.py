@@ -45,6 +45,8 @@ class Latched:
 class System:
     """The planning system of one namespace."""
 
+    COMPLETE = set()  # namespaces whose actions were heard of
+
     def __init__(self, namespace):
         self.namespace = namespace
         self.knowledge = knowledge_client(f"{namespace}/rosplan_knowledge_base")
@@ -59,10 +61,12 @@ class System:
             assert proxy.wait(LONG), proxy.name
             setattr(self, attribute, proxy)
         assert self.knowledge.wait(LONG)
-        interfaces = self.topic("rosplan_knowledge_base/pddl_action_parameters", DomainFormula)
-        for name in ("navigate", "ask"):
-            interfaces.wait(lambda formula, name=name: formula.name == name)
-        interfaces.close()
+        if namespace not in self.COMPLETE:
+            interfaces = self.topic("rosplan_knowledge_base/pddl_action_parameters", DomainFormula)
+            for name in ("navigate", "ask"):
+                interfaces.wait(lambda formula, name=name: formula.name == name)
+            interfaces.close()
+            self.COMPLETE.add(namespace)
 
     def set_goals(self, *goals):
         self.knowledge.update(
