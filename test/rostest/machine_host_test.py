@@ -120,6 +120,31 @@ def pose():
 
 
 class MachineHost(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.drives = []
+        cls.stopped = {}  # drive -> set when it was told to stop
+        # One for all tests: the states' client outlives them, and where one server goes and the next comes at
+        # once, rospy still has the link of the first and makes none for the second.
+        cls.base = ActionServer("move_base", MoveBaseAction, cls.drive, cls.stop)
+        cls.base.start()
+        assert shared_client("move_base", MoveBaseAction).wait_for_server(LONG)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.base.shutdown()
+
+    @classmethod
+    def drive(cls, goal):
+        goal.accept()
+        cls.stopped[goal.id] = threading.Event()
+        cls.drives.append(goal.id)
+
+    @classmethod
+    def stop(cls, goal):
+        cls.stopped[goal.id].set()
+        goal.cancelled()
+
     def setUp(self):
         Stubborn.runs = 0
         Stubborn.release = threading.Event()
@@ -253,27 +278,13 @@ class MachineHost(unittest.TestCase):
         self.assertEqual(goal.status, GoalStatus.PREEMPTED)
 
     def cancel_a_drive(self, action, state="", cancel_limit=CANCEL_LIMIT):
-        stopped = threading.Event()
-        goals = []
-
-        def drive(goal):
-            goal.accept()
-            goals.append(goal)
-
-        def stop(goal):
-            stopped.set()
-            goal.cancelled()
-
-        base = ActionServer("move_base", MoveBaseAction, drive, stop)
-        base.start()
-        self.addCleanup(base.shutdown)
         _, client = self.serve(action, cancel_limit)
-        self.assertTrue(shared_client("move_base", MoveBaseAction).wait_for_server(LONG))
+        before = len(self.drives)
         goal = self.start(client)
-        self.until(lambda: goals and state in goal.feedback.state, goal.feedback)
+        self.until(lambda: len(self.drives) > before and state in goal.feedback.state, goal.feedback)
         self.assertFalse(goal.wait(0.0))
         goal.cancel()
-        return stopped, self.finish(goal)
+        return self.stopped[self.drives[-1]], self.finish(goal)
 
 
 if __name__ == "__main__":
