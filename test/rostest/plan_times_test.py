@@ -10,6 +10,7 @@ import rospy
 from merlin_msgs.msg import DispatchStatus
 from rosgraph_msgs.msg import Clock
 from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
+from rosplan_knowledge_msgs.msg import DomainFormula
 
 import rostest
 from merlin_ros.service_proxy import ServiceProxy
@@ -37,6 +38,20 @@ class Times(unittest.TestCase):
         ]
         assert cls.strict.wait(LONG)
         assert cls.dispatch.wait(LONG) and cls.parse.wait(LONG) and cls.knowledge.wait(LONG)
+        # An interface takes for old what it gets as it is connected; after that it announces itself.
+        announced = []
+        interfaces = rospy.Subscriber(
+            "/rosplan_knowledge_base/pddl_action_parameters", DomainFormula, announced.append
+        )
+        while len(announced) < 4:  # of two that announce every second
+            rospy.rostime.wallsleep(0.01)
+        interfaces.unregister()
+        # An action that begins before its process has heard of the clock would see a jump.
+        stamp = None
+        while stamp != rospy.Time.from_sec(cls.time):
+            cls.tick(0.0)
+            cls.knowledge.update([Update(REMOVE, fact("powered")), Update(ADD, fact("powered"))])
+            stamp = cls.knowledge.propositions("powered")[0].initial_time
 
     @classmethod
     def tick(cls, seconds):

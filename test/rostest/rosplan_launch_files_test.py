@@ -9,7 +9,7 @@ import rospy
 from diagnostic_msgs.msg import KeyValue
 from rosplan_dispatch_msgs.msg import EsterelPlan
 from rosplan_dispatch_msgs.srv import DispatchService
-from rosplan_knowledge_msgs.msg import KnowledgeItem
+from rosplan_knowledge_msgs.msg import DomainFormula, KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService, KnowledgeUpdateService
 from std_msgs.msg import String
 from std_srvs.srv import Empty
@@ -50,7 +50,23 @@ class RosplanLaunchFilesTest(unittest.TestCase):
         subscriber.unregister()
         return messages[0]
 
+    def until_announced(self, *operators):
+        """An interface takes for old what it gets as it is connected; after that it announces itself."""
+        left, arrived = set(operators), threading.Event()
+
+        def hear(formula):
+            left.discard(formula.name)
+            if not left:
+                arrived.set()
+
+        announcements = rospy.Subscriber(
+            "/rosplan_knowledge_base/pddl_action_parameters", DomainFormula, hear
+        )
+        self.assertTrue(arrived.wait(LONG), left)
+        announcements.unregister()
+
     def test_goal_becomes_true(self):
+        self.until_announced("navigate", "ask")
         goal = KnowledgeItem(
             knowledge_type=KnowledgeItem.FACT, attribute_name="checked", values=[KeyValue("p", "kitchen")]
         )

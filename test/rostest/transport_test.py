@@ -331,10 +331,10 @@ class Owners(unittest.TestCase):
     def test_a_suspension_travels_down_the_chain(self):
         self.server._leases._book._lose_after = LONG
         below = ActionServer("below", Action, lambda goal: goal.accept(), lambda goal: None, self.note_below)
-        # Its client is this process, which may be without a processor.
-        below._leases._book._suspend_after = below._leases._book._lose_after = LONG
         self.below = []
         below.start()
+        # Its client is this process, which may be without a processor.
+        below._leases._book._suspend_after = below._leases._book._lose_after = LONG
         self.addCleanup(below.shutdown)
         onward = ActionClient("below", Action)
         self.addCleanup(onward.shutdown)
