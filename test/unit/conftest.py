@@ -3,7 +3,9 @@
 import contextlib
 import os
 import queue
+import random
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -26,7 +28,9 @@ print(master.port, flush=True)
 signal.pause()
 """
 
-LIMIT = 60.0  # s for anything that a test waits for
+LIMIT = 120.0  # s for anything that a test waits for
+# Below those that the kernel gives to connections: a master that was killed finds its own free again.
+PORTS = range(20000, 32768)
 
 
 class Process:
@@ -101,6 +105,15 @@ class Process:
             self.lines.append(line)
 
 
+def free_port() -> int:
+    """A port of this machine that nothing listens on."""
+    while True:
+        port = random.SystemRandom().choice(PORTS)
+        with socket.socket() as found, contextlib.suppress(OSError):
+            found.bind(("", port))
+            return port
+
+
 class MasterProcess:
     """A master that can be killed, stopped and started anew on its port, and what runs on it."""
 
@@ -112,16 +125,15 @@ class MasterProcess:
             "PYTHONUNBUFFERED": "1",
         }
         self.env.pop("ROS_NAMESPACE", None)
-        self._port = 0
+        self._port = free_port()
         self._spawned: List[Process] = []
         self.start()
 
     def start(self) -> None:
         """Starts a master that knows nothing; always on the same port."""
-        self.env["ROS_MASTER_URI"] = master_uri(self._port or 11311)
-        self.process = self.spawn(sys.executable, "-c", MASTER, str(self._port))
-        self._port = int(self.process.expect(""))
         self.env["ROS_MASTER_URI"] = self.uri = master_uri(self._port)
+        self.process = self.spawn(sys.executable, "-c", MASTER, str(self._port))
+        assert self.process.expect("") == str(self._port)
         self.api = xmlrpc.client.ServerProxy(self.uri)
 
     def kill(self) -> None:

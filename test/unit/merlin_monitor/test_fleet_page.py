@@ -167,7 +167,7 @@ def test_what_is_shown_without_the_hub_is_grey_since_it_was_heard_of(lab: Lab) -
     lab.until(bool, "fleet", "goals")
     heard = lab.client.heard
     lab.hub.lose("etcd cannot be reached (a cable)")
-    silent = lab.until(bool, "fleet", "silent")
+    silent = lab.until(bool, "fleet", "silent")  # the last part that is shown
     assert silent["since"] >= heard > 0
     assert lab.page.tree.get("fleet", "missing") == "etcd cannot be reached (a cable)"
     assert lab.page.tree.get("fleet", "missing_since") == silent["since"]
@@ -394,8 +394,7 @@ def test_a_hub_that_hangs_is_noticed() -> None:
     try:
         assert client.wait_for_hub(LIMIT)
         own.hang()
-        assert client.wait(lambda: client.missing, LIMIT)
-        assert client.missing == "etcd does not answer in time"
+        assert client.wait(lambda: client.missing == "etcd does not answer in time", LIMIT), client.missing
         own.resume()
         assert client.wait_for_hub(LIMIT)
     finally:

@@ -67,6 +67,12 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
         read_goals(tmp_path / "none.yaml")
 
 
+def said_and_forgotten(visit: Visit, words: str) -> None:
+    """Waits for the answer to what was asked last."""
+    visit.wait_text("#control-said", words)
+    visit.page.evaluate("document.getElementById('control-said').textContent = ''")
+
+
 def test_goals_of_the_list_and_of_the_map_are_sent_with_a_token_only(served: Served) -> None:
     fill(served)
     goals: Any = [
@@ -80,17 +86,18 @@ def test_goals_of_the_list_and_of_the_map_are_sent_with_a_token_only(served: Ser
         page.get_by_role("button", name="Ask elsewhere").click()
         page.fill("#token", TOKEN)
         page.keyboard.press("Enter")
-        visit.wait_text("#control-said", "Sent as")
+        said_and_forgotten(visit, "Sent as")
         page.get_by_role("button", name="Goals at bathroom").focus()
         page.keyboard.press("Enter")
         visit.wait_text("#place-title", "Goals at bathroom")
         assert visit.texts("#place-list button") == ["Ask there", "robot at bathroom"]
         page.locator("#place-list button", has_text="Ask there").click()
         visit.wait("() => !document.getElementById('place-goals').open")
+        said_and_forgotten(visit, "Sent as")
         page.locator(".map-point text", has_text="dorm room").click()
         assert visit.texts("#place-list button") == ["robot at dorm room", "checked dorm room"]
         page.locator("#place-list button", has_text="robot at").click()
-        visit.wait_text("#control-said", "Sent as")
+        said_and_forgotten(visit, "Sent as")
         visit.wait("() => !document.getElementById('place-goals').open")
         assert visit.complaints == []
         visit.close()

@@ -13,6 +13,8 @@ from merlin_monitor.state.history_store import HistoryError, HistoryStore
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.web.monitor_node import history_path
 
+LIMIT = 60.0  # s for an answer
+
 
 def texts(events: List[Any]) -> List[str]:
     return [event["text"] for event in events]
@@ -25,7 +27,7 @@ def test_events_outlive_the_store(tmp_path: Path) -> None:
     store.add(Event("mission", "it's <b>over</b>\ud800", float("nan")))
     store.close()
     again = HistoryStore(path, 1000)
-    first, second = again.page().result(5)
+    first, second = again.page().result(LIMIT)
     assert (first["kind"], first["at"], first["detail"]) == ("goal", 12.5, {"began": 1.0, "ended": 12.5})
     assert second["text"] == "it's <b>over</b>?" and second["at"] == 0.0
     assert again.run == first["run"] + 1
@@ -39,17 +41,17 @@ def test_pages_go_back_to_the_first_event(tmp_path: Path) -> None:
     seen: List[str] = []
     before = None
     while True:
-        page = store.page(before, 10).result(5)
+        page = store.page(before, 10).result(LIMIT)
         if not page:
             break
         seen = texts(page) + seen
         before = page[0]["id"]
     assert seen == [str(number) for number in range(25)]
-    assert texts(store.page(None, 3, ("plan",)).result(5)) == ["19", "21", "23"]
-    assert len(store.export().result(5)) == 25
+    assert texts(store.page(None, 3, ("plan",)).result(LIMIT)) == ["19", "21", "23"]
+    assert len(store.export().result(LIMIT)) == 25
     store.close()
     with pytest.raises(HistoryError):
-        store.page().result(1)
+        store.page().result(LIMIT)
 
 
 def test_the_oldest_events_go_first(tmp_path: Path) -> None:
@@ -57,8 +59,8 @@ def test_the_oldest_events_go_first(tmp_path: Path) -> None:
     for number in range(2300):
         store.add(Event("plan", str(number), 0.0))
         if number % 500 == 0:
-            store.page(limit=1).result(5)  # waits until what came before is written
-    kept = store.export().result(5)
+            store.page(limit=1).result(LIMIT)  # waits until what came before is written
+    kept = store.export().result(LIMIT)
     assert 100 <= len(kept) < 1400 and kept[-1]["text"] == "2299"
     store.close()
 
@@ -70,7 +72,7 @@ def test_many_short_runs_are_bounded_too(tmp_path: Path) -> None:
             store.add(Event("plan", f"{run} {number}", 0.0))
         store.close()
     store = HistoryStore(tmp_path / "h", 100)
-    assert len(store.export().result(5)) <= 160
+    assert len(store.export().result(LIMIT)) <= 160
     store.close()
 
 
@@ -78,9 +80,9 @@ def test_many_short_runs_are_bounded_too(tmp_path: Path) -> None:
 def test_a_strange_question_does_not_end_it(tmp_path: Path, kinds: Any) -> None:
     store = HistoryStore(tmp_path / "h", 100)
     with contextlib.suppress(HistoryError):
-        assert store.page(kinds=kinds).result(5) == []
+        assert store.page(kinds=kinds).result(LIMIT) == []
     store.add(Event("plan", "later", 0.0))
-    assert texts(store.page().result(5)) == ["later"]
+    assert texts(store.page().result(LIMIT)) == ["later"]
     store.close()
 
 
@@ -97,15 +99,15 @@ def test_it_waits_for_a_folder_that_is_not_its_to_make(tmp_path: Path) -> None:
     path = tmp_path / "results" / "history.sqlite"
     store = HistoryStore(path, 1000, make_folder=False)
     store.add(Event("plan", "one", 0.0))
-    assert texts(store.page().result(5)) == ["one"]
+    assert texts(store.page().result(LIMIT)) == ["one"]
     assert not path.parent.exists()
     path.parent.mkdir()
     store.add(Event("plan", "two", 0.0))
-    before = store.page().result(5)
+    before = store.page().result(LIMIT)
     assert path.exists()
     store.close()
     again = HistoryStore(path, 1000, make_folder=False)
-    assert again.page().result(5) == before
+    assert again.page().result(LIMIT) == before
     assert texts(before) == ["one", "two"]
     again.close()
 
@@ -114,20 +116,20 @@ def test_a_folder_made_at_the_end_still_gets_the_history(tmp_path: Path) -> None
     path = tmp_path / "results" / "history.sqlite"
     store = HistoryStore(path, 1000, make_folder=False)
     store.add(Event("plan", "one", 0.0))
-    store.page().result(5)
+    store.page().result(LIMIT)
     path.parent.mkdir()
     store.close()
     again = HistoryStore(path, 1000)
-    assert texts(again.page().result(5)) == ["one"]
+    assert texts(again.page().result(LIMIT)) == ["one"]
     again.close()
 
 
 def test_two_monitors_may_share_a_file(tmp_path: Path) -> None:
     one, two = HistoryStore(tmp_path / "h", 100), HistoryStore(tmp_path / "h", 100)
     one.add(Event("plan", "one", 0.0))
-    one.page().result(5)
+    one.page().result(LIMIT)
     two.add(Event("plan", "two", 0.0))
-    assert texts(two.page().result(5)) == ["one", "two"]
+    assert texts(two.page().result(LIMIT)) == ["one", "two"]
     one.close()
     two.close()
     assert sqlite3.connect(str(tmp_path / "h")).execute("SELECT COUNT(*) FROM events").fetchone() == (2,)

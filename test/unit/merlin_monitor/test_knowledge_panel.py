@@ -15,7 +15,7 @@ from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panels import knowledge as knowledge_panel
 from merlin_monitor.panels.knowledge import KnowledgePanel
 
-LONG = 30.0
+LONG = 60.0
 NAME = "/knowledge"
 
 

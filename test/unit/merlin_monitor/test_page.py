@@ -221,7 +221,9 @@ def test_an_outcome_is_confirmed_or_forced_and_the_level_is_set(visits: Any, ser
     page.wait("() => document.querySelectorAll('#userdata .leave button').length === 2")
     assert page.texts("#userdata .leave button") == ["Confirm done", "Leave with lost"]
     assert page.page.evaluate(CHECK) == []
+    page.page.evaluate("document.getElementById('control-said').textContent = ''")
     page.page.get_by_role("button", name="Leave with lost").click()
+    page.wait_text("#control-said", "It is left.")
     assert page.page.input_value("#autonomy") == "low"
     page.page.select_option("#autonomy", "high")
     page.wait_text("#control-said", "It is set.")

@@ -125,14 +125,21 @@ def test_the_state_of_the_monitor_is_what_is_drawn() -> None:
 
 
 class Topic:
-    """Stands in for the publisher."""
+    """Stands in for the publisher; the thread that publishes waits until the test says how many listen."""
 
     def __init__(self) -> None:
-        self.listeners = 0
+        self._listeners: queue.Queue[int] = queue.Queue()
         self.sent: queue.Queue[list] = queue.Queue()
 
     def get_num_connections(self) -> int:
-        return self.listeners
+        found = self._listeners.get(timeout=LONG)
+        self._listeners.task_done()
+        return found
+
+    def asked(self, listeners: int) -> None:
+        """Waits until the thread has asked, for what has changed until now, and answers."""
+        self._listeners.put(listeners)
+        self._listeners.join()
 
     def publish(self, message: MarkerArray) -> None:
         self.sent.put([marker.text for marker in message.markers if marker.ns == "point names"])
@@ -145,15 +152,21 @@ def test_who_listens_gets_what_is_shown_and_then_what_changes(monkeypatch: pytes
     publisher = MarkerPublisher(model, "map")
     publisher.start()
     model.map.points({"kitchen": {"x": 1.0, "y": 2.0}})
-    topic.listeners = 1
+    topic.asked(0)
     for _ in range(2):  # also when nothing has changed since the last one came
         publisher.peer_subscribe()
+        topic.asked(1)
         assert topic.sent.get(timeout=LONG) == ["kitchen"]
     model.tree.set("map", "trail", {"1": [1.0, 2.0]})  # is not drawn
+    topic.asked(1)
+    publisher.peer_subscribe()
+    topic.asked(1)
+    assert topic.sent.get(timeout=LONG) == ["kitchen"]
     model.map.points({"bath": {"x": 1.0, "y": 2.0}})
+    topic.asked(1)
     assert topic.sent.get(timeout=LONG) == ["bath"]
-    topic.listeners = 0
     model.map.points({"hall": {"x": 1.0, "y": 2.0}})
+    topic.asked(0)
     publisher.stop()
     publisher._thread.join(LONG)
     assert topic.sent.empty(), "nothing is published without a subscriber"

@@ -269,6 +269,7 @@ def test_a_page_that_stays_open_when_its_run_ends_shows_the_recording(
     visit.wait_text("#now-doing", "doing 1")
     visit.wait_text("#connection", "live")
     shown.server.stop()
+    shown.server._thread.join(LIMIT)  # its port is free then
     shown.state.stop()
     with opened(tmp_path, "127.0.0.1", shown.server.port) as server:
         assert server.address == shown.url

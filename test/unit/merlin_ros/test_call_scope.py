@@ -7,6 +7,7 @@ from typing import Any, List
 import pytest
 
 from merlin_ros.call_scope import CallScope, current_scope
+from merlin_ros.service_proxy import ServiceProxy
 
 LONG = 60.0
 
@@ -135,6 +136,35 @@ def test_a_scope_that_was_left_ends_nothing() -> None:
         pass
     scope.end()
     assert not scope.ended
+
+
+class Connection:
+    """A proxy whose connection is made between two looks at it."""
+
+    def __init__(self) -> None:
+        self.socket = self
+        self.looks = self.ends = 0
+
+    def shutdown(self, how: int) -> None:
+        self.ends += 1
+
+    def _look(self, connecting: bool) -> Any:
+        self.looks += 1
+        return self if connecting == (self.looks == 1) else None
+
+    @property
+    def connecting(self) -> Any:
+        return self._look(True)
+
+    @property
+    def transport(self) -> Any:
+        return self._look(False)
+
+
+def test_a_call_that_connects_while_its_scope_ends_is_woken() -> None:
+    connection: Any = Connection()
+    ServiceProxy._give_up(connection)
+    assert connection.ends == 1
 
 
 def test_threads_without_a_scope_are_never_ended() -> None:

@@ -20,11 +20,22 @@ EXECUTABLES = [
 ]
 ENDED = {signal.SIGINT: 0, signal.SIGTERM: 128 + signal.SIGTERM}
 MOMENTS = 2.5  # s after the first import within which it is told to end
+LIMIT = 120.0  # s for it to begin, or to end
+# A node ends itself by force after seconds, which a busy machine may need: here only one that hangs does.
+PATIENT = f"""
+import threading
+start = threading.Timer.start
+def patient(timer):
+    if timer.name == "end limit":
+        timer.interval = {LIMIT}
+    start(timer)
+threading.Timer.start = patient
+"""
 
 
 def wait_until_it_can_be_told(process: Any) -> None:
     """Until SIGTERM is handled; before that nothing of ours has run."""
-    end = time.monotonic() + 30.0
+    end = time.monotonic() + LIMIT
     while time.monotonic() < end:
         for line in Path(f"/proc/{process.pid}/status").read_text().splitlines():
             if line.startswith("SigCgt") and int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1:
@@ -35,7 +46,11 @@ def wait_until_it_can_be_told(process: Any) -> None:
 
 @pytest.mark.parametrize(("package", "executable"), EXECUTABLES)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_ends_without_a_traceback(master: Any, package: str, executable: str, number: int) -> None:
+def test_it_ends_without_a_traceback(
+    master: Any, tmp_path: Path, package: str, executable: str, number: int
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(PATIENT)
+    master.env["PYTHONPATH"] = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     for scope in ("rosplan_knowledge_base", "knowledge_base"):
         master.api.setParam("/test", f"/{scope}/domain_path", str(DOMAIN))
     devel = os.environ["CMAKE_PREFIX_PATH"].split(":")[0]

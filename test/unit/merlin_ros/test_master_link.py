@@ -8,8 +8,10 @@ from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import pytest
 
+from merlin_ros.master import master_link
 from merlin_ros.master.master_link import bounded_master, bounded_proxy, get_param
 
+LIMIT = 60.0  # s
 closed = threading.Event()
 connections: List[Any] = []
 
@@ -47,13 +49,13 @@ def uri(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 
 def ask_a_node(uri: str) -> Any:
-    client = bounded_proxy(uri, 5.0)
+    client = bounded_proxy(uri, LIMIT)
     client.getPid("/test")
     return client
 
 
 def ask_the_master(uri: str) -> Any:
-    client = bounded_master(5.0)
+    client = bounded_master(LIMIT)
     client.getPid()
     return client
 
@@ -65,12 +67,15 @@ def test_a_dropped_client_closes_its_connection_at_once(uri: str, ask: Any) -> N
         client = ask(uri)
         assert not closed.is_set()
         del client
-        assert closed.wait(60.0)
+        assert closed.wait(LIMIT)
     finally:
         gc.enable()
 
 
-def test_parameters_are_asked_for_over_one_connection_whatever_thread_asks(uri: str) -> None:
+def test_parameters_are_asked_for_over_one_connection_whatever_thread_asks(
+    uri: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(master_link, "bounded_master", lambda: bounded_master(LIMIT))
     assert get_param("/a") == "/a"
     thread = threading.Thread(target=get_param, args=("/b",))
     thread.start()

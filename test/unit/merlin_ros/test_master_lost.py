@@ -53,21 +53,21 @@ from merlin_ros.node import on_master_back, on_master_lost, run_node
 from merlin_ros.service_proxy import ServiceProxy
 
 def round(ask, drive):
-    rospy.wait_for_message("count", Int32, 20)
+    rospy.wait_for_message("count", Int32, 100)
     assert ask().message == "told"
-    assert drive.wait_for_server(20)
+    assert drive.wait_for_server(100)
     goal = drive.send(MoveBaseGoal())
-    assert goal.wait(60), "no result"
+    assert goal.wait(100), "no result"
     assert goal.status == 3, goal.status
 
 def start():
     on_master_lost(lambda: print("LOST", flush=True))
     on_master_back(lambda: print("BACK", flush=True))
-    ask, drive = ServiceProxy("ask", Trigger, 20, 20), ActionClient("drive", MoveBaseAction)
+    ask, drive = ServiceProxy("ask", Trigger, 100, 100), ActionClient("drive", MoveBaseAction)
     def run():
         for line in sys.stdin:
             round(ask, drive)
-            round(ServiceProxy("ask", Trigger, 20, 20), ActionClient("drive", MoveBaseAction))
+            round(ServiceProxy("ask", Trigger, 100, 100), ActionClient("drive", MoveBaseAction))
             print("ROUND", flush=True)
     return run
 sys.exit(run_node("client", start))
@@ -116,8 +116,10 @@ def test_nodes_work_together_at_a_master_that_was_started_anew(master: Any, node
 def test_a_parameter_that_was_set_anew_is_left_alone(master: Any, nodes: Tuple[Any, Any]) -> None:
     master.kill()
     nodes[0].expect("LOST")
+    nodes[0].send(signal.SIGSTOP)  # or it may look before, and write after the value was set
     master.start()
     master.api.setParam("/test", "/server/depth/of/a", 7)
+    nodes[0].send(signal.SIGCONT)
     nodes[0].expect("BACK")
     assert master.api.getParam("/test", "/server/depth/of")[2] == {"a": 7, "b": [1, 2.5]}
 
@@ -242,7 +244,9 @@ def test_nodes_of_others_are_found_at_a_master_that_was_started_anew(master: Any
     publisher = master.spawn("rosrun", "robot_state_publisher", "robot_state_publisher")
     ended = master.spawn("rostopic", "pub", "/ended", "std_msgs/Int32", "5")
     for topic in ("/tf_static", "/ended"):
-        master.spawn("rostopic", "echo", "-n", "1", topic).expect("---")
+        echo = master.spawn("rostopic", "echo", "-n", "1", topic)
+        echo.expect("---")
+        echo.ended()  # or it is taken for a node of others, too
     keeper = master.node(KEEPER)
     keeper.expect("started")
     keeper.expect("LOOKED")

@@ -11,6 +11,7 @@ import pytest
 NO_MASTER = "http://localhost:1"
 CANNOT_BEGIN = 2
 NOT_YET = 1
+LIMIT = 120.0  # s for a process to end
 
 NODE = """
 import sys, rospy
@@ -52,7 +53,7 @@ def begin(master: str, *args: str) -> "subprocess.CompletedProcess[str]":
         env={**os.environ, "ROS_MASTER_URI": master},
         stderr=subprocess.PIPE,
         text=True,
-        timeout=60,
+        timeout=LIMIT,
     )
 
 
@@ -215,7 +216,7 @@ def test_signals_that_interrupt_each_other_end_a_node(master: Any) -> None:
             env=dict(os.environ, ROS_MASTER_URI=master.uri),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            timeout=60,
+            timeout=LIMIT,
         )
 
 

@@ -16,8 +16,10 @@ from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm, TimedEffects
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 
-LONG = 30.0
+LONG = 60.0
 PLAN_ID = 7
+#: A test may stand still for seconds; one that waits for the end of a patience names its own.
+PATIENT = dict.fromkeys(("acknowledge", "accept", "liveness", "cancel", "over_all_grace", "settle"), LONG)
 
 
 class TestDeadline:
@@ -138,7 +140,7 @@ class Run:
     """A dispatch in a thread of its own."""
 
     def __init__(self, world, schedule, **limits):
-        self.dispatch = PlanDispatch(schedule, world, DispatchLimits(**limits), PLAN_ID)
+        self.dispatch = PlanDispatch(schedule, world, DispatchLimits(**{**PATIENT, **limits}), PLAN_ID)
         self._report = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()

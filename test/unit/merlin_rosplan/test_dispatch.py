@@ -173,7 +173,7 @@ def test_an_interface_that_comes_back_and_takes_the_action_is_alive(world):
 
 def test_a_living_interface_may_take_its_time(world):
     world.silences["work"] = 0.1
-    run = Run(world, SequentialSchedule(actions("work")), acknowledge=0.02, accept=5.0)
+    run = Run(world, SequentialSchedule(actions("work")), acknowledge=0.02, accept=LONG)
     world.wait("action", 0)
     time.sleep(0.1)
     run.feedback(0, FeedbackStatus.SUCCEEDED)

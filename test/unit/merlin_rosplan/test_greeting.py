@@ -64,8 +64,8 @@ def test_a_time_out_that_the_service_sets_while_it_is_greeted_stays(pair):
 def test_a_silence_after_the_greeting_is_no_fault(pair, monkeypatch):
     monkeypatch.setattr(service_server, "STALLED", 1.0)
     client, server, _ = pair
+    client.sendall(GREETING)  # before the time begins in which it has to come
     ended, _ = greeted(pair)
-    client.sendall(GREETING)
     assert ended.wait(LONG)
     limit = server.getsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, 16)
     assert limit == bytes(16), "the kernel no longer ends its waits"

@@ -97,7 +97,8 @@ def sent(text):
     return message
 
 
-def test_what_another_process_has_sent_is_waited_for(in_another_process):
+def test_what_another_process_has_sent_is_waited_for(in_another_process, monkeypatch):
+    monkeypatch.setattr(handover, "IN_FLIGHT", 60.0)
     subscription, texts, sender = in_another_process
     subscription.from_topic(sent("old"))
     sender._last = String("new")

@@ -14,6 +14,7 @@ from merlin_sm.guard_watch import SILENT, GuardWatch
 def expect(monkeypatch):
     monkeypatch.setattr(guard_watch.rospy, "Subscriber", lambda *_, **__: None)
     monkeypatch.setattr(guard_watch, "WAIT", 0.05)
+    monkeypatch.setattr(guard_watch, "FRESH", 600.0)  # the test may stand still between word and question
     return lambda value: monkeypatch.setattr(guard_watch, "get_param", lambda *_: value)
 
 

@@ -10,6 +10,7 @@ from geometry_msgs.msg import PoseStamped
 from merlin_msgs.msg import ListenResult, RecognizeResult
 from vision_msgs.msg import Detection3D, ObjectHypothesisWithPose
 
+from merlin_ros.actions import hang_watch
 from merlin_ros.actions.hang_watch import HUNG, HangWatch
 from merlin_sm.states import action_state, navigation
 from merlin_sm.states.action_state import ActionState
@@ -124,6 +125,7 @@ def test_after_a_hang_a_cancel_is_read_before_a_goal_is_sent(
     watch.beat()
     watch._last -= 2 * HUNG
     monkeypatch.setattr(action_state, "hangs", watch)
+    monkeypatch.setattr(hang_watch, "LONGEST", 60.0)  # the cancel may come late
     drive = state()
     threading.Timer(0.05, drive.request_preempt).start()
     assert drive.execute(userdata()) == PREEMPTED

@@ -58,6 +58,8 @@ class _Client(rospy.ServiceProxy):
             finally:
                 limit.cancel()
             self.transport, self.connecting = transport, None
+            if self.scope.ended:  # before there was a socket that its end could have woken
+                raise TransportException("given up")
         return super().call(*args, **fields)
 
     def _get_service_uri(self, _: Any) -> str:
@@ -234,7 +236,8 @@ class ServiceProxy:
 
     @staticmethod
     def _give_up(proxy: _Client) -> None:
-        transport = proxy.transport or proxy.connecting
+        connecting = proxy.connecting  # first: what is connected meanwhile is found in the other one
+        transport = proxy.transport or connecting
         if transport is not None:
             _wake(transport)
 

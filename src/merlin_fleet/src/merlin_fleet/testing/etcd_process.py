@@ -1,6 +1,7 @@
 """An etcd of a test's own: on a free port of this machine, in a folder of its own."""
 
 import contextlib
+import random
 import shutil
 import signal
 import socket
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import List, Optional, Sequence
 
 BEGIN = 60.0  # s for it to answer
+PORTS = range(20000, 32768)  # below those of connections: one that is started anew finds its own free
 DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # whatever proxy this machine has
 
 
@@ -106,12 +108,11 @@ class EtcdProcess:
 
 
 def free_ports(count: int) -> List[int]:
-    """Ports of this machine that nothing listens on."""
-    sockets = [socket.socket() for _ in range(count)]
-    try:
-        for each in sockets:
-            each.bind(("127.0.0.1", 0))
-        return [each.getsockname()[1] for each in sockets]
-    finally:
-        for each in sockets:
-            each.close()
+    """Ports of this machine that nothing listens on, and that the kernel gives to no connection meanwhile."""
+    found: List[int] = []
+    while len(found) < count:
+        port = random.SystemRandom().choice(PORTS)
+        with socket.socket() as tried, contextlib.suppress(OSError):
+            tried.bind(("127.0.0.1", port))
+            found = found if port in found else [*found, port]
+    return found
