@@ -18,7 +18,7 @@ def installed(command: str, tmp_path: Path) -> subprocess.CompletedProcess:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=120,
+        timeout=200,
     )
 
 

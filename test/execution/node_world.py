@@ -28,7 +28,7 @@ from merlin_ros.service_proxy import ServiceProxy
 from merlin_rosplan.transport.ros_alarm import RosAlarm
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
 
-LONG = 60.0
+LONG = 120.0
 KB = "/rosplan_knowledge_base"
 TICK = 0.01  # s of wall time
 KINDS = ("simple", "esterel")
@@ -256,14 +256,16 @@ class NodeWorld:
             self._statuses.clear()
         run.success = self._dispatch[kind]().success
         with self._changed:
-            idle = self._changed.wait_for(
-                lambda: self._statuses and self._statuses[-1].state == DispatchStatus.IDLE, LONG
-            )
-            assert idle, self._statuses
+            assert self._changed.wait_for(self._has_ended, LONG), self._statuses
             run.reason = self._statuses[-1].reason
         run.open = self._executions("").executions
         run.state = self._state()
         return run
+
+    def _has_ended(self) -> bool:
+        """Whether the statuses of a whole dispatch have come; one of the dispatch before may come late."""
+        states = [status.state for status in self._statuses]
+        return DispatchStatus.RUNNING in states and states[-1] == DispatchStatus.IDLE
 
     def _bring_about(self, model: Model, now: float) -> None:
         updates = [Update(REMOVE, fact(name)) for name in FACTS]

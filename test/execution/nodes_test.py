@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """A part of the conformance cases with the nodes of a launch file, judged by their topics."""
 
+import itertools
 import tempfile
 import threading
 import unittest
@@ -13,7 +14,7 @@ import rostest
 from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
 
-LONG = 60.0
+LONG = 120.0
 KB = "/rosplan_knowledge_base"
 
 
@@ -25,6 +26,7 @@ class Nodes(unittest.TestCase):
         cls.dispatch = ServiceProxy("/rosplan_plan_dispatcher/dispatch_plan", DispatchService)
         cls.changed = threading.Condition()
         cls.history, cls.reasons = [], []
+        cls.marks, cls.noted = itertools.count(1000), 0.0
         cls.subscribers = [
             rospy.Subscriber(f"{KB}/changes", KnowledgeChanges, cls.note),
             rospy.Subscriber("/rosplan_plan_dispatcher/dispatch_status", DispatchStatus, cls.tell),
@@ -38,6 +40,7 @@ class Nodes(unittest.TestCase):
                 for item in items:
                     values = " ".join([item.attribute_name, *(value.value for value in item.values)])
                     cls.history.append(f"{sign}{values}")
+                    cls.noted = item.function_value if values == "noted" else cls.noted
             cls.changed.notify_all()
 
     @classmethod
@@ -50,8 +53,12 @@ class Nodes(unittest.TestCase):
         self.knowledge.update(
             [Update(ADD, fact("unused", match)) for match in ("m1", "m2")]
             + [Update(ADD, fact("free")), Update(REMOVE, fact("mended", "")), Update(REMOVE, fact("told"))]
-            + [Update(ADD, function_value("power", [], 3.0)), Update(ADD, function_value("noted", [], 0.0))]
+            + [Update(ADD, function_value("power", [], 3.0))]
         )
+        for mark in (next(self.marks), 0):  # all that was told before has come then
+            self.knowledge.update([Update(ADD, function_value("noted", [], float(mark)))])
+            with self.changed:
+                self.assertTrue(self.changed.wait_for(lambda mark=mark: self.noted == mark, LONG), mark)
         with self.changed:
             self.history.clear()
             self.reasons.clear()
@@ -87,7 +94,9 @@ class Nodes(unittest.TestCase):
             "0.002: (note) [0.001]",
         )
         self.assertTrue(answer.success and answer.goal_achieved, self.reasons)
+        told = {"+mended f1", "+mended f2", "+light m2", "-light m2", "=power", "=noted"}
         with self.changed:
+            self.assertTrue(self.changed.wait_for(lambda: told <= set(self.history), LONG), self.history)
             order = {change: index for index, change in enumerate(self.history)}
         self.assertLess(order["+mended f1"], order["+light m2"], self.history)
         self.assertLess(order["+mended f2"], order["-light m2"], self.history)

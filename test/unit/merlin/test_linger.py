@@ -6,6 +6,8 @@ import pty
 import signal
 import subprocess
 import sys
+import termios
+import time
 import urllib.request
 from pathlib import Path
 from typing import Any, Dict, Optional
@@ -110,6 +112,13 @@ class Kept:
         with urllib.request.urlopen(f"{address}state.json", timeout=60) as answer:
             return json.load(answer)["state"]
 
+    def press(self, key: bytes) -> None:
+        """Presses a key once keys count singly: what was pressed before is left out."""
+        while termios.tcgetattr(self.user)[3] & termios.ICANON:
+            assert self.process.poll() is None
+            time.sleep(0.01)
+        os.write(self.user, key)
+
     def end(self) -> int:
         code = self.process.wait(timeout=60)
         os.close(self.user)
@@ -128,7 +137,7 @@ def test_a_key_ends_it_on_a_terminal(tmp_path: Path) -> None:
     state = kept.shown()
     assert state["meta"]["archive"] == str(tmp_path)
     assert [event["text"] for event in state["history"]["events"].values()] == ["mission 1 succeeded"]
-    os.write(kept.user, b"q")
+    kept.press(b"q")
     assert kept.end() == 7
 
 

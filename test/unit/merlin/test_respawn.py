@@ -12,7 +12,7 @@ from typing import Callable, List
 import pytest
 
 RESPAWN = Path(__file__).parents[3] / "src" / "merlin" / "scripts" / "respawn"
-LONG = 30.0
+LONG = 120.0
 
 # Adds its pid to a file, then does what its life's word says; the last word holds for all further lives.
 NODE = """
@@ -146,7 +146,13 @@ def test_a_stop_reaches_the_node_and_is_the_end(
     assert gone(pid)
 
 
-def test_a_stop_while_it_waits_to_start_again(run: Callable[..., Run]) -> None:
+def test_a_stop_while_it_waits_to_start_again(
+    run: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sleep = tmp_path / "sleep"  # the fourth pause lasts until the stop, however late that is
+    sleep.write_text('#!/bin/sh\n[ "$1" != 2 ] || exec /bin/sleep 600\n')
+    sleep.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     node = run("-9")
     assert node.process.stderr is not None
     for line in node.process.stderr:

@@ -93,15 +93,20 @@ class Cluster:
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
     made = Cluster(tmp_path)
-    yield made
-    made.close()
+    client = FleetClient("lab", made.endpoints, made.certificates.tls("client.desk"))
+    try:
+        assert client.wait_for_hub(LIMIT), client.missing
+        yield made
+    finally:
+        client.close()
+        made.close()
 
 
 def test_losing_one_of_three_hubs_costs_nothing(cluster: Cluster) -> None:
     body, said = TestBody(), []  # type: TestBody, List[str]
     client = FleetClient("lab", cluster.endpoints, cluster.certificates.tls("client.desk"))
     agent = Agent("lab", Profile("ann"), uuid.uuid4().hex, Outbox(), RULES)
-    hub = EtcdHub(agent.keys.root, cluster.endpoints, cluster.certificates.tls("robot.ann"), 5.0)
+    hub = EtcdHub(agent.keys.root, cluster.endpoints, cluster.certificates.tls("robot.ann"), 20.0)
     robot = FleetRobot(agent, hub, body, said.append)
     try:
         assert client.wait_for_hub(LIMIT), client.missing

@@ -61,7 +61,7 @@ class Lab:
     def robot(self, name: str, domain: str = "", outbox: Optional[Outbox] = None) -> None:
         profile = Profile(name, capabilities=("arm",), domain=domain)
         agent = Agent(self.fleet, profile, uuid.uuid4().hex, outbox or Outbox(), RULES)
-        hub = EtcdHub(agent.keys.root, [self.etcd.endpoint])
+        hub = EtcdHub(agent.keys.root, [self.etcd.endpoint], timeout=20.0)
         robot = FleetRobot(agent, hub, TestBody(), print, on_status=self.statuses.append)
         self.robots.append(robot)
         robot.start()
@@ -212,7 +212,7 @@ def test_a_hub_that_is_not_there(monkeypatch: pytest.MonkeyPatch, capsys: pytest
 
 def test_shared_facts_are_listed_with_their_age(lab: Lab, capsys: pytest.CaptureFixture) -> None:
     keys = Keys(lab.fleet)
-    hub = EtcdHub(keys.root, [lab.etcd.endpoint])
+    hub = EtcdHub(keys.root, [lab.etcd.endpoint], timeout=20.0)
     lab.robot("r1")
     assert lab.client.wait(lambda: any(joined for _, joined in lab.client.robots()), LIMIT)
     lab.robots[0].know("door_open", ("ward", "lab main"), 7)
@@ -232,7 +232,7 @@ def test_shared_facts_are_listed_with_their_age(lab: Lab, capsys: pytest.Capture
 
 def test_a_fleet_of_another_protocol_is_not_written_to(lab: Lab) -> None:
     keys = Keys(uuid.uuid4().hex)
-    hub = EtcdHub(keys.root, [lab.etcd.endpoint])
+    hub = EtcdHub(keys.root, [lab.etcd.endpoint], timeout=20.0)
     hub.transact(Txn(puts=(Put(keys.key("about"), '{"protocol": 99, "id": "x"}'),)))
     client = FleetClient(keys.root.split("/")[2], [lab.etcd.endpoint])
     try:

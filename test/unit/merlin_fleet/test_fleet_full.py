@@ -87,10 +87,10 @@ def test_nothing_is_lost_while_the_hub_is_full(etcd: EtcdProcess, monkeypatch: p
     body, outbox = TestBody(), Outbox()
     said: queue.Queue[str] = queue.Queue()
     statuses: queue.Queue[FleetStatus] = queue.Queue()
-    hub = EtcdHub(KEYS.root, [etcd.endpoint])
+    hub = EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0)
     client = FleetClient("lab", [etcd.endpoint])
     agent = Agent("lab", Profile("ann"), uuid.uuid4().hex, outbox, RULES)
-    robot = FleetRobot(agent, EtcdHub(KEYS.root, [etcd.endpoint]), body, said.put, on_status=statuses.put)
+    robot = FleetRobot(agent, EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0), body, said.put, on_status=statuses.put)
     try:
         robot.start()
         request = client.send("(done a)")
@@ -123,7 +123,7 @@ def test_nothing_is_lost_while_the_hub_is_full(etcd: EtcdProcess, monkeypatch: p
 
 def test_a_robot_that_finds_a_full_hub_says_so_and_joins_later(etcd: EtcdProcess) -> None:
     said: queue.Queue[str] = queue.Queue()
-    hub = EtcdHub(KEYS.root, [etcd.endpoint])
+    hub = EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0)
     hub.transact(Txn(puts=(Put(KEYS.key(records.ABOUT), records.encode_about("x")),)))
     fill(hub)
     agent = Agent("lab", Profile("ann"), uuid.uuid4().hex, Outbox(), RULES)
@@ -133,7 +133,7 @@ def test_a_robot_that_finds_a_full_hub_says_so_and_joins_later(etcd: EtcdProcess
         if status.joined:
             joined.set()
 
-    robot = FleetRobot(agent, EtcdHub(KEYS.root, [etcd.endpoint]), TestBody(), said.put, on_status=tell)
+    robot = FleetRobot(agent, EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0), TestBody(), said.put, on_status=tell)
     try:
         robot.start()
         heard(said, "the hub is full and takes no changes")

@@ -11,8 +11,10 @@ from typing import Any, Iterator, List, Tuple
 
 import pytest
 
+from merlin_fleet import fleet_client
 from merlin_fleet.certificates import CertificateError, Folder, make_certificates
 from merlin_fleet.certified import HubError, Tls
+from merlin_fleet.commands import fleet_command
 from merlin_fleet.commands.fleet_command import main as fleet
 from merlin_fleet.commands.keys_command import main
 from merlin_fleet.core import records
@@ -234,13 +236,17 @@ def test_certificates_of_another_lab_are_named(lab: Lab, tmp_path: Path) -> None
         EtcdHub(KEYS.root, [lab.etcd.endpoint], Tls("/nowhere", own.certificate, own.key))
 
 
-def test_a_certificate_without_rights_is_told_so(lab: Lab, capsys: pytest.CaptureFixture) -> None:
+def test_a_certificate_without_rights_is_told_so(
+    lab: Lab, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     make_certificates(lab.folder.path, [], [], ["guest"])
     tls = lab.folder.tls("client.guest")
     given = ["--hub", lab.etcd.endpoint, "--fleet", "lab", "--ca", tls.ca]
     given += ["--certificate", tls.certificate, "--key", tls.key]
     try:
-        assert fleet(["list", *given]) == 2
+        with monkeypatch.context() as hasty:
+            hasty.setattr(fleet_command, "LIMIT", 10.0)  # which it waits for the right to come
+            assert fleet(["list", *given]) == 2
         assert "the hub does not allow it to this certificate" in capsys.readouterr().err
         lab.allow("lab")
         assert fleet(["list", *given]) == 0
@@ -248,6 +254,7 @@ def test_a_certificate_without_rights_is_told_so(lab: Lab, capsys: pytest.Captur
         assert client.wait_for_hub(LIMIT)
         remove = [str(lab.folder.path), "client.guest", "--hub", lab.etcd.endpoint]
         assert main(["remove", *remove]) == 0
+        monkeypatch.setattr(fleet_client, "LIMIT", 1.0)  # it tries again until then
         with pytest.raises(FleetError):
             client.send("(done a)")
         client.close()

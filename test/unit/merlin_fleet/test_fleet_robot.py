@@ -1,5 +1,6 @@
 """Robots of a fleet over a real etcd: which one does what, and what happens when hub or robot stop."""
 
+import queue
 import threading
 import uuid
 from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
@@ -95,10 +96,10 @@ class Lab:
         self.watcher = Watcher()
         self.hub.follow(self.watcher)
 
-    def robot(self, name: str, price: float, rules: Rules = RULES) -> TestBody:
+    def robot(self, name: str, price: float, rules: Rules = RULES, timeout: float = 20.0) -> TestBody:
         body = TestBody(price)
         agent = Agent("lab", Profile(name), uuid.uuid4().hex, Outbox(), rules)
-        hub = EtcdHub(KEYS.root, [self.etcd.endpoint], timeout=1.0)
+        hub = EtcdHub(KEYS.root, [self.etcd.endpoint], timeout=timeout)
         self.robots[name] = FleetRobot(agent, hub, body, self._say)
         self.robots[name].start()
         return body
@@ -138,7 +139,7 @@ def test_the_cheapest_robot_does_it_and_reports(lab: Lab) -> None:
 
 
 def test_a_hub_that_hangs_stops_what_runs_and_nothing_is_lost(lab: Lab) -> None:
-    body = lab.robot("r1", 1.0, SHORT)
+    body = lab.robot("r1", 1.0, SHORT, timeout=1.0)
     lab.send("a")
     with body.changed:
         assert body.changed.wait_for(lambda: "a" in body.running, LIMIT)
@@ -189,7 +190,7 @@ def test_a_robot_that_leaves_gives_back_what_it_owns(lab: Lab) -> None:
     with first.changed:
         assert first.changed.wait_for(lambda: "a" in first.running, LIMIT)
     second = lab.robot("r2", 5.0)
-    lab.robots.pop("r1").close()
+    lab.robots.pop("r1").close(LIMIT)
     assert first.stopped == ["the robot leaves the fleet"]
     second.succeed("a")
     assert lab.watcher.until(lambda view: view.ends.get("a")).robot == "r2"
@@ -207,13 +208,11 @@ def test_a_robot_that_leaves_tells_first_what_it_has_done(lab: Lab) -> None:
 def test_another_fleet_of_the_same_name_is_not_joined(lab: Lab) -> None:
     lab.robot("r1", 1.0)
     lab.watcher.until(lambda view: view.offers.of("r1") is not None)
-    said: List[str] = []
-    told = threading.Event()
+    said: queue.Queue[str] = queue.Queue()
     agent = Agent("lab", Profile("r2"), "x", Outbox(), RULES, fleet_id="another")
-    hub = EtcdHub(KEYS.root, [lab.etcd.endpoint])
-    robot = FleetRobot(agent, hub, TestBody(1.0), lambda text: (said.append(text), told.set())[0])
+    hub = EtcdHub(KEYS.root, [lab.etcd.endpoint], timeout=20.0)
+    robot = FleetRobot(agent, hub, TestBody(1.0), said.put)
     robot.start()
-    assert told.wait(LIMIT)
+    assert "the hub is not used" in said.get(timeout=LIMIT)
     robot.close()
-    assert "the hub is not used" in said[0]
     assert not [item.key for item in lab.hub.read().items if item.key.endswith("/r2")]

@@ -55,7 +55,7 @@ def test_a_long_text_is_stopped_while_it_is_made(synthesizer):
     while stop._process is None and speaker.is_alive():
         speaker.join(0.01)
     stop.set()
-    speaker.join(10.0)  # without the stop it takes a minute, or ends by a time-out
+    speaker.join(100.0)  # without the stop it takes a minute, or ends by a time-out
     assert len(ended) == 1
     with pytest.raises(SoundStopped):
         synthesizer.say("not said before", stop=stop)
