@@ -35,6 +35,15 @@ if word.startswith("-"):
 sys.exit(int(word))
 """
 
+# Stands in for `sleep`: the fourth pause of the script lasts as long as the script, the others not at all.
+FOURTH_PAUSE = """#!/bin/sh
+[ "$1" = 2 ] || exit 0
+for _ in $(seq 600); do
+  grep -q respawn /proc/$PPID/cmdline 2>/dev/null || exit 0
+  /bin/sleep 0.1
+done
+"""
+
 
 class Run:
     """One run of the script, in a session of its own as roslaunch starts it."""
@@ -150,7 +159,7 @@ def test_a_stop_while_it_waits_to_start_again(
     run: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sleep = tmp_path / "sleep"  # the fourth pause lasts until the stop, however late that is
-    sleep.write_text('#!/bin/sh\n[ "$1" != 2 ] || exec /bin/sleep 600\n')
+    sleep.write_text(FOURTH_PAUSE)
     sleep.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     node = run("-9")

@@ -70,7 +70,8 @@ def gone(pid):
 
 @needs_kairos
 def test_kairos_plans(problem, tmp_path):
-    outcome = plan(problem("(checked kitchen)"), data_path=str(tmp_path))
+    # The search ends long before: it has seen all. A machine that stands still for less loses no plan.
+    outcome = plan(problem("(checked kitchen)"), data_path=str(tmp_path), anytime=60.0)
     assert outcome.state == PlannerState.SOLVED and outcome.planner == "kairos"
     assert [str(step) for step in parse_plan(outcome.plan)] == [
         "(navigate anywhere kitchen)",

@@ -95,7 +95,7 @@ def test_of_two_engines_without_a_plan_both_reasons_are_told(plan, planner):
 
 @needs_kairos
 def test_kairos_beside_another_engine(plan, planner):
-    outcome = plan(f"kairos + {planner('short', prints(SHORT))}", anytime=2.0)
+    outcome = plan(f"kairos + {planner('short', prints(SHORT))}", anytime=20.0)
     assert outcome.solved and outcome.planner == "kairos" and "go c b" in outcome.plan
 
 
