@@ -90,7 +90,9 @@ def test_nothing_is_lost_while_the_hub_is_full(etcd: EtcdProcess, monkeypatch: p
     hub = EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0)
     client = FleetClient("lab", [etcd.endpoint])
     agent = Agent("lab", Profile("ann"), uuid.uuid4().hex, outbox, RULES)
-    robot = FleetRobot(agent, EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0), body, said.put, on_status=statuses.put)
+    robot = FleetRobot(
+        agent, EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0), body, said.put, on_status=statuses.put
+    )
     try:
         robot.start()
         request = client.send("(done a)")
@@ -133,7 +135,9 @@ def test_a_robot_that_finds_a_full_hub_says_so_and_joins_later(etcd: EtcdProcess
         if status.joined:
             joined.set()
 
-    robot = FleetRobot(agent, EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0), TestBody(), said.put, on_status=tell)
+    robot = FleetRobot(
+        agent, EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0), TestBody(), said.put, on_status=tell
+    )
     try:
         robot.start()
         heard(said, "the hub is full and takes no changes")

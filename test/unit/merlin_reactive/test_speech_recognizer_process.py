@@ -41,7 +41,9 @@ def test_a_bad_grammar_is_said(recognizer: SpeechRecognizerProcess) -> None:
 def test_other_threads_go_on_while_it_decodes(recognizer: SpeechRecognizerProcess, order: np.ndarray) -> None:
     recognizer.use(GRAMMAR)
     understood: List[str] = []
-    caller = threading.Thread(target=lambda: understood.append(recognizer.understand(order).text), daemon=True)
+    caller = threading.Thread(
+        target=lambda: understood.append(recognizer.understand(order).text), daemon=True
+    )
     process = recognizer._process.pid
     os.kill(process, signal.SIGSTOP)
     try:

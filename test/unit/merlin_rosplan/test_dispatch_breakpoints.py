@@ -1,7 +1,7 @@
 """A dispatch that is held before an action, steps, goes on, and is cancelled meanwhile."""
 
 import pytest
-from dispatch_world import LONG, PLAN_ID, WORK, World, actions
+from dispatch_world import LONG, PATIENT, PLAN_ID, WORK, World, actions
 from dispatch_world import Run as PlainRun
 
 from merlin_pddl.breakpoints import Breakpoints
@@ -37,7 +37,9 @@ class Run(PlainRun):
     def __init__(self, world, count):
         self.world = world
         schedule = SequentialSchedule(actions(*["work"] * count))
-        self.made = PlanDispatch(schedule, world, DispatchLimits(), PLAN_ID, breakpoints=world.points)
+        self.made = PlanDispatch(
+            schedule, world, DispatchLimits(**PATIENT), PLAN_ID, breakpoints=world.points
+        )
         super().__init__(world, schedule)
 
     def _run(self):
