@@ -32,7 +32,7 @@ def test_the_tests_of_the_pages_pass(tmp_path: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=300,
+        timeout=450,
         check=False,
     )
     assert done.returncode == 0, done.stdout[-6000:]

@@ -10,6 +10,7 @@ from typing import Any, Dict, List
 import pytest
 
 from merlin import local_names
+from merlin_fleet.testing.etcd_process import free_ports
 
 TOOLS = Path(__file__).resolve().parents[3] / "tools"
 LIMIT = 120.0  # s for two nodes and a master
@@ -87,9 +88,7 @@ def test_a_run_does_not_need_the_names_of_its_machine(tmp_path: Path, launch_fil
 def test_roslaunch_below_a_test_does_not_need_them(tmp_path: Path, launch_file: str) -> None:
     code = TOOL + "os.environ['ROS_MASTER_URI'] = master_uri(0).replace(':0', ':' + sys.argv[1]); "
     code += "os.execvp(tool[0], [*tool, '-p', sys.argv[1], sys.argv[2]])"
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    (port,) = free_ports(1)
     name = socket.gethostname()
     done = without([name, "localhost"], tmp_path, sys.executable, "-c", code, str(port), launch_file)
     assert "heard hello" in done.stdout, done.stdout + done.stderr

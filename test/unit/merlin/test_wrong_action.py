@@ -34,7 +34,7 @@ def test_a_wrong_argument_ends_the_launch(
         env={**os.environ, "ROS_LOG_DIR": str(tmp_path)},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
         check=False,
     )
     assert done.returncode == 2
