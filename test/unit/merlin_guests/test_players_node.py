@@ -11,7 +11,7 @@ from merlin_guests.players_node import Players
 from merlin_guests.stage import Closed
 from merlin_ros.service_proxy import ServiceError
 
-LONG = 20.0
+LONG = 60.0
 
 
 @pytest.fixture()

@@ -107,7 +107,7 @@ def test_a_machine_that_cannot_be_drawn_does_not_end_the_pictures() -> None:
     layouts.ask("broken", broken)
     layouts.ask("whole", lambda: plan_graph({"0": "going"}, []))
     pictures = {
-        name: (picture, reason) for name, picture, reason in (drawn.get(timeout=30), drawn.get(timeout=30))
+        name: (picture, reason) for name, picture, reason in (drawn.get(timeout=60), drawn.get(timeout=60))
     }
     layouts.stop()
     assert pictures["broken"] == (None, "KeyError: 'outcomes'")

@@ -21,7 +21,7 @@ def start():
     def answer(request):
         print("ASKED", request.data, flush=True)
         if request.data:
-            go_on.wait(60)
+            go_on.wait(600)
         return SetBoolResponse(True, "told")
     start.service = rospy.Service("ask", SetBool, answer)
     print("started", flush=True)
@@ -41,7 +41,7 @@ from merlin_ros.call_scope import CallScope
 from merlin_ros.node import run_node
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
-ask = ServiceProxy("ask", SetBool, timeout=60.0)
+ask = ServiceProxy("ask", SetBool, timeout=600.0)
 scope = CallScope()
 
 def call(name, argument):

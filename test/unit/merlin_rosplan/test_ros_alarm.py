@@ -6,7 +6,7 @@ import rospy
 
 from merlin_rosplan.transport.ros_alarm import RosAlarm
 
-LONG = 30.0
+LONG = 60.0
 
 
 def test_a_callback_that_fails_does_not_end_the_alarm(monkeypatch):

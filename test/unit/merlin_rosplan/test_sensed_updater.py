@@ -11,7 +11,7 @@ from merlin_rosplan.transport.sensed_updater import SensedUpdater
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.knowledge_text import to_pddl
 
-LONG = 30.0
+LONG = 60.0
 
 
 class Knowledge:

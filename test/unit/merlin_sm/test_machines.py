@@ -13,7 +13,7 @@ from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinS
 from smach import UserData
 
 OUTCOMES = [SUCCEEDED, ABORTED, PREEMPTED]
-LIMIT = 30.0
+LIMIT = 60.0
 
 
 class Wait(MerlinState):

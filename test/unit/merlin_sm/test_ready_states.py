@@ -12,7 +12,7 @@ from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 from merlin_sm.states.while_state import WhileSM
 from smach import UserData
 
-LONG = 30.0
+LONG = 60.0
 
 
 def refuse(userdata: Any) -> None:
