@@ -23,6 +23,7 @@ class RandomOrders(RuleBasedStateMachine):
         self.now = 0.0
         self.listed = {BASE: {}, DOCK: {}}  # last status lists
         self.leases = {}  # (server, owner) → last lease and its time
+        self.lives = {}  # (server, owner) → its lives, the present one last
         self.halted = set()
         self.stopped = False
         self.moving = False
@@ -73,7 +74,10 @@ class RandomOrders(RuleBasedStateMachine):
         suspended=st.sets(ids),
     )
     def lease(self, server, owner, life, held, suspended):
-        self.leases[server, owner] = held, suspended, self.now
+        lives = self.lives.setdefault((server, owner), [life])
+        if life not in lives[:-1]:  # else a late word of a life that is over, which says nothing
+            self.lives[server, owner] = [*lives, life] if life != lives[-1] else lives
+            self.leases[server, owner] = held, suspended, self.now
         self.note(self.permit.lease(server, owner, life, held, suspended, self.now))
 
     @rule(server=st.sampled_from((BASE, DOCK)), goal_id=st.sampled_from(("", "a", "b", "c")))
