@@ -11,7 +11,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Iterator
+from typing import Iterator, List, Tuple
 
 import pytest
 from hypothesis import settings
@@ -22,9 +22,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))  # tools,
 
 from chaos import processes
 
-# A busy machine is slow, not wrong; how fast things are is for bench/ to say.
-settings.register_profile("merlin", deadline=None)
-settings.load_profile("merlin")
+# A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time, because
+# a change is judged by what it changes; make soak looks for others.
+settings.register_profile("merlin", deadline=None, derandomize=True)
+settings.register_profile("search", deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "merlin"))
 
 LIMIT = 450.0  # s, below pytest's own limit, so that the suite's processes are ended here
 
@@ -89,15 +91,10 @@ class RosTestItem(pytest.Item):
         finally:
             # Its nodes have sessions of their own, and outlive it when it is killed.
             processes.kill_marked(env[processes.MARK])
-        cases = failures = 0
-        for report in results.glob("**/*.xml"):
-            for suite in ElementTree.parse(str(report)).getroot().iter("testsuite"):
-                cases += int(suite.get("tests", 0))
-                failures += int(suite.get("failures", 0)) + int(suite.get("errors", 0))
-        if process.returncode or failures or not cases:
-            raise RosTestFailure(
-                f"exit code {process.returncode}, {cases} cases, {failures} failed\n{output[-12000:]}"
-            )
+        cases, failed = _read(results)
+        if process.returncode or failed or not cases:
+            counts = f"exit code {process.returncode}, {cases} cases, {len(failed)} failed"
+            raise RosTestFailure("\n".join([counts, *failed, output[-12000:]]))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo) -> str:
         """What the suite printed is the whole story."""
@@ -108,6 +105,19 @@ class RosTestItem(pytest.Item):
     def reportinfo(self) -> tuple:
         """Where the suite is."""
         return self.path, None, f"rostest {self.path.name}"
+
+
+def _read(results: Path) -> Tuple[int, List[str]]:
+    """How many cases a suite has run, and each that failed with its text."""
+    cases: int = 0
+    failed: List[str] = []
+    for report in results.glob("**/*.xml"):
+        root = ElementTree.parse(str(report)).getroot()
+        cases += sum(int(suite.get("tests", 0)) for suite in root.iter("testsuite"))
+        for case in root.iter("testcase"):
+            texts = [(found.text or "").strip() for found in (*case.iter("failure"), *case.iter("error"))]
+            failed += [f"{case.get('classname')}.{case.get('name')}: {text}" for text in texts]
+    return cases, failed
 
 
 def _stopped(process: subprocess.Popen) -> str:

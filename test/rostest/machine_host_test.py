@@ -10,6 +10,7 @@ from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from merlin_msgs.msg import RunActionAction, RunActionGoal
 from move_base_msgs.msg import MoveBaseAction
+from named_case import named_case
 from py_trees.behaviours import Failure
 from py_trees.common import ParallelPolicy
 from py_trees.composites import Parallel, Selector
@@ -190,7 +191,7 @@ class MachineHost(unittest.TestCase):
             ("LoopsInPreempt", LoopsInPreempt),
             ("RaisesInPreempt", RaisesInPreempt),
         ):
-            with self.subTest(name):
+            with named_case(name):
                 self.setUp()
                 server, client = self.serve(machine(name, state))
                 goal = self.start(client)
@@ -257,7 +258,7 @@ class MachineHost(unittest.TestCase):
 
     def test_whatever_a_state_raises_its_goal_is_answered(self):
         for name, state in (("Exits", Exits), ("Recurses", Recurses)):
-            with self.subTest(name):
+            with named_case(name):
                 _, client = self.serve(machine(name, state))
                 for _ in range(2):
                     goal = self.finish(client.send(RunActionGoal()))
@@ -266,7 +267,7 @@ class MachineHost(unittest.TestCase):
 
     def test_what_an_abandoned_machine_drives_is_stopped(self):
         for action in (DriveBesideStubborn, TreeBesideStubborn):
-            with self.subTest(action.__name__):
+            with named_case(action.__name__):
                 self.setUp()
                 stopped, goal = self.cancel_a_drive(action())
                 self.assertTrue(stopped.wait(LONG))

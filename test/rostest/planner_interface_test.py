@@ -13,6 +13,7 @@ from pathlib import Path
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutGoal
+from named_case import named_case
 from rosplan_dispatch_msgs.msg import PlanAction, PlanGoal
 from rosplan_dispatch_msgs.srv import PlanningService
 from std_msgs.msg import String
@@ -153,7 +154,7 @@ class Planner(unittest.TestCase):
             ("(checked kitchen)", self.script("echo '0.0: (ask kitchen) [5.0]'"), "INVALID", "not valid"),
             ("(checked kitchen)", "popf DOMAIN", "CRASHED", "PROBLEM"),
         ):
-            with self.subTest(state=state, part=part):
+            with named_case(state, part):
                 self.setUp()
                 self.assertFalse(self.plan(goal, command))
                 reason = self.status(getattr(PlannerStatus, state)).reason
