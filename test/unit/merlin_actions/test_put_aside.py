@@ -1,6 +1,6 @@
 """A latched dispatch that comes before its dispatcher's status is begun when the status says so, once."""
 
-from typing import Any, List, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import pytest
 from merlin_msgs.msg import DispatchStatus, RunningAction
@@ -17,8 +17,10 @@ class Probe(MerlinAction):
     def __init__(self) -> None:
         action_interface.ActionInterface.__init__(self, "navigate")
         self._running = frozenset()
-        self._connected = None  # young: whatever is latched may be old
         self.begun: List[Tuple[int, int]] = []
+
+    def connect_long_ago(self) -> None:
+        self._latched.connected = action_interface.running_time() - 100.0
 
     def _begin(self, dispatch: ActionDispatch) -> None:
         self.begun.append((dispatch.plan_id, dispatch.action_id))
@@ -39,9 +41,11 @@ def interface(monkeypatch: pytest.MonkeyPatch) -> Probe:
     return Probe()
 
 
-def latched(name: str = "navigate", action: int = 3) -> ActionDispatch:
+def latched(
+    name: str = "navigate", action: int = 3, connection: Optional[Dict[str, str]] = None
+) -> ActionDispatch:
     message = ActionDispatch(plan_id=7, action_id=action, name=name)
-    message._connection_header = {"latching": "1"}
+    message._connection_header = {"latching": "1"} if connection is None else connection
     return message
 
 
@@ -69,3 +73,19 @@ def test_one_that_is_cancelled_meanwhile_does_not_begin(interface: Probe) -> Non
     interface._receive(latched(action_interface.CANCEL_ACTION))
     interface._note_dispatcher(waits_for(3))
     assert interface.begun == []
+
+
+def test_a_latched_one_that_a_busy_machine_delivers_late_does_not_begin(interface: Probe) -> None:
+    interface.connect_long_ago()
+    interface._note_dispatcher(waits_for())
+    connection = {"latching": "1"}
+    interface._receive(latched(action=2, connection=connection))
+    assert interface.begun == []
+    interface._receive(latched(action=3, connection=connection))  # over the same connection: it is new
+    assert interface.begun == [(7, 3)]
+
+
+def test_of_a_dispatcher_that_tells_nothing_the_first_one_begins(interface: Probe) -> None:
+    interface.connect_long_ago()
+    interface._receive(latched())
+    assert interface.begun == [(7, 3)]

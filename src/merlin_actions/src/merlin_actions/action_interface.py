@@ -18,6 +18,7 @@ from merlin_actions.core.declared import bound, numeric_apart
 from merlin_actions.core.ending import Ending, after_closing, closing_of, information_of
 from merlin_actions.core.execution import Execution
 from merlin_actions.core.execution_queue import ExecutionQueue, Key, QueueDecision, QueueStep, at_once
+from merlin_actions.core.latched import LATCH_GRACE, Latched
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, WHILE_RUNNING, action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
 from merlin_actions.left_executions import settle_left
@@ -25,6 +26,7 @@ from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
+from merlin_ros.actions.peers import connected_peers
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.node import master_is_lost
@@ -40,7 +42,6 @@ from merlin_sm.knowledge_text import parse_literals
 
 CANCEL_ACTION = "cancel_action"
 ANNOUNCE_PERIOD = 1.0  # s of wall time between two announcements on pddl_action_parameters
-LATCH_GRACE = 0.3  # s after connecting to a dispatcher in which its latched, perhaps old, message arrives
 CONNECTION_LOOK = 0.02  # s between two looks for that connection, of which rospy gives no event
 WAIT_LIMIT = 5.0  # s of running time in which an execution that is in the way has to end
 MASTER_LOST = "the ROS master is lost"
@@ -78,7 +79,8 @@ class ActionInterface:
             raise KnowledgeError(f"no operator {operator!r} in {self.knowledge.name}: {error}") from error
         self.formula: DomainFormula = details.formula
         self._effects = effects_of(details, self.knowledge)
-        self._changed = threading.Condition()  # guards the three fields below
+        self._changed = threading.Condition()  # guards the four fields below
+        self._latched = Latched()
         self._put_aside: Optional[ActionDispatch] = None  # was latched; its dispatcher may wait for it
         self._executions: Dict[Key, Execution] = {}
         self._queue = ExecutionQueue(at_once(self.concurrent))
@@ -92,7 +94,6 @@ class ActionInterface:
         """Begins to serve."""
         dispatch_topic, feedback_topic = self._topics
         self._owners = LeaseWatch(f"{self._dispatcher}/lease", self._owner_changed)
-        self._connected: Optional[float] = None
         self._feedback = rospy.Publisher(feedback_topic, ActionFeedback, latch=True, queue_size=10)
         self._announcements = rospy.Publisher(
             f"{self.knowledge.name}/pddl_action_parameters",
@@ -145,6 +146,8 @@ class ActionInterface:
         raise NotImplementedError(f"{type(self).__name__} has to implement run()")
 
     def _receive(self, dispatch: ActionDispatch) -> None:
+        with self._changed:
+            old = self._latched.may_be_old(dispatch, running_time())
         if dispatch.name == CANCEL_ACTION:
             with self._changed:
                 if self._put_aside is not None and _key(self._put_aside) == _key(dispatch):
@@ -154,7 +157,7 @@ class ActionInterface:
                     self._cancel(execution, "cancelled")
         elif dispatch.name.lower() == self.operator.lower():
             with self._changed:
-                stale = self._stale(dispatch)
+                stale = old and not self._expected(dispatch)  # an old one must not run again
                 self._put_aside = dispatch if stale else None
             if stale:
                 rospy.loginfo(f"{self.operator}: put a dispatch aside that may be older than this interface")
@@ -189,13 +192,6 @@ class ActionInterface:
                 self._cancel(execution, change.reason)
             if execution.key not in self._executions:  # it ended meanwhile, and nothing else would resume it
                 ownership.resume(execution.token)
-
-    def _stale(self, dispatch: ActionDispatch) -> bool:
-        """Whether a dispatch was latched before this interface began; an old one must not run again."""
-        header = getattr(dispatch, "_connection_header", None) or {}
-        connected = self._connected
-        young = connected is None or running_time() - connected < LATCH_GRACE
-        return header.get("latching") == "1" and young and not self._expected(dispatch)
 
     def _expected(self, dispatch: ActionDispatch) -> bool:
         """Whether the dispatcher is known to wait for this action now."""
@@ -364,10 +360,12 @@ class ActionInterface:
     def _announce(self) -> None:
         self._settle_left()
         # An announced interface is ready: every latched message of before has arrived.
-        while not self._subscriber.get_num_connections():
+        # rospy counts a connection before it is open, which a busy machine does much later.
+        while not connected_peers(self._subscriber):
             if self._stopped.wait(CONNECTION_LOOK) or rospy.is_shutdown():
                 return
-        self._connected = running_time()
+        with self._changed:
+            self._latched.connected = running_time()
         self._stopped.wait(LATCH_GRACE)
         # Wall time: a paused simulator must not make an interface look dead.
         while not rospy.is_shutdown() and not self._stopped.is_set():

@@ -190,6 +190,7 @@ class MerlinAction(ActionInterface):
 
     def _note_dispatcher(self, status: DispatchStatus) -> None:
         with self._changed:
+            self._latched.told = True
             self._running = frozenset((action.plan_id, action.action_id) for action in status.running)
         self._begin_expected()
 

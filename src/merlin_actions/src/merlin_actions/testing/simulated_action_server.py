@@ -42,6 +42,9 @@ class SimulatedActionServer:
         self._on_start = on_start
         self._on_stop = on_stop
         self._over = threading.Event()
+        self._hold = threading.Lock()  # guards the two fields below
+        self._hold_next = False
+        self._held = False
         self._server = SerialActionServer(name, action_spec, self._execute, self._cancel)
 
     def follow(self, behaviour: Behaviour, script: Optional[Mapping[str, Any]] = None) -> None:
@@ -52,6 +55,21 @@ class SimulatedActionServer:
         self._results = ScriptedResults(self._result_class, script or {})
         self._behaviour = behaviour
         self._succeeded = self.goals = 0
+
+    @property
+    def held(self) -> bool:
+        """Whether the goal that runs lasts until it is cancelled or :meth:`hold` ends it."""
+        return self._held
+
+    def hold(self, held: bool) -> None:
+        """Lets the next goal last until it is cancelled; False ends one that does, and holds none.
+
+        A test that acts on a goal while it runs needs that: any duration is too short on a busy machine.
+        """
+        with self._hold:
+            self._hold_next = held
+            if self._held and not held:
+                self._over.set()
 
     def start(self) -> None:
         """Begins to serve."""
@@ -65,16 +83,25 @@ class SimulatedActionServer:
         self._on_stop()
         self._over.set()
 
+    def _last(self, duration: float) -> None:
+        """Waits for the end of a goal."""
+        if self._held:
+            self._over.wait()
+            return
+        timer = rospy.Timer(rospy.Duration(max(duration, 1e-4)), lambda _: self._over.set(), oneshot=True)
+        self._over.wait()
+        timer.shutdown()
+
     def _execute(self, goal: ServerGoal) -> None:
         self._on_goal(goal.goal)
         act, duration = self._behaviour.draw(self.goals)
         self.goals += 1
-        self._over.clear()
+        with self._hold:
+            self._over.clear()
+            self._held, self._hold_next = self._hold_next, False
         if not goal.cancel_requested:
             self._on_start()
-            timer = rospy.Timer(rospy.Duration(max(duration, 1e-4)), lambda _: self._over.set(), oneshot=True)
-            self._over.wait()
-            timer.shutdown()
+            self._last(duration)
         cancelled = goal.cancel_requested
         if act is Act.CRASH and not cancelled:
             os._exit(17)

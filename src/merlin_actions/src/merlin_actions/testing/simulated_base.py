@@ -1,16 +1,24 @@
-"""A ``move_base`` without a robot: it commands velocities and nothing moves. For tests only."""
+"""A ``move_base`` without a robot: it commands velocities and nothing moves. For tests only.
+
+``~hold`` (std_srvs/SetBool): whether the next drive lasts until it is cancelled; false ends one that does. The
+answer's message is the velocity of that drive, m/s: no other has it, so a late command of another drive is told
+apart.
+"""
 
 import threading
 
 import rospy
 from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseAction
+from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from merlin_actions.testing.simulated_action_server import SimulatedActionServer, behaviour_from_params
 from merlin_ros.node import run_node
 from merlin_ros.publishing import publish
 
 PERIOD = 0.1  # s of wall time between two commands, as a slow controller sends them
+SPEED = 0.3  # m/s of a drive that ends by itself
+STEP = 0.001  # m/s by which each drive that is held is faster than the one before
 
 
 class SimulatedBase:
@@ -20,6 +28,7 @@ class SimulatedBase:
         self._changed = threading.Condition()  # orders the velocities; guards the fields below
         self._driving = False
         self._over = False
+        self._held_speed = SPEED
         self._publisher = rospy.Publisher("cmd_vel", Twist, queue_size=10)
         self._server = SimulatedActionServer(
             "move_base", MoveBaseAction, behaviour_from_params(), self._drive, self._halt
@@ -30,6 +39,7 @@ class SimulatedBase:
         """Begins to serve."""
         self._commander.start()
         self._server.start()
+        rospy.Service("~hold", SetBool, self._hold)
 
     def shutdown(self) -> None:
         """Halts and stops serving."""
@@ -37,6 +47,14 @@ class SimulatedBase:
         with self._changed:
             self._over = True
             self._changed.notify_all()
+
+    def _hold(self, request: SetBoolRequest) -> SetBoolResponse:
+        with self._changed:
+            if request.data:
+                self._held_speed += STEP
+            speed = self._held_speed
+        self._server.hold(request.data)
+        return SetBoolResponse(success=True, message=repr(speed))
 
     def _drive(self) -> None:
         with self._changed:
@@ -52,10 +70,10 @@ class SimulatedBase:
     def _command(self) -> None:
         """Repeats the velocity: a base stops when no command comes."""
         forward = Twist()
-        forward.linear.x = 0.3
         with self._changed:
             while not self._over:
                 if self._driving:
+                    forward.linear.x = self._held_speed if self._server.held else SPEED
                     publish(self._publisher, forward)
                 self._changed.wait(PERIOD if self._driving else None)
 
