@@ -11,11 +11,12 @@ import unittest
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Twist
+from held_drives import HeldDrives
 from move_base_msgs.msg import MoveBaseActionResult
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 from sound_play.msg import SoundRequestActionGoal
+from topic_links import wait_for_publishers
 
 import rostest
 from merlin_actions.merlin_action import MerlinAction
@@ -27,6 +28,22 @@ ACTIONS = "[merlin_actions.actions.navigate:Navigate, merlin_home.actions.ask:As
 FINAL = (ActionFeedback.ACTION_FAILED, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
 
 
+class LateBridge(MerlinAction):
+    """A bridge that notes what it does with a dispatch that was latched before."""
+
+    def start(self):
+        self.received, self.begun = threading.Event(), []
+        super().start()
+
+    def _receive(self, dispatch):
+        super()._receive(dispatch)
+        self.received.set()
+
+    def _begin(self, dispatch):
+        self.begun.append(dispatch)
+        super()._begin(dispatch)
+
+
 class Bridges(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -35,14 +52,14 @@ class Bridges(unittest.TestCase):
         cls.answers = []
         cls.changed = threading.Condition()
         cls.feedback = rospy.Subscriber("test_feedback", ActionFeedback, cls.receive)
-        cls.velocities = []
-        cls.velocity = rospy.Subscriber("cmd_vel", Twist, cls.receive_velocity)
-        cls.base_result = None
-        rospy.Subscriber("move_base/result", MoveBaseActionResult, cls.receive_result)
+        cls.drives = HeldDrives()
+        cls.base_results = []
+        results = rospy.Subscriber("move_base/result", MoveBaseActionResult, cls.receive_result)
         cls.asked, cls.speech = threading.Event(), threading.Event()
         cls.sentence = ""
         rospy.Subscriber("sound_play/goal", SoundRequestActionGoal, cls.receive_sentence)
         rospy.Subscriber("sound_play/status", GoalStatusArray, cls.receive_speech)
+        wait_for_publishers(results)
         cls.health = {}
         rospy.Subscriber("/diagnostics", DiagnosticArray, cls.receive_health)
         cls.number = 0
@@ -58,9 +75,10 @@ class Bridges(unittest.TestCase):
         with cls.changed:
             if not cls.changed.wait_for(lambda: {"navigate", "ask"} <= announced, LONG):
                 raise AssertionError(f"no bridges but {announced}")
+        wait_for_publishers(cls.feedback)
 
     def connected(self):
-        return self.dispatches.get_num_connections() and self.feedback.get_num_connections()
+        return self.dispatches.get_num_connections()
 
     @classmethod
     def receive(cls, message):
@@ -81,31 +99,27 @@ class Bridges(unittest.TestCase):
             cls.speech.set()
 
     @classmethod
-    def receive_velocity(cls, message):
-        with cls.changed:
-            cls.velocities.append(message)
-            cls.changed.notify_all()
-
-    @classmethod
     def receive_health(cls, message):
         with cls.changed:
-            cls.health.update({status.name: status for status in message.status})
+            stamp = message.header.stamp
+            cls.health.update({status.name: (stamp, status) for status in message.status})
             cls.changed.notify_all()
 
     @classmethod
     def receive_result(cls, message):
         with cls.changed:
-            cls.base_result = message
+            cls.base_results.append(message.status)
             cls.changed.notify_all()
 
-    def wait_for_health(self, name, level):
+    def wait_for_health(self, name, level, since=rospy.Time()):
         with self.changed:
 
             def fits():
-                return name in self.health and self.health[name].level == level
+                stamp, status = self.health.get(name, (None, None))
+                return status is not None and stamp >= since and status.level == level
 
             self.assertTrue(self.changed.wait_for(fits, LONG), f"{name}: {self.health.get(name)}")
-            return self.health[name].message
+            return self.health[name][1].message
 
     def setUp(self):
         self.wait_for_connections()
@@ -116,10 +130,9 @@ class Bridges(unittest.TestCase):
     def tearDown(self):
         if self.machines is not None:
             self.kill()
+        self.drives.end()
         if self.served:  # the next test begins without machines, as the bridges see it
-            with self.changed:
-                self.health.clear()
-            self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.ERROR)
+            self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.ERROR, rospy.Time.now())
 
     def hush(self):
         """Forgets what was spoken before."""
@@ -152,13 +165,17 @@ class Bridges(unittest.TestCase):
 
     def end_machines(self):
         """Tells the machines' node to end while the robot drives, and waits until both have ended."""
-        Bridges.base_result = None
         os.killpg(self.machines.pid, signal.SIGINT)
         self.assertEqual(self.machines.wait(LONG), 0)
         self.machines = None
         # A base whose goal is only forgotten drives on.
         with self.changed:
-            self.assertTrue(self.changed.wait_for(lambda: self.base_result is not None, LONG))
+
+            def last_drive():
+                return [status for status in self.base_results if status.goal_id.stamp >= self.begun]
+
+            self.assertTrue(self.changed.wait_for(last_drive, LONG), self.base_results[-3:])
+            self.assertEqual([status.status for status in last_drive()], [GoalStatus.PREEMPTED])
 
     def dispatch(self, name, number=None, **parameters):
         if number is None:
@@ -200,18 +217,23 @@ class Bridges(unittest.TestCase):
         self.assertEqual(answer.status, ActionFeedback.ACTION_FAILED)
         return {entry.key: entry.value for entry in answer.information}["reason"]
 
-    def driving(self):
-        with self.changed:
-            count = len(self.velocities)
-            self.assertTrue(
-                self.changed.wait_for(lambda: any(v.linear.x for v in self.velocities[count:]), LONG)
-            )
-
     def robot_at(self):
         return self.knowledge.facts("robot_at")
 
     def go(self, **parameters):
         return self.dispatch("navigate", **{"from": "kitchen", "to": "bathroom", **parameters})
+
+    def drive(self):
+        """Has the robot drive until it is cancelled, or `drives` ends it; returns when it does."""
+        self.begun = rospy.Time.now()
+        self.drives.hold()
+        dispatch = self.go()
+        self.drives.wait_driving()
+        return dispatch
+
+    def wait_received(self):
+        """Waits until the bridges have received what was dispatched before."""
+        self.final(self.dispatch("ask"))  # without its parameter, it is answered at once
 
     def test_no_action_server(self):
         self.bridge("navigate", server_wait=0.1)
@@ -242,21 +264,19 @@ class Bridges(unittest.TestCase):
 
     def test_a_cancel_reaches_the_machine_and_the_robot_is_anywhere(self):
         self.serve()
-        dispatch = self.go()
-        self.driving()
+        dispatch = self.drive()
         self.cancel(dispatch, action_id=9999)
         self.cancel(dispatch, parameters=[])
         self.cancel(dispatch)
         self.assertEqual(self.reason(self.final(dispatch)), "cancelled")
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
-        self.assertEqual(self.velocities[-1], Twist())
+        self.drives.wait_stopped()
 
     def test_what_is_declared_holds_while_it_runs_and_no_longer(self):
         self.serve()
         rospy.set_param("actions/navigate/while_running", ["(checked ?to)"])
-        for end in (lambda dispatch: None, self.cancel):
-            dispatch = self.go()
-            self.driving()
+        for end in (lambda dispatch: self.drives.end(), self.cancel):
+            dispatch = self.drive()
             self.assertTrue(self.knowledge.holds("(checked bathroom)"))
             end(dispatch)
             self.final(dispatch)
@@ -275,17 +295,19 @@ class Bridges(unittest.TestCase):
 
     def test_a_cancel_for_another_action_is_ignored(self):
         self.serve()
-        dispatch = self.go()
-        self.driving()
+        dispatch = self.drive()
         self.cancel(dispatch, action_id=9999)
         self.cancel(dispatch, parameters=[KeyValue("from", "elsewhere")])
+        self.wait_received()
+        self.drives.end()
         self.assertEqual(self.final(dispatch).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
 
     def test_a_second_dispatch_waits_for_the_end_of_the_first(self):
         self.serve()
-        first = self.go()
-        self.driving()
+        first = self.drive()
         second = self.go()
+        self.wait_received()
+        self.drives.end()
         self.assertEqual(self.final(second).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
         self.assertEqual(self.final(first).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
         ends = [answer.action_id for answer in self.answers if answer.status in FINAL][-2:]
@@ -293,19 +315,16 @@ class Bridges(unittest.TestCase):
 
     def test_a_killed_machine_is_reported(self):
         self.serve()
-        dispatch = self.go()
-        self.driving()
+        dispatch = self.drive()
         self.kill()
         self.assertIn("gone", self.reason(self.final(dispatch)))
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
 
     def test_a_node_of_machines_that_is_told_to_end_stops_the_robot_first(self):
         self.serve()
-        dispatch = self.go()
-        self.driving()
+        dispatch = self.drive()
         self.end_machines()
         self.reason(self.final(dispatch))
-        self.assertEqual(self.base_result.status.status, GoalStatus.PREEMPTED)
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
 
     def test_a_node_of_naive_actions_that_is_told_to_end_stops_the_robot_first(self):
@@ -314,10 +333,8 @@ class Bridges(unittest.TestCase):
         self.addCleanup(self.dispatches.unregister)
         self.start("naive_actions", "rosplan_plan_dispatcher/action_dispatch:=naive_dispatch")
         self.wait_for_connections()
-        self.go()
-        self.driving()
+        self.drive()
         self.end_machines()
-        self.assertEqual(self.base_result.status.status, GoalStatus.PREEMPTED)
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
 
     def test_a_machine_that_does_not_stop_is_named(self):
@@ -364,13 +381,11 @@ class Bridges(unittest.TestCase):
         old = self.dispatch("ask")  # without its parameter, it is answered at once
         self.final(old)
         count = len(self.answers_to(old))
-        late = MerlinAction("ask", dispatch_topic="test_dispatch", feedback_topic="test_feedback")
-        received = threading.Event()
-        rospy.Subscriber("test_dispatch", ActionDispatch, lambda message: received.set())
+        late = LateBridge("ask", dispatch_topic="test_dispatch", feedback_topic="test_feedback")
         late.start()
         self.addCleanup(late.shutdown)
-        self.assertTrue(received.wait(LONG))
-        self.assertEqual(late.executions(), [])
+        self.assertTrue(late.received.wait(LONG))
+        self.assertEqual((late.begun, late.executions()), ([], []))
         self.assertEqual(len(self.answers_to(old)), count)
 
 

@@ -10,6 +10,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback, NonBlockin
 from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_srvs.srv import Empty
+from topic_links import wait_for_publishers
 
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
@@ -30,12 +31,10 @@ KNOWLEDGE_BASE = "/rosplan_knowledge_base"
 class Interfaces:
     """Answers dispatched actions as the test wants; it applies no effects."""
 
-    LATCHED = set()  # dispatchers that have published: who subscribes gets their last message
-
     def __init__(self, dispatcher, announced=("paint", "store_part", "move", "inspect")):
-        self.dispatcher = dispatcher
         self.changed = threading.Condition()
         self.dispatched = []  # every message on action_dispatch, tombstones and cancels too
+        self.greeted = False
         self.answers = {}  # operator -> what to do
         self.feedback = rospy.Publisher(
             f"{dispatcher}/action_feedback", ActionFeedback, latch=True, queue_size=100
@@ -49,15 +48,11 @@ class Interfaces:
         self.subscriber = rospy.Subscriber(
             f"{dispatcher}/action_dispatch", ActionDispatch, self.receive, tcp_nodelay=True
         )
-        while not (
-            self.feedback.get_num_connections()
-            and self.subscriber.get_num_connections()
-            and self.announcements.get_num_connections()
-        ):
+        while not (self.feedback.get_num_connections() and self.announcements.get_num_connections()):
             assert not self.stopped.wait(0.01)
-        if dispatcher in self.LATCHED:  # what was latched before us is not for us
-            self.wait(lambda _: True)
+        # A dispatcher latches a message from its start; that one is not for us, and shows that it sends to us.
         with self.changed:
+            assert self.changed.wait_for(lambda: self.greeted, LONG), "nothing latched"
             self.dispatched.clear()
         self.announcer.start()
 
@@ -76,8 +71,9 @@ class Interfaces:
 
     def receive(self, message):
         with self.changed:
-            self.LATCHED.add(self.dispatcher)
-            self.dispatched.append(message)
+            self.greeted = True
+            if message.action_id >= 0:  # below is the one that says that nothing was dispatched yet
+                self.dispatched.append(message)
             self.changed.notify_all()
         if message.name == "cancel_action":
             if "on_cancel" in self.answers:
@@ -126,13 +122,14 @@ class DispatchFixture:
         cls.dispatch = ServiceProxy(f"{dispatcher}/dispatch_plan", DispatchService)
         cls.cancel = ServiceProxy(f"{dispatcher}/cancel_dispatch", Empty)
         cls.action = ActionClient(f"{dispatcher}/dispatch_plan_action", NonBlockingDispatchAction)
-        cls.statuses = []
+        cls.statuses, cls.since = [], rospy.Time()
         cls.status_changed = threading.Condition()
         cls.status_subscriber = rospy.Subscriber(
             f"{dispatcher}/dispatch_status", DispatchStatus, cls.receive_status
         )
         assert cls.dispatch.wait(LONG) and cls.parse.wait(LONG) and cls.action.wait_for_server(LONG)
         assert cls.knowledge.wait(LONG)
+        wait_for_publishers(cls.status_subscriber)
 
     @classmethod
     def tearDownClass(cls):
@@ -142,7 +139,8 @@ class DispatchFixture:
     @classmethod
     def receive_status(cls, status):
         with cls.status_changed:
-            cls.statuses.append(status)
+            if status.header.stamp >= cls.since:
+                cls.statuses.append(status)
             cls.status_changed.notify_all()
 
     def setUp(self):
@@ -154,8 +152,13 @@ class DispatchFixture:
             + [Update(REMOVE, fact("painted", "")), Update(REMOVE, fact("stored", ""))]
             + [Update(ADD, function_value("battery", [robot], 50.0)) for robot in ("ann", "bob")]
         )
+        self.forget_statuses()
+
+    def forget_statuses(self):
+        """From now on only statuses count that are published from now on; one of before may still come."""
         with self.status_changed:
             self.statuses.clear()
+            type(self).since = rospy.Time.now()
 
     def give(self, *lines):
         with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
@@ -196,6 +199,7 @@ class DispatchFixture:
 
     def refused(self, part, line="0.0: (paint ann leg) [5.0]"):
         self.give(line)
+        self.forget_statuses()
         self.assertFalse(self.dispatch().success)
         self.assertIn(part, self.last_status().reason)
         self.assertEqual(self.interfaces.names(), [])

@@ -16,6 +16,7 @@ from dispatch_fixture import KNOWLEDGE_BASE, LONG, DispatchFixture, named
 from merlin_msgs.msg import Lease
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 from rosplan_dispatch_msgs.msg import ActionDispatch, NonBlockingDispatchGoal
+from topic_links import sends
 
 import rostest
 from merlin_ros.service_proxy import ServiceProxy
@@ -41,8 +42,22 @@ class Leases:
         with self.changed:
             assert self.changed.wait_for(lambda: self.heard and predicate(self.heard[-1]), LONG)
 
+    def forget(self):
+        with self.changed:
+            self.heard.clear()
+
+    def has_heard(self, predicate):
+        """Waits for a word that came since :meth:`forget`: some last for moments only."""
+        with self.changed:
+            assert self.changed.wait_for(lambda: any(map(predicate, self.heard)), LONG), self.heard[-3:]
+
     def wait_renewed(self):
-        """Waits until a goal is held that is renewed; whoever listens on the topic knows of it then."""
+        """Waits until a goal is held that is renewed, and the dispatcher gets what is said of it."""
+        with self.changed:
+            assert self.changed.wait_for(lambda: self.heard and self.heard[-1].held, LONG)
+            owner = self.heard[-1].owner
+        while not sends(owner, self.subscriber.resolved_name, "/planning_system"):
+            time.sleep(0.01)
         with self.changed:
             self.heard.clear()
             assert self.changed.wait_for(lambda: sum(1 for lease in self.heard if lease.held) > 1, LONG)
@@ -86,8 +101,9 @@ class Owner(DispatchFixture, unittest.TestCase):
         goal = f"{action.plan_id}/{action.action_id}"
         self.leases.wait(lambda lease: goal in lease.held and goal not in lease.suspended)
         self.owners.wait_renewed()
+        self.leases.forget()
         owner.kill()
-        self.leases.wait(lambda lease: goal in lease.suspended)
+        self.leases.has_heard(lambda lease: goal in lease.suspended)
         self.interfaces.wait(named("cancel_action"))
         status = self.last_status()
         self.assertRegex(status.reason, "its owner /victim_owner_[0-9_]+ is gone")
@@ -99,8 +115,9 @@ class Owner(DispatchFixture, unittest.TestCase):
         owner = self.owner()
         self.leases.wait(lambda lease: lease.held and not lease.suspended)
         self.owners.wait_renewed()
+        self.leases.forget()
         owner.send_signal(signal.SIGSTOP)
-        self.leases.wait(lambda lease: lease.suspended == lease.held != [])
+        self.leases.has_heard(lambda lease: lease.suspended == lease.held != [])
         self.interfaces.answer(self.interfaces.wait(named("paint")), 2)
         self.leases.wait(lambda lease: not lease.held)
         self.assertEqual(self.interfaces.names(), ["paint"])
@@ -149,6 +166,7 @@ class Owner(DispatchFixture, unittest.TestCase):
         self.interfaces.answers["paint"] = [(1,), (2,)]
         for _ in range(3):
             self.two_steps()
+            self.forget_statuses()
             owner = self.owner()
             self.assertEqual(owner.wait(LONG), 0)
             self.assertEqual(self.last_status().steps_done, 2)

@@ -7,6 +7,7 @@ import signal
 import tempfile
 import threading
 import unittest
+from unittest import mock
 from xmlrpc.client import ServerProxy
 
 import rosgraph
@@ -14,9 +15,11 @@ import rosnode
 import rospy
 from dispatch_fixture import LONG, Interfaces, named
 from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
+from topic_links import wait_for_publishers
 
 import rostest
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_sm import dispatch_client
 from merlin_sm.dispatch_client import DispatchClient
 
 
@@ -51,13 +54,15 @@ class DispatcherEnds(unittest.TestCase):
         rosnode.kill_nodes([dispatcher])
         interfaces.wait(named("cancel_action"))
         self.assertTrue(ended.wait(LONG))
-        self.assertFalse(dispatch.available())
+        while dispatch.available():  # its connections are closed before its services are
+            rospy.rostime.wallsleep(0.05)
 
     def dispatched_and_killed(self, dispatcher, deadline, **answers):
         """A client whose dispatcher is killed under it, its interfaces, and what gives the result."""
         client = DispatchClient(dispatcher, cancel_deadline=deadline)
         self.assertTrue(client.wait_status(LONG))
         interfaces = self.begin(dispatcher, **answers)
+        wait_for_publishers(interfaces.subscriber, count=2)  # the dispatcher, and the client
         results = []
         thread = threading.Thread(target=lambda: results.append(client.dispatch(lambda interrupt: None)))
         thread.start()
@@ -83,6 +88,7 @@ class DispatcherEnds(unittest.TestCase):
         self.assertTrue(ended.gone)
         self.assertEqual((ended.cancelled, ended.action, ended.unstopped), (False, "", ()))
 
+    @mock.patch.object(dispatch_client, "ORPHAN_GRACE", LONG)
     def test_a_cancel_after_it_was_killed_is_complete_when_the_action_has_ended(self):
         client, interfaces, result = self.dispatched_and_killed("/dead_dispatcher", LONG)
         action = interfaces.wait(named("cancel_action"))
@@ -92,6 +98,7 @@ class DispatcherEnds(unittest.TestCase):
         self.assertTrue(ended.gone and ended.cancelled)
         self.assertEqual(ended.unstopped, ())
 
+    @mock.patch.object(dispatch_client, "ORPHAN_GRACE", 10.0)  # s in which this test has to cancel
     def test_a_cancel_after_it_was_killed_names_the_action_that_does_not_answer(self):
         client, interfaces, result = self.dispatched_and_killed("/lost_dispatcher", 0.2)
         interfaces.wait(named("cancel_action"))

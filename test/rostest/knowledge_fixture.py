@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, ExprComposite
 from rosplan_knowledge_msgs.msg import KnowledgeItem as Item
 
-from merlin_ros.master.master_link import bounded_master, bounded_proxy
+from topic_links import wait_for_publishers
 
 LONG = 60.0
 KB = "rosplan_knowledge_base"
@@ -62,15 +62,7 @@ class Received:
         self.messages = []
         self._arrived = threading.Condition()
         self._subscriber = rospy.Subscriber(name, kind, self._receive)
-        while self._publishers() < publishers:
-            rospy.rostime.wallsleep(0.01)
-
-    def _publishers(self):
-        """How many publishers send to this node: it hears of a connection before its publisher uses it."""
-        name, me = self._subscriber.resolved_name, rospy.get_name()
-        nodes = dict(bounded_master().getSystemState()[0]).get(name, [])
-        found = [bounded_proxy(bounded_master().lookupNode(node), LONG).getBusInfo(me)[2] for node in nodes]
-        return sum(any((entry[1], entry[4]) == (me, name) for entry in entries) for entries in found)
+        wait_for_publishers(self._subscriber, count=publishers)
 
     def _receive(self, message):
         with self._arrived:

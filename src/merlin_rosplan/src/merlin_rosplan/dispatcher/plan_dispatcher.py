@@ -66,6 +66,7 @@ class PlanDispatcher(Component):
         self._failure = ""  # of the last dispatch
         self._dispatch: Optional[PlanDispatch] = None
         self._busy = False
+        self._ending = False  # the end of a dispatch is told, and moments later it is not busy any more
         self._goal: Optional[ServerGoal] = None
         self._limits = DispatchLimits(
             acknowledge=limit(self.number("ack_timeout", 2.0, 0.0)),
@@ -223,11 +224,13 @@ class PlanDispatcher(Component):
     def _occupy(self, goal: Optional[ServerGoal], wait: bool = False) -> bool:
         """Makes the dispatcher busy; False when it is.
 
-        :param wait: for the end of a dispatch that is being cancelled.
+        :param wait: for the end of a dispatch that is being cancelled. One that has told its end is always
+            waited for: a client that hears of it may call at once.
         """
         patience = self._limits.cancel
-        deadline = Deadline((None if patience is None else patience + SLACK) if wait else 0.0)
         with self._state:
+            wait = wait or self._ending
+            deadline = Deadline((None if patience is None else patience + SLACK) if wait else 0.0)
             deadline.wait(self._state, lambda: not self._busy or self.closed)
             if self._busy:
                 return False
@@ -246,6 +249,8 @@ class PlanDispatcher(Component):
                 rospy.logerr("%s: %s", self.scope, traceback.format_exc())
                 report = DispatchReport(DispatchState.FAILED, f"{type(error).__name__}: {error}")
             told = self._judged(report)
+            with self._state:
+                self._ending = True
             self._topics.tell_status(told)
             log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
             log("%s: %s: %s", self.scope, report.state.name, report.reason)
@@ -255,7 +260,7 @@ class PlanDispatcher(Component):
             self._owner.end()
             with self._state:
                 self._dispatch = self._goal = None
-                self._busy = False
+                self._busy = self._ending = False
                 self._state.notify_all()
                 self._failure = report.reason if report.state == DispatchState.FAILED else ""
         return told
