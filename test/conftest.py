@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))  # tools,
 
 from chaos import processes
 
-# A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time, because
-# a change is judged by what it changes; make soak looks for others.
+# A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time, as a
+# change is judged by what it changes; make soak looks for others.
 settings.register_profile("merlin", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "merlin"))
@@ -112,7 +112,11 @@ def _read(results: Path) -> Tuple[int, List[str]]:
     cases: int = 0
     failed: List[str] = []
     for report in results.glob("**/*.xml"):
-        root = ElementTree.parse(str(report)).getroot()
+        try:
+            root = ElementTree.parse(str(report)).getroot()
+        except ElementTree.ParseError:  # it was killed while it wrote, and its output says why
+            failed.append(f"{report.name} is cut off")
+            continue
         cases += sum(int(suite.get("tests", 0)) for suite in root.iter("testsuite"))
         for case in root.iter("testcase"):
             texts = [(found.text or "").strip() for found in (*case.iter("failure"), *case.iter("error"))]

@@ -12,6 +12,7 @@ import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from held_drives import HeldDrives
+from merlin_msgs.msg import DispatchStatus
 from move_base_msgs.msg import MoveBaseActionResult
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
@@ -23,19 +24,25 @@ from merlin_actions.merlin_action import MerlinAction
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 60.0
+ALWAYS = rospy.Time()
 DISPATCHER = "planning_system: rosplan_plan_dispatcher"
 ACTIONS = "[merlin_actions.actions.navigate:Navigate, merlin_home.actions.ask:Ask]"
 FINAL = (ActionFeedback.ACTION_FAILED, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
 
 
 class LateBridge(MerlinAction):
-    """A bridge that notes what it does with a dispatch that was latched before."""
+    """A bridge that notes what it does with a dispatch that was latched before, however late that comes."""
 
     def start(self):
-        self.received, self.begun = threading.Event(), []
+        self.told, self.received, self.begun = threading.Event(), threading.Event(), []
         super().start()
 
+    def _note_dispatcher(self, status):
+        super()._note_dispatcher(status)
+        self.told.set()
+
     def _receive(self, dispatch):
+        assert self.told.wait(LONG)
         super()._receive(dispatch)
         self.received.set()
 
@@ -111,7 +118,7 @@ class Bridges(unittest.TestCase):
             cls.base_results.append(message.status)
             cls.changed.notify_all()
 
-    def wait_for_health(self, name, level, since=rospy.Time()):
+    def wait_for_health(self, name, level, since=ALWAYS):
         with self.changed:
 
             def fits():
@@ -381,6 +388,9 @@ class Bridges(unittest.TestCase):
         old = self.dispatch("ask")  # without its parameter, it is answered at once
         self.final(old)
         count = len(self.answers_to(old))
+        status = rospy.Publisher("dispatch_status", DispatchStatus, latch=True, queue_size=1)
+        self.addCleanup(status.unregister)
+        status.publish(DispatchStatus())  # as dispatchers do: nothing runs
         late = LateBridge("ask", dispatch_topic="test_dispatch", feedback_topic="test_feedback")
         late.start()
         self.addCleanup(late.shutdown)

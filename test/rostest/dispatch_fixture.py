@@ -50,7 +50,7 @@ class Interfaces:
         )
         while not (self.feedback.get_num_connections() and self.announcements.get_num_connections()):
             assert not self.stopped.wait(0.01)
-        # A dispatcher latches a message from its start; that one is not for us, and shows that it sends to us.
+        # A dispatcher latches a message from its start; it is not for us, and shows that it sends to us.
         with self.changed:
             assert self.changed.wait_for(lambda: self.greeted, LONG), "nothing latched"
             self.dispatched.clear()

@@ -15,10 +15,11 @@ from contextlib import contextmanager
 import rosgraph
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
-from geometry_msgs.msg import Twist
+from held_drives import HeldDrives
 from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GuardStatus, KnowledgeChanges
 from rosplan_dispatch_msgs.srv import DispatchService
 from std_srvs.srv import Empty, Trigger, TriggerResponse
+from topic_links import wait_for_publishers
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
@@ -29,6 +30,7 @@ from merlin_sm.knowledge_text import to_pddl
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 60.0
+ALWAYS = rospy.Time()
 LIBC = ctypes.CDLL(None)
 PR_SET_PDEATHSIG = 1
 TOPICS = {
@@ -51,11 +53,20 @@ class Watch:
             self.last = message
             self._changed.notify_all()
 
-    def wait(self, fits, timeout=LONG):
+    def wait(self, fits, since=ALWAYS):
+        """Waits until the last message fits, and was published since then."""
+
+        def seen():
+            return self.last is not None and self.last.header.stamp >= since and fits(self.last)
+
         with self._changed:
-            if not self._changed.wait_for(lambda: self.last is not None and fits(self.last), timeout):
+            if not self._changed.wait_for(seen, LONG):
                 raise AssertionError(f"the last message does not fit: {self.last}")
             return self.last
+
+    def wait_idle(self, since):
+        """Waits until the dispatcher or the Executor is idle, as it has said since then."""
+        return self.wait(lambda status: status.state == ExecutorStatus.IDLE == DispatchStatus.IDLE, since)
 
 
 class Changes:
@@ -67,6 +78,7 @@ class Changes:
         self._subscriber = rospy.Subscriber(
             "rosplan_knowledge_base/changes", KnowledgeChanges, self._receive, tcp_nodelay=True
         )
+        wait_for_publishers(self._subscriber)
 
     def _receive(self, message):
         if self._goal in map(to_pddl, message.goals_removed):
@@ -86,6 +98,11 @@ class Guard:
         self._service = rospy.Service("merlin/halt", Trigger, self._halt)
         self.says(moving=False)
 
+    def wait_heard(self):
+        """Waits until the Executor hears what it says."""
+        while not self._publisher.impl.has_connection("/merlin_executor"):
+            rospy.rostime.wallsleep(0.01)
+
     def says(self, moving):
         self._publisher.publish(GuardStatus(moving=moving))
 
@@ -97,7 +114,7 @@ class Guard:
 class Faults(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.velocity = Watch("cmd_vel", Twist)
+        cls.drives = HeldDrives()
         cls.dispatch = Watch("rosplan_plan_dispatcher/dispatch_status", DispatchStatus)
         cls.status = Watch("merlin/status", ExecutorStatus)
         cls.knowledge = MerlinROSPlanAssistant()
@@ -122,6 +139,7 @@ class Faults(unittest.TestCase):
             self.assertTrue(KnowledgeClient("rosplan_knowledge_base").wait(LONG))
         self.client = MerlinExecutorClient()
         self.addCleanup(lambda: kill(self.executor))
+        self.addCleanup(self.drives.end)
         self.start_executor()
         checked = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "main_door")]
         self.knowledge.remove_facts([*checked, *self.knowledge.facts("robot_at")])
@@ -142,11 +160,20 @@ class Faults(unittest.TestCase):
             self.assertLess(rospy.Time.now(), deadline)
             rospy.rostime.wallsleep(0.05)
 
-    def driving(self):
-        self.velocity.wait(lambda velocity: velocity.linear.x > 0)
+    def driving(self, **options):
+        """Has the kitchen checked; returns the request when the robot drives, until something stops it."""
+        self.drives.hold()
+        request = self.client.send("(checked kitchen)", **options)
+        self.drives.wait_driving()
+        return request
 
-    def stands(self):
-        self.velocity.wait(lambda velocity: velocity == Twist())
+    @contextmanager
+    def client_driving(self, *arguments):
+        """A client of its own that wants the kitchen checked, and has the robot drive likewise."""
+        self.drives.hold()
+        with client_process(*arguments) as client:
+            self.drives.wait_driving()
+            yield client
 
     def assertOutcome(self, result, name):
         self.assertEqual(outcome_name(result.outcome), name, result.reason)
@@ -161,56 +188,58 @@ class Faults(unittest.TestCase):
     # --- the Executor -----------------------------------------------------------------------------------
 
     def test_an_executor_that_is_killed_leaves_nothing_that_moves(self):
-        request = self.client.send("(checked kitchen)")
-        self.driving()
+        request = self.driving()
+        killed = rospy.Time.now()
         kill(self.executor)
-        self.stands()
+        self.drives.wait_stopped()
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "INTERNAL")
+        self.wait_executor_gone()
         self.start_executor()
-        self.dispatch.wait(lambda status: status.state == DispatchStatus.IDLE)
+        self.dispatch.wait_idle(killed)
         self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
         self.assertNextGoalWorks()
 
     def test_the_goals_of_a_hung_executor_are_removed_before_it_goes_on(self):
         changes = Changes("(checked kitchen)")
-        request = self.client.send("(checked kitchen)")
-        self.driving()
+        request = self.driving()
         node = pid_of("/merlin_executor")
         os.kill(node, signal.SIGSTOP)
         try:
-            self.stands()
+            self.drives.wait_stopped()
             changes.wait_removed()
             self.assertTrue(request.wait(LONG))
             self.assertOutcome(request.result, "INTERNAL")
         finally:
+            resumed = rospy.Time.now()
             os.kill(node, signal.SIGCONT)
-        status = self.status.wait(lambda status: status.state == ExecutorStatus.IDLE)
+        status = self.status.wait_idle(resumed)
         self.assertIn("cancelled", status.reason)
         self.assertFalse(self.knowledge.holds("(checked kitchen)"))
         self.assertNextGoalWorks()
 
     def test_an_executor_that_hung_carries_on_what_its_client_still_wants(self):
         changes = Changes("(checked kitchen)")
-        with client_process("--go-on") as client:
-            self.driving()
+        with self.client_driving("--go-on") as client:
             kill(client)  # so that nothing but the Executor itself decides about the request
             node = pid_of("/merlin_executor")
+            stopped = rospy.Time.now()
             os.kill(node, signal.SIGSTOP)
             try:
                 changes.wait_removed()
-                self.dispatch.wait(lambda status: status.state == DispatchStatus.IDLE)
+                self.dispatch.wait_idle(stopped)
             finally:
+                resumed = rospy.Time.now()
                 os.kill(node, signal.SIGCONT)
-            status = self.status.wait(lambda status: status.state == ExecutorStatus.IDLE)
+            status = self.status.wait_idle(resumed)
         self.assertTrue(self.knowledge.holds("(checked kitchen)"), status.reason)
         self.assertNextGoalWorks()
 
     def test_a_mission_survives_its_executor(self):
-        request = self.client.send("(checked kitchen)", on_lost=RESEND)
-        self.driving()
+        request = self.driving(on_lost=RESEND)
         kill(self.executor)
-        self.stands()
+        self.drives.wait_stopped()
+        self.wait_executor_gone()
         self.start_executor()
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "SUCCEEDED")
@@ -235,29 +264,29 @@ class Faults(unittest.TestCase):
     # --- its client -------------------------------------------------------------------------------------
 
     def test_a_client_that_dies_takes_its_request_along(self):
-        with client_process() as client:
-            self.driving()
+        with self.client_driving() as client:
+            killed = rospy.Time.now()
             kill(client)
-            self.stands()
-        status = self.status.wait(lambda status: status.state == ExecutorStatus.IDLE)
+            self.drives.wait_stopped()
+        status = self.status.wait_idle(killed)
         self.assertIn("its client /executor_victim", status.reason)
         self.assertNextGoalWorks()
 
     def test_a_request_may_go_on_without_its_client(self):
-        with client_process("--go-on") as client:
-            self.driving()
+        with self.client_driving("--go-on") as client:
+            killed = rospy.Time.now()
             kill(client)
-            status = self.status.wait(lambda status: status.state == ExecutorStatus.IDLE)
+            self.drives.end()
+            status = self.status.wait_idle(killed)
         self.assertTrue(self.knowledge.holds("(checked kitchen)"), status.reason)
 
     # --- the planning system ----------------------------------------------------------------------------
 
     def test_a_planning_system_that_returns_is_used_again(self):
         self.restart_executor(f"_planning_system_return:={LONG}")
-        request = self.client.send("(checked kitchen)")
-        self.driving()
+        request = self.driving()
         kill(self.planning)
-        self.stands()
+        self.drives.wait_stopped()
         type(self).planning = self.start_planning()
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "SUCCEEDED")
@@ -266,22 +295,21 @@ class Faults(unittest.TestCase):
 
     def test_a_planning_system_that_stays_away_is_named(self):
         self.restart_executor("_planning_system_return:=1.0")
-        request = self.client.send("(checked kitchen)")
-        self.driving()
+        request = self.driving()
         kill(self.planning)
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "INTERNAL")
         self.assertIn("the planning system's plan dispatcher", request.result.reason)
         self.assertIn("did not return within 1 s", request.result.reason)
         self.assertNotIn("Errno", request.result.reason)
-        self.stands()
+        self.drives.wait_stopped()
 
     def test_a_hung_planning_system_is_told_within_ten_seconds_of_the_cancel(self):
-        request = self.client.send("(checked kitchen)")
-        self.driving()
+        self.restart_executor(f"_planning_system_return:={LONG}")  # until then it waits for the cancel
+        request = self.driving()
         os.kill(self.planning.pid, signal.SIGSTOP)
         try:
-            self.stands()  # nothing owns the drive any more
+            self.drives.wait_stopped()  # nothing owns the drive any more
             request.cancel()
             self.assertTrue(request.wait(LONG))
         finally:
@@ -317,8 +345,9 @@ class Faults(unittest.TestCase):
             rospy.ServiceProxy(service, Empty)()
         dispatch = rospy.ServiceProxy("rosplan_plan_dispatcher/dispatch_plan", DispatchService)
         by_hand = threading.Thread(target=dispatch, name="dispatch by hand", daemon=True)
+        self.drives.hold()
         by_hand.start()
-        self.driving()
+        self.drives.wait_driving()
         self.knowledge.knowledge.update([Update(REMOVE_GOAL, fact("checked", "kitchen"))])
         self.assertNextGoalWorks()
         by_hand.join(LONG)
@@ -327,8 +356,7 @@ class Faults(unittest.TestCase):
     # --- what does not stop -----------------------------------------------------------------------------
 
     def test_what_does_not_stop_is_named_and_the_base_halted(self):
-        request = self.client.send("(checked kitchen)")
-        self.driving()
+        request = self.driving()
         host = pid_of("/merlin_fsm_host")
         os.kill(host, signal.SIGSTOP)
         try:
@@ -340,14 +368,13 @@ class Faults(unittest.TestCase):
         self.assertIn("(navigate", request.result.reason)
         self.assertIn("did not stop; the guard has halted the base", request.result.reason)
         self.assertTrue(self.guard.halted.is_set())
-        self.stands()
+        self.drives.wait_stopped()
         self.assertNextGoalWorks()
 
     def test_a_cancel_is_not_complete_while_the_base_moves(self):
-        request = self.client.send("(checked kitchen)")
-        self.driving()
+        request = self.driving()
+        self.guard.wait_heard()
         self.guard.says(moving=True)
-        self.status.wait(lambda status: status.state == ExecutorStatus.RUNNING)
         request.cancel()
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "CANCEL_TIMEOUT")
@@ -355,11 +382,12 @@ class Faults(unittest.TestCase):
         self.assertTrue(self.guard.halted.is_set())
 
     def test_a_base_that_comes_to_rest_a_moment_later_is_a_complete_cancel(self):
-        request = self.client.send("(checked kitchen)")
-        self.driving()
+        self.restart_executor(f"_stand_wait:={LONG}")
+        self.guard.wait_heard()
+        request = self.driving()
         self.guard.says(moving=True)
         request.cancel()
-        self.stands()
+        self.drives.wait_stopped()
         self.guard.says(moving=False)
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "CANCELLED")

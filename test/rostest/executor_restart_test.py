@@ -50,9 +50,10 @@ class ExecutorRestart(unittest.TestCase):
         self.start(*parameters).send("(checked kitchen)")
         while "(checked kitchen)" not in self.goals():
             rospy.rostime.wallsleep(0.01)
-        self.kill()
         self.knowledge.update([Update(ADD_GOAL, FOREIGN)])
+        # Before it dies: moments later the knowledge base removes the goal of an owner that is gone.
         self.assertEqual(self.goals(), ["(checked kitchen)", "(checked bathroom)"])
+        self.kill()
 
     def restarted(self, *parameters):
         self.start(*parameters)

@@ -6,13 +6,15 @@ import os
 import signal
 import subprocess
 import threading
+import time
 import unittest
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from geometry_msgs.msg import Twist
+from held_drives import HeldDrives
 from merlin_msgs.msg import DispatchStatus, ExecuteActionResult, ExecutorStatus, KnowledgeChanges
 from move_base_msgs.msg import MoveBaseActionGoal
+from topic_links import wait_for_publishers
 
 import rostest
 from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_name
@@ -32,26 +34,23 @@ class Watch:
         self.messages = []
         self._changed = threading.Condition()
         self._subscriber = rospy.Subscriber(topic, message_class, self._receive, tcp_nodelay=True)
+        wait_for_publishers(self._subscriber)
 
     def _receive(self, message):
         with self._changed:
             self.messages.append(message)
             self._changed.notify_all()
 
-    def wait(self, fits, since=0, timeout=LONG):
+    def wait(self, fits, timeout=LONG):
         with self._changed:
-            if not self._changed.wait_for(lambda: any(map(fits, self.messages[since:])), timeout):
-                raise AssertionError(f"nothing fitting in {self.messages[since:]}")
-            return next(filter(fits, self.messages[since:]))
+            if not self._changed.wait_for(lambda: any(map(fits, self.messages)), timeout):
+                raise AssertionError(f"nothing fitting in {self.messages[-20:]}")
+            return next(filter(fits, self.messages))
 
     def wait_last(self, fits, timeout=LONG):
         with self._changed:
             if not self._changed.wait_for(lambda: self.messages and fits(self.messages[-1]), timeout):
                 raise AssertionError(f"the last message does not fit: {self.messages[-1:]}")
-
-    def mark(self):
-        with self._changed:
-            return len(self.messages)
 
 
 def checked(items):
@@ -65,7 +64,8 @@ class Executor(unittest.TestCase):
         cls.client = MerlinExecutorClient()
         cls.knowledge = MerlinROSPlanAssistant()
         cls.status = Watch("merlin/status", ExecutorStatus)
-        cls.velocity = Watch("cmd_vel", Twist)
+        cls.held = HeldDrives()
+        cls.results = Watch("merlin/execute/result", ExecuteActionResult)
         cls.changes = Watch("rosplan_knowledge_base/changes", KnowledgeChanges)
         cls.dispatches = Watch("rosplan_plan_dispatcher/dispatch_status", DispatchStatus)
         cls.drives = Watch("move_base/goal", MoveBaseActionGoal)
@@ -75,8 +75,10 @@ class Executor(unittest.TestCase):
     def setUp(self):
         for poi in ("kitchen", "bathroom", "dorm_room", "main_door"):
             self.knowledge.remove_facts(f"(checked {poi})")
+        self.begun = rospy.Time.now()  # a message of an earlier test may still come
 
     def tearDown(self):
+        self.held.end()
         # The result and the status come over two connections; either may be first.
         self.status.wait_last(lambda status: status.state == ExecutorStatus.IDLE)
         self.assertEqual(self.knowledge.goals(), self.given)  # those of the problem, and no more
@@ -85,8 +87,22 @@ class Executor(unittest.TestCase):
     def assertOutcome(self, result, name):
         self.assertEqual(outcome_name(result.outcome), name, result.reason)
 
-    def driving(self, since):
-        self.velocity.wait(lambda velocity: velocity.linear.x > 0, since)
+    def driving(self, goal, **options):
+        """Sends a goal; returns its request when the robot drives, which it does until it is cancelled."""
+        self.held.hold()
+        request = self.client.send(goal, **options)
+        self.held.wait_driving()
+        return request
+
+    def driven(self, since):
+        """How often the robot was sent somewhere."""
+        return len([goal for goal in self.drives.messages if goal.goal_id.stamp >= since])
+
+    def ended(self, request):
+        """Where the result of a request is among all results."""
+        results = self.results.messages
+        self.results.wait(lambda result: result.status.goal_id.id == request.id)
+        return [result.status.goal_id.id for result in results].index(request.id)
 
     def test_a_goal_is_planned_and_carried_out(self):
         result = self.client.execute("(checked kitchen)", LONG)
@@ -106,10 +122,9 @@ class Executor(unittest.TestCase):
 
     def test_a_goal_that_holds_ends_at_once(self):
         self.knowledge.add_facts("(checked kitchen)")
-        mark = self.drives.mark()
         result = self.client.execute("(checked kitchen)", LONG)
         self.assertOutcome(result, "ALREADY_TRUE")
-        self.assertEqual(self.drives.mark(), mark)
+        self.assertEqual(self.driven(self.begun), 0)
 
     def test_several_goals_are_one_plan(self):
         result = self.client.execute(["(checked kitchen)", "(checked bathroom)"], LONG)
@@ -118,21 +133,18 @@ class Executor(unittest.TestCase):
 
     def test_a_cancel_in_mid_navigation_stops_the_robot(self):
         self.client.execute("(checked kitchen)", LONG)
-        mark = self.velocity.mark()
-        request = self.client.send("(checked bathroom)")
-        self.driving(mark)
+        request = self.driving("(checked bathroom)")
         request.cancel()
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "CANCELLED")
         self.assertEqual(request.state, GoalStatus.PREEMPTED)
-        self.velocity.wait_last(lambda velocity: velocity == Twist())
+        self.held.wait_stopped()
         self.assertEqual(self.knowledge.facts("robot_at"), ["(robot_at anywhere)"])
         self.assertFalse(self.knowledge.holds("(checked bathroom)"))
         self.assertOutcome(self.client.execute("(checked bathroom)", LONG), "SUCCEEDED")
 
     def test_ctrl_c_of_send_cancels_its_goal(self):
-        ended = Watch("merlin/execute/result", ExecuteActionResult)
-        mark = self.velocity.mark()
+        self.held.hold()
         send = subprocess.Popen(
             ["rosrun", "merlin", "send", "(checked kitchen)"],
             stdout=subprocess.PIPE,
@@ -141,59 +153,63 @@ class Executor(unittest.TestCase):
             start_new_session=True,
         )
         try:
-            self.driving(mark)
+            said = ""
+            while "(navigate" not in said:
+                line = send.stdout.readline()
+                self.assertTrue(line, said)
+                said += line
+            self.held.wait_driving()
             os.killpg(send.pid, signal.SIGINT)  # as a terminal does
-            said, errors = send.communicate(timeout=LONG)
+            _, errors = send.communicate(timeout=LONG)
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(send.pid, signal.SIGKILL)
         self.assertEqual(send.returncode, 130, errors)
-        self.assertIn("(navigate", said)
         self.assertNotIn("Traceback", errors)
-        result = ended.wait(lambda message: True).result
+        result = self.results.wait(lambda message: message.status.goal_id.stamp >= self.begun).result
         self.assertOutcome(result, "CANCELLED")
         self.assertFalse(self.knowledge.holds("(checked kitchen)"))
+        end = time.monotonic() + LONG
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(send.pid, 0)
-            self.fail("a process of send is left")
+            while True:
+                os.killpg(send.pid, 0)
+                self.assertLess(time.monotonic(), end, "a process of send is left")
+                time.sleep(0.05)
 
     def test_a_cancel_in_the_same_instant_is_not_lost(self):
         for _ in range(10):
-            mark = self.drives.mark()
+            begun = rospy.Time.now()
             request = self.client.send("(checked main_door)")
             request.cancel()
             self.assertTrue(request.wait(LONG))
             self.assertOutcome(request.result, "CANCELLED")
             self.assertFalse(self.knowledge.holds("(checked main_door)"))
-            self.assertLessEqual(self.drives.mark(), mark + 1)
+            self.assertLessEqual(self.driven(begun), 1)
 
     def test_a_more_urgent_request_interrupts_and_the_first_resumes(self):
         self.client.execute("(checked kitchen)", LONG)
-        mark = self.velocity.mark()
-        first = self.client.send("(checked bathroom)")
-        self.driving(mark)
-        urgent = self.client.execute("(checked main_door)", LONG, priority=5)
-        self.assertOutcome(urgent, "SUCCEEDED")
-        self.assertFalse(first.done)
-        self.assertTrue(first.wait(LONG))
-        self.assertOutcome(first.result, "SUCCEEDED")
+        first = self.driving("(checked bathroom)")
+        urgent = self.client.send("(checked main_door)", priority=5)
+        for request in (urgent, first):
+            self.assertTrue(request.wait(LONG))
+            self.assertOutcome(request.result, "SUCCEEDED")
+        self.assertLess(self.ended(urgent), self.ended(first))
 
     def test_an_interrupted_request_may_be_dropped(self):
         self.client.execute("(checked kitchen)", LONG)
-        mark = self.velocity.mark()
-        first = self.client.send("(checked bathroom)", on_interrupt=DROP)
-        self.driving(mark)
+        first = self.driving("(checked bathroom)", on_interrupt=DROP)
         self.assertOutcome(self.client.execute("(checked main_door)", LONG, priority=1), "SUCCEEDED")
         self.assertTrue(first.wait(LONG))
         self.assertOutcome(first.result, "DROPPED")
 
     def test_a_waiting_request_is_taken_back(self):
         self.client.execute("(checked kitchen)", LONG)
-        first = self.client.send("(checked bathroom)")
+        first = self.driving("(checked bathroom)")
         waiting = self.client.send("(checked main_door)")
         waiting.cancel()
         self.assertTrue(waiting.wait(LONG))
         self.assertOutcome(waiting.result, "CANCELLED")
+        self.held.end()
         self.assertTrue(first.wait(LONG))
         self.assertOutcome(first.result, "SUCCEEDED")
 
@@ -229,13 +245,18 @@ class Executor(unittest.TestCase):
         self.assertOutcome(self.client.execute("(checked dorm_room)", LONG), "SUCCEEDED")
 
     def test_a_goal_that_was_undone_meanwhile_is_planned_again(self):
-        first = self.changes.mark()
-        request = self.client.send(["(checked kitchen)", "(checked main_door)"])
-        change = self.changes.wait(lambda change: checked(change.added), first)
+        # From there it drives to each of the two, and does not come to the second before one is undone.
+        self.assertIn(self.client.execute("(robot_at bathroom)", LONG).outcome, ACHIEVED)
+        begun = rospy.Time.now()
+        request = self.driving(["(checked kitchen)", "(checked main_door)"])
+        self.held.hold()
+        change = self.changes.wait(lambda change: change.header.stamp >= begun and checked(change.added))
         undone = f"(checked {checked(change.added)[0]})"
-        ended = self.dispatches.mark()
         self.knowledge.remove_facts(undone)
-        told = self.dispatches.wait(lambda status: status.state == DispatchStatus.IDLE, ended)
+        self.held.end()
+        told = self.dispatches.wait(
+            lambda status: status.header.stamp >= begun and status.state == DispatchStatus.IDLE
+        )
         self.assertEqual((told.unmet_goals, told.failed_action), ([undone], ""), told)
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "SUCCEEDED")
@@ -244,9 +265,12 @@ class Executor(unittest.TestCase):
 
     def test_a_cancel_reaches_a_request_that_waits_before_it_is_planned_again(self):
         self.unreachable_dorm_room()
-        mark = self.status.mark()
         request = self.client.send("(checked dorm_room)")
-        self.status.wait(lambda status: status.stage == "REPLAN" and status.replans == 1, mark)
+        self.status.wait(
+            lambda status: (
+                (status.header.stamp >= self.begun, status.stage, status.replans) == (True, "REPLAN", 1)
+            )
+        )
         request.cancel()
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "CANCELLED")

@@ -13,6 +13,7 @@ import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from merlin_msgs.msg import ExecuteActionResult, KnowledgeChanges
+from topic_links import wait_for_publishers
 
 import rostest
 from merlin_executor.executor_client import outcome_name
@@ -45,9 +46,8 @@ class Fleet(unittest.TestCase):
             action = f"/{robot}/merlin/execute"
             results.append(rospy.Subscriber(f"{action}/result", ExecuteActionResult, self.take_result, robot))
             rospy.Subscriber(f"{action}/status", GoalStatusArray, self.take_status, robot)
-        rospy.Subscriber("/r1/rosplan_knowledge_base/changes", KnowledgeChanges, self.take_changes)
-        # Looked at with each status: nothing tells of a connection.
-        self.until(lambda: all(result.get_num_connections() for result in results), "the Executors are there")
+        changes = rospy.Subscriber("/r1/rosplan_knowledge_base/changes", KnowledgeChanges, self.take_changes)
+        wait_for_publishers(changes, *results)
 
     def take_health(self, message):
         with self.changed:

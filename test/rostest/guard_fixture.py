@@ -76,6 +76,10 @@ class Witness:
     def has_said(self, state, reason=""):
         self.wait(lambda: any(state == was and reason in why for was, why in self.said))
 
+    def still(self):
+        """Waits until so many zero velocities have come that no late one of before is on its way."""
+        self.wait(lambda: len(self.velocities) > 5 and not any(self.velocities[-6:]))
+
     def forget(self):
         with self.changed:
             self.velocities.clear()

@@ -6,9 +6,10 @@ import unittest
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
-from merlin_msgs.msg import ListenAction, ListenGoal, PersonHeard, SimPeople
+from merlin_msgs.msg import ListenAction, ListenGoal, PersonHeard, SimPeople, SimPerson
 from merlin_msgs.srv import PlaceThing, SetAnswers
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
+from topic_links import wait_for_publishers
 
 import rostest
 from merlin_ros.actions.action_client import ActionClient
@@ -30,19 +31,26 @@ class Guests(unittest.TestCase):
         for service in (cls.tell, cls.place):
             assert service.wait(LONG), "the simulator and the guests have started"
         cls.changed = threading.Condition()
-        cls.heard, cls.health = [], {}
+        cls.heard, cls.health, cls.absent = [], {}, set()
         cls.subscribers = [
             rospy.Subscriber("person_voice/heard", PersonHeard, cls.note, tcp_nodelay=True),
             rospy.Subscriber("/diagnostics", DiagnosticArray, cls.diagnose),
+            rospy.Subscriber("/merlin_sim/people", SimPeople, cls.see),
         ]
+        wait_for_publishers(*cls.subscribers)
         # Guests hear the robot from when they know where everybody is.
-        rospy.wait_for_message("/merlin_sim/people", SimPeople, LONG)
         cls.wait(lambda: cls.health.get("person_voice: people") == "ready to answer")
 
     @classmethod
     def note(cls, message):
         with cls.changed:
             cls.heard.append(message)
+            cls.changed.notify_all()
+
+    @classmethod
+    def see(cls, message):
+        with cls.changed:
+            cls.absent = {person.name for person in message.people if person.state == SimPerson.ABSENT}
             cls.changed.notify_all()
 
     @classmethod
@@ -63,9 +71,15 @@ class Guests(unittest.TestCase):
     def ask(self, text):
         """Asks aloud; returns what was understood of the answer, and what was heard by whom."""
         self.heard.clear()
-        hearing = self.listen.send(ListenGoal(grammar=ORDERS, timeout=rospy.Duration(100.0)))
+        listening = threading.Event()
+        hearing = self.listen.send(
+            ListenGoal(grammar=ORDERS, timeout=rospy.Duration(100.0)),
+            on_feedback=lambda *_: listening.set(),
+        )
+        self.assertTrue(listening.wait(LONG))
         self.say(text)
         self.assertTrue(hearing.wait(LONG))
+        self.wait(lambda: self.heard)
         return hearing.result.text, [(m.person, m.question, m.answer) for m in self.heard]
 
     def test_the_nearest_guest_answers_what_it_was_told(self):
@@ -79,6 +93,7 @@ class Guests(unittest.TestCase):
     def test_who_is_absent_hears_nothing_and_the_next_one_does(self):
         self.assertTrue(self.place(name="guest_2", absent=True).success)
         self.addCleanup(self.place, name="guest_2", x=0.75, y=4.2)
+        self.wait(lambda: "guest_2" in self.absent)
         self.assertTrue(self.tell(person="guest_1", next=["bring me the tea"]).success)
         text, heard = self.ask("Hello?")
         self.assertEqual(heard, [("guest_1", "Hello?", "bring me the tea")])

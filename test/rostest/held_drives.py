@@ -5,9 +5,11 @@ import threading
 import rospy
 from geometry_msgs.msg import Twist
 from std_srvs.srv import SetBool
-from topic_links import LONG, wait_for_publishers
+from topic_links import wait_for_publishers
 
 from merlin_ros.service_proxy import ServiceProxy
+
+LONG = 60.0
 
 
 class HeldDrives:
@@ -28,7 +30,7 @@ class HeldDrives:
             self._changed.notify_all()
 
     def hold(self):
-        """The next drive lasts until it is cancelled, or :meth:`end` ends it."""
+        """The next drive lasts until it is cancelled, or :meth:`end` ends it; one that is held now ends."""
         self._held = float(self._hold(True).message)
 
     def end(self):
@@ -43,9 +45,9 @@ class HeldDrives:
     def wait_stopped(self):
         """Waits until the robot stands, after the held drive."""
         with self._changed:
-            assert self._changed.wait_for(
-                lambda: self._seen() and self._velocities[-1] == Twist(), LONG
-            ), self._velocities[-5:]
+            assert self._changed.wait_for(lambda: self._seen() and self._velocities[-1] == Twist(), LONG), (
+                self._velocities[-5:]
+            )
 
     def _seen(self):
         return any(velocity.linear.x == self._held for velocity in self._velocities)

@@ -6,7 +6,6 @@ import rospy
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, ExprComposite
 from rosplan_knowledge_msgs.msg import KnowledgeItem as Item
-
 from topic_links import wait_for_publishers
 
 LONG = 60.0

@@ -26,6 +26,7 @@ from rosplan_knowledge_msgs.srv import (
     KnowledgeUpdateService,
     KnowledgeUpdateServiceArray,
 )
+from topic_links import wait_for_publisher
 
 import rostest
 
@@ -131,6 +132,7 @@ class KnowledgeTransportTest(unittest.TestCase):
     def test_a_name_of_ten_megabytes_is_not_logged(self):
         lines = []
         subscriber = rospy.Subscriber("/rosout", Log, lambda line: lines.append(line))
+        wait_for_publisher(subscriber, KB)
         name = "x" * 10_000_000
         self.assertFalse(call("update", KnowledgeUpdateService, 0, fact(name, "hall")).success)
         self.assertFalse(call("update", KnowledgeUpdateService, 0, fact("checked", name)).success)

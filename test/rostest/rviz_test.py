@@ -5,13 +5,13 @@ import threading
 import time
 import unittest
 
-import rosgraph
 import rosnode
 import rospy
 from geometry_msgs.msg import PoseStamped
 from merlin_msgs.msg import ExecuteActionGoal, ExecuteActionResult
 from rosgraph_msgs.msg import Log
 from std_srvs.srv import Trigger
+from topic_links import publishers_of, wait_for_publishers
 from visualization_msgs.msg import MarkerArray
 
 import rostest
@@ -69,12 +69,9 @@ class Rviz(unittest.TestCase):
         cls.goals = Heard("merlin/execute/goal", ExecuteActionGoal)
         cls.results = Heard("merlin/execute/result", ExecuteActionResult)
         wait(lambda: "/" + NODE in rosnode.get_node_names())
-        address = rosgraph.Master(rospy.get_name()).lookupNode(NODE)
         for heard in (cls.log, cls.goals):
-            wait(
-                lambda heard=heard: any(link[1] == address for link in heard.subscriber.impl.get_stats_info())
-            )
-        wait(cls.results.subscriber.get_num_connections)
+            wait(lambda heard=heard: "/" + NODE in publishers_of(heard.subscriber))
+        wait_for_publishers(cls.results.subscriber)
         wait(cls.clicks.get_num_connections)
 
     def click(self, x, y, frame="map"):

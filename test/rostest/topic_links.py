@@ -6,7 +6,7 @@ import rospy
 
 from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
 
-LONG = 60.0
+LONG = 120.0
 
 
 def publishers_of(subscriber):
@@ -23,6 +23,12 @@ def sends(node, topic, other):
     except ERRORS:  # it has ended
         return False
     return any((entry[1], entry[2], entry[4]) == (other, "o", topic) for entry in entries)
+
+
+def wait_for_publisher(subscriber, node):
+    """Waits until a node sends to a subscriber."""
+    while node not in publishers_of(subscriber):
+        rospy.rostime.wallsleep(0.01)
 
 
 def wait_for_publishers(*subscribers, count=1):

@@ -100,7 +100,7 @@ class Bench:
                 planning,  # type: ignore[arg-type]
                 SimpleNamespace(dispatch=self._dispatch, available=lambda: not self.troubles),  # type: ignore[arg-type]
                 SimpleNamespace(rest=self._rest),  # type: ignore[arg-type]
-                SimpleNamespace(wait_standing=lambda timeout: True),  # type: ignore[arg-type]
+                SimpleNamespace(wait_standing=lambda: True),  # type: ignore[arg-type]
                 0.1,
             ),
             self.own,  # type: ignore[arg-type]

@@ -32,6 +32,7 @@ WARN_AFTER = 0.25  # s; an owner lets go of a goal some moments before the end o
 REMEMBER = 0.5  # s to wait for the master to keep a stop; one that hangs must not hold up its confirmation
 CANNOT_BEGIN = 2  # exit code that says: starting it again does not help
 FLUSH = 0.05  # s for the last zero velocity to leave the process
+LONGEST_FLUSH = 0.5  # s for a thread to begin with it
 STOPPED_PARAM, SINCE_PARAM = "~stopped", "~stopped_since"  # keep a stop over a restart of the node
 LONGEST_NAME = 100  # characters of the name of an operator
 
@@ -284,7 +285,15 @@ class GuardNode:
             self._closing = True
             self._velocity.publish(Twist())
         # rospy sends in threads of its own, closes the connections next, and does not say when it has sent.
+        end = time.monotonic() + LONGEST_FLUSH
+        while _waits_to_be_sent(self._velocity) and time.monotonic() < end:
+            time.sleep(FLUSH / 10)
         time.sleep(FLUSH)
+
+
+def _waits_to_be_sent(publisher: rospy.Publisher) -> bool:
+    """Whether a thread of rospy's has not taken a message yet; on a busy machine it comes late."""
+    return any(getattr(connection, "_queue", None) for connection in publisher.impl.connections)
 
 
 def _connected(subscriber: rospy.Subscriber) -> Set[str]:

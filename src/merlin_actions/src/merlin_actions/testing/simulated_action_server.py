@@ -62,13 +62,13 @@ class SimulatedActionServer:
         return self._held
 
     def hold(self, held: bool) -> None:
-        """Lets the next goal last until it is cancelled; False ends one that does, and holds none.
+        """Lets the next goal last until it is cancelled; False holds none. Either ends one that is held.
 
         A test that acts on a goal while it runs needs that: any duration is too short on a busy machine.
         """
         with self._hold:
             self._hold_next = held
-            if self._held and not held:
+            if self._held:
                 self._over.set()
 
     def start(self) -> None:

@@ -1,8 +1,8 @@
 """A ``move_base`` without a robot: it commands velocities and nothing moves. For tests only.
 
-``~hold`` (std_srvs/SetBool): whether the next drive lasts until it is cancelled; false ends one that does. The
-answer's message is the velocity of that drive, m/s: no other has it, so a late command of another drive is told
-apart.
+``~hold`` (std_srvs/SetBool): whether the next drive lasts until it is cancelled. One that is held now ends.
+The answer's message is the velocity of that drive, m/s: no other has it, so a late command of another drive
+is told apart.
 """
 
 import threading

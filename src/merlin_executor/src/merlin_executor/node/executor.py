@@ -24,6 +24,7 @@ from merlin_executor.core.answering import unreadable
 from merlin_executor.core.engine import Engine
 from merlin_executor.core.outcome import Outcome, Verdict, crashed
 from merlin_executor.core.request_limits import RequestTooLarge
+from merlin_executor.core.standstill import STAND_WAIT
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
@@ -63,6 +64,7 @@ class Executor:
     :param max_replans: how often a failed plan is replaced.
     :param goals_file: where it notes the goals it added; empty: on the parameter server.
     :param return_wait: s of running time for a planning system that was ended to return.
+    :param stand_wait: s of running time for the base to come to rest after everything has ended.
     :raises OSError: when that file cannot be written.
     """
 
@@ -75,6 +77,7 @@ class Executor:
         max_replans: int = 3,
         goals_file: str = "",
         return_wait: float = 8.0,
+        stand_wait: float = STAND_WAIT,
     ) -> None:
         self._knowledge = knowledge
         self._max_replans = max_replans
@@ -82,9 +85,8 @@ class Executor:
         self._own = OwnGoals(knowledge, goals_file, LeaseHolder(f"{knowledge.name}/goals/lease"))
         self._dispatcher = DispatchClient(dispatcher, knowledge.name, cancel_deadline, self._dispatch_changed)
         self._recovery = Recovery(knowledge, self._dispatcher)
-        system = PlanningSystem(
-            knowledge, planning, self._dispatcher, self._recovery, GuardClient(knowledge.name), return_wait
-        )
+        guard = GuardClient(knowledge.name, stand_wait)
+        system = PlanningSystem(knowledge, planning, self._dispatcher, self._recovery, guard, return_wait)
         self._machine = ExecutorSM(system, self._own, self._publish_status)
         self._server = ActionServer("merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner)
         self._engine: Engine[Request] = Engine(

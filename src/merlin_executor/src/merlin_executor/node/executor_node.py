@@ -6,6 +6,7 @@ from typing import List
 import rospy
 
 from merlin_executor.core.rivals import must_yield, publishers_by_topic, rival_executors
+from merlin_executor.core.standstill import STAND_WAIT
 from merlin_executor.node.executor import Executor
 from merlin_ros.health import HealthReporter
 from merlin_ros.master.master_link import ERRORS, bounded_master
@@ -49,6 +50,7 @@ def _start() -> None:
             max_replans=round(number("~max_replans", 3, 0)),
             goals_file=str(rospy.get_param("~goals_file", "")),
             return_wait=number("~planning_system_return", 8.0, 0.0),
+            stand_wait=number("~stand_wait", STAND_WAIT, 0.0),
         )
     except OSError as error:
         raise ParameterError(f"parameter ~goals_file cannot be used: {error}") from error

@@ -14,7 +14,7 @@ import smach
 from merlin_executor.core.course import REPLAN, Course, StageEnd
 from merlin_executor.core.engine import Stages
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
-from merlin_executor.core.standstill import STAND_WAIT, still_moving, unstopped
+from merlin_executor.core.standstill import still_moving, unstopped
 from merlin_executor.node.executor_stages import (
     KNOWLEDGE_BASE,
     AddGoals,
@@ -129,7 +129,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         if verdict.outcome is Outcome.CANCEL_TIMEOUT:
             told = course.timed_out or self.request.stop is None
             verdict = unstopped(course.unstopped, guard.halt(), verdict.reason if told else "")
-        elif course.may_move and not verdict.outcome.achieved and not guard.wait_standing(STAND_WAIT):
+        elif course.may_move and not verdict.outcome.achieved and not guard.wait_standing():
             verdict = still_moving(verdict, guard.halt())
         if not course.unreachable and not course.timed_out:
             trouble = self._remove_goals(REMOVE_LIMIT if self.request.stop is None else REMOVE_LIMIT_STOPPED)

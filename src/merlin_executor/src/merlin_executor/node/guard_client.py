@@ -8,7 +8,7 @@ import rospy
 from merlin_msgs.msg import GuardStatus, RobotHost
 from std_srvs.srv import Trigger
 
-from merlin_executor.core.standstill import Halt, together
+from merlin_executor.core.standstill import STAND_WAIT, Halt, together
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
@@ -20,22 +20,23 @@ class GuardClient:
     """Follows ``merlin/guard`` and calls ``merlin/halt``, where there is a guard; of each robot of the plan.
 
     :param knowledge_base: global name of the knowledge base, below which robots announce themselves.
+    :param stand_wait: s of running time for the bases to come to rest.
     """
 
-    def __init__(self, knowledge_base: str) -> None:
+    def __init__(self, knowledge_base: str, stand_wait: float = STAND_WAIT) -> None:
+        self._stand_wait = stand_wait
         self._changed = threading.Condition()  # guards the field below, and what the guards say
         self._guards: Dict[str, _Guard] = {}
         self._add("")
         self._robots = rospy.Subscriber(f"{knowledge_base}/robots", RobotHost, self._meet, tcp_nodelay=True)
 
-    def wait_standing(self, timeout: float) -> bool:
+    def wait_standing(self) -> bool:
         """Waits until the bases stand, as far as guards say.
 
-        :param timeout: s of running time.
         :return: False when one still moves; True also without a guard.
         """
         with self._changed:
-            return Deadline(timeout).wait(
+            return Deadline(self._stand_wait).wait(
                 self._changed, lambda: not any(guard.moves() for guard in self._guards.values())
             )
 

@@ -33,6 +33,7 @@ class ListenNode:
         self._recognizer = SpeechRecognizerProcess(number("~threshold", THRESHOLD, -1.0))
         self._loud = number("~loudness", 400.0, 1.0)
         self._timeout = number("~timeout", 8.0, 0.1)
+        self._broken_off = number("~broken_off", BROKEN_OFF, 0.1)
         self._clock = RosClock()
         self._news = threading.Event()  # sound came, or a cancel was requested
         self._sound: Deque[np.ndarray] = deque(maxlen=1000)
@@ -98,8 +99,8 @@ class ListenNode:
         while utterance is None:
             # A person that has begun to speak may finish; and in fast simulated time a busy machine delivers
             # the sound late.
-            patience = Deadline(BROKEN_OFF if detector.speaking else 0.0)
-            left = BROKEN_OFF if detector.speaking else end - rospy.get_time()
+            patience = Deadline(self._broken_off if detector.speaking else 0.0)
+            left = self._broken_off if detector.speaking else end - rospy.get_time()
             if left > 0.0 and self._clock.wait(left, self._news):
                 left = 0.0
                 patience.wait_event(self._news)
