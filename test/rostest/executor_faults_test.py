@@ -150,6 +150,9 @@ class Faults(unittest.TestCase):
         self.assertTrue(self.client.wait_for_executor(LONG))
 
     def restart_executor(self, *parameters):
+        for parameter in parameters:  # it would stay for the executors of other tests
+            name = parameter.split(":=")[0].replace("_", "/merlin_executor/", 1)
+            self.addCleanup(rospy.delete_param, name)
         kill(self.executor, signal.SIGTERM)
         self.wait_executor_gone()
         self.start_executor(*parameters)

@@ -29,6 +29,8 @@ class ExecutorRestart(unittest.TestCase):
         self.assertTrue(self.knowledge.wait(LONG))
         self.executor = None
         self.addCleanup(lambda: self.executor is None or self.kill())
+        if rospy.has_param("/merlin_executor/goals_file"):
+            rospy.delete_param("/merlin_executor/goals_file")  # of an earlier test
 
     def start(self, *parameters):
         self.executor = subprocess.Popen(

@@ -24,6 +24,7 @@ from merlin_ros.node import run_node
 from merlin_ros.parameters import number
 from merlin_sim.people.answers import Answers
 from merlin_sim.people.listener import Listener, nearest, read_listeners
+from merlin_sim.people.overheard import Overheard, Sentence
 
 CHUNK = 0.2  # s of sound per message
 TRAIL = 0.8  # s of quiet after an answer
@@ -45,9 +46,8 @@ class PersonVoice:
         self._clock = RosClock()
         self._stopped = threading.Event()
         self._changed = threading.Condition()  # guards the fields below and the listeners' answers
-        self._hearer: Optional[Listener] = None  # the one that heard the last sound of the robot
-        self._question = self._saying = ""  # the last that was requested, and that was begun
-        self._asked: Deque[Tuple[Listener, str]] = deque()  # what is still to be answered
+        self._overheard: Overheard[Listener] = Overheard()
+        self._asked: Deque[Sentence[Listener]] = deque()  # what is still to be answered
         self._robot: Optional[Point] = None
         self._people: Optional[Dict[str, Point]] = None  # where the present persons are, by name
         self._known: Tuple[str, ...] = ()  # to the world, there or not
@@ -78,9 +78,12 @@ class PersonVoice:
                 self._changed.wait_for(lambda: self._asked or self._stopped.is_set())
                 if self._stopped.is_set():
                     return
-                listener, question = self._asked.popleft()
+                sentence = self._asked.popleft()
             if self._clock.wait(self._delay, self._stopped):
-                self._answer(listener, question)
+                assert sentence.hearer is not None
+                with self._changed:
+                    question = sentence.text if sentence.text is not None else self._overheard.last_text
+                self._answer(sentence.hearer, question)
 
     def _stop(self) -> None:
         self._stopped.set()
@@ -144,21 +147,26 @@ class PersonVoice:
             return
         with self._changed:
             hearer = nearest(self._listeners.values(), self._robot, self._people or {})
-            self._hearer = hearer or self._hearer
+            if hearer is not None:
+                self._ask(self._overheard.sound(hearer))
 
     def _read(self, request: SoundRequest) -> None:
         if request.sound == SoundRequest.SAY and request.command != SoundRequest.PLAY_STOP:
             with self._changed:
-                self._question = request.arg
+                self._overheard.request(request.arg)
 
     def _notice(self, message: Bool) -> None:
         with self._changed:
             if message.data:
-                self._saying = self._question
-            elif self._hearer is not None:
-                self._asked.append((self._hearer, self._saying))
-                self._hearer = None
-                self._changed.notify_all()
+                self._overheard.begin()
+            else:
+                self._ask(self._overheard.end())
+
+    def _ask(self, sentence: Optional[Sentence[Listener]]) -> None:
+        """Notes a sentence that is to be answered; called with the lock held."""
+        if sentence is not None:
+            self._asked.append(sentence)
+            self._changed.notify_all()
 
     def _see(self, message: Odometry) -> None:
         with self._changed:
