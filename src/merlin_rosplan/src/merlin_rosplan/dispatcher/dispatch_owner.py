@@ -12,7 +12,7 @@ from typing import Deque, Optional
 
 import rospy
 
-from merlin_ros.actions.lease import LeaseChange, LeaseState
+from merlin_ros.actions.lease import LOSE_AFTER, LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.master import master_link
@@ -29,9 +29,10 @@ class DispatchOwner:
     dispatch is cancelled.
 
     :param scope: global name of the dispatcher.
+    :param lose_after: s of the owner's silence after which it counts as gone.
     """
 
-    def __init__(self, scope: str) -> None:
+    def __init__(self, scope: str, lose_after: float = LOSE_AFTER) -> None:
         self._scope = scope
         self._lock = threading.Lock()  # guards the fields down to _earlier
         self._client: Optional[str] = None
@@ -41,7 +42,7 @@ class DispatchOwner:
         self._dispatch: Optional[PlanDispatch] = None
         self._key = ""
         self._earlier: Deque[str] = deque(maxlen=REMEMBERED)
-        self._watch = LeaseWatch(f"{scope}/dispatch_plan/lease", self._lease_changed)
+        self._watch = LeaseWatch(f"{scope}/dispatch_plan/lease", self._lease_changed, lose_after=lose_after)
 
     def begin(self, client: str) -> None:
         """A dispatch begins.

@@ -21,7 +21,7 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
-from merlin_ros.actions.lease import LeaseState
+from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseState
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import OK, WARN, Health
 from merlin_rosplan.dispatch.dispatch import PlanDispatch
@@ -91,7 +91,8 @@ class PlanDispatcher(Component):
         self._settler = self.own(
             DispatchSettler(self.knowledge_base, self._topics.seconds_silent, self._limits.liveness)
         )
-        self._owner = self.own(DispatchOwner(self.scope))
+        lose_owner_after = self.number("owner_timeout", LOSE_AFTER, SUSPEND_AFTER)
+        self._owner = self.own(DispatchOwner(self.scope, lose_owner_after))
         feedback_topic = str(self.param("action_feedback_topic", "action_feedback"))
         self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback)  # no answer may be dropped
         self._changes = self.subscriber(
