@@ -3,11 +3,14 @@
 
 import contextlib
 import os
+import shutil
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 import unittest
+from pathlib import Path
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -25,6 +28,16 @@ from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 60.0
 DORM_ROOM = "world/points_of_interest/dorm_room"
+PLANNER = "rosplan_planner_interface/planner_command"
+TWO_PLANS = """
+echo asked >> "$0.asked"
+case $(wc -l < "$0.asked") in
+  1) echo "0.000: (navigate kitchen dorm_room) [28.800]" ;;
+  2) echo "0.000: (navigate anywhere dorm_room) [27.000]" ;;
+  *) exec sleep 1000 ;;
+esac
+echo "28.801: (ask dorm_room) [5.000]"
+"""
 
 
 class Watch:
@@ -265,12 +278,19 @@ class Executor(unittest.TestCase):
 
     def test_a_cancel_reaches_a_request_that_waits_before_it_is_planned_again(self):
         self.unreachable_dorm_room()
+        # It waits for a second. A cancel that is late comes while a third plan is made, for ever.
+        folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, folder)
+        planner = Path(folder) / "planner.sh"
+        planner.write_text(TWO_PLANS)
+        self.addCleanup(rospy.set_param, PLANNER, "")
+        rospy.set_param(PLANNER, f"sh {planner} DOMAIN PROBLEM")
         request = self.client.send("(checked dorm_room)")
-        self.status.wait(
-            lambda status: (
-                (status.header.stamp >= self.begun, status.stage, status.replans) == (True, "REPLAN", 1)
-            )
-        )
+
+        def waits(status):
+            return status.header.stamp >= self.begun and (status.stage, status.replans) == ("REPLAN", 1)
+
+        self.status.wait(waits)
         request.cancel()
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "CANCELLED")
@@ -298,12 +318,11 @@ class Executor(unittest.TestCase):
         self.assertIn("moon", request.result.reason)
 
     def test_a_planner_that_gives_up_has_not_proved_anything(self):
-        name = "rosplan_planner_interface/planner_command"
-        rospy.set_param(name, "echo No plan found in 8 happenings: DOMAIN PROBLEM")
+        rospy.set_param(PLANNER, "echo No plan found in 8 happenings: DOMAIN PROBLEM")
         try:
             result = self.client.execute("(checked bathroom)", LONG)
         finally:
-            rospy.set_param(name, "")
+            rospy.set_param(PLANNER, "")
         self.assertOutcome(result, "NO_PLAN")
         self.assertIn("8 happenings", result.reason)
 
