@@ -17,7 +17,7 @@ from move_base_msgs.msg import MoveBaseActionResult
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 from sound_play.msg import SoundRequestActionGoal
-from topic_links import wait_for_publishers
+from topic_links import wait_for_publisher, wait_for_publishers
 
 import rostest
 from merlin_actions.merlin_action import MerlinAction
@@ -64,7 +64,7 @@ class Bridges(unittest.TestCase):
         results = rospy.Subscriber("move_base/result", MoveBaseActionResult, cls.receive_result)
         cls.asked, cls.speech = threading.Event(), threading.Event()
         cls.sentence = ""
-        rospy.Subscriber("sound_play/goal", SoundRequestActionGoal, cls.receive_sentence)
+        cls.sentences = rospy.Subscriber("sound_play/goal", SoundRequestActionGoal, cls.receive_sentence)
         rospy.Subscriber("sound_play/status", GoalStatusArray, cls.receive_speech)
         wait_for_publishers(results)
         cls.health = {}
@@ -142,7 +142,8 @@ class Bridges(unittest.TestCase):
             self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.ERROR, rospy.Time.now())
 
     def hush(self):
-        """Forgets what was spoken before."""
+        """Forgets what was spoken before, and waits until it is heard what the machines want to be spoken."""
+        wait_for_publisher(self.sentences, "/merlin_fsm_host")
         type(self).sentence = ""
         self.asked.clear()
         self.speech.clear()
