@@ -4,7 +4,6 @@
 The robot stops, the answer is true, and the next goal works without help.
 """
 
-import ctypes
 import os
 import signal
 import subprocess
@@ -12,103 +11,26 @@ import threading
 import unittest
 from contextlib import contextmanager
 
-import rosgraph
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
+from executor_faults_fixture import Changes, Guard, Watch, client_process, kill, pid_of, start
 from held_drives import HeldDrives
-from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GuardStatus, KnowledgeChanges
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus
 from rosplan_dispatch_msgs.srv import DispatchService
-from std_srvs.srv import Empty, Trigger, TriggerResponse
-from topic_links import wait_for_publishers
+from std_srvs.srv import Empty
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.resending import RESEND
-from merlin_ros.master.master_link import bounded_proxy
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update, fact
-from merlin_sm.knowledge_text import to_pddl
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 LONG = 60.0
-ALWAYS = rospy.Time()
-LIBC = ctypes.CDLL(None)
-PR_SET_PDEATHSIG = 1
 TOPICS = {
     "rosplan_planner_interface/problem_instance": "rosplan_problem_interface/problem_instance",
     "rosplan_parsing_interface/planner_output": "rosplan_planner_interface/planner_output",
     "rosplan_plan_dispatcher/complete_plan": "rosplan_parsing_interface/complete_plan",
 }
-
-
-class Watch:
-    """Keeps the last message of a topic and waits for one that fits."""
-
-    def __init__(self, topic, message_class):
-        self.last = None
-        self._changed = threading.Condition()
-        self._subscriber = rospy.Subscriber(topic, message_class, self._receive, tcp_nodelay=True)
-
-    def _receive(self, message):
-        with self._changed:
-            self.last = message
-            self._changed.notify_all()
-
-    def wait(self, fits, since=ALWAYS):
-        """Waits until the last message fits, and was published since then."""
-
-        def seen():
-            return self.last is not None and self.last.header.stamp >= since and fits(self.last)
-
-        with self._changed:
-            if not self._changed.wait_for(seen, LONG):
-                raise AssertionError(f"the last message does not fit: {self.last}")
-            return self.last
-
-    def wait_idle(self, since):
-        """Waits until the dispatcher or the Executor is idle, as it has said since then."""
-        return self.wait(lambda status: status.state == ExecutorStatus.IDLE == DispatchStatus.IDLE, since)
-
-
-class Changes:
-    """Waits for the removal of a goal from the knowledge base."""
-
-    def __init__(self, goal):
-        self._removed = threading.Event()
-        self._goal = goal
-        self._subscriber = rospy.Subscriber(
-            "rosplan_knowledge_base/changes", KnowledgeChanges, self._receive, tcp_nodelay=True
-        )
-        wait_for_publishers(self._subscriber)
-
-    def _receive(self, message):
-        if self._goal in map(to_pddl, message.goals_removed):
-            self._removed.set()
-
-    def wait_removed(self):
-        if not self._removed.wait(LONG):
-            raise AssertionError(f"the goal {self._goal} stays")
-
-
-class Guard:
-    """A guard of the test's: it says what the test wants, and notes what it is asked."""
-
-    def __init__(self):
-        self.halted = threading.Event()
-        self._publisher = rospy.Publisher("merlin/guard", GuardStatus, latch=True, queue_size=10)
-        self._service = rospy.Service("merlin/halt", Trigger, self._halt)
-        self.says(moving=False)
-
-    def wait_heard(self):
-        """Waits until the Executor hears what it says."""
-        while not self._publisher.impl.has_connection("/merlin_executor"):
-            rospy.rostime.wallsleep(0.01)
-
-    def says(self, moving):
-        self._publisher.publish(GuardStatus(moving=moving))
-
-    def _halt(self, request):
-        self.halted.set()
-        return TriggerResponse(True, "halted")
 
 
 class Faults(unittest.TestCase):
@@ -395,41 +317,6 @@ class Faults(unittest.TestCase):
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "CANCELLED")
         self.assertFalse(self.guard.halted.is_set())
-
-
-def start(package, kind, *arguments, output=None):
-    """Starts a node in a session of its own; it dies with the test."""
-    return subprocess.Popen(
-        ["rosrun", package, kind, *arguments],
-        start_new_session=True,
-        stdout=output,
-        stderr=subprocess.STDOUT if output else None,
-        text=True,
-        preexec_fn=lambda: LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL),
-    )
-
-
-def kill(process, number=signal.SIGKILL):
-    """Ends a process and all that it started."""
-    if process.poll() is None:
-        os.killpg(process.pid, number)
-    process.wait(LONG)
-
-
-@contextmanager
-def client_process(*arguments):
-    """A client of its own that wants the kitchen checked."""
-    client = start("merlin_test", "executor_victim.py", *arguments)
-    try:
-        yield client
-    finally:
-        kill(client)
-
-
-def pid_of(node):
-    """The process id of a node."""
-    uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
-    return bounded_proxy(uri, 5.0).getPid(rospy.get_name())[2]
 
 
 if __name__ == "__main__":
