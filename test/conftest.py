@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))  # tools,
 
 from chaos import processes
 
-# A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time, as a
-# change is judged by what it changes; make soak looks for others.
+# A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time:
+# a change is judged by what it changes. make soak looks for others.
 settings.register_profile("merlin", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "merlin"))
