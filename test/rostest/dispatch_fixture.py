@@ -28,6 +28,16 @@ LONG = 60.0
 KNOWLEDGE_BASE = "/rosplan_knowledge_base"
 
 
+PUBLISHERS = {}  # topic -> the one of this process
+
+
+def publisher(topic, kind, **options):
+    """A publisher that stays: a node that still has the dying link of one does not connect to the next."""
+    if topic not in PUBLISHERS:
+        PUBLISHERS[topic] = rospy.Publisher(topic, kind, **options)
+    return PUBLISHERS[topic]
+
+
 class Interfaces:
     """Answers dispatched actions as the test wants; it applies no effects."""
 
@@ -36,10 +46,8 @@ class Interfaces:
         self.dispatched = []  # every message on action_dispatch, tombstones and cancels too
         self.greeted = False
         self.answers = {}  # operator -> what to do
-        self.feedback = rospy.Publisher(
-            f"{dispatcher}/action_feedback", ActionFeedback, latch=True, queue_size=100
-        )
-        self.announcements = rospy.Publisher(
+        self.feedback = publisher(f"{dispatcher}/action_feedback", ActionFeedback, latch=True, queue_size=100)
+        self.announcements = publisher(
             f"{KNOWLEDGE_BASE}/pddl_action_parameters", DomainFormula, queue_size=10
         )
         self.announced = set(announced)
@@ -66,8 +74,7 @@ class Interfaces:
     def close(self):
         self.stopped.set()
         self.announcer.join()
-        for handle in (self.subscriber, self.feedback, self.announcements):
-            handle.unregister()
+        self.subscriber.unregister()
 
     def receive(self, message):
         with self.changed:
