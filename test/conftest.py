@@ -32,8 +32,13 @@ LIMIT = 450.0  # s, below pytest's own limit, so that the suite's processes are 
 
 
 def pytest_configure() -> None:
-    """Where the machine's names have no addresses, all tests run on 127.0.0.1."""
+    """Where the machine's names have no addresses, all tests run on 127.0.0.1.
+
+    A shell starts what is in the background deaf to Ctrl-C, and so would be every process of the tests.
+    """
     use_loopback()
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "RosTestFile":

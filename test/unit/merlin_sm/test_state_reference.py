@@ -1,6 +1,7 @@
 """docs/states.md is what the state classes say, of every registered state and of each argument."""
 
 import importlib.util
+import inspect
 from pathlib import Path
 
 import pytest
@@ -43,5 +44,5 @@ def test_each_argument_has_to_be_described(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(reference.WRITTEN, "mumble", ('state("mumble", "hm")',))
     with pytest.raises(ValueError, match="nothing about the argument 'quickly'"):
         reference.section("mumble")
-    Mumble.__doc__ += "\n    :param quickly: or slowly.\n"
+    Mumble.__doc__ = f"{inspect.getdoc(Mumble)}\n:param quickly: or slowly.\n"
     assert '| `state("mumble", "hm")` | – | `mumbled` | – |' in reference.section("mumble")
