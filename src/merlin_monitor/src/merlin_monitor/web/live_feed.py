@@ -12,7 +12,7 @@ from aiohttp import web
 
 from merlin_monitor.state.state_tree import ChangeSet, Feed, StateTree
 
-FRAME = 0.04  # s between two frames
+FRAME = 0.035  # s between two frames
 BEAT = 0.5  # s without a frame after which an empty one is sent: a page greys without news for 2 s
 NOTHING_NEW = '{"changes":[]}'
 GATHER = 0.004  # s that a first change waits for those that belong to it
