@@ -18,6 +18,7 @@ BUDGETS: Dict[str, str] = {
     "kb_restart_100000_s": "2",
     "kb_update_ms": "1",
     "monitor_change_to_visible_ms": "p95 70",
+    "monitor_clients_percent_of_a_core 200": "10",
     "node_start_s": "0.8",
     "node_start_s planning_system": "1.5",
     "parse_ms": "1.7",
