@@ -1,6 +1,7 @@
 """make fleet, as its users start it."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +18,8 @@ ENDS = 200.0  # s that an interrupted one may take to end
 
 def left_behind(process: int) -> List[str]:
     """Network namespaces that a demonstration has made; others may run beside it."""
+    if shutil.which("ip") is None:  # it could not make one
+        return []
     spaces = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=False).stdout
     return [line for line in spaces.splitlines() if line.startswith(f"fleet{process}_")]
 
