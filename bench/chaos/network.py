@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +26,8 @@ def why_impossible() -> str:
     """Why there can be no namespaces here; empty when there can."""
     if os.geteuid() != 0:
         return "network namespaces need root"
+    if shutil.which("ip") is None:
+        return "there is no ip: apt-get install iproute2"
     if not Path("/dev/net/tun").exists():
         return "there is no /dev/net/tun"
     return ""
