@@ -1,7 +1,7 @@
 """Ten robots in one plan: what the dispatcher needs from an end to the next start, and to stop all of them.
 
-Real hosts, guards, bridges and Executor; the bases are simulated servers. Latencies are taken in this one process, on
-the monotonic clock, between messages that it receives.
+Real hosts, guards, bridges and Executor; the bases are simulated servers. Latencies are taken in this one
+process, on the monotonic clock, between messages that it receives.
 """
 
 import tempfile

@@ -104,7 +104,11 @@ class GuardNode:
         self._subscribers = [
             listen(SIM_STATUS_TOPIC, SimStatus, self._receive_simulation),
             listen("merlin/stop", Empty, lambda _: self._stop("stopped on the topic merlin/stop")),
-            listen("merlin/stop_by", String, lambda name: self._stop(f"stopped by {_line(name.data, 'an operator')}")),
+            listen(
+                "merlin/stop_by",
+                String,
+                lambda name: self._stop(f"stopped by {_line(name.data, 'an operator')}"),
+            ),
             listen("merlin/brake", String, lambda reason: self._brake(_line(reason.data, "braked"))),
         ]
         self._leases = {

@@ -155,9 +155,9 @@ class MotionPermit:
         return self._settle()._replace(send=Send.ZERO)
 
     def brake(self, reason: str, now: float) -> PermitDecision:
-        """Holds the base for the leased goals that are about to be cancelled; newer and foreign ones may move.
+        """Holds the base for leased goals that are about to be cancelled; newer and foreign ones may move.
 
-        Which ones these are is not known here: a goal without a cancel may move again after the brake's limit.
+        Which ones is not known here: a goal without a cancel may move again after the brake's limit.
         """
         self._clock.advance(now)
         for server, goal in self._goals():

@@ -187,7 +187,7 @@ class Bidding:
             self._written, self._written_at, self._written_in = bids, agent.now, None
 
     def _on_their_way(self) -> bool:
-        """Whether this robot cannot have seen yet what it has written; an older put that came late is written over.
+        """Whether this robot cannot have seen yet what it wrote; an older put that came late is written over.
 
         Not by time alone where the revision is known: robots that are behind would write again what makes
         all of them come further behind.
