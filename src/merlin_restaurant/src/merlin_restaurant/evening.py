@@ -1,7 +1,7 @@
 """The mission: the three stages of the challenge, and guests who call."""
 
 from collections import Counter
-from typing import Any, Callable, Dict, List, Optional, Sequence
+from typing import Any, Callable, Dict, List, Optional, Sequence, Union
 
 from merlin_executor.mission import NOTHING, RESEND, GoalState, MissionSM
 from merlin_executor.mission.readiness import NotReady
@@ -13,6 +13,7 @@ from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.function_state import FunctionState
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.speech import ListenState
+from merlin_sm.states.while_state import WhileSM
 
 URGENT = 10
 """Priority of what a guest waits for; it interrupts the round of the tables, which goes on afterwards."""
@@ -89,10 +90,10 @@ class Evening(MissionSM):
             rounds.add("END", FunctionState(self._end_round, outcomes=["open"]), {"open": "BEGIN"})
         return rounds
 
-    def _calls(self) -> MerlinSM:
+    def _calls(self) -> Union[MerlinSM, WhileSM]:
         """A call from a table or from the entrance becomes an urgent goal."""
         if self._robots:
-            return MerlinStateFactory.create("while", self._ears(), self._serving())
+            return WhileSM(self._ears(), self._serving())
         calls = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
         with calls:
             listen = ListenState(CALL, LISTEN, "calls/listen")
@@ -122,10 +123,8 @@ class Evening(MissionSM):
         serving = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
         with serving:
             serving.add("WAIT", self._until(self._is_new), {SUCCEEDED: "SERVE", ABORTED: "WAIT"})
-            serve = GoalState(
-                self._all_that_waits, client=self.client, pause=self._pause, priority=AT_ONCE
-            )
-            planned = MerlinStateFactory.create("while", serve, self._until(self._is_new), seen="news")
+            serve = GoalState(self._all_that_waits, client=self.client, pause=self._pause, priority=AT_ONCE)
+            planned = WhileSM(serve, self._until(self._is_new), seen="news")
             serving.add("SERVE", planned, {**then("DONE", NOTHING), "news": "SERVE"})
             serving.add("DONE", FunctionState(self._note_end), then("GUIDE"))
             self.add_goal_state("GUIDE", self._to_guide, then("WAIT", NOTHING), priority=AT_ONCE)
@@ -170,7 +169,7 @@ class Evening(MissionSM):
         return [table for table in named_in(self.facts("needs_serving")) if self._tried[table] < tries]
 
     def _is_new(self) -> bool:
-        """Whether more waits than several robots serve now, and no conversation would be broken off for it."""
+        """Whether more waits than is served now, and no conversation would be broken off for it."""
         more = [table for table in self._waiting_tables() if f"(already_served {table})" not in self._asked]
         return bool(more or self._client_called) and all(
             self.holds(f"(quiet {robot})") for robot in self._robots if self.holds(f"(available {robot})")

@@ -13,7 +13,7 @@ from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 
 class UntilKnown(MerlinState):
-    """Waits until a condition holds; it looks when it begins, at each change of the knowledge, and when woken.
+    """Waits until a condition holds: looks when it begins, at each change of the knowledge, and when woken.
 
     A knowledge base that does not answer is asked again with its next change.
 
