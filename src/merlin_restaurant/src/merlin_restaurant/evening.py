@@ -49,7 +49,8 @@ class Evening(MissionSM):
         self._last_round = False
         self._closing_rounds = 0
         self._tried: Counter = Counter()
-        self._asked: List[str] = []  # the goals that several robots serve now
+        self._asked: List[str] = []  # the tables' goals that several robots serve now
+        self._looks = False  # whether one of them looks at the entrance
         self._client_called = False
         self._waits: List[UntilKnown] = []
         super().__init__(name, on_lost)
@@ -171,7 +172,8 @@ class Evening(MissionSM):
     def _is_new(self) -> bool:
         """Whether more waits than is served now, and no conversation would be broken off for it."""
         more = [table for table in self._waiting_tables() if f"(already_served {table})" not in self._asked]
-        return bool(more or self._client_called) and all(
+        called = self._client_called and not self._looks
+        return bool(more or called) and all(
             self.holds(f"(quiet {robot})") for robot in self._robots if self.holds(f"(available {robot})")
         )
 
@@ -179,11 +181,13 @@ class Evening(MissionSM):
         """What several robots do: serve each table that waits, and meanwhile what is left of the round."""
         self._client_called = False
         self._asked = [f"(already_served {table})" for table in self._waiting_tables()]
-        return [*self._asked, *self._to_bring_back(userdata), *self._left_of_the_round()]
+        left = self._left_of_the_round()
+        self._looks = "(entrance_checked)" in left
+        return [*self._asked, *self._to_bring_back(userdata), *left]
 
     def _note_end(self, userdata: Any) -> None:
         """A plan that has ended was one try for each of its tables that still waits."""
-        asked, self._asked = named_in(self._asked), []
+        asked, self._asked, self._looks = named_in(self._asked), [], False
         self._tried.update(set(asked) & set(self._waiting_tables()))
         self._wake()
 
