@@ -1,7 +1,7 @@
 """Ten robots in one plan: what the dispatcher needs from an end to the next start, and to stop all of them.
 
-Real hosts, guards and bridges; the bases are simulated servers. Latencies are taken in this one process, on
-the monotonic clock, between messages that it receives.
+Real hosts, guards, bridges and Executor; the bases are simulated servers. Latencies are taken in this one
+process, on the monotonic clock, between messages that it receives.
 """
 
 import tempfile
@@ -18,6 +18,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
 from std_srvs.srv import Empty
 
+from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 ROBOTS = [f"robot{number}" for number in range(10)]
@@ -42,7 +43,7 @@ def plan(drives: int, positions: Dict[str, str]) -> str:
     for number in range(drives):
         robot = ROBOTS[number % len(ROBOTS)]
         step = number // len(ROBOTS)
-        here, at[robot] = at[robot], PLACES[(PLACES.index(at[robot]) + 1) % 4 if at[robot] in PLACES else 0]
+        here, at[robot] = at[robot], _next(at[robot])
         lines.append(f"{30.0 * step:.1f}: (drive {robot} {here} {at[robot]}) [30.0]\n")
     return "".join(lines)
 
@@ -113,10 +114,13 @@ class Plans:
                 raise RuntimeError(f"available are only {self._knowledge.facts('available')}")
             time.sleep(0.2)
 
+    def positions(self) -> Dict[str, str]:
+        """Where the robots are."""
+        return dict(fact.strip("()").split()[1:] for fact in self._knowledge.facts("robot_at"))
+
     def read(self, drives: int) -> None:
         """Makes and parses a plan from where the robots are."""
-        at = dict(fact.strip("()").split()[1:] for fact in self._knowledge.facts("robot_at"))
-        self._file.write_text(plan(drives, at))
+        self._file.write_text(plan(drives, self.positions()))
         start = time.perf_counter()
         if not self._parse(str(self._file)).plan_parsed:
             raise RuntimeError("the plan was not parsed")
@@ -129,7 +133,7 @@ class Plans:
             raise RuntimeError("the dispatch failed")
 
     def cancel(self, robots: Robots) -> List[float]:
-        """Cancels ten drives at once.
+        """Cancels ten drives at once, by the dispatcher's service.
 
         :return: ms to the end of the dispatch, and to the zero velocity of each robot.
         """
@@ -148,6 +152,26 @@ class Plans:
         thread.join(LIMIT)
         robots.until(lambda: not any(robots.moves.values()), "ten robots that stand")
         return [(when - start) * 1e3 for when in (*ended, *robots.halted.values())]
+
+    def cancel_request(self, client: MerlinExecutorClient, robots: Robots) -> List[float]:
+        """Cancels ten drives at once, by the Executor that has them as one goal.
+
+        :return: ms to the answer, and to the zero velocity of each robot.
+        """
+        at = self.positions()
+        goals = [f"(robot_at {robot} {_next(at[robot])})" for robot in ROBOTS]
+        request = client.send(f"(and {' '.join(goals)})")
+        robots.until(lambda: all(robots.moves.values()), "ten robots that drive")
+        start = time.monotonic()
+        request.cancel()
+        request.wait(LIMIT)
+        ended = time.monotonic()
+        robots.until(lambda: not any(robots.moves.values()), "ten robots that stand")
+        return [(when - start) * 1e3 for when in (ended, *robots.halted.values())]
+
+
+def _next(position: str) -> str:
+    return PLACES[(PLACES.index(position) + 1) % 4 if position in PLACES else 0]
 
 
 def measure() -> Dict[str, Any]:
@@ -177,6 +201,9 @@ def measure() -> Dict[str, Any]:
             samples = list(robots.samples)
         parse_s = plans.parse_s
         cancels = [plans.cancel(robots) for _ in range(CANCELS)]
+        client = MerlinExecutorClient()
+        client.wait_for_executor(LIMIT)
+        requests = [plans.cancel_request(client, robots) for _ in range(CANCELS)]
         rospy.signal_shutdown("done")
     return {
         "robots_dispatch": {
@@ -187,7 +214,9 @@ def measure() -> Dict[str, Any]:
             "drive_s": DRIVE * ACTIONS / len(ROBOTS),
             "succeeded_to_dispatch_ms": figure(samples),
             "cancel_dispatch_ms": figure([ended for ended, *_ in cancels]),
-            "cancel_to_all_stopped_ms": figure([max(stops) for _, *stops in cancels]),
+            "cancel_dispatch_to_all_stopped_ms": figure([max(stops) for _, *stops in cancels]),
+            "cancel_to_all_stopped_ms": figure([max(stops) for _, *stops in requests]),
+            "cancel_to_idle_ms": figure([ended for ended, *_ in requests]),
         }
     }
 

@@ -162,6 +162,6 @@ class Story:
 
 def make_folder(results: Path) -> Path:
     """A new folder for the logs of a run."""
-    folder = results / time.strftime("%Y-%m-%d_%H-%M-%S")
+    folder = results.absolute() / time.strftime("%Y-%m-%d_%H-%M-%S")  # the robots run elsewhere
     folder.mkdir(parents=True)
     return folder

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import rosgraph
 import rospy
 from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GuardStatus, KnowledgeChanges
+from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 from topic_links import wait_for_publishers
 
@@ -75,18 +76,24 @@ class Guard:
     """A guard of the test's: it says what the test wants, and notes what it is asked."""
 
     def __init__(self):
+        self.braked = threading.Event()
         self.halted = threading.Event()
+        self._brakes = rospy.Subscriber("merlin/brake", String, self._brake, tcp_nodelay=True)
         self._publisher = rospy.Publisher("merlin/guard", GuardStatus, latch=True, queue_size=10)
         self._service = rospy.Service("merlin/halt", Trigger, self._halt)
         self.says(moving=False)
 
     def wait_heard(self):
-        """Waits until the Executor hears what it says."""
+        """Waits until the Executor hears what it says, and it hears the Executor."""
         while not self._publisher.impl.has_connection("/merlin_executor"):
             rospy.rostime.wallsleep(0.01)
+        wait_for_publishers(self._brakes)
 
     def says(self, moving):
         self._publisher.publish(GuardStatus(moving=moving))
+
+    def _brake(self, reason):
+        self.braked.set()
 
     def _halt(self, request):
         self.halted.set()

@@ -56,6 +56,7 @@ class Faults(unittest.TestCase):
     def setUp(self):
         self.guard.says(moving=False)
         self.guard.halted.clear()
+        self.guard.braked.clear()
         if self.planning.poll() is not None:
             type(self).planning = self.start_planning()
             self.assertTrue(KnowledgeClient("rosplan_knowledge_base").wait(LONG))
@@ -282,10 +283,15 @@ class Faults(unittest.TestCase):
 
     def test_what_does_not_stop_is_named_and_the_base_halted(self):
         request = self.driving()
+        self.guard.wait_heard()
+        self.assertFalse(self.guard.braked.is_set())
         host = pid_of("/merlin_fsm_host")
         os.kill(host, signal.SIGSTOP)
         try:
             request.cancel()
+            # At once, though what has to end the drive hangs.
+            self.assertTrue(self.guard.braked.wait(LONG))
+            self.assertFalse(request.done)
             self.assertTrue(request.wait(LONG))
         finally:
             os.kill(host, signal.SIGCONT)

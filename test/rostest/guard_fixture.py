@@ -112,3 +112,11 @@ class Client:
 def pid_of(node):
     uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
     return xmlrpc.client.ServerProxy(uri).getPid(rospy.get_name())[2]
+
+
+def refused_guard(*arguments):
+    """What a guard says that does not begin, and is not to be started again."""
+    command = ["rosrun", "merlin_guard", "guard", *arguments]
+    process = subprocess.run(command, capture_output=True, text=True, timeout=LONG)
+    assert process.returncode == 2, process
+    return process.stdout + process.stderr

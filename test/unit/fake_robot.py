@@ -6,7 +6,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import ExecuteResult, MissionStatus
+from merlin_msgs.msg import ExecuteResult, KnowledgeChanges, MissionStatus
 
 from merlin_executor.mission import goal_dispatcher, mission_node
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
@@ -82,6 +82,7 @@ class FakeRobot:
         self.services: Dict[str, Callable[[Any], Any]] = {}
         self.at_shutdown: List[Callable[[], None]] = []
         self.down = False
+        self.on_change: List[Callable[[Any], None]] = []
         self._lock = threading.Lock()  # keeps a change whole: branches of a mission change facts at once
 
     # --- the knowledge ----------------------------------------------------------------------------------
@@ -93,6 +94,8 @@ class FakeRobot:
         listed = [[texts] if isinstance(texts, str) else list(texts) for texts in (add, remove)]
         with self._lock:
             self.known = [fact for fact in self.known if fact not in listed[1]] + listed[0]
+        for callback in self.on_change:
+            callback(KnowledgeChanges())
 
     # --- the Executor -----------------------------------------------------------------------------------
 
@@ -167,6 +170,10 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
         def stop(self) -> None:
             pass
 
+    def subscribe(topic: str, kind: type, callback: Callable[[Any], None], *_: Any, **__: Any) -> None:
+        if kind is KnowledgeChanges:
+            robot.on_change.append(callback)
+
     def server(name: str, _: Any) -> FakeServer:
         return robot.servers.setdefault(name, FakeServer(name))
 
@@ -184,7 +191,7 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rospy, "Publisher", Publisher)
     monkeypatch.setattr(rospy, "Service", Service)
     monkeypatch.setattr(rospy, "Timer", Timer)
-    monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
+    monkeypatch.setattr(rospy, "Subscriber", subscribe)
     monkeypatch.setattr(rospy.Time, "now", rospy.Time)
     monkeypatch.setattr(rospy, "get_time", lambda: 0.0)
     monkeypatch.setattr(rospy, "on_shutdown", robot.at_shutdown.append)

@@ -317,6 +317,46 @@ def test_halt_blocks_the_goals_there_are_and_no_later_one():
     assert world.drive()
 
 
+def test_a_brake_holds_the_leased_goals_until_they_end():
+    world = driving()
+    decision = world.permit.brake("/executor cancels its action", world.now)
+    assert decision.send is Send.ZERO and not decision.cancels  # the owner is about to cancel it
+    assert not world.drive() and "/executor cancels its action" in world.reason
+    world.status(("a", SUCCEEDED), ("b", ACTIVE))
+    assert world.drive()
+    assert world.cancels == []
+
+
+def test_a_braked_goal_that_is_not_cancelled_goes_on():
+    world = driving()
+    world.permit.brake("/executor cancels its action", world.now)
+    world.after(1.9, DRIVING, held=["a"])
+    assert not world.drive()
+    world.after(0.15, DRIVING, held=["a"])
+    assert world.drive() and world.cancels == []
+
+
+def test_a_braked_goal_that_is_cancelled_does_not_move_any_more():
+    world = driving()
+    world.permit.brake("/executor cancels its action", world.now)
+    world.cancel("a")
+    assert not world.drive()
+    world.after(4.0, DRIVING, held=["a"])
+    assert not world.drive()
+
+
+def test_a_brake_does_not_concern_foreign_goals():
+    world = World()
+    world.status(("rviz", ACTIVE))
+    world.permit.brake("/executor cancels its action", world.now)
+    assert world.drive()
+    world.permit.goal_sent(BASE, "host-1-leased", 1.0, world.now)  # its lease is on its way
+    world.permit.brake("/executor cancels its action", world.now)
+    world.status(("rviz", SUCCEEDED), ("host-1-leased", ACTIVE))
+    world.lease(["host-1-leased"])
+    assert not world.drive()
+
+
 def test_a_stop_wins_until_it_is_released():
     world = driving()
     decision = world.permit.stop("by hand", world.now)

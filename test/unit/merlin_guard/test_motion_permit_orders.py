@@ -25,6 +25,8 @@ class RandomOrders(RuleBasedStateMachine):
         self.leases = {}  # (server, owner) → last lease and its time
         self.lives = {}  # (server, owner) → its lives, the present one last
         self.halted = set()
+        self.braked = {}  # (server, goal) → when, by the clock below
+        self.clock = 0.0  # what the guard counts
         self.stopped = False
         self.moving = False
 
@@ -46,6 +48,7 @@ class RandomOrders(RuleBasedStateMachine):
         }
         assert active
         assert not active & self.halted
+        assert all(self.clock - self.braked.get(goal, -10.0) > 2.0 - 1e-6 for goal in active)
         for server, goal_id in active:
             naming = [
                 (life_at, goal_id in held and goal_id not in suspended)
@@ -62,6 +65,7 @@ class RandomOrders(RuleBasedStateMachine):
         for goal_id in set(self.listed[server]) | set("abc"):
             if goals.get(goal_id, 3) not in (0, 1, 6, 7):
                 self.halted.discard((server, goal_id))
+                self.braked.pop((server, goal_id), None)
         self.listed[server] = goals
         reports = [GoalReport(goal_id, status) for goal_id, status in goals.items()]
         self.note(self.permit.status(server, reports, self.now))
@@ -108,14 +112,23 @@ class RandomOrders(RuleBasedStateMachine):
             self.halted |= {(server, goal_id) for goal_id, status in goals.items() if status in (0, 1, 6, 7)}
         self.note(self.permit.halt("halted", self.now))
 
+    @rule()
+    def brake(self):
+        for (server, _), (held, suspended, _) in self.leases.items():
+            live = {goal_id for goal_id, status in self.listed[server].items() if status in (0, 1, 6, 7)}
+            self.braked.update({(server, goal_id): self.clock for goal_id in live & (held | suspended)})
+        self.note(self.permit.brake("braked", self.now))
+
     @rule(seconds=st.floats(0.0, 0.15))
     def short_time(self, seconds):
         self.now += seconds
+        self.clock += seconds
         self.note(self.permit.tick(self.now))
 
     @rule(seconds=st.floats(0.15, 30.0))
     def long_time(self, seconds):
         self.now += seconds
+        self.clock += min(seconds, 0.2)
         for key, (held, suspended, at) in self.leases.items():  # what the guard missed it does not count
             self.leases[key] = held, suspended, max(at, at + seconds - 0.2)
         self.note(self.permit.tick(self.now))

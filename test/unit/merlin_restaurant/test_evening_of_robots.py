@@ -1,5 +1,6 @@
 """The mission with several robots: one plan for all that waits."""
 
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, List
@@ -8,9 +9,10 @@ import pytest
 from fake_robot import FakeRobot
 from merlin_msgs.msg import ExecuteResult, ListenResult
 
+from merlin_executor.mission.readiness import NotReady
 from merlin_pddl.domain_reader import parse_domain
 from merlin_restaurant.actions import of_robots
-from merlin_restaurant.evening import AT_ONCE, TRIES, URGENT, Evening
+from merlin_restaurant.evening import AT_ONCE, TRIES, Evening
 from merlin_restaurant.table_state import remember_state
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
@@ -23,6 +25,7 @@ NAMES = ["robot_1", "robot_2"]
 def evening(robot: FakeRobot) -> FakeRobot:
     robot.things = {"table": ["table_1", "table_2"]}
     robot.known = ["(ready table_1)", "(ready table_2)", *(f"(available {name})" for name in NAMES)]
+    robot.known += [f"(quiet {name})" for name in NAMES]
     return robot
 
 
@@ -35,6 +38,18 @@ def test_tables_and_entrance_are_looked_at_by_one_plan(evening: FakeRobot) -> No
     evening.known.remove("(ready table_2)")
     assert run() == "succeeded"
     assert evening.sent[:2] == [("(checked table_2)", 0), ("(entrance_checked)", 0)]
+
+
+def test_the_first_plan_waits_for_each_robot(evening: FakeRobot) -> None:
+    evening.known.remove("(available robot_2)")
+    mission = Evening(lambda: True, lambda line: None, robots=NAMES)
+    with pytest.raises(NotReady, match="no host of robot_2 takes actions after 0 s"):
+        mission.wait_for_robot(0.01)
+    waiting = threading.Thread(target=mission.wait_for_robot, args=(30.0,))
+    waiting.start()
+    evening.change(add="(available robot_2)")
+    waiting.join(30.0)
+    assert not waiting.is_alive()
 
 
 def test_all_tables_that_wait_are_served_by_one_plan_and_trays_are_tidied(evening: FakeRobot) -> None:
@@ -52,9 +67,11 @@ def test_all_tables_that_wait_are_served_by_one_plan_and_trays_are_tidied(evenin
 
     evening.send = note  # type: ignore[method-assign]
     assert run() == "succeeded"
-    assert ["(already_served table_1)", "(already_served table_2)"] in requests
-    assert ["(tray_free robot_2)"] in requests
-    assert ("(already_served table_1)", URGENT) in evening.sent
+    assert any(
+        request[:3] == ["(already_served table_1)", "(already_served table_2)", "(tray_free robot_2)"]
+        for request in requests
+    )
+    assert ("(already_served table_1)", AT_ONCE) in evening.sent
 
 
 def test_a_table_that_cannot_be_served_is_tried_again_but_not_for_ever(evening: FakeRobot) -> None:
@@ -69,6 +86,34 @@ def test_what_a_robot_carries_that_is_gone_is_out_of_reach(evening: FakeRobot) -
     evening.known.append("(carrying robot_2 table_1)")
     assert run() == "succeeded"
     assert "(tray_free robot_2)" not in evening.goals
+
+
+def test_a_table_found_waiting_joins_what_is_served_when_no_robot_is_in_a_conversation(
+    evening: FakeRobot,
+) -> None:
+    evening.known.append("(needs_serving table_1)")
+    evening.never = ["(already_served table_1)"]
+    plans: List[List[str]] = []
+    send = evening.send
+
+    def note(goals: Any, *arguments: Any, **named: Any) -> Any:
+        plans.append(list(goals))
+        found = evening.goals.count("(already_served table_1)")
+        if "(already_served table_2)" in goals:
+            evening.never = ()
+            evening.change(remove=["(needs_serving table_1)", "(needs_serving table_2)"])
+        request = send(goals, *arguments, **named)
+        if "(already_served table_1)" in goals and not found:
+            evening.change(add="(needs_serving table_2)", remove="(quiet robot_2)")
+            assert not any("(already_served table_2)" in plan for plan in plans)
+            evening.change(add="(quiet robot_2)")
+        return request
+
+    evening.send = note  # type: ignore[method-assign]
+    assert run() == "succeeded"
+    urgent = [plan[:2] for plan in plans if plan[0].startswith("(already")]
+    assert urgent[0][0] == "(already_served table_1)"
+    assert urgent[1] == ["(already_served table_1)", "(already_served table_2)"]
 
 
 @pytest.mark.parametrize(

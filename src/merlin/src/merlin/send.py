@@ -6,11 +6,12 @@ import sys
 from typing import List
 
 import rospy
-from merlin_msgs.msg import ExecuteFeedback, ExecuteResult
+from merlin_msgs.msg import ExecuteResult
 from rospy.core import is_shutdown_requested
 
 from merlin.launch_request import LaunchError
 from merlin.running import choose
+from merlin.send_progress import SendProgress
 from merlin_executor.executor_client import DROP, RESUME, MerlinExecutorClient, outcome_name
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError
@@ -70,16 +71,18 @@ def _send(given: argparse.Namespace, robot: str) -> int:
     if not client.wait_for_executor(LIMIT):
         print(f"merlin send: the Executor does not answer within {LIMIT:g} s", file=sys.stderr)
         return EXIT_MISTAKES
+    progress = SendProgress(lambda line: print(line, flush=True))
     try:
         request = client.send(
             given.goal,
             priority=given.priority,
             on_interrupt=DROP if given.drop else RESUME,
-            on_feedback=Progress().show,
+            on_feedback=progress.feedback,
         )
     except (GoalError, ValueError, KnowledgeError, ServiceError) as error:
         print(f"merlin send: {error}", file=sys.stderr)
         return EXIT_MISTAKES
+    progress.follow(robot, request)
     rospy.on_shutdown(lambda: _cancel(request))
     if not request.wait(given.timeout) and not is_shutdown_requested():
         print(f"not achieved within {given.timeout:g} s: cancelled", flush=True)
@@ -102,21 +105,3 @@ def _cancel(request: ExecutorRequest) -> None:
     if not request.done:
         request.cancel()
         request.wait(STOP_LIMIT)
-
-
-class Progress:
-    """Prints what a goal is at, once for each change."""
-
-    def __init__(self) -> None:
-        self._said = ""
-
-    def show(self, feedback: ExecuteFeedback) -> None:
-        """Takes a feedback."""
-        running = [
-            f"({' '.join([action.name, *(parameter.value for parameter in action.parameters)])})"
-            for action in feedback.running
-        ]
-        said = ", ".join(running) or feedback.reason or ("planning" if feedback.stage == "PLAN" else "")
-        if said and said != self._said:
-            self._said = said
-            print(f"  {said}", flush=True)

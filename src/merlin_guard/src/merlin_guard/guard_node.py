@@ -34,7 +34,7 @@ CANNOT_BEGIN = 2  # exit code that says: starting it again does not help
 FLUSH = 0.05  # s for the last zero velocity to leave the process
 LONGEST_FLUSH = 0.5  # s for a thread to begin with it
 STOPPED_PARAM, SINCE_PARAM = "~stopped", "~stopped_since"  # keep a stop over a restart of the node
-LONGEST_NAME = 100  # characters of the name of an operator
+LONGEST_TEXT = 100  # characters of the name of an operator, or of a reason
 
 _STATES = {
     State.IDLE: GuardStatus.IDLE,
@@ -104,7 +104,12 @@ class GuardNode:
         self._subscribers = [
             listen(SIM_STATUS_TOPIC, SimStatus, self._receive_simulation),
             listen("merlin/stop", Empty, lambda _: self._stop("stopped on the topic merlin/stop")),
-            listen("merlin/stop_by", String, lambda name: self._stop(f"stopped by {_name(name.data)}")),
+            listen(
+                "merlin/stop_by",
+                String,
+                lambda name: self._stop(f"stopped by {_line(name.data, 'an operator')}"),
+            ),
+            listen("merlin/brake", String, lambda reason: self._brake(_line(reason.data, "braked"))),
         ]
         self._leases = {
             server: listen(f"{server}/lease", Lease, self._receive_lease, callback_args=server)
@@ -191,6 +196,10 @@ class GuardNode:
                 self._keeping -= 1
                 if not self._closing:
                     self._tell(self._permit.view)
+
+    def _brake(self, reason: str) -> None:
+        with self._lock:
+            self._apply(self._permit.brake(reason, time.monotonic()))
 
     def _serve_stop(self, request: TriggerRequest) -> TriggerResponse:
         self._stop(f"stopped by {_caller(request)}")
@@ -322,9 +331,9 @@ def _stop_button(index: int, stop: Any) -> rospy.Subscriber:
     return rospy.Subscriber("joy", Joy, receive, tcp_nodelay=True, queue_size=10)
 
 
-def _name(text: str) -> str:
-    """The name of an operator as one line of a status shows it."""
-    return "".join(letter if letter.isprintable() else " " for letter in text[:LONGEST_NAME]) or "an operator"
+def _line(text: str, default: str) -> str:
+    """A name or a reason as one line of a status shows it."""
+    return "".join(letter if letter.isprintable() else " " for letter in text[:LONGEST_TEXT]) or default
 
 
 def _caller(request: TriggerRequest) -> str:

@@ -154,6 +154,17 @@ class MotionPermit:
         self._refuse_all(reason)
         return self._settle()._replace(send=Send.ZERO)
 
+    def brake(self, reason: str, now: float) -> PermitDecision:
+        """Holds the base for leased goals that are about to be cancelled; newer and foreign ones may move.
+
+        Which ones is not known here: a goal without a cancel may move again after the brake's limit.
+        """
+        self._clock.advance(now)
+        for server, goal in self._goals():
+            if goal.id.endswith(LEASED) or server.claim(goal).ownership is not BaseOwnership.FOREIGN:
+                goal.brake(reason, self._clock.wall)
+        return self._settle()
+
     def world_rate(self, rate: float, now: float) -> PermitDecision:
         """Says how fast the world runs, s per s of wall time; 0: it is paused."""
         self._clock.advance(now)
@@ -211,7 +222,7 @@ class MotionPermit:
 
     def _why_not_now(self, server: MotionServer, goal: MotionGoal) -> str:
         """Why an active goal must not move the base at the moment; empty when it may."""
-        reason = server.why_not_heard()
+        reason = goal.why_braked(self._clock.wall, self.settings.brake_limit) or server.why_not_heard()
         if reason:
             return reason
         claim = server.claim(goal)

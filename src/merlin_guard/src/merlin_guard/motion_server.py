@@ -48,6 +48,8 @@ class MotionGoal:
         self.cancelled_at: Optional[float] = None
         self.refused = ""
         self.asked_at: Optional[float] = None
+        self._brake = ""
+        self._braked_at = 0.0
 
     @property
     def active(self) -> bool:
@@ -58,6 +60,17 @@ class MotionGoal:
         """Notes that it was cancelled; the first time counts."""
         if self.cancelled_at is None:
             self.cancelled_at = now
+
+    def brake(self, reason: str, now: float) -> None:
+        """Holds the base: for the time of a brake, and when it is cancelled by then, until it ends."""
+        self._brake, self._braked_at = reason, now
+
+    def why_braked(self, now: float, limit: float) -> str:
+        """Why a brake holds the base; empty when none does.
+
+        :param limit: s for which a brake holds a goal that is not cancelled.
+        """
+        return self._brake if self.cancelled_at is not None or now - self._braked_at <= limit else ""
 
     def refuse(self, reason: str) -> None:
         """Refuses its motion for good; the first reason counts."""

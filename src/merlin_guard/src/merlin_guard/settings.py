@@ -12,6 +12,8 @@ class GuardSettings(NamedTuple):
     """Silence of an owner after which its goals are cancelled."""
     cancel_deadline: float = 0.5
     """Time within which a cancelled goal may still move the base."""
+    brake_limit: float = 2.0
+    """Time for which a brake holds a goal that is not cancelled meanwhile."""
     command_timeout: float = 0.3
     """Time without a command after which the base is stopped; stands still while the simulator is paused."""
     status_silence: float = 1.0

@@ -1,21 +1,24 @@
 """The mission: the three stages of the challenge, and guests who call."""
 
 from collections import Counter
-from typing import Any, Callable, Dict, List, Optional, Sequence
+from typing import Any, Callable, Dict, List, Optional, Sequence, Union
 
-from merlin_executor.mission import NOTHING, RESEND, MissionSM
+from merlin_executor.mission import NOTHING, RESEND, GoalState, MissionSM
+from merlin_executor.mission.readiness import NotReady
 from merlin_restaurant.menu import CALL, table_called
 from merlin_restaurant.table_state import remember_state
+from merlin_restaurant.until_known import UntilKnown
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.function_state import FunctionState
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.speech import ListenState
+from merlin_sm.states.while_state import WhileSM
 
 URGENT = 10
 """Priority of what a guest waits for; it interrupts the round of the tables, which goes on afterwards."""
 AT_ONCE = 11
-"""Priority of a call with several robots: what they serve is planned anew with what is called for."""
+"""Priority of what guests wait for with several robots; whom a robot leads is not left on the way for it."""
 TRIES = 2  # of several robots, to serve a table in one round: what one fails at ends the plan of all
 CLOSING_ROUNDS = 3  # at most, when a table could not be looked at after the restaurant had closed
 LISTEN = 30.0  # s of ROS time after which the robot begins to listen anew
@@ -46,7 +49,22 @@ class Evening(MissionSM):
         self._last_round = False
         self._closing_rounds = 0
         self._tried: Counter = Counter()
+        self._asked: List[str] = []  # the tables' goals that several robots serve now
+        self._looks = False  # whether one of them looks at the entrance
+        self._client_called = False
+        self._waits: List[UntilKnown] = []
         super().__init__(name, on_lost)
+
+    def wait_for_robot(self, timeout: float) -> None:
+        """Waits also until each of several robots takes actions: else the first plan is without it."""
+        super().wait_for_robot(timeout)
+        state = UntilKnown(lambda: not self._absent(), timeout)
+        if state.execute({}) != SUCCEEDED:
+            absent = " and ".join(self._absent())
+            raise NotReady(f"no host of {absent} takes actions after {timeout:.0f} s; is it launched?")
+
+    def _absent(self) -> List[str]:
+        return [robot for robot in self._robots if not self.holds(f"(available {robot})")]
 
     def build(self) -> None:
         """ROUNDS and CALLS at the same time; the end of the rounds is the end of the evening."""
@@ -58,36 +76,69 @@ class Evening(MissionSM):
         rounds = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
         with rounds:
             rounds.add("BEGIN", FunctionState(self._begin_round), {SUCCEEDED: "CHECK_TABLES"})
-            self.add_goal_state("CHECK_TABLES", self._tables, then("SERVE"))
-            self.add_goal_state("SERVE", self._to_serve, {**then("SERVE"), NOTHING: "TIDY"}, priority=URGENT)
-            self.add_goal_state("TIDY", self._to_bring_back, then("LOOK"), priority=URGENT)
+            self.add_goal_state("CHECK_TABLES", self._tables, then("SERVE", NOTHING))
+            if self._robots:  # the other branch serves
+                served = self._until(lambda: not self._waiting_tables())
+                rounds.add("SERVE", served, then("TIDY"))
+            else:
+                serve = {**then("SERVE"), NOTHING: "TIDY"}
+                self.add_goal_state("SERVE", self._to_serve, serve, priority=URGENT)
+            self.add_goal_state("TIDY", self._to_bring_back, then("LOOK", NOTHING), priority=URGENT)
             self.add_goal_state("LOOK", "(entrance_checked)", {SUCCEEDED: "GUIDE", ABORTED: "GUIDE"})
             # A call does not interrupt this one: whom a robot leads would be left on the way.
             guide = AT_ONCE if self._robots else URGENT
-            self.add_goal_state("GUIDE", self._to_guide, then("END"), priority=guide)
+            self.add_goal_state("GUIDE", self._to_guide, then("END", NOTHING), priority=guide)
             rounds.add("END", FunctionState(self._end_round, outcomes=["open"]), {"open": "BEGIN"})
         return rounds
 
-    def _calls(self) -> MerlinSM:
+    def _calls(self) -> Union[MerlinSM, WhileSM]:
         """A call from a table or from the entrance becomes an urgent goal."""
+        if self._robots:
+            return WhileSM(self._ears(), self._serving())
         calls = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
         with calls:
             listen = ListenState(CALL, LISTEN, "calls/listen")
             calls.add("LISTEN", listen, {SUCCEEDED: "NOTE", "misunderstood": "LISTEN", ABORTED: "LISTEN"})
             note = FunctionState(self._note_call, ["heard"], outcomes=["entrance", "no_call"])
-            entrance = "SERVE" if self._robots else "LOOK"
-            meant = {SUCCEEDED: "SERVE", "entrance": entrance, "no_call": "LISTEN", ABORTED: "LISTEN"}
+            meant = {SUCCEEDED: "SERVE", "entrance": "LOOK", "no_call": "LISTEN", ABORTED: "LISTEN"}
             calls.add("NOTE", note, meant)
-            if self._robots:
-                self.add_goal_state("SERVE", self._all_that_waits, then("GUIDE"), priority=AT_ONCE)
-                self.add_goal_state("GUIDE", self._to_guide, then("LISTEN"), priority=AT_ONCE)
-                return calls
-            self.add_goal_state("SERVE", self._called, then("TIDY"), priority=URGENT)
-            self.add_goal_state("TIDY", self._to_bring_back, then("LISTEN"), priority=URGENT)
+            self.add_goal_state("SERVE", self._called, then("TIDY", NOTHING), priority=URGENT)
+            self.add_goal_state("TIDY", self._to_bring_back, then("LISTEN", NOTHING), priority=URGENT)
             look = {SUCCEEDED: "GUIDE", ABORTED: "LISTEN"}
             self.add_goal_state("LOOK", "(entrance_checked)", look, priority=URGENT)
-            self.add_goal_state("GUIDE", self._to_guide, then("LISTEN"), priority=URGENT)
+            self.add_goal_state("GUIDE", self._to_guide, then("LISTEN", NOTHING), priority=URGENT)
         return calls
+
+    def _ears(self) -> MerlinSM:
+        """Several robots listen to calls all the time; what is called for is known then."""
+        ears = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
+        with ears:
+            listen = ListenState(CALL, LISTEN, "calls/listen")
+            ears.add("LISTEN", listen, {SUCCEEDED: "NOTE", "misunderstood": "LISTEN", ABORTED: "LISTEN"})
+            note = FunctionState(self._note_call, ["heard"], outcomes=["entrance", "no_call"])
+            ears.add("NOTE", note, then("LISTEN", "entrance", "no_call"))
+        return ears
+
+    def _serving(self) -> MerlinSM:
+        """Several robots serve all that waits by one plan, which is made anew when more is known to wait."""
+        serving = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
+        with serving:
+            serving.add("WAIT", self._until(self._is_new), {SUCCEEDED: "SERVE", ABORTED: "WAIT"})
+            serve = GoalState(self._all_that_waits, client=self.client, pause=self._pause, priority=AT_ONCE)
+            planned = WhileSM(serve, self._until(self._is_new), seen="news")
+            serving.add("SERVE", planned, {**then("DONE", NOTHING), "news": "SERVE"})
+            serving.add("DONE", FunctionState(self._note_end), then("GUIDE"))
+            self.add_goal_state("GUIDE", self._to_guide, then("WAIT", NOTHING), priority=AT_ONCE)
+        return serving
+
+    def _until(self, condition: Callable[[], bool]) -> UntilKnown:
+        self._waits.append(UntilKnown(condition))
+        return self._waits[-1]
+
+    def _wake(self) -> None:
+        """For what is not a change of the knowledge."""
+        for state in self._waits:
+            state.wake()
 
     def _begin_round(self, userdata: Any) -> None:
         """Looks at nothing as checked, and notes whether this is the last round."""
@@ -108,17 +159,37 @@ class Evening(MissionSM):
         return [*tables, "(entrance_checked)"] if self._robots and tables else tables
 
     def _to_serve(self, userdata: Any) -> List[str]:
-        """The next table that needs serving, each once in a round; with several robots all such tables."""
-        tries = TRIES if self._robots else 1
-        waiting = [table for table in named_in(self.facts("needs_serving")) if self._tried[table] < tries]
-        next_ones = waiting if self._robots else waiting[:1]
+        """The next table that needs serving, each once in a round."""
+        next_ones = self._waiting_tables()[:1]
         self._tried.update(next_ones)
         return [f"(already_served {table})" for table in next_ones]
 
+    def _waiting_tables(self) -> List[str]:
+        """The tables that need serving, without those that were tried often enough in this round."""
+        tries = TRIES if self._robots else 1
+        return [table for table in named_in(self.facts("needs_serving")) if self._tried[table] < tries]
+
+    def _is_new(self) -> bool:
+        """Whether more waits than is served now, and no conversation would be broken off for it."""
+        more = [table for table in self._waiting_tables() if f"(already_served {table})" not in self._asked]
+        called = self._client_called and not self._looks
+        return bool(more or called) and all(
+            self.holds(f"(quiet {robot})") for robot in self._robots if self.holds(f"(available {robot})")
+        )
+
     def _all_that_waits(self, userdata: Any) -> List[str]:
-        """What several robots do after a call: serve each table that waits, and what is left of the round."""
-        tables = [f"(already_served {table})" for table in named_in(self.facts("needs_serving"))]
-        return [*tables, *self._to_bring_back(userdata), *self._left_of_the_round()]
+        """What several robots do: serve each table that waits, and meanwhile what is left of the round."""
+        self._client_called = False
+        self._asked = [f"(already_served {table})" for table in self._waiting_tables()]
+        left = self._left_of_the_round()
+        self._looks = "(entrance_checked)" in left
+        return [*self._asked, *self._to_bring_back(userdata), *left]
+
+    def _note_end(self, userdata: Any) -> None:
+        """A plan that has ended was one try for each of its tables that still waits."""
+        asked, self._asked, self._looks = named_in(self._asked), [], False
+        self._tried.update(set(asked) & set(self._waiting_tables()))
+        self._wake()
 
     def _left_of_the_round(self) -> List[str]:
         """What a robot that is not needed for anything urgent looks at meanwhile."""
@@ -157,10 +228,14 @@ class Evening(MissionSM):
         if not table:
             self._narrate("a client at the entrance calls")
             self.remove_facts("(entrance_checked)")
+            self._client_called = True
+            self._wake()
             return "entrance"
         self._narrate(f"{table} calls")
+        self._tried.pop(table, None)
         if not self.holds(f"(ordered {table})"):
             remember_state(self, table, "needs_serving")
+        self._wake()
         return None
 
     def _called(self, userdata: Any) -> List[str]:
@@ -178,9 +253,12 @@ class Evening(MissionSM):
         return "open"
 
 
-def then(label: str) -> Dict[str, str]:
-    """However goals end, the mission goes on with this state."""
-    return {SUCCEEDED: label, ABORTED: label, NOTHING: label}
+def then(label: str, *further: str) -> Dict[str, str]:
+    """However a state ends, the mission goes on with this one.
+
+    :param further: outcomes of that state besides succeeded and aborted.
+    """
+    return dict.fromkeys((SUCCEEDED, ABORTED, *further), label)
 
 
 def named_in(facts: Sequence[str]) -> List[str]:

@@ -61,6 +61,7 @@ class GoalState(MerlinState):
 
     def run(self, userdata: Any) -> str:
         """Sends the goals and waits for the end."""
+        userdata.outcome = ""
         values = {key: userdata[key] for key in self._keys}
         try:
             given = self._goals(userdata) if callable(self._goals) else self._goals

@@ -85,7 +85,7 @@ class Executor:
         self._own = OwnGoals(knowledge, goals_file, LeaseHolder(f"{knowledge.name}/goals/lease"))
         self._dispatcher = DispatchClient(dispatcher, knowledge.name, cancel_deadline, self._dispatch_changed)
         self._recovery = Recovery(knowledge, self._dispatcher)
-        guard = GuardClient(knowledge.name, stand_wait)
+        guard = GuardClient(knowledge.name, stand_wait, brakes=cancel_deadline > 0.0)
         system = PlanningSystem(knowledge, planning, self._dispatcher, self._recovery, guard, return_wait)
         self._machine = ExecutorSM(system, self._own, self._publish_status)
         self._server = ActionServer("merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner)

@@ -77,6 +77,13 @@ class ExecutorSM(MerlinSM, Stages[Request]):
             self._request = None
         return self._verdict
 
+    def cancel(self) -> None:
+        """Stops the run, also one that is prepared and has not begun; from any thread, never blocks."""
+        request = self._request
+        if request is not None and request.course.may_move:
+            self._system.guard.brake(f"{rospy.get_name()} cancels its action")
+        super().cancel()
+
     @property
     def request(self) -> Request:
         """The request that runs."""

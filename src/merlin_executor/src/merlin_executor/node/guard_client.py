@@ -1,15 +1,17 @@
-"""The Executor's view of the velocity guards: whether the bases stand, and halting them."""
+"""The Executor's view of the velocity guards: whether the bases stand, braking and halting them."""
 
 import threading
 import time
-from typing import Dict, Optional
+from typing import Dict, List, Optional
 
 import rospy
 from merlin_msgs.msg import GuardStatus, RobotHost
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from merlin_executor.core.standstill import STAND_WAIT, Halt, together
 from merlin_ros.deadline import Deadline
+from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 HALT_LIMIT = 1.0  # s of wall time for the guard to answer
@@ -17,14 +19,16 @@ FRESH = 1.5  # s of wall time for which the word of another robot's guard counts
 
 
 class GuardClient:
-    """Follows ``merlin/guard`` and calls ``merlin/halt``, where there is a guard; of each robot of the plan.
+    """Follows ``merlin/guard``, where there is a guard, and has it hold the base; of each robot of the plan.
 
     :param knowledge_base: global name of the knowledge base, below which robots announce themselves.
     :param stand_wait: s of running time for the bases to come to rest.
+    :param brakes: whether :meth:`brake` holds the bases; not, where a cancelled action runs to its end.
     """
 
-    def __init__(self, knowledge_base: str, stand_wait: float = STAND_WAIT) -> None:
+    def __init__(self, knowledge_base: str, stand_wait: float = STAND_WAIT, brakes: bool = True) -> None:
         self._stand_wait = stand_wait
+        self._brakes = brakes
         self._changed = threading.Condition()  # guards the field below, and what the guards say
         self._guards: Dict[str, _Guard] = {}
         self._add("")
@@ -40,11 +44,18 @@ class GuardClient:
                 self._changed, lambda: not any(guard.moves() for guard in self._guards.values())
             )
 
+    def brake(self, reason: str) -> None:
+        """Has the guards hold their bases while a cancel comes down to the motion goals. Never blocks."""
+        for guard in self._all() if self._brakes else ():
+            guard.brake(reason)
+
     def halt(self) -> Halt:
-        """Has the guards hold their bases until the motion goals of this moment have ended."""
+        """Has the guards hold their bases, and cancel all motion goals of this moment."""
+        return together([guard.halt() for guard in self._all()])
+
+    def _all(self) -> List["_Guard"]:
         with self._changed:
-            guards = list(self._guards.values())
-        return together([guard.halt() for guard in guards])
+            return list(self._guards.values())
 
     def _meet(self, word: RobotHost) -> None:
         namespace = word.node.rpartition("/")[0] + "/"
@@ -68,6 +79,7 @@ class _Guard:
         self._changed = changed
         self._status: Optional[GuardStatus] = None
         self._heard = 0.0
+        self._brake = rospy.Publisher(f"{namespace}merlin/brake", String, tcp_nodelay=True, queue_size=1)
         self._halt = ServiceProxy(f"{namespace}merlin/halt", Trigger, timeout=HALT_LIMIT)
         self._subscriber = rospy.Subscriber(
             f"{namespace}merlin/guard", GuardStatus, self._receive, tcp_nodelay=True
@@ -79,8 +91,12 @@ class _Guard:
             return False
         return bool(self._status.moving)
 
+    def brake(self, reason: str) -> None:
+        """Has the guard hold its base for now."""
+        publish(self._brake, String(reason))
+
     def halt(self) -> Halt:
-        """Has the guard hold its base."""
+        """Has the guard hold its base, and cancel what moves it."""
         if not self._halt.available():
             with self._changed:
                 known = self._status is not None

@@ -225,6 +225,8 @@ class Agent:
             self._not_before[tag] = self.now + self.rules.retry
         if kind == "claim":
             self.possession.claimed(tag, result)
+        elif kind == "bids":
+            self.bidding.answered(result)
         elif kind in ("report", "late"):
             self.reporting.answered(tag, result)
         elif kind in (REMOVE, FORGET):

@@ -7,7 +7,7 @@ from merlin_fleet.core import records
 from merlin_fleet.core.auction import lot, order, take_at, unsuited
 from merlin_fleet.core.possession import MISSED
 from merlin_fleet.core.records import Bid, Bids, Goal, Report
-from merlin_fleet.core.store import Compare, Put, Txn
+from merlin_fleet.core.store import Compare, Put, Txn, TxnResult
 from merlin_fleet.core.view import GoalState
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ class Bidding:
         self._opened: Dict[str, float] = {}
         self._written: Optional[Bids] = None
         self._written_at = 0.0
+        self._written_in: Optional[int] = None  # the revision, when it is known
         self._gathering_since: Optional[float] = None
         self._moments: List[float] = []
         self._overdue = 0
@@ -49,6 +50,10 @@ class Bidding:
             self._costs[event.goal] = bid = Bid(event.cost, event.reason or old)
             self._costed_at[event.goal] = self._agent.now
             self._refusals += _refuses(before) is not _refuses(bid)
+
+    def answered(self, result: Optional[TxnResult]) -> None:
+        """Bids were written, or not."""
+        self._written_in = result.revision if result is not None and result.done else None
 
     def decide(self) -> None:
         """Ends what is overdue, asks for costs, writes bids, takes goals."""
@@ -172,16 +177,24 @@ class Bidding:
         agent, before = self._agent, self._written
         if before is not None and bids.reason == before.reason and bids.of.items() <= before.of.items():
             self._gathering_since = None
-            if agent.view.offers.of(agent.robot.name) == before or (
-                agent.now < self._written_at + 3 * agent.rules.retry
-            ):
-                return  # an older put that came late is written over
+            if agent.view.offers.of(agent.robot.name) == before or self._on_their_way():
+                return
         elif not bids.reason and self._gathers():
             return
         key = agent.keys.key(records.BIDS, agent.robot.name)
         put = Put(key, records.encode_bids(bids), agent.tenure.lease)
         if agent.transact("bids", Txn((agent.mine(),), (put,))):
-            self._written, self._written_at = bids, agent.now
+            self._written, self._written_at, self._written_in = bids, agent.now, None
+
+    def _on_their_way(self) -> bool:
+        """Whether this robot cannot have seen yet what it wrote; an older put that came late is written over.
+
+        Not by time alone where the revision is known: robots that are behind would write again what makes
+        all of them come further behind.
+        """
+        if self._written_in is not None:
+            return self._agent.view.revision < self._written_in
+        return self._agent.now < self._written_at + 3 * self._agent.rules.retry
 
     def _gathers(self) -> bool:
         """Whether the costs that were asked for are awaited, to be written together."""

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 CANCELLED = "CANCELLED"
 MISSED = "MISSED"
+MOST_TURNS = 4  # a claim that was in vain so often in a row is tried again each 16 times as late
 
 
 class Phase(Enum):
@@ -57,6 +58,8 @@ class Possession:
         """Goals whose claim is under way."""
         self._behind = (0, 0.0)
         """Revision of the last claim that was in vain, and until when it is awaited."""
+        self._in_vain = 0
+        """How many claims were in vain, one after the other, without that it was seen."""
 
     # --- what the others ask
 
@@ -74,6 +77,8 @@ class Possession:
         revision, until = self._behind
         if agent.view.revision < revision and agent.now < until:
             return  # it would be in vain again: what this robot knows is older than another claim
+        if agent.view.revision >= revision:
+            self._in_vain = 0
         claim = records.encode(Claim(agent.robot.name, agent.life))
         compare = (
             Compare(keys.key(records.GOALS, goal.id), agent.view.written[goal.id]),
@@ -93,7 +98,10 @@ class Possession:
         name = tag.split(" ")[1]
         self._claiming.discard(name)
         if result is not None and not result.done:
-            self._behind = (result.revision, self._agent.now + self._agent.rules.retry)
+            # The revision may be of a key that no robot follows, so it is not awaited for ever; and by
+            # each turn longer, or robots that are behind would keep the hub and themselves busy with it.
+            self._behind = (result.revision, self._agent.now + self._agent.rules.retry * 2**self._in_vain)
+            self._in_vain = min(self._in_vain + 1, MOST_TURNS)
         goal = self._agent.view.goals.get(name)
         if goal is not None and result is not None and result.done:
             self._own(goal, result.revision)

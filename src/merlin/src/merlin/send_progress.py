@@ -1,0 +1,89 @@
+"""What `rosrun merlin send` prints while its goals wait and run."""
+
+import threading
+from typing import Callable, Optional
+
+import rospy
+from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus
+
+from merlin_executor.executor_request import ExecutorRequest
+
+
+class SendProgress:
+    """Says what a request is at, and what it waits for, once for each change.
+
+    :param say: takes a line.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._lock = threading.Lock()  # guards the fields below
+        self._request: Optional[ExecutorRequest] = None
+        self._said = ""
+        self._feedback: Optional[ExecuteFeedback] = None
+        self._status: Optional[ExecutorStatus] = None
+        self._guard: Optional[GuardStatus] = None
+
+    def follow(self, robot: str, request: ExecutorRequest) -> None:
+        """Follows the Executor and the guard of a robot.
+
+        :param robot: its namespace.
+        """
+        with self._lock:
+            self._request = request
+        for name, kind, take in (
+            ("status", ExecutorStatus, self.executor),
+            ("guard", GuardStatus, self.guard),
+        ):
+            rospy.Subscriber(f"{robot}/merlin/{name}", kind, take, tcp_nodelay=True)
+
+    def feedback(self, feedback: ExecuteFeedback) -> None:
+        """Takes a feedback of the request."""
+        with self._lock:
+            self._feedback = feedback
+            self._tell()
+
+    def executor(self, status: ExecutorStatus) -> None:
+        """Takes the Executor's status."""
+        with self._lock:
+            self._status = status
+            self._tell()
+
+    def guard(self, status: GuardStatus) -> None:
+        """Takes the status of the robot's guard."""
+        with self._lock:
+            self._guard = status
+            self._tell()
+
+    def _tell(self) -> None:
+        said = self._obstacle() or self._doing()
+        if said and said != self._said:
+            self._said = said
+            self._say(f"  {said}")
+
+    def _obstacle(self) -> str:
+        """What the request waits for; empty: nothing."""
+        guard, status, request = self._guard, self._status, self._request
+        if request is None or request.done:
+            return ""
+        if guard is not None and guard.state == GuardStatus.STOPPED:
+            return f"the base is held: {guard.reason}; `rosservice call merlin/release` lets it move again"
+        if status is None:
+            return ""
+        if status.held:
+            return f"held at the breakpoint {status.held}"
+        if status.request == request.id:
+            return ""
+        if status.paused and status.state == ExecutorStatus.IDLE:
+            return "waits: the Executor is paused; `rosservice call merlin/resume` lets it go on"
+        return f"waits: {', '.join(status.goals)} runs" if status.request and status.goals else ""
+
+    def _doing(self) -> str:
+        feedback = self._feedback
+        if feedback is None:
+            return ""
+        running = [
+            f"({' '.join([action.name, *(parameter.value for parameter in action.parameters)])})"
+            for action in feedback.running
+        ]
+        return ", ".join(running) or feedback.reason or ("planning" if feedback.stage == "PLAN" else "")

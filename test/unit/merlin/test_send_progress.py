@@ -1,0 +1,79 @@
+"""What `rosrun merlin send` says while a goal waits and runs."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import List
+
+import pytest
+from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus, RunningAction
+
+from merlin.send_progress import SendProgress
+
+RUNNING, IDLE = ExecutorStatus.RUNNING, ExecutorStatus.IDLE
+OTHER = ExecutorStatus(state=RUNNING, request="other", goals=["(checked hall)"])
+MINE = ExecutorStatus(state=RUNNING, request="mine", goals=["(checked kitchen)"])
+
+
+@pytest.fixture()
+def said() -> List[str]:
+    return []
+
+
+@pytest.fixture()
+def progress(said: List[str], monkeypatch: pytest.MonkeyPatch) -> SendProgress:
+    monkeypatch.setattr("rospy.Subscriber", lambda *_, **__: None)
+    made = SendProgress(lambda line: said.append(line.strip()))
+    made.follow("", SimpleNamespace(id="mine", done=False))  # type: ignore[arg-type]
+    return made
+
+
+def test_each_change_is_said_once(progress: SendProgress, said: List[str]) -> None:
+    for _ in range(2):
+        progress.feedback(ExecuteFeedback(stage="PLAN"))
+        progress.executor(MINE)
+    progress.feedback(ExecuteFeedback(running=[RunningAction(name="navigate")]))
+    progress.feedback(ExecuteFeedback(stage="DISPATCH_PLAN"))
+    assert said == ["planning", "(navigate)"]
+
+
+def test_what_runs_before_it_is_named(progress: SendProgress, said: List[str]) -> None:
+    progress.executor(OTHER)
+    progress.executor(MINE)
+    assert said == ["waits: (checked hall) runs"]
+
+
+def test_a_paused_executor_is_named(progress: SendProgress, said: List[str]) -> None:
+    progress.executor(ExecutorStatus(state=IDLE, paused=True))
+    assert len(said) == 1 and "the Executor is paused" in said[0] and "merlin/resume" in said[0]
+
+
+def test_a_base_that_is_held_is_named(progress: SendProgress, said: List[str]) -> None:
+    progress.executor(MINE)
+    progress.guard(GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana"))
+    assert len(said) == 1 and "stopped by Ana" in said[0] and "merlin/release" in said[0]
+
+
+def test_a_breakpoint_is_named(progress: SendProgress, said: List[str]) -> None:
+    progress.executor(ExecutorStatus(state=RUNNING, request="mine", held="(ask kitchen)"))
+    assert said == ["held at the breakpoint (ask kitchen)"]
+
+
+def test_ctrl_c_before_the_node_has_begun_gives_no_traceback() -> None:
+    script = Path(__file__).resolve().parents[3] / "src" / "merlin" / "scripts" / "send"
+    process = subprocess.Popen([sys.executable, script, "(checked hall)"], stderr=subprocess.PIPE, text=True)
+
+    def caught() -> bool:
+        lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
+        mask = next(line.split()[1] for line in lines if line.startswith("SigCgt"))
+        return bool(int(mask, 16) >> (signal.SIGINT - 1) & 1)
+
+    while not caught():  # the interpreter's own handler, which ends with a traceback
+        pass
+    while caught():
+        pass
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == -signal.SIGINT and errors == ""
