@@ -23,6 +23,7 @@ RESULTS = BENCH.parent / "results" / "bench.json"
 PAGE = BENCH.parent / "docs" / "benchmarks.md"
 BEGIN, END = "<!-- table of make bench: begin -->", "<!-- table of make bench: end -->"
 LIMIT = float(os.environ.get("LIMIT", 600.0))  # s for one benchmark
+STOP = 90.0  # s for it to end its nodes
 #: Benchmarks that are run by their name only, and s for each.
 LONG = {"bench_fleet": 3600.0, "bench_robots_home": 3600.0}
 
@@ -47,14 +48,25 @@ def run(module: str) -> Tuple[Optional[Dict[str, Any]], str]:
     try:
         output, _ = process.communicate(timeout=limit)
     except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        output, _ = process.communicate()
-        output += f"\nended after {limit:.0f} s"
+        output = f"{_end(process)}\nended after {limit:.0f} s"
+    except KeyboardInterrupt:
+        _end(process)
+        raise
     if process.returncode or not target.exists():
         return None, output
     results = json.loads(target.read_text())
     target.unlink()
     return results, output
+
+
+def _end(process: subprocess.Popen) -> str:
+    """Ends a benchmark with what it has started, which is in sessions of its own; returns what it printed."""
+    process.send_signal(signal.SIGINT)
+    try:
+        return str(process.communicate(timeout=STOP)[0])
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        return str(process.communicate()[0])
 
 
 def rows(results: Dict[str, Any], path: Tuple[str, ...] = ()) -> Iterator[Tuple[str, Any]]:

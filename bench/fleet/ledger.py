@@ -25,12 +25,16 @@ class Ledger:
         self._lock = threading.Lock()  # guards the fields below
         self._running: Dict[Tuple[str, str], float] = {}
         self._hung: Dict[Tuple[str, str], Tuple[float, float]] = {}  # begin, and when it went on
+        self._hanging: Set[str] = set()
         self._over: List[Ended] = []
         self._overlaps: List[str] = []
 
     def begin(self, robot: str, goal: str, at: float) -> None:
-        """A robot executes a goal from now on."""
+        """A robot executes a goal from now on; one that hangs had begun before, and it was told late."""
         with self._lock:
+            if robot in self._hanging:
+                self._hung[(robot, goal)] = (at, float("inf"))
+                return
             for other, running in self._running:
                 if running == goal and other != robot:
                     self._overlaps.append(f"{goal} was executed by {other} and {robot} at once")
@@ -48,12 +52,14 @@ class Ledger:
     def hang(self, robot: str) -> None:
         """Nothing of a robot runs until :meth:`resume`."""
         with self._lock:
+            self._hanging.add(robot)
             for name, goal in [each for each in self._running if each[0] == robot]:
                 self._hung[(name, goal)] = (self._running.pop((name, goal)), float("inf"))
 
     def resume(self, robot: str, at: float) -> None:
         """It goes on, and has `GRACE` to stop what another one executes."""
         with self._lock:
+            self._hanging.discard(robot)
             for key, (begun, _) in list(self._hung.items()):
                 if key[0] == robot:
                     self._hung[key] = (begun, at)

@@ -74,3 +74,13 @@ def test_a_robot_that_hung_and_goes_on_alone_is_right(ledger: Ledger) -> None:
     ledger.resume("ann", 13.0)
     ledger.end("ann", "b", 20.0, "SUCCEEDED")
     assert ledger.mistakes(GOALS, {"a": "SUCCEEDED", "b": "SUCCEEDED"}) == []
+
+
+def test_what_a_hung_robot_had_begun_may_be_told_late(ledger: Ledger) -> None:
+    ledger.hang("ann")
+    ledger.begin("ann", "b", 3.0)
+    ledger.begin("bob", "b", 20.0)
+    ledger.end("bob", "b", 24.0, "SUCCEEDED")
+    ledger.resume("ann", 33.0)
+    ledger.end("ann", "b", 33.5, "CANCELLED")
+    assert ledger.mistakes(GOALS, {"a": "SUCCEEDED", "b": "SUCCEEDED"}) == []

@@ -142,7 +142,7 @@ class Bench:
             ("ActionServer", server),
             ("DispatchClient", lambda *_: dispatcher),
             ("Recovery", lambda *_: recovery),
-            ("GuardClient", lambda knowledge_base, stand_wait: None),
+            ("GuardClient", lambda *_, **__: None),
             ("OwnGoals", lambda *_: own),
             ("LeaseHolder", lambda topic: None),
             ("PauseServices", self.serve_pause),

@@ -57,7 +57,7 @@ def test_a_change_says_who_and_when() -> None:
     assert tree.get("knowledge", "values", "(battery)") == {"value": 20.0, "by": "/executor", "at": 13.0}
     assert told.texts == [
         "kitchen checked added and goal x checked added, by /bridge",
-        "kitchen checked removed and battery added, by /executor",
+        "kitchen checked removed and battery is 20, by /executor",
     ]
     recent = list(tree.get("knowledge", "recent").values())
     assert [(change["sign"], change["text"]) for change in recent][-2:] == [
@@ -74,7 +74,7 @@ def test_reading_again_tells_only_what_differs() -> None:
     assert tree.version == tree_before
     knowledge.replace(Contents([], [fact("b"), fact("c")], [value("n", number=2.0)], []), "/x", 2.0, False)
     assert shown(tree)["facts"] == ["(b)", "(c)"] and shown(tree)["values"] == {"(n)": 2.0}
-    assert told.texts == ["a removed, c added and n changed, by /x"]
+    assert told.texts == ["a removed, c added and n is 2, by /x"]
 
 
 @given(

@@ -151,22 +151,23 @@ class KnowledgeSection:
     def _told(self, changes: List[Tuple[str, str, str]], by: str, at: float) -> None:
         if not changes:
             return
-        told: Phrase = [_words(*change) for change in changes[:FEW]]
+        told: Phrase = [self._words(*change) for change in changes[:FEW]]
         if len(changes) > FEW:
             told = say("{first} and {count} more", first=told, count=str(len(changes) - FEW))
         client = by or say("an unknown client")
         self._tell(sentence("knowledge", say("{what}, by {client}", what=told, client=client), at))
 
-
-def _words(sign: str, kind: str, key: str) -> Phrase:
-    what: Phrase = value_phrase(key) if kind == "values" else goal_phrase(key)
-    if kind == "goals":
-        what = say("goal {text}", text=what)
-    elif kind == "objects":
-        what = say("object {text}", text=key)
-    if sign == "+":
-        return say("{what} added", what=what)
-    return say("{what} removed", what=what) if sign == "-" else say("{what} changed", what=what)
+    def _words(self, sign: str, kind: str, key: str) -> Phrase:
+        what: Phrase = value_phrase(key) if kind == "values" else goal_phrase(key)
+        if kind == "goals":
+            what = say("goal {text}", text=what)
+        elif kind == "objects":
+            what = say("object {text}", text=key)
+        if sign == "-":
+            return say("{what} removed", what=what)
+        if kind == "values" and key in self._tables[kind]:
+            return say("{what} is {value}", what=what, value=number_text(self._tables[kind][key]["value"]))
+        return say("{what} added", what=what) if sign == "+" else say("{what} changed", what=what)
 
 
 def _kind(item: Any) -> str:
