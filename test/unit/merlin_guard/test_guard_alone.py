@@ -1,9 +1,12 @@
 """The guard where nothing else of MERLIN is installed, as a process: it passes, holds, and ends."""
 
+import os
 import signal
 from typing import Any
 
 import pytest
+
+from merlin_guard.process_priority import PRIORITY
 
 GUARD = """
 import sys
@@ -104,6 +107,8 @@ def test_it_passes_what_has_a_goal_and_ends_as_a_node_does(
     driver.expect("started")
     driver.say("drive")
     driver.expect("MOVES")
+    if os.geteuid() == 0:
+        assert os.getpriority(os.PRIO_PROCESS, alone.process.pid) == PRIORITY
     driver.say("end")
     driver.expect("STANDS")
     assert alone.end(number) == code

@@ -17,6 +17,7 @@ from merlin_guard.goal_header import read_goal_header
 from merlin_guard.guard_parameters import GuardParameters, read_parameters
 from merlin_guard.motion_permit import MotionPermit, PermitDecision, Send, State, View
 from merlin_guard.motion_server import GoalReport
+from merlin_guard.process_priority import raise_priority
 from merlin_guard.ros_graph import living_guard_of_this_name
 from merlin_guard.surroundings import Surroundings
 from merlin_ros.master.master_link import MasterSilent, get_param, set_param
@@ -350,6 +351,7 @@ def _start() -> None:
 
 def main() -> int:
     """The executable ``guard``; returns its exit code."""
+    raise_priority()
     other = living_guard_of_this_name(NAME)
     if other:
         print(f"merlin_guard: a guard named {other} runs already; end it, or name this one differently")
