@@ -24,7 +24,7 @@ help:
 	@echo "make experiment   Missions 1, 2, 3, naive and MERLIN, and a report (MISSION= APPROACH= RUNS= SEED= RTF= SWEEPS= WORLDS= CHECK=1)"
 	@echo "make restaurant   an evening in the simulated restaurant (ROBOTS= GUESTS= DISTURBANCES= SEED= RTF= RECORD= LINGER=)"
 	@echo "make fleet  a fleet on this machine: a hub, robots, a link that is cut, a robot that is killed (ROBOTS=)"
-	@echo "make fleet-chaos  its fault campaign (TRIALS= of each FAULT=, SEED=)"
+	@echo "make fleet-chaos  its fault campaign (TRIALS= of each FAULT=, CLOCKS=same|apart, SEED=)"
 	@echo "make test   all tests"
 	@echo "make bench  benchmarks"
 	@echo "make chaos  the fault campaign (TRIALS= MINUTES= SEED= FAULT= MOMENT= RESPAWN=yes|no)"
@@ -62,7 +62,7 @@ fleet: build
 
 # In docs/fleet.md: the table of faults.
 fleet-chaos: build
-	@$(IN) python bench/fleet/campaign.py $(call given,TRIALS,trials) $(call given,FAULT,faults) --seed $(SEED)
+	@$(IN) python bench/fleet/campaign.py $(call given,TRIALS,trials) $(call given,FAULT,faults) $(call given,CLOCKS,clocks) --seed $(SEED)
 
 # Most tests wait for processes most of the time: two at once. The part of the fault campaign has the machine to itself.
 JOBS ?= 2

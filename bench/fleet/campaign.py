@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from chaos.network import NetworkError
 
+from fleet.clocks import APART
 from fleet.faults import FAULTS
 from fleet.setup import Say
 from fleet.story import make_folder
@@ -67,7 +68,7 @@ def run(options: argparse.Namespace, say: Say) -> int:
     say(f"logs and rows are in {folder}")
     chance = random.Random(options.seed)
     rows: List[Row] = []
-    fleet = Fleet(ROBOTS, folder, DRIVE)
+    fleet = Fleet(ROBOTS, folder, DRIVE, APART if options.clocks == "apart" else None)
     try:
         for number in range(1, 1 + options.trials * len(options.faults)):
             name = options.faults[(number - 1) % len(options.faults)]
@@ -93,6 +94,9 @@ def main(arguments: List[str]) -> int:
     parser.add_argument("--trials", type=int, default=20, help="of each fault (%(default)d)")
     parser.add_argument("--faults", nargs="+", default=USUAL, choices=list(FAULTS), metavar="FAULT")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--clocks", choices=["same", "apart"], default="same", help="of the robots (%(default)s)"
+    )
     parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args(arguments)
     for number in (signal.SIGTERM, signal.SIGHUP):

@@ -23,6 +23,7 @@ class Robot:
     :param port: of its master.
     :param folder: takes its logs.
     :param on_event: told what its Executor does, in a thread of its own.
+    :param environment: further variables of its processes.
     """
 
     def __init__(
@@ -33,6 +34,7 @@ class Robot:
         port: int,
         folder: Path,
         on_event: Callable[[Event], None],
+        environment: Optional[Dict[str, str]] = None,
     ) -> None:
         self.name = name
         self.alive = True
@@ -46,7 +48,9 @@ class Robot:
         command = inside(["roslaunch", "-p", str(port), str(HERE / "robot.launch"), *arguments])
         self._witness: Optional[Child] = None
         with (logs / "roslaunch").open("ab") as log:
-            self._launch = subprocess.Popen(command, env=env, stdout=log, stderr=log, start_new_session=True)
+            self._launch = subprocess.Popen(
+                command, env={**env, **(environment or {})}, stdout=log, stderr=log, start_new_session=True
+            )
         command = inside([sys.executable, str(HERE / "witness.py")])
         self._witness = Child(f"witness_{name}", command, env, folder, on_event)
 

@@ -9,6 +9,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Tuple
 
 from chaos.events import Event
 
+from fleet.clocks import Clock, Clocks
 from fleet.hubs import Hubs
 from fleet.ledger import Ledger
 from fleet.network import FleetNetwork
@@ -44,9 +45,12 @@ class Fleet:
     :param names: of the robots.
     :param folder: takes all logs.
     :param drive: s of a drive.
+    :param clocks: of robots that do not have the machine's clock.
     """
 
-    def __init__(self, names: List[str], folder: Path, drive: float) -> None:
+    def __init__(
+        self, names: List[str], folder: Path, drive: float, clocks: Optional[Dict[str, Clock]] = None
+    ) -> None:
         self.drive = drive
         self.ledger = Ledger()
         self.changed = threading.Condition()  # guards what is seen
@@ -60,6 +64,7 @@ class Fleet:
         self._closed = False
         self.robots: Dict[str, Robot] = {}
         try:
+            self._clocks = Clocks(clocks or {}, folder)
             self._begin()
         except BaseException:
             self.close()
@@ -97,6 +102,7 @@ class Fleet:
             PORT,
             self._folder,
             lambda event: self._take(name, event),
+            self._clocks.environment(name),
         )
 
     def send(self, goals: List[str], **options: Any) -> List[FleetRequest]:
