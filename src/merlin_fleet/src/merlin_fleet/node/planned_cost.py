@@ -2,7 +2,6 @@
 
 import hashlib
 import re
-import tempfile
 import threading
 from pathlib import Path
 from typing import Callable, List, Optional, Protocol, Tuple
@@ -17,6 +16,7 @@ from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.planning.goal_problem import write_goal_problem
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.supervision.planning import Planning
+from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 
 
 class Knowledge(Protocol):
@@ -63,7 +63,7 @@ class PlannedCost:
         self._action_duration = action_duration
         self._goal_duration = goal_duration
         self._busy = busy
-        self._folder = tempfile.TemporaryDirectory(prefix="merlin_fleet-")
+        self._folder = ScratchFolder("merlin_fleet")
         self._lock = threading.Lock()  # guards the two fields below
         self._closed = False
         self._planning: Optional[Planning] = None

@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import itertools
 import os
-import tempfile
 import threading
 from pathlib import Path
 from typing import Any, Optional, Sequence, Set, Type
@@ -26,6 +25,7 @@ from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHosts
 from merlin_rosplan.supervision.planning import Planning
+from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 from merlin_rosplan.transport.component import Component, run_component
 from merlin_rosplan.transport.handover import Handover, digest_service
 
@@ -50,7 +50,7 @@ class PlannerInterface(Component):
         self._last: Optional[PlanningOutcome] = None
         self._warned: Set[str] = set()
         self._numbers = itertools.count(1)
-        self._folder = tempfile.TemporaryDirectory(prefix="planner_interface-")
+        self._folder = ScratchFolder("planner_interface")
         self._settings = self._read_settings()
         self._strict = bool(self.param("strict", True))
         if not kairos_check.available():

@@ -1,7 +1,6 @@
 """Plans that are shown and not carried out, beside what the robot plans itself."""
 
 import dataclasses
-import tempfile
 import threading
 from pathlib import Path
 from typing import Optional, Sequence, Tuple
@@ -15,6 +14,7 @@ from merlin_rosplan.planning.goal_problem import write_goal_problem
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.planning import Planning
+from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 
 #: Longest time for a plan that is only looked at, s: its reader waits for it.
 PREVIEW_LIMIT = 10.0
@@ -30,7 +30,7 @@ class Previews:
     def __init__(self, settings: PlannerSettings) -> None:
         limit = min(settings.time_limit or PREVIEW_LIMIT, PREVIEW_LIMIT)
         self._settings = dataclasses.replace(settings, time_limit=limit)
-        self._folder = tempfile.TemporaryDirectory(prefix="plan_preview-")
+        self._folder = ScratchFolder("plan_preview")
         self._lock = threading.Lock()  # guards the fields below
         self._busy = False
         self._closed = False
