@@ -51,6 +51,28 @@ def test_the_first_name_goes_first_unless_it_is_the_other_that_is_cornered():
     assert names(bob.first(0.0)) == ["ann", "carl"]
 
 
+def test_a_robot_that_finds_no_way_is_the_last_unless_it_is_cornered():
+    lost = RobotWay("ann", Pose(0, 0), RADIUS, np.array([(0.0, 0.0)]))
+    bob = rules("bob", lost, robot("carl", (3, 0), (0, 0)))
+    assert names(bob.first(0.0)) == []
+    bob.astray = True
+    assert names(bob.first(0.0)) == ["carl", "ann"]
+    bob.cornered = True
+    assert names(bob.first(0.0)) == []
+
+
+def test_of_another_way_that_part_counts_on_which_that_robot_does_not_wait_itself():
+    ann, bob = robot("ann", (2, -2), (2, 2)), robot("bob", (0, 0), (4, 0))
+    ways = {other.name: other.way for other in rules("carl", ann, bob).first(0.0)}
+    assert ways["ann"][-1] == pytest.approx((2, 2))
+    assert 2.0 - 2 * RADIUS - 0.4 < ways["bob"][-1][0] < 2.0 - 2 * RADIUS
+    # Beyond the crossing nothing comes yet, so a robot may stand there.
+    assert not rules("carl", ann, bob).look((3.5, 0), line((3.5, 0), (4, 0)), 0.0).aside
+    aside = robot("bob", (0, 0), (4, 0), aside=True)  # it waits for none
+    (_, whole) = rules("carl", ann, aside).first(0.0)
+    assert whole.way[-1] == pytest.approx((4, 0))
+
+
 def test_a_robot_that_is_silent_or_has_ended_its_drive_is_not_known():
     bob = rules("bob", robot("ann", (0, 0), (3, 0)), robot("bob", (9, 9), (8, 8)))
     assert names(bob.others(1.0)) == ["ann"]  # not itself
@@ -110,6 +132,23 @@ def test_it_goes_back_to_where_the_other_can_pass():
     assert nearest_refuge(corridor(), (4, 0), [ann], [ann, behind], np.zeros((0, 2))) is None
 
 
+def test_a_robot_that_goes_after_it_makes_room_on_its_way_aside():
+    nothing = np.zeros((0, 2))
+    ann, carl = robot("ann", (2, 0), (7.8, 0)), robot("carl", (5, 0), (0.4, 0))
+    bob = GivingWay(rules("bob", ann, carl), corridor())
+    way = line((4, 0), (0.4, 0))
+    assert bob.step(Pose(4, 0), way, nothing, 0.0).replan and bob.refuge is not None
+    place = bob.refuge
+    assert place[0] > 6.0 and not bob.rules.cornered  # past carl
+    around, before = bob.bodies(0.0)
+    assert len(around) == 2 * len(before)
+    # Of carl it is asked what is asked of bob by ann.
+    coming = robot("bob", (4, 0), place, aside=True)
+    last = GivingWay(rules("carl", ann, coming), corridor())
+    assert last.step(Pose(5, 0), line((5, 0), (0.4, 0)), nothing, 0.0).replan
+    assert last.refuge is not None and math.dist(last.refuge, place) > 2 * RADIUS
+
+
 def test_a_cornered_robot_says_so_and_goes_first_until_the_meeting_is_over():
     planner = corridor(room=0.0)
     bob = GivingWay(rules("bob", robot("ann", (1, 0), (5.5, 0))), planner)
@@ -138,9 +177,13 @@ def test_it_waits_aside_until_the_other_has_passed_and_counts_the_time():
 
 
 # Of three, one that went aside for the first finds no way on: the third comes out of the corridor.
-@pytest.mark.parametrize(("robots", "seed"), [(2, 1), (3, 2)])
-def test_simulated_robots_change_places_through_a_corridor(robots, seed):
-    result, _ = meeting_matrix.trial("corridor", robots, seed)
+# Of four at a crossing the place to go aside to is where another one stands.
+@pytest.mark.parametrize(
+    ("case", "robots", "seed"),
+    [("corridor", 2, 1), ("corridor", 3, 2), ("crossing", 4, 5), ("crossing", 4, 9)],
+)
+def test_simulated_robots_change_places(case, robots, seed):
+    result, _ = meeting_matrix.trial(case, robots, seed)
     assert result.solved, (result.texts, result.collisions)
 
 

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Optional
+from typing import List, Optional
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class GivingWay:
     def start(self) -> None:
         """Begins with a new drive."""
         self.refuge: Optional[Point] = None
-        self.rules.cornered = False
+        self.rules.cornered = self.rules.astray = False
         self._since: Optional[float] = None
         self._robot = ""
         self._searched_at = -math.inf
@@ -85,6 +85,11 @@ class GivingWay:
         self.refuge = None
         self.rules.cornered = True
 
+    def bodies(self, now: float) -> List[np.ndarray]:
+        """Outlines (n x 2) that a way leads around: of all robots; if that cannot be, of those before it."""
+        first = frozenset(other.name for other in self.rules.first(now))
+        return [self.rules.bodies(now), self.rules.bodies(now, first)]
+
     def _given(self, now: float, room: float = math.inf, replan: bool = False) -> Given:
         return Given(room, replan, now - (now if self._since is None else self._since), self._robot)
 
@@ -93,6 +98,10 @@ class GivingWay:
             return False
         self._searched_at = now
         rules = self.rules
-        self.refuge = nearest_refuge(self._planner, here, rules.first(now), rules.others(now), seen)
+        first, others = rules.first(now), rules.others(now)
+        self.refuge = nearest_refuge(self._planner, here, first, others, seen)
+        if self.refuge is None and len(first) < len(others):
+            # Those that go after it see its way, and make room as it does.
+            self.refuge = nearest_refuge(self._planner, here, first, first, seen)
         rules.cornered = self.refuge is None
         return self.refuge is not None

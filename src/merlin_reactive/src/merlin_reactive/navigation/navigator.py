@@ -173,7 +173,8 @@ class Navigator:
     def _give_way(self, giving: GivingWay, pose: Pose, now: float) -> Tuple[float, Optional[DriveStep]]:
         """The speed (m/s) that the other robots leave it, and the step if it has to stand."""
         settings = self.settings
-        given = giving.step(pose, self.way(), self.memory.points(now), now)
+        way = np.array([pose.point]) if giving.rules.astray else self.way()
+        given = giving.step(pose, way, self.memory.points(now), now)
         if given.replan and self._astray_since is None:
             self._astray_since = now
         if self._astray_since is not None and (
@@ -183,6 +184,7 @@ class Navigator:
                 self._astray_since = None
             elif giving.refuge is not None:
                 giving.unreachable()
+        giving.rules.astray = self._astray_since is not None
         room = given.room if self._astray_since is None else 0.0
         limit = math.sqrt(2 * settings.cruise.acceleration * max(0.0, room - YIELD_GAP))
         if limit >= CREEP:
@@ -201,7 +203,7 @@ class Navigator:
 
     def _wait(self, pose: Pose, waited: float, now: float) -> DriveStep:
         """Stands before what is in the way, makes room for it once, and gives up in the end."""
-        if waited >= self.settings.patience:
+        if waited >= self._patience(pose, now):
             why = self._why or "Something stands in the way."
             return DriveStep(0.0, 0.0, DriveOutcome.NO_PLAN, f"{NO_PLAN_TEXT} {why}")
         self._moved_at, self._moved_from = now, pose  # standing is right here
@@ -210,6 +212,14 @@ class Navigator:
             self._gave_way = True
             self._backing, self._backing_way, self._backing_since = pose, GIVE_WAY, now
         return DriveStep(0.0, 0.0, DriveOutcome.WAITING, "something is in the way")
+
+    def _patience(self, pose: Pose, now: float) -> float:
+        """s that it stands before what is in the way: a robot that drives is going to move."""
+        robots = self._giving.rules.others(now) if self._giving else []
+        near = any(
+            other.pose.distance(pose) < other.radius + self.settings.radius + AHEAD for other in robots
+        )
+        return self.settings.yield_patience if near else self.settings.patience
 
     def _back_off(self, pose: Pose, now: float) -> DriveStep:
         assert self._backing is not None
@@ -234,9 +244,8 @@ class Navigator:
         if self._giving is None:
             return None
         rules = self._giving.rules
-        # Without a way it must not keep the others from passing it: they may be what blocks its way.
-        driving = self._astray_since is None or self._giving.refuge is not None
-        return RobotWay(rules.name, pose, rules.radius, self.way(), rules.cornered, driving)
+        way = np.array([pose.point]) if rules.astray else self.way()
+        return RobotWay(rules.name, pose, rules.radius, way, rules.cornered, self._giving.refuge is not None)
 
     def _obstacles(self, now: float) -> np.ndarray:
         seen = self.memory.points(now)
@@ -295,13 +304,15 @@ class Navigator:
         self._planned_at = now
         aside = self._giving.refuge if self._giving else None
         target = self._goal.point if aside is None else aside
-        for clearance in (self.settings.clearance, self.settings.tight_clearance):
-            try:
-                seen = self._obstacles(now)
-                self._follow(self.planner.plan(pose.point, target, seen, clearance))
-                return True
-            except NoPath as error:
-                self._why = f"{str(error)[0].upper()}{str(error)[1:]}."
+        # Where no way leads past them, those that go after it make room.
+        for around in self._giving.bodies(now) if self._giving else [np.zeros((0, 2))]:
+            seen = np.concatenate([self.memory.points(now), around])
+            for clearance in (self.settings.clearance, self.settings.tight_clearance):
+                try:
+                    self._follow(self.planner.plan(pose.point, target, seen, clearance))
+                    return True
+                except NoPath as error:
+                    self._why = f"{str(error)[0].upper()}{str(error)[1:]}."
         return False
 
     def _follow(self, path: List[Point]) -> None:

@@ -4,9 +4,11 @@ The rule: a robot whose name comes first in the alphabet goes first. The others 
 aside when they stand on it (`refuge`). One that finds no such place says so and goes before those that do.
 """
 
+import dataclasses
+import math
 import threading
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, FrozenSet, List, Optional, Tuple
 
 import numpy as np
 
@@ -30,6 +32,7 @@ class RobotWay:
 
     :param way: points (n x 2, m, frame map), STEP apart, from where it is; at most ANNOUNCED.
     :param cornered: it has found no place to go aside to.
+    :param aside: it goes to a place aside, and waits for no other robot on its way there.
     :param driving: False: it has stopped to drive, and is an obstacle like any other.
     """
 
@@ -38,7 +41,13 @@ class RobotWay:
     radius: float
     way: np.ndarray
     cornered: bool = False
+    aside: bool = False
     driving: bool = True
+
+    @property
+    def rank(self) -> Tuple[bool, bool, str]:
+        """Who goes first: the smaller one. The way of a robot that finds none is one point."""
+        return not self.cornered, len(self.way) < 2, self.name
 
 
 @dataclass(frozen=True)
@@ -66,7 +75,7 @@ class RightOfWay:
 
     def __init__(self, name: str, radius: float) -> None:
         self.name, self.radius = name, radius
-        self.cornered = False
+        self.cornered = self.astray = False
         self._lock = threading.Lock()
         self._told: Dict[str, Tuple[RobotWay, float]] = {}
 
@@ -86,12 +95,19 @@ class RightOfWay:
             return [other for other, told in self._told.values() if abs(now - told) < SILENT]
 
     def first(self, now: float) -> List[RobotWay]:
-        """Those that go first."""
-        own = (not self.cornered, self.name)
-        return [other for other in self.others(now) if (not other.cornered, other.name) < own]
+        """Those that go first, in their order; of each the way until it has to wait for one before it."""
+        own = (not self.cornered, self.astray, self.name)
+        before = [other for other in self.others(now) if other.rank < own]
+        found: List[RobotWay] = []
+        for other in sorted(before, key=lambda robot: robot.rank):
+            waits = [] if other.aside else [_entry(other.way, other.radius, earlier) for earlier in found]
+            free = min((entry for entry in waits if entry is not None), default=math.inf)
+            points = 1 + int(min(free / STEP, len(other.way)))
+            found.append(dataclasses.replace(other, way=other.way[:points]))
+        return found
 
-    def bodies(self, now: float) -> np.ndarray:
-        """Points (n x 2) on the outlines of the other robots."""
+    def bodies(self, now: float, names: Optional[FrozenSet[str]] = None) -> np.ndarray:
+        """Points (n x 2) on the outlines of the other robots, or of those that are named."""
         outlines = [
             np.stack(
                 [
@@ -101,6 +117,7 @@ class RightOfWay:
                 axis=1,
             )
             for other in self.others(now)
+            if names is None or other.name in names
         ]
         return np.concatenate([np.zeros((0, 2)), *outlines])
 
@@ -110,11 +127,12 @@ class RightOfWay:
 
     def look(self, here: Point, way: np.ndarray, now: float) -> Meeting:
         """Where this robot has to wait on its way (points, STEP apart), and whether it has to go aside."""
-        if self.cornered and not any(self._entry(way, other) is not None for other in self.others(now)):
-            self.cornered = False
+        self.cornered = self.cornered and any(
+            _entry(way, self.radius, other) is not None for other in self.others(now)
+        )
         found = Meeting()
         for other in self.first(now):
-            entry = self._entry(way, other)
+            entry = _entry(way, self.radius, other)
             if entry is None:
                 continue
             aside = found.aside or (entry == 0.0 and self._stands_in_the_way(here, other))
@@ -125,21 +143,22 @@ class RightOfWay:
     def _keep(self, other: RobotWay, gap: float) -> float:
         return self.radius + other.radius + gap
 
-    def _entry(self, way: np.ndarray, other: RobotWay) -> Optional[float]:
-        """How far it may go before the other's way begins, m; None: it is through before the other comes."""
-        mine, theirs = way[:HORIZON], other.way[:HORIZON]
-        gaps = np.hypot(mine[:, :1] - theirs[:, 0], mine[:, 1:] - theirs[:, 1])
-        near = gaps < self._keep(other, WAITING)
-        s, u = np.arange(len(mine))[:, None] * STEP, np.arange(len(theirs)) * STEP
-        too_late = (near & (u <= s + RESERVE)).any(axis=1)
-        if not too_late.any():
-            return None
-        off = np.nonzero(~near.any(axis=1)[: int(np.argmax(too_late))])[0]
-        return float(off[-1] + 1) * STEP if len(off) else 0.0
-
     def _stands_in_the_way(self, here: Point, other: RobotWay) -> bool:
         nearest = float(_gaps(here, other).min())
         return nearest < self._keep(other, PASSING) and nearest < other.pose.distance(Pose(*here)) - COMING
+
+
+def _entry(way: np.ndarray, radius: float, other: RobotWay) -> Optional[float]:
+    """How far a robot may go before the other's way begins, m; None: it is through before the other comes."""
+    mine, theirs = way[:HORIZON], other.way[:HORIZON]
+    gaps = np.hypot(mine[:, :1] - theirs[:, 0], mine[:, 1:] - theirs[:, 1])
+    near = gaps < radius + other.radius + WAITING
+    s, u = np.arange(len(mine))[:, None] * STEP, np.arange(len(theirs)) * STEP
+    too_late = (near & (u <= s + RESERVE)).any(axis=1)
+    if not too_late.any():
+        return None
+    off = np.nonzero(~near.any(axis=1)[: int(np.argmax(too_late))])[0]
+    return float(off[-1] + 1) * STEP if len(off) else 0.0
 
 
 def _gaps(here: Point, other: RobotWay) -> np.ndarray:

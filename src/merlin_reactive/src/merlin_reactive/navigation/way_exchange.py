@@ -39,6 +39,7 @@ class WayExchange:
             pose=pose_message(said.pose),
             way=[Point32(x, y, 0.0) for x, y in said.way],
             cornered=said.cornered,
+            aside=said.aside,
             driving=said.driving,
         )
         message.header.frame_id, message.header.stamp = self._frame, stamp
@@ -72,6 +73,7 @@ class WayExchange:
             message.radius,
             way,
             message.cornered,
+            message.aside,
             message.driving,
         )
         self._rules.tell(other, rospy.get_time())
