@@ -173,21 +173,28 @@
     :duration (= ?duration 6)
     :condition (and
       (at start (available ?r))
+      (at start (quiet ?r))
       (at start (waiting ?c))
       (over all (robot_at ?r entrance)))
-    :effect (at end (greeted ?r ?c)))
+    :effect (and
+      (at start (not (quiet ?r)))
+      (at end (quiet ?r))
+      (at end (greeted ?r ?c))))
 
   (:durative-action guide_client
     :parameters (?r - robot ?c - client ?t - table)
     :duration (= ?duration (/ (distance entrance ?t) (pace)))
     :condition (and
       (at start (available ?r))
+      (at start (quiet ?r))
       (at start (greeted ?r ?c))
       (at start (waiting ?c))
       (at start (robot_at ?r entrance))
       (at start (free ?t))
       (at start (ready ?t)))
     :effect (and
+      (at start (not (quiet ?r)))
+      (at end (quiet ?r))
       (at start (not (robot_at ?r entrance)))
       (at start (free entrance))
       (at start (not (free ?t)))

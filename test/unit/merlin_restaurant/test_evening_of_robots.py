@@ -81,6 +81,38 @@ def test_a_table_that_cannot_be_served_is_tried_again_but_not_for_ever(evening: 
     assert evening.goals.count("(already_served table_1)") == TRIES
 
 
+def test_clients_are_seated_by_the_plan_that_serves_tables_one_for_each_ready_table(
+    evening: FakeRobot,
+) -> None:
+    evening.known.remove("(ready table_1)")
+    evening.known += ["(needs_serving table_1)", "(waiting client_1)", "(waiting client_2)"]
+    plans: List[List[str]] = []
+    send = evening.send
+
+    def note(goals: Any, *arguments: Any, **named: Any) -> Any:
+        plans.append(list(goals))
+        if "(seated client_1)" in goals:
+            evening.change(remove=["(needs_serving table_1)", "(waiting client_1)"])
+        if "(seated client_2)" in goals:
+            evening.change(remove="(waiting client_2)")
+        return send(goals, *arguments, **named)
+
+    evening.send = note  # type: ignore[method-assign]
+    assert run() == "succeeded"
+    seating = [plan[:2] for plan in plans if plan[0].startswith("(seated")]
+    assert seating[0] == ["(seated client_1)", "(already_served table_1)"]
+    assert seating[1][0] == "(seated client_2)"
+
+
+def test_a_client_waits_while_no_table_is_ready_and_that_is_told(evening: FakeRobot) -> None:
+    evening.known = [fact for fact in evening.known if "ready" not in fact]
+    evening.known.append("(waiting client_1)")
+    told: List[str] = []
+    Evening(lambda: True, told.append, robots=NAMES).run()
+    assert not any("seated" in goal for goal in evening.goals)
+    assert "a client has to wait: no table is known to be free" in told
+
+
 def test_what_a_robot_carries_that_is_gone_is_out_of_reach(evening: FakeRobot) -> None:
     evening.known.remove("(available robot_2)")
     evening.known.append("(carrying robot_2 table_1)")

@@ -19,7 +19,7 @@ URGENT = 10
 """Priority of what a guest waits for; it interrupts the round of the tables, which goes on afterwards."""
 AT_ONCE = 11
 """Priority of what guests wait for with several robots; whom a robot leads is not left on the way for it."""
-TRIES = 2  # of several robots, to serve a table in one round: what one fails at ends the plan of all
+TRIES = 2  # of several robots, to serve a guest in one round: what one fails at ends the plan of all
 CLOSING_ROUNDS = 3  # at most, when a table could not be looked at after the restaurant had closed
 LISTEN = 30.0  # s of ROS time after which the robot begins to listen anew
 
@@ -49,7 +49,7 @@ class Evening(MissionSM):
         self._last_round = False
         self._closing_rounds = 0
         self._tried: Counter = Counter()
-        self._asked: List[str] = []  # the tables' goals that several robots serve now
+        self._asked: List[str] = []  # the goals of guests that several robots serve now
         self._looks = False  # whether one of them looks at the entrance
         self._client_called = False
         self._waits: List[UntilKnown] = []
@@ -78,16 +78,17 @@ class Evening(MissionSM):
             rounds.add("BEGIN", FunctionState(self._begin_round), {SUCCEEDED: "CHECK_TABLES"})
             self.add_goal_state("CHECK_TABLES", self._tables, then("SERVE", NOTHING))
             if self._robots:  # the other branch serves
-                served = self._until(lambda: not self._waiting_tables())
+                served = self._until(lambda: not self._waiting_goals())
                 rounds.add("SERVE", served, then("TIDY"))
             else:
                 serve = {**then("SERVE"), NOTHING: "TIDY"}
                 self.add_goal_state("SERVE", self._to_serve, serve, priority=URGENT)
             self.add_goal_state("TIDY", self._to_bring_back, then("LOOK", NOTHING), priority=URGENT)
             self.add_goal_state("LOOK", "(entrance_checked)", {SUCCEEDED: "GUIDE", ABORTED: "GUIDE"})
-            # A call does not interrupt this one: whom a robot leads would be left on the way.
-            guide = AT_ONCE if self._robots else URGENT
-            self.add_goal_state("GUIDE", self._to_guide, then("END", NOTHING), priority=guide)
+            if self._robots:
+                rounds.add("GUIDE", self._until(lambda: not self._waiting_goals()), then("END"))
+            else:
+                self.add_goal_state("GUIDE", self._to_guide, then("END", NOTHING), priority=URGENT)
             rounds.add("END", FunctionState(self._end_round, outcomes=["open"]), {"open": "BEGIN"})
         return rounds
 
@@ -127,8 +128,7 @@ class Evening(MissionSM):
             serve = GoalState(self._all_that_waits, client=self.client, pause=self._pause, priority=AT_ONCE)
             planned = WhileSM(serve, self._until(self._is_new), seen="news")
             serving.add("SERVE", planned, {**then("DONE", NOTHING), "news": "SERVE"})
-            serving.add("DONE", FunctionState(self._note_end), then("GUIDE"))
-            self.add_goal_state("GUIDE", self._to_guide, then("WAIT", NOTHING), priority=AT_ONCE)
+            serving.add("DONE", FunctionState(self._note_end), then("WAIT"))
         return serving
 
     def _until(self, condition: Callable[[], bool]) -> UntilKnown:
@@ -169,26 +169,32 @@ class Evening(MissionSM):
         tries = TRIES if self._robots else 1
         return [table for table in named_in(self.facts("needs_serving")) if self._tried[table] < tries]
 
+    def _waiting_goals(self) -> List[str]:
+        """What guests wait for: each client for whom a table is ready, and the tables that need serving."""
+        waiting = [client for client in named_in(self.facts("waiting")) if self._tried[client] < TRIES]
+        seated = [f"(seated {client})" for client in waiting[: len(self.facts("ready"))]]
+        return [*seated, *(f"(already_served {table})" for table in self._waiting_tables())]
+
     def _is_new(self) -> bool:
         """Whether more waits than is served now, and no conversation would be broken off for it."""
-        more = [table for table in self._waiting_tables() if f"(already_served {table})" not in self._asked]
+        more = [goal for goal in self._waiting_goals() if goal not in self._asked]
         called = self._client_called and not self._looks
         return bool(more or called) and all(
             self.holds(f"(quiet {robot})") for robot in self._robots if self.holds(f"(available {robot})")
         )
 
     def _all_that_waits(self, userdata: Any) -> List[str]:
-        """What several robots do: serve each table that waits, and meanwhile what is left of the round."""
+        """What several robots do: serve each guest that waits, and meanwhile what is left of the round."""
         self._client_called = False
-        self._asked = [f"(already_served {table})" for table in self._waiting_tables()]
+        self._asked = self._waiting_goals()
         left = self._left_of_the_round()
         self._looks = "(entrance_checked)" in left
         return [*self._asked, *self._to_bring_back(userdata), *left]
 
     def _note_end(self, userdata: Any) -> None:
-        """A plan that has ended was one try for each of its tables that still waits."""
-        asked, self._asked, self._looks = named_in(self._asked), [], False
-        self._tried.update(set(asked) & set(self._waiting_tables()))
+        """A plan that has ended was one try for each of its guests that still waits."""
+        asked, self._asked, self._looks = self._asked, [], False
+        self._tried.update(named_in([goal for goal in asked if goal in self._waiting_goals()]))
         self._wake()
 
     def _left_of_the_round(self) -> List[str]:
@@ -214,10 +220,7 @@ class Evening(MissionSM):
         if clients and not self.facts("ready"):
             self._narrate(f"{clients[0]} has to wait: no table is known to be free")
             return []
-        seated = [f"(seated {client})" for client in clients[:1]]
-        if not self._robots or not seated:
-            return seated
-        return [*seated, *self._to_bring_back(userdata), *self._left_of_the_round()]
+        return [f"(seated {client})" for client in clients[:1]]
 
     def _note_call(self, userdata: Any) -> Optional[str]:
         """What a call means: a table needs serving, or a client is at the entrance."""
@@ -243,6 +246,8 @@ class Evening(MissionSM):
 
     def _end_round(self, userdata: Any) -> Optional[str]:
         """The evening ends after a round that began when the restaurant had closed, and that saw all."""
+        if self._robots and self.facts("waiting") and not self.facts("ready"):
+            self._narrate("a client has to wait: no table is known to be free")
         if not self._last_round:
             return "open"
         unseen = [goal for goal in self._tables(userdata) if not self.holds(goal)]

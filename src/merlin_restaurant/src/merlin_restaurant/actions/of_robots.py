@@ -85,5 +85,5 @@ class GuideClient(guide_client.GuideClient):
     """See there; a robot that is stopped keeps no place."""
 
     parameters = ["r", "c", "t"]
-    if_interrupted = ["(robot_at ?r anywhere)", "(ready ?t)", "(free ?t)"]
+    if_interrupted = ["(robot_at ?r anywhere)", "(quiet ?r)", "(ready ?t)", "(free ?t)"]
     greeted = "(greeted {r} {c})"
