@@ -11,6 +11,7 @@ from merlin_msgs.msg import ExecuteResult, ListenResult
 
 from merlin_executor.mission.readiness import NotReady
 from merlin_pddl.domain_reader import parse_domain
+from merlin_restaurant import evening as evening_module
 from merlin_restaurant.actions import of_robots
 from merlin_restaurant.evening import AT_ONCE, TRIES, Evening
 from merlin_restaurant.table_state import remember_state
@@ -111,6 +112,38 @@ def test_a_client_waits_while_no_table_is_ready_and_that_is_told(evening: FakeRo
     Evening(lambda: True, told.append, robots=NAMES).run()
     assert not any("seated" in goal for goal in evening.goals)
     assert "a client has to wait: no table is known to be free" in told
+
+
+def test_where_a_robot_stands_that_is_gone_no_other_one_is_sent(evening: FakeRobot) -> None:
+    evening.known = [fact for fact in evening.known if "ready" not in fact]
+    evening.known += ["(needs_serving table_1)", "(robot_at robot_1 table_2)", "(robot_at robot_2 table_1)"]
+    evening.known.remove("(available robot_2)")
+    assert run() == "succeeded"
+    assert "(checked table_2)" in evening.goals and "(entrance_checked)" in evening.goals
+    assert not any("table_1" in goal for goal in evening.goals)
+    evening.known.remove("(robot_at robot_2 table_1)")
+    evening.known.append("(robot_at robot_2 entrance)")
+    evening.sent.clear()
+    assert run() == "succeeded"
+    assert "(checked table_1)" in evening.goals and "(entrance_checked)" not in evening.goals
+
+
+def test_a_round_in_which_nothing_can_be_looked_at_is_not_begun_anew_at_once(
+    evening: FakeRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evening_module, "REST", 600.0)
+    evening.results = dict.fromkeys(["(checked table_1)", "(entrance_checked)"], FAILED)
+    looked, closed = threading.Event(), threading.Event()
+    evening.on_goal = lambda goal: looked.set() if goal == "(entrance_checked)" else None
+    told: List[str] = []
+    mission = threading.Thread(target=Evening(closed.is_set, told.append, robots=NAMES).run)
+    mission.start()
+    assert looked.wait(60.0)
+    closed.set()
+    evening.change(add="(checked table_2)")
+    mission.join(60.0)
+    assert not mission.is_alive()
+    assert told == ["checks all tables", "closed: looks once more at what is not ready"]
 
 
 def test_what_a_robot_carries_that_is_gone_is_out_of_reach(evening: FakeRobot) -> None:

@@ -21,6 +21,7 @@ AT_ONCE = 11
 """Priority of what guests wait for with several robots; whom a robot leads is not left on the way for it."""
 TRIES = 2  # of several robots, to serve a guest in one round: what one fails at ends the plan of all
 CLOSING_ROUNDS = 3  # at most, when a table could not be looked at after the restaurant had closed
+REST = 5.0  # s of running time after a round of several robots in which nothing could be looked at
 LISTEN = 30.0  # s of ROS time after which the robot begins to listen anew
 
 
@@ -84,12 +85,14 @@ class Evening(MissionSM):
                 serve = {**then("SERVE"), NOTHING: "TIDY"}
                 self.add_goal_state("SERVE", self._to_serve, serve, priority=URGENT)
             self.add_goal_state("TIDY", self._to_bring_back, then("LOOK", NOTHING), priority=URGENT)
-            self.add_goal_state("LOOK", "(entrance_checked)", {SUCCEEDED: "GUIDE", ABORTED: "GUIDE"})
+            self.add_goal_state("LOOK", lambda _: self._entrance(), then("GUIDE", NOTHING))
             if self._robots:
                 rounds.add("GUIDE", self._until(lambda: not self._waiting_goals()), then("END"))
             else:
                 self.add_goal_state("GUIDE", self._to_guide, then("END", NOTHING), priority=URGENT)
-            rounds.add("END", FunctionState(self._end_round, outcomes=["open"]), {"open": "BEGIN"})
+            rounds.add("END", FunctionState(self._end_round, outcomes=["open"]), {"open": "REST"})
+            rest = UntilKnown(lambda: bool(self.facts("checked")) or not self._robots, REST)
+            rounds.add("REST", rest, then("BEGIN"))
         return rounds
 
     def _calls(self) -> Union[MerlinSM, WhileSM]:
@@ -155,8 +158,18 @@ class Evening(MissionSM):
         Several robots look at the entrance by the same plan.
         """
         known = named_in(self.facts("ready")) if self._last_round else []
-        tables = [f"(checked {table})" for table in self.objects("table") if table not in known]
-        return [*tables, "(entrance_checked)"] if self._robots and tables else tables
+        kept = self._kept()
+        tables = [f"(checked {table})" for table in self.objects("table") if table not in [*known, *kept]]
+        return [*tables, *self._entrance()] if self._robots and tables else tables
+
+    def _entrance(self) -> List[str]:
+        return [] if "entrance" in self._kept() else ["(entrance_checked)"]
+
+    def _kept(self) -> List[str]:
+        """Places where a robot stands that takes no actions: no other one can go there."""
+        if not self._robots:
+            return []
+        return [fact.strip("()").split()[2] for fact in self.facts("robot_at") if self.out_of_reach(fact)]
 
     def _to_serve(self, userdata: Any) -> List[str]:
         """The next table that needs serving, each once in a round."""
@@ -166,8 +179,9 @@ class Evening(MissionSM):
 
     def _waiting_tables(self) -> List[str]:
         """The tables that need serving, without those that were tried often enough in this round."""
-        tries = TRIES if self._robots else 1
-        return [table for table in named_in(self.facts("needs_serving")) if self._tried[table] < tries]
+        tries, kept = TRIES if self._robots else 1, self._kept()
+        tables = [table for table in named_in(self.facts("needs_serving")) if table not in kept]
+        return [table for table in tables if self._tried[table] < tries]
 
     def _waiting_goals(self) -> List[str]:
         """What guests wait for: each client for whom a table is ready, and the tables that need serving."""
@@ -199,7 +213,7 @@ class Evening(MissionSM):
 
     def _left_of_the_round(self) -> List[str]:
         """What a robot that is not needed for anything urgent looks at meanwhile."""
-        looks = dict.fromkeys([*self._tables(None), "(entrance_checked)"])
+        looks = dict.fromkeys([*self._tables(None), *self._entrance()])
         return [goal for goal in looks if not self.holds(goal)]
 
     def _to_bring_back(self, userdata: Any) -> List[str]:
