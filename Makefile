@@ -11,6 +11,7 @@ CANCEL_AFTER ?= 10
 RECORD ?= false
 GUESTS ?= 6
 DISTURBANCES ?= 5
+HASTE ?= 1
 # Whether the page stays when the run has ended: true, false, auto: on a terminal, until a key.
 LINGER ?= auto
 
@@ -22,7 +23,7 @@ RUN := $(IN) rosrun merlin run
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD= LINGER=)"
 	@echo "make experiment   Missions 1, 2, 3, naive and MERLIN, and a report (MISSION= APPROACH= RUNS= SEED= RTF= SWEEPS= WORLDS= CHECK=1)"
-	@echo "make restaurant   an evening in the simulated restaurant (ROBOTS= GUESTS= DISTURBANCES= SEED= RTF= RECORD= LINGER=)"
+	@echo "make restaurant   an evening in the simulated restaurant (ROBOTS= GUESTS= DISTURBANCES= HASTE= SEED= RTF= RECORD= LINGER=)"
 	@echo "make fleet  a fleet on this machine: a hub, robots, a link that is cut, a robot that is killed (ROBOTS=)"
 	@echo "make fleet-chaos  its fault campaign (TRIALS= of each FAULT=, CLOCKS=same|apart, SEED=)"
 	@echo "make test   all tests"
@@ -53,7 +54,7 @@ experiment: build
 # ROBOTS=2 or 3; one has no name.
 several = $(if $(filter-out 1,$(ROBOTS)),robots:=$(shell seq -s, -f robot_%g $(ROBOTS)))
 restaurant: build
-	@$(RUN) restaurant.launch guests:=$(GUESTS) disturbances:=$(DISTURBANCES) seed:=$(SEED) $(several) \
+	@$(RUN) restaurant.launch guests:=$(GUESTS) disturbances:=$(DISTURBANCES) haste:=$(HASTE) seed:=$(SEED) $(several) \
 	  $(if $(filter-out file default undefined,$(origin RTF)),rtf:=$(RTF)) record:=$(RECORD) linger:=$(LINGER) \
 	  results:=$(CURDIR)/results/restaurant
 

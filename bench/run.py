@@ -2,7 +2,7 @@
 """Runs all benchmarks, each in its own process, writes results/bench.json and prints a table.
 
 Usage: bench/run.py [--docs] [topic ...]     for example: bench/run.py knowledge dispatch
-Without topics all but the long ones: fleet, robots_home.
+Without topics all but the long ones: fleet, restaurant_lost, robots_home.
 --docs puts the table into docs/benchmarks.md.
 """
 
@@ -16,7 +16,9 @@ import time
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Tuple
 
-from budgets import budget
+from measuring.budgets import budget
+from measuring.figures import figure
+from measuring.processor import processor_ms
 
 BENCH = Path(__file__).resolve().parent
 RESULTS = BENCH.parent / "results" / "bench.json"
@@ -24,21 +26,29 @@ PAGE = BENCH.parent / "docs" / "benchmarks.md"
 BEGIN, END = "<!-- table of make bench: begin -->", "<!-- table of make bench: end -->"
 LIMIT = float(os.environ.get("LIMIT", 600.0))  # s for one benchmark
 STOP = 90.0  # s for it to end its nodes
-#: Benchmarks that are run by their name only, and s for each.
-LONG = {"bench_fleet": 3600.0, "bench_robots_home": 3600.0}
+#: Topic → module of its benchmark: bench/<folder>/bench_<topic>.py.
+TOPICS = {
+    path.stem[len("bench_") :]: f"{path.parent.name}.{path.stem}"
+    for path in sorted(BENCH.glob("*/bench_*.py"))
+}
+#: Topics that are run by their name only, and s for each.
+LONG = {"fleet": 3600.0, "restaurant_lost": 3600.0, "robots_home": 3600.0}
 
-# What a benchmark's process does: measure, and write what it measured where it is told.
-_CHILD = "import json, sys; sys.path.insert(0, sys.argv[1]); module = __import__(sys.argv[2]); \
-json.dump(module.measure(), open(sys.argv[3], 'w'))"
+# What a benchmark's process does: measure, and write the results to a given file.
+_CHILD = """
+import importlib, json, sys
+sys.path.insert(0, sys.argv[1])
+json.dump(importlib.import_module(sys.argv[2]).measure(), open(sys.argv[3], "w"))
+"""
 
 
-def run(module: str) -> Tuple[Optional[Dict[str, Any]], str]:
+def run(topic: str) -> Tuple[Optional[Dict[str, Any]], str]:
     """Results of one benchmark and, when it failed, what it printed."""
-    target = RESULTS.parent / f"{module}.json"
+    target = RESULTS.parent / f"bench_{topic}.json"
     target.unlink(missing_ok=True)
-    limit = max(LIMIT, LONG.get(module, 0.0))
+    limit = max(LIMIT, LONG.get(topic, 0.0))
     process = subprocess.Popen(
-        [sys.executable, "-c", _CHILD, str(BENCH), module, str(target)],
+        [sys.executable, "-c", _CHILD, str(BENCH), TOPICS[topic], str(target)],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -59,7 +69,7 @@ def run(module: str) -> Tuple[Optional[Dict[str, Any]], str]:
     return results, output
 
 
-def _end(process: subprocess.Popen) -> str:
+def _end(process: "subprocess.Popen[str]") -> str:
     """Ends a benchmark with what it has started, which is in sessions of its own; returns what it printed."""
     process.send_signal(signal.SIGINT)
     try:
@@ -118,31 +128,28 @@ def main(topics: List[str]) -> int:
     """Runs the benchmarks of these topics, or all; returns the exit code."""
     into_page = "--docs" in topics
     topics = [topic for topic in topics if topic != "--docs"]
-    modules = sorted(path.stem for path in BENCH.glob("bench_*.py"))
-    if topics:
-        unknown = sorted(set(topics) - {module[len("bench_") :] for module in modules})
-        if unknown:
-            print(f"no benchmark: {', '.join(unknown)}", file=sys.stderr)
-            return 2
-        modules = [f"bench_{topic}" for topic in topics]
-    else:
-        modules = [module for module in modules if module not in LONG]
+    unknown = sorted(set(topics) - set(TOPICS))
+    if unknown:
+        print(f"no benchmark: {', '.join(unknown)}", file=sys.stderr)
+        return 2
     RESULTS.parent.mkdir(exist_ok=True)
     collected: Dict[str, Any] = {}
     if topics and RESULTS.exists():  # a part is measured anew, the rest is kept
         collected = json.loads(RESULTS.read_text())
     failed = []
+    speed = processor_ms()
     collected["load_average"] = round(os.getloadavg()[0], 1)
-    for module in modules:
+    for topic in topics or sorted(set(TOPICS) - set(LONG)):
         start = time.monotonic()
-        print(f"{module} ...", end=" ", flush=True)
-        results, output = run(module)
+        print(f"bench_{topic} ...", end=" ", flush=True)
+        results, output = run(topic)
         print(f"{time.monotonic() - start:.0f} s" if results is not None else "FAILED", flush=True)
         if results is None:
-            failed.append(module)
+            failed.append(topic)
             print(output, file=sys.stderr)
         else:
             collected.update(results)
+    collected["processor_ms"] = figure([*speed, *processor_ms()])  # before and after
     collected["machine"] = f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
     RESULTS.write_text(json.dumps(collected, indent=2, sort_keys=True) + "\n")
     RESULTS.with_suffix(".md").write_text(markdown(collected))

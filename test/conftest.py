@@ -20,7 +20,7 @@ from merlin.local_names import launch_tool, use_loopback
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))  # tools, not part of the robot
 
-from chaos import processes
+from chaos.under_test import processes
 
 # A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time:
 # a change is judged by what it changes. make soak looks for others.

@@ -1,20 +1,25 @@
 """Checks the map of docs/architecture.md: which package and which sub-package may import which.
 
-Checked are all packages below src: imports between packages and between the sub-packages of one, that
-each manifest names every imported package, and how many modules a folder holds; and that what bench, test and
-tools import is there. Ends non-zero at any finding.
+Checked are all packages below src: imports between packages and between the sub-packages of one, and that
+each manifest names every imported package. In benchmarks, tests and tools too: how many modules a folder
+holds, how long a file is, and that an imported module of the project exists.
+Ends non-zero at any finding.
 """
 
 import ast
 import re
 import sys
+from collections import Counter
 from pathlib import Path
-from typing import Dict, Iterator, List, NamedTuple, Set, Tuple
+from typing import Collection, Dict, Iterator, List, NamedTuple, Set, Tuple
 
 SRC = Path(__file__).resolve().parent.parent / "src"
 
 #: Most modules in one folder.
 MOST_MODULES = 15
+
+#: Most lines in one file, tests included.
+MOST_LINES = 400
 
 #: Package → the packages of MERLIN that it may import.
 MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
@@ -65,16 +70,19 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
         "merlin_executor",
         "merlin_monitor",
     ),
+    # What test suites share; no package imports it.
+    "merlin_test": ("merlin_msgs", "merlin_ros"),
     # The underlay's nodes of these names are those of merlin_rosplan.
     "rosplan_knowledge_base": ("merlin_ros", "merlin_sm", "merlin_rosplan"),
     "rosplan_planning_system": ("merlin_ros", "merlin_sm", "merlin_rosplan"),
 }
 
 #: Package → its sub-packages, lowest first; those of one text do not import each other; "." is the modules
-#: beside them. A package that is missing here has no sub-packages yet.
+#: beside them, of which one may be named by itself. A package that is missing here has no sub-packages.
 LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_pddl": (".", "analysis", "checks"),
     "merlin_ros": ("master", ".", "actions"),
+    "merlin_sm": ("dispatching", ".", "states", "holding trees", "breakpoint_client state_factory"),
     "merlin_rosplan": (
         "knowledge planning dispatch",
         "storage supervision",
@@ -83,7 +91,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
         "nodes",
     ),
     "merlin_reactive": (".", "localization navigation speech listening recognition"),
-    "merlin_sim": ("world", "robot people", "engine", "node"),
+    "merlin_sim": ("world", "robot people", "rendering", "engine", "node"),
     "merlin_actions": ("core", ".", "actions nodes testing"),
     "merlin_executor": ("core goals", ".", "mission node testing"),
     "merlin_fleet": ("core", ". testing", "page node", "commands"),
@@ -114,9 +122,6 @@ WITHOUT_ROS: Dict[str, str] = {
 }
 ROS = re.compile(r"(ros\w+|actionlib|smach\w*|tf2_ros|diagnostic_updater|bondpy|\w+_msgs|\w+_srvs)\Z")
 
-#: Packages whose folders may hold more: as SMACH has it.
-MAY_BE_FULL = ("smach",)
-
 #: Imported name → what a manifest calls it.
 KEYS = {
     "aiohttp": "python3-aiohttp",
@@ -132,7 +137,17 @@ KEYS = {
     "yaml": "python3-yaml",
 }
 #: Comes from requirements.txt: rosdep has no key for it.
-FROM_PIP = {"kairos", "pocketsphinx", "py_trees", "pyastar2d", "pybullet", "pybullet_utils", "rdflib"}
+FROM_PIP = {
+    "kairos",
+    "panda3d",
+    "playwright",
+    "pocketsphinx",
+    "py_trees",
+    "pyastar2d",
+    "pybullet",
+    "pybullet_utils",
+    "rdflib",
+}
 #: Comes from apt.txt: rosdep has no key for it.
 FROM_APT = {"etcd3"}
 
@@ -156,7 +171,8 @@ class Import(NamedTuple):
 
 def packages() -> List[Path]:
     """The folders of all packages below src."""
-    return sorted(path.parent for path in SRC.glob("**/package.xml") if path.parent.name != "merlin_test")
+    # merlin_test is a link, which `**` does not follow.
+    return sorted({path.parent for pattern in ("*/", "**/") for path in SRC.glob(f"{pattern}package.xml")})
 
 
 def imports_of(package: Path) -> Iterator[Import]:
@@ -201,9 +217,13 @@ def wrong_package(package: str, found: Import) -> Iterator[str]:
 def wrong_layer(package: str, root: Path, found: Import) -> Iterator[str]:
     """An import of a sub-package that is not below the importing one."""
     layers = {room: level for level, rooms in enumerate(LAYERS.get(package, ())) for room in rooms.split()}
-    if not layers or found.package != package or "src" not in found.file.relative_to(root).parts:
+    if found.package != package or "src" not in found.file.relative_to(root).parts:
         return
-    room, target = _room(root, found.file), _room_of(root, found.module)
+    if not layers:
+        if package in MAY_IMPORT and len(found.file.relative_to(root / "src").parts) > 2:
+            yield found.finding(f"{package} has no layers yet; give it some in {Path(__file__).name}")
+        return
+    room, target = _room(root, found.file, layers), _room_of(root, found.module, layers)
     for name in (room, target):
         if name not in layers:
             yield found.finding(f"{package}/{name} has no layer yet; give it one in {Path(__file__).name}")
@@ -225,14 +245,16 @@ def ros_in_a_core(package: str, root: Path, found: Import) -> Iterator[str]:
         yield found.finding(f"{package}/{room} runs without ROS")
 
 
-def _room(root: Path, file: Path) -> str:
-    parts = file.relative_to(root / "src").parts
-    return parts[1] if len(parts) > 2 else "."
+def _room(root: Path, file: Path, named: Collection[str] = ()) -> str:
+    parts = file.relative_to(root / "src").with_suffix("").parts
+    return parts[1] if len(parts) > 2 or parts[-1] in named else "."
 
 
-def _room_of(root: Path, module: str) -> str:
+def _room_of(root: Path, module: str, named: Collection[str]) -> str:
     parts = module.split(".")
-    return parts[1] if len(parts) > 1 and (root / "src" / parts[0] / parts[1]).is_dir() else "."
+    if len(parts) > 1 and (parts[1] in named or (root / "src" / parts[0] / parts[1]).is_dir()):
+        return parts[1]
+    return "."
 
 
 def missing_in_manifest(root: Path, imports: List[Import]) -> Iterator[str]:
@@ -249,35 +271,59 @@ def missing_in_manifest(root: Path, imports: List[Import]) -> Iterator[str]:
         yield found.finding(f"{root.name}/package.xml does not name {KEYS.get(name, name)}")
 
 
-def full_folders(root: Path) -> Iterator[str]:
+def modules(*folders: str) -> List[Path]:
+    """All modules in these folders of the project."""
+    return sorted(path for folder in folders for path in (SRC.parent / folder).glob("**/*.py"))
+
+
+def full_folders() -> Iterator[str]:
     """Folders that hold more modules than a reader can keep in mind."""
-    for folder in sorted({path.parent for path in root.glob("src/**/*.py")}):
-        count = sum(path.name != "__init__.py" for path in folder.glob("*.py"))
-        if count > MOST_MODULES and root.name not in MAY_BE_FULL:
+    own_names = ("__init__.py", "__main__.py", "conftest.py")
+    found = modules("src", "bench", "test", "tools")
+    counts = Counter(path.parent for path in found if path.name not in own_names)
+    for folder, count in sorted(counts.items()):
+        if count > MOST_MODULES:
             yield f"{folder.relative_to(SRC.parent)}: {count} modules; {MOST_MODULES} is the most"
 
 
+def long_files() -> Iterator[str]:
+    """Files that hold more than one idea."""
+    for path in modules("src", "bench", "test", "tools"):
+        count = len(path.read_text(encoding="utf-8").splitlines())
+        if count > MOST_LINES:
+            yield f"{path.relative_to(SRC.parent)}: {count} lines; {MOST_LINES} is the most"
+
+
 def gone_modules() -> Iterator[str]:
-    """Modules of MERLIN that tools, benchmarks and tests import and that are not there."""
-    for folder in ("bench", "test", "tools"):
-        for path in sorted((SRC.parent / folder).glob("**/*.py")):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
-                if isinstance(node, ast.Import):
-                    names = [alias.name for alias in node.names]
-                elif isinstance(node, ast.ImportFrom) and not node.level:
-                    names = [node.module or ""]
-                else:
-                    continue
-                for name in names:
-                    top = SRC / name.split(".")[0]
-                    if (top / "setup.py").is_file() and not _exists(top, name):
-                        place = f"{path.relative_to(SRC.parent)}:{node.lineno}"
-                        yield f"{place}: imports {name}, which is not there"
+    """Modules of MERLIN and of bench that tools, benchmarks and tests import and that do not exist."""
+    for path in modules("bench", "test", "tools"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names = [node.module or ""]
+            else:
+                continue
+            for name in names:
+                if _is_missing(name):
+                    place = f"{path.relative_to(SRC.parent)}:{node.lineno}"
+                    yield f"{place}: imports {name}, which does not exist"
+
+
+def _is_missing(module: str) -> bool:
+    top = module.split(".")[0]
+    if (SRC / top / "setup.py").is_file():
+        return not _exists(SRC / top, module)
+    bench = SRC.parent / "bench"
+    path = bench / Path(*module.split("."))
+    return (bench / top / "__init__.py").is_file() and not (
+        path.is_dir() or path.with_suffix(".py").is_file()
+    )
 
 
 def main() -> int:
     """Prints what is wrong; returns the exit code."""
-    findings: List[str] = list(gone_modules())
+    findings: List[str] = [*gone_modules(), *long_files(), *full_folders()]
     for root in packages():
         imports = list(imports_of(root))
         for found in imports:
@@ -286,7 +332,7 @@ def main() -> int:
                 *wrong_layer(root.name, root, found),
                 *ros_in_a_core(root.name, root, found),
             ]
-        findings += [*missing_in_manifest(root, imports), *full_folders(root)]
+        findings += missing_in_manifest(root, imports)
     for finding in dict.fromkeys(findings):
         print(finding, file=sys.stderr)
     return 1 if findings else 0

@@ -14,12 +14,10 @@ import tempfile
 from pathlib import Path
 from typing import Any, Dict
 
+from merlin_monitor.access.operators import write_operators
+from merlin_test.chromium import Visit, chromium
+
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.append(str(ROOT / "test" / "rostest"))
-from chromium import Visit, chromium  # noqa: E402
-
-from merlin_monitor.access.operators import write_operators  # noqa: E402
-
 DESKTOP = {"width": 1360, "height": 1130}
 PICTURES: Dict[str, Dict[str, Any]] = {
     "monitor.png": {"viewport": DESKTOP},

@@ -181,7 +181,7 @@ def page() -> str:
 
 
 def main() -> int:
-    """Writes the page, or tells whether it is up to date."""
+    """Writes the page, or checks whether it is up to date."""
     text = page()
     if sys.argv[1:] == ["--check"]:
         if PAGE.read_text(encoding="utf-8") == text:

@@ -17,12 +17,12 @@ import yaml
 
 from chaos import endurance, table
 from chaos.campaign import Campaign
-from chaos.evidence import PATIENCE
 from chaos.faults import NODES, all_faults
+from chaos.judging.evidence import PATIENCE
 from chaos.moments import Moment
-from chaos.network import why_impossible, why_slow
-from chaos.system import StartError
 from chaos.trials import Trial, draw, known_failures
+from chaos.under_test.network import why_impossible, why_slow
+from chaos.under_test.system import StartError
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "results" / "chaos"

@@ -6,14 +6,15 @@ from itertools import islice
 from pathlib import Path
 from typing import Dict, Iterator, List, Optional, TextIO, Tuple
 
-from chaos import events, table
-from chaos.evidence import PATIENCE
+from chaos import table
 from chaos.faults import LINK
-from chaos.network import why_impossible
+from chaos.judging import events
+from chaos.judging.evidence import PATIENCE
 from chaos.result import Result
 from chaos.runner import Runner
-from chaos.system import StartError, System
 from chaos.trials import Trial
+from chaos.under_test.network import why_impossible
+from chaos.under_test.system import StartError, System
 
 #: How often in a row a system may fail to come up.
 STARTS = 2

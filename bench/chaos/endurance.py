@@ -5,11 +5,11 @@ import time
 from pathlib import Path
 from typing import Dict, List, TextIO, Tuple
 
-from chaos import events
-from chaos.processes import Usage
-from chaos.scene import scene_at
-from chaos.system import System
+from chaos.judging import events
+from chaos.judging.scene import scene_at
 from chaos.trials import Variant
+from chaos.under_test.processes import Usage
+from chaos.under_test.system import System
 
 #: How often it looks.
 SAMPLES = 20

@@ -40,7 +40,7 @@ SECOND_NODE = "second_node"
 START = "start"
 NONE = "none"
 
-#: s that a SIGSTOP lasts that is not for ever.
+#: s that a SIGSTOP lasts that is not forever.
 HANG = 10.0
 #: s that a link is cut.
 CUTS = (1.0, 5.0, 30.0)
@@ -54,7 +54,7 @@ class Fault:
     :param kind: one of the constants of this module.
     :param targets: the nodes it strikes; `master` and `client` are among them.
     :param signal: KILL, STOP or TERM.
-    :param lasts: s after which it is over by itself; None: for ever, or until respawned.
+    :param lasts: s after which it is over by itself; None: forever, or until respawned.
     :param loss: share of packets that a link loses; 1: it is cut.
     :param delay: s that a link adds to each packet.
     """

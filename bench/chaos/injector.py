@@ -5,8 +5,6 @@ import threading
 import time
 from typing import Dict, List, Optional
 
-from chaos import events, processes
-from chaos.events import Event
 from chaos.faults import (
     CLIENT,
     CLOCK_BACK,
@@ -18,14 +16,21 @@ from chaos.faults import (
     SIGNAL,
     Fault,
 )
-from chaos.system import System
+from chaos.judging import events
+from chaos.judging.events import Event
+from chaos.under_test import processes
+from chaos.under_test.system import System
 
 SIGNALS = {"KILL": signal.SIGKILL, "STOP": signal.SIGSTOP, "TERM": signal.SIGTERM}
 #: The file that fills the disk.
 BALLAST = "ballast"
 CHUNK = b"\0" * 4096
-#: Facts that the client tells the knowledge base while its disk is full, until one is refused.
+#: Facts that the client writes to the knowledge base while its disk is full, until one is refused.
 WRITTEN_FACTS = tuple(f"(noted f{number})" for number in range(20))
+
+
+class NotRunning(Exception):
+    """A node that has to run does not."""
 
 
 class Injector:
@@ -33,14 +38,14 @@ class Injector:
 
     :param fault: what to do; its targets are looked up now, so that the fault itself takes no time.
     :param alone: nodes that die do not come back by themselves.
-    :raises LookupError: when a target does not run.
+    :raises NotRunning: when a target does not run.
+    :raises LookupError: when the system has none of them.
     """
 
     def __init__(self, system: System, fault: Fault, alone: bool = False) -> None:
         self._system = system
         self._fault = fault
         self._pids: Dict[str, int] = {}
-        self._alone = alone
         self._respawners: Dict[str, int] = {}
         self._timer: Optional[threading.Timer] = None
         self._over = threading.Event()
@@ -50,7 +55,7 @@ class Injector:
                 if pid is not None:
                     self._pids[target] = pid
                 elif target in system.nodes or target in (MASTER, CLIENT):
-                    raise LookupError(f"{target} does not run")
+                    raise NotRunning(f"{target} does not run")
             if not self._pids:
                 raise LookupError(f"this system has no {' and no '.join(fault.targets)}")
         if alone:

@@ -3,9 +3,9 @@
 from enum import Enum
 from typing import Dict, NamedTuple
 
-from chaos import events
-from chaos.events import Event
-from chaos.scene import DRIVING_SPEED, IDLE, PLANNING_STAGES, Scene
+from chaos.judging import events
+from chaos.judging.events import Event
+from chaos.judging.scene import DRIVING_SPEED, IDLE, PLANNING_STAGES, Scene
 
 #: Status of action_feedback: the action has reached its goal state.
 ACTION_SUCCEEDED = 2

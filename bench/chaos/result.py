@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 from typing import List, Optional
 
-from chaos import events
-from chaos.events import Event
-from chaos.rules import Judgement
+from chaos.judging import events
+from chaos.judging.events import Event
+from chaos.judging.rules import Judgement
 from chaos.trials import Trial
 
 _ONE = Event(0.0, events.WAITED, {"span": 1.0, "waited": 0.0})
@@ -21,6 +21,7 @@ class Result:
     :param log: the events.
     :param helped: what the campaign repaired.
     :param load: load average of the machine.
+    :param struck: whether its fault was done.
     """
 
     trial: Trial
@@ -29,6 +30,7 @@ class Result:
     log: List[Event] = field(default_factory=list)
     helped: str = ""
     load: float = 0.0
+    struck: bool = True
 
     @property
     def real_time_factor(self) -> float:

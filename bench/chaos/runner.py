@@ -6,18 +6,21 @@ import threading
 import time
 from typing import Callable, Dict, List, Optional, Set, Tuple
 
-from chaos import events, processes
-from chaos.events import Event, LogClosed
-from chaos.evidence import NEXT, PATIENCE, REQUEST, Evidence, settled
+from chaos.before import BrokenBefore, Missed, ended_before, failed_before
 from chaos.faults import CLIENT, DISK_FULL, MASTER, NONE, SECOND_NODE
-from chaos.injector import SIGNALS, WRITTEN_FACTS, Injector
-from chaos.knowledge_rules import FACTS_LIMIT
+from chaos.injector import SIGNALS, WRITTEN_FACTS, Injector, NotRunning
+from chaos.judging import events
+from chaos.judging.events import Event, LogClosed
+from chaos.judging.evidence import NEXT, PATIENCE, REQUEST, Evidence, settled
+from chaos.judging.knowledge_rules import FACTS_LIMIT
+from chaos.judging.rules import NEXT_LIMIT_HELPED, Judgement, judge
+from chaos.judging.scene import DRIVING_SPEED, Scene, scene_at
 from chaos.moments import WINDOWS, Moment, begins, holds
 from chaos.result import Result
-from chaos.rules import NEXT_LIMIT_HELPED, Judgement, judge
-from chaos.scene import DRIVING_SPEED, Scene, scene_at
-from chaos.system import StartError, System
 from chaos.trials import DRIVE, LISTEN, REQUESTS, SPEAK, Trial
+from chaos.under_test import processes
+from chaos.under_test.system import StartError, System
+from chaos.watching import Watching
 
 #: s for a moment to come; the longest way to one is a plan and a turn on the spot.
 MOMENT_LIMIT = 40.0
@@ -25,15 +28,17 @@ MOMENT_LIMIT = 40.0
 ANSWER_WATCH = 20.0
 #: s after which a request that was not cancelled is cancelled.
 UNTOLD_WATCH = 10.5
-#: s after a fault, or after its end, from which on a request that drives is known to go on.
+#: s after a fault, or after its end, from when a request that drives is known to continue.
 GOES_ON = 4.0
 #: The same without a master, which is missed later.
 GOES_ON_MASTER = 7.0
 #: s that the next goal is waited for beyond what a starved machine may make of its limit.
 NEXT_MARGIN = 1.0
-#: s watched after an end, for what must not move any more.
+#: s watched after an end, for what must no longer move.
 SETTLE = 1.5
 LOOK_WATCH = 12.0
+#: s after a trial in which every node is back; the script that starts it again waits 4 s at most.
+NODES_LIMIT = 10.0
 #: s between two looks at knowledge that is not settled.
 LOOK_PERIOD = 0.3
 #: s after which the watchdog ends a trial with everything that it runs.
@@ -42,10 +47,6 @@ TRIAL_LIMIT = 180.0
 PLANNER_CHILD = "planner_child"
 #: m that a place to drive to is away at least.
 FAR = 2.0
-
-
-class Missed(Exception):
-    """The moment did not come, or was over before the fault; the trial says nothing."""
 
 
 class Runner:
@@ -63,22 +64,26 @@ class Runner:
         self._points = points
         self._notes: List[str] = []
         self._number = 0
+        self._earlier = ""
 
     def run(self, trial: Trial) -> Result:
         """Carries a trial out; bounded in time, whatever hangs."""
         watchdog = threading.Timer(TRIAL_LIMIT, self._system.kill, [f"no end after {TRIAL_LIMIT:.0f} s"])
         watchdog.name, watchdog.daemon = "watchdog", True
         watchdog.start()
+        number = self._take_number()
+        course = _Course(self._system, trial, self._points, self._notes, number, self._patience)
         try:
-            return _Course(
-                self._system, trial, self._points, self._notes, self._take_number(), self._patience
-            ).run()
+            return course.run()
         except LogClosed as closed:
             broken = Judgement((f"the trial was broken off: {closed}",), None, None, None, "")
-            return Result(trial, broken)
+            return Result(trial, broken, log=course.log)
+        except (BrokenBefore, NotRunning) as broken_before:
+            return failed_before(trial, broken_before, self._earlier, course.log)
         except (Missed, LookupError, StartError) as missed:
             return Result(trial, None, f"not valid: {missed}")
         finally:
+            self._earlier = trial.label
             watchdog.cancel()
 
     def _take_number(self) -> int:
@@ -86,7 +91,7 @@ class Runner:
         return self._number
 
 
-class _Course:
+class _Course(Watching):
     """One trial under way."""
 
     def __init__(
@@ -98,26 +103,33 @@ class _Course:
         number: int,
         patience: float,
     ) -> None:
+        super().__init__(system.log)
         self._system = system
         self._patience = patience
-        self._log = system.log
         self._trial = trial
         self._points = points
         self._notes = notes
         self._note = f"n{number % 20}"
-        self._begin = self._log.position()
         self._random = random.Random(f"trial {trial.seed}")
         self._injector: Optional[Injector] = None
         self._looks = 0
         self._late: Set[int] = set()
 
+    @property
+    def log(self) -> List[Event]:
+        """What has happened since its begin."""
+        return self._log.since(self._begin)
+
     def run(self) -> Result:
+        """Carries it out and judges it."""
         trial = self._trial
         try:
             self._prepare()
-            if REQUESTS[trial.moment] is not None:
-                self._send(REQUEST, self._goals())
-            self._await_moment()
+            goals = self._goals() if REQUESTS[trial.moment] is not None else []
+            before = self._log.since(0)  # what the request does may come while it is being sent
+            if goals:
+                self._send(REQUEST, goals)
+            self._await_moment(before)
             self._injector = Injector(self._system, trial.fault, trial.alone)
             fault_at = self._await_delay_and_strike()
             if REQUESTS[trial.moment] is None and trial.goals:
@@ -136,6 +148,7 @@ class _Course:
                 self._injector.end()
         self._pause(SETTLE)
         self._look()
+        self._await_nodes()
         self._report(events.CLOSED)
         log = [event for event in self._log.since(self._begin) if not self._too_late(event)]
         judgement = judge(Evidence(trial, log, self._points, self._notes, self._patience))
@@ -156,9 +169,8 @@ class _Course:
         self._system.tell_client(do="prepare", add=add, remove=remove)
         prepared = self._find("prepared", 15.0)
         if prepared is None or prepared.kind == "failed":
-            raise Missed(
-                f"the knowledge base takes no facts: {prepared['error'] if prepared else 'no answer'}"
-            )
+            why = prepared["error"] if prepared else "no answer"
+            raise BrokenBefore(f"the knowledge base takes no facts: {why}")
         self._notes[:] = sorted({*self._notes, note} - set(remove))
 
     def _goals(self) -> List[str]:
@@ -184,11 +196,10 @@ class _Course:
     def _send(self, label: str, goals: List[str]) -> None:
         self._system.tell_client(do="send", label=label, goals=goals)
 
-    def _await_moment(self) -> None:
-        trial, scene = self._trial, Scene()
-        for event in self._log.since(0):
+    def _await_moment(self, before: List[Event]) -> None:
+        trial, scene, position = self._trial, Scene(), len(before)
+        for event in before:
             scene.apply(event)
-        position = self._log.position()
         if holds(trial.moment, scene):
             return
         if trial.moment is Moment.CANCELLING:
@@ -196,6 +207,13 @@ class _Course:
             position = self._log.position()
             self._system.tell_client(do="cancel", label=REQUEST)
         self._await(lambda event: self._applied(scene, event, trial.moment), position)
+
+    def _await_nodes(self) -> None:
+        """What has died is back: the next trial must not find it missing."""
+        end = time.monotonic() + self._patience * NODES_LIMIT
+        while self._system.missing_nodes() and time.monotonic() < end:
+            self._pause(LOOK_PERIOD)
+        self._report(events.MISSING, nodes=self._system.missing_nodes())
 
     @staticmethod
     def _applied(scene: Scene, event: Event, moment: Moment) -> Optional[bool]:
@@ -213,10 +231,11 @@ class _Course:
 
         found = self._log.wait_for(position, look, time.monotonic() + MOMENT_LIMIT, time.monotonic)
         if found is None:
-            raise Missed(f"the moment '{self._trial.moment.value}' did not come in {MOMENT_LIMIT:.0f} s")
+            raise BrokenBefore(
+                f"the moment '{self._trial.moment.value}' did not come in {MOMENT_LIMIT:.0f} s"
+            )
         if ended:
-            event = ended[0]
-            raise Missed(f"the request ended before its moment: {event['outcome']}: {event['reason'][:120]}")
+            raise ended_before(ended[0])
 
     def _await_delay_and_strike(self) -> float:
         trial = self._trial
@@ -233,7 +252,7 @@ class _Course:
     # ------------------------------------------------------------------------------------ after the fault
 
     def _follow_request(self, fault_at: float) -> None:
-        """Until the request has ended; one without a cancel is cancelled when it goes on too long."""
+        """Until the request has ended; one without a cancel is cancelled when it continues too long."""
         trial = self._trial
         if REQUESTS[trial.moment] is None and not trial.goals:
             self._pause(SETTLE)
@@ -271,9 +290,8 @@ class _Course:
         written = (event for event in self._log.since(self._begin) if event.kind == events.WRITTEN)
         self._notes += [event["fact"] for event in written if not event["error"]]
         knowledge = self._system.pid("planning_system")
-        if knowledge is None:
-            raise Missed("planning_system does not run")
-        processes.send(knowledge, SIGNALS["KILL"])
+        if knowledge is not None:  # else it has ended itself, and reads the file when it is back
+            processes.send(knowledge, SIGNALS["KILL"])
         self._pause(SETTLE)
 
     def _next_goal(self) -> None:
@@ -337,58 +355,3 @@ class _Course:
         """Whether it answers a look that was given up."""
         answers = event.kind == events.FACTS and event["look"] in self._late
         return answers and "no answer" not in event.get("error", "")
-
-    # ------------------------------------------------------------------------------------ waiting
-
-    def _ended(self, label: str, limit: float) -> bool:
-        found = self._log.wait_for(
-            self._begin,
-            lambda event: True if event.kind == events.ENDED and event["label"] == label else None,
-            time.monotonic() + limit,
-            time.monotonic,
-        )
-        return bool(found)
-
-    def _ended_or_drives(self, goes_on: float, limit: float) -> bool:
-        """Whether the request has ended; False at once when the base drives after a time.
-
-        :param goes_on: from when on, s on the monotonic clock.
-        :param limit: s to wait at most.
-        """
-        scene = Scene()
-
-        def find(event: Event) -> Optional[bool]:
-            scene.apply(event)
-            if event.kind == events.ENDED and event["label"] == REQUEST:
-                return True
-            drives = event.at >= goes_on and holds(Moment.DRIVING, scene)
-            return False if drives else None
-
-        found = self._log.wait_for(self._begin, find, time.monotonic() + limit, time.monotonic)
-        return bool(found)
-
-    def _find(self, kind: str, limit: float) -> Optional[Event]:
-        return self._log.wait_for(
-            self._begin,
-            lambda event: event if event.kind in (kind, "failed") else None,
-            time.monotonic() + limit,
-            time.monotonic,
-        )
-
-    def _until(self, kind: str, begin: float, limit: float, holds_: Callable[[Event], bool]) -> bool:
-        found = self._log.wait_for(
-            self._begin,
-            lambda event: True if event.kind == kind and event.at >= begin and holds_(event) else None,
-            time.monotonic() + limit,
-            time.monotonic,
-        )
-        return bool(found)
-
-    def _pause(self, seconds: float) -> None:
-        """Lets time go by, in which the witness watches."""
-        self._log.wait_for(
-            self._log.position(), lambda event: None, time.monotonic() + seconds, time.monotonic
-        )
-
-    def _report(self, kind: str, **data: object) -> None:
-        self._log.add(Event(time.monotonic(), kind, data))

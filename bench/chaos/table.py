@@ -41,6 +41,8 @@ HEADS = (
     "next goal p50 / max, s",
     "violations",
 )
+#: Name of the trials whose fault was not done, because the system was broken before it.
+UNTOUCHED = "before a fault"
 PAGE_HEADS = ("fault", *(moment.value for moment in Moment), *HEADS[3:], "trials")
 
 
@@ -52,7 +54,7 @@ def row(number: int, result: Result, fresh: bool) -> Dict[str, str]:
     trial, judgement = result.trial, result.judgement
     return {
         "number": str(number),
-        "name": trial.name,
+        "name": trial.name if result.struck else UNTOUCHED,
         "fault": trial.fault.name,
         "moment": trial.moment.value,
         "cancel": str(int(trial.cancel)),
@@ -103,17 +105,19 @@ def summary(rows: Iterable[Dict[str, str]]) -> List[Tuple[str, ...]]:
 
 
 def text(rows: Iterable[Dict[str, str]]) -> str:
-    """The table for the screen."""
+    """The table for the screen, and below it why trials did not count."""
+    rows = list(rows)
     lines = [HEADS, *summary(rows)]
     widths = [max(len(line[column]) for line in lines) for column in range(len(HEADS))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in lines
-    )
+    texts = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in lines]
+    notes = [fields["note"] for fields in rows if fields["valid"] != "1"]
+    texts += [f"{notes.count(note)} did not count: {note}" for note in dict.fromkeys(notes)]
+    return "\n".join(texts)
 
 
 def markdown(rows: Iterable[Dict[str, str]]) -> str:
     """The table for a page: a line per fault, a column per moment. Pairs of nodes share the lines of their
-    signals, and whether nodes come back by themselves is not told apart."""
+    signals, and whether nodes come back by themselves is not distinguished."""
     valid = [fields for fields in rows if fields["valid"] == "1"]
     names = {fields["name"] for fields in valid}
     lines = [

@@ -1,27 +1,27 @@
 """A fleet on one machine: `python bench/fleet --robots 3`. Exit code 0: nothing was lost or done twice."""
 
 import argparse
-import signal
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from fleet.ledger import Ledger
 from fleet.network import FleetNetwork
 from fleet.robot import Robot
-from fleet.setup import FLEET, Say, allow_robots, launch_arguments, make_keys, make_network
+from fleet.setup import FLEET, Say, allow_robots, launch_arguments, make_keys, make_network, play
 from fleet.story import Broken, Story, make_folder
 from merlin_fleet.certificates import Folder
 from merlin_fleet.fleet_client import FleetClient, FleetError
-from merlin_fleet.testing.etcd_process import EtcdProcess, free_ports
+from merlin_fleet.testing.etcd_process import EtcdProcess
+from merlin_fleet.testing.ports import free_ports
 
 RESULTS = Path(__file__).resolve().parents[2] / "results" / "fleet"
 NAMES = ("ann", "bob", "cat", "dan", "eve")
 PORT = 11311  # of the master, in each robot's own namespace
-EXIT_WRONG, EXIT_START, EXIT_INTERRUPTED = 1, 3, 130
+EXIT_WRONG = 1
 
 
 def _make_hub(network: Optional[FleetNetwork], names: List[str], folder: Path) -> EtcdProcess:
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace, say: Say) -> int:
                 *launch_arguments(name, network, [etcd.port], folder),
                 f"drive_duration:={options.drive}",
             ]
-            robots[name] = Robot(name, given, _inside(network, name), port, folder, _told(story, name))
+            robots[name] = Robot(name, given, _inside(network, name), port, folder, _receiver(story, name))
             stack.callback(robots[name].close)
         found = story.play()
     for text in found:
@@ -76,7 +76,7 @@ def _inside(network: Optional[FleetNetwork], name: str) -> Callable[[List[str]],
     return lambda command: command if network is None else network.inside(name, command)
 
 
-def _told(story: Story, name: str) -> Callable:
+def _receiver(story: Story, name: str) -> Callable[[Any], None]:
     return lambda event: story.take(name, event)
 
 
@@ -87,21 +87,7 @@ def main(arguments: List[str]) -> int:
     parser.add_argument("--drive", type=float, default=20.0, help="s of a drive (%(default)g)")
     parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args(arguments)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
-    say = Say()
-    try:
-        return run(options, say)
-    except (Broken, FleetError, OSError, RuntimeError) as error:
-        say(f"it does not work: {error}")
-        return EXIT_START
-    except KeyboardInterrupt:
-        say("interrupted")
-        return EXIT_INTERRUPTED
-
-
-def _interrupt(number: int, _frame: object) -> None:
-    raise KeyboardInterrupt(signal.Signals(number).name)
+    return play(lambda say: run(options, say), (Broken, FleetError, OSError, RuntimeError))
 
 
 if __name__ == "__main__":

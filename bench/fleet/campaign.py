@@ -7,7 +7,6 @@ random moment, and compares what the robots' Executors did with what the fleet s
 import argparse
 import json
 import random
-import signal
 import statistics
 import sys
 from pathlib import Path
@@ -15,11 +14,11 @@ from typing import List, Optional, Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from chaos.network import NetworkError
+from chaos.under_test.network import NetworkError
 
 from fleet.clocks import APART
 from fleet.faults import FAULTS
-from fleet.setup import Say
+from fleet.setup import Say, play
 from fleet.story import make_folder
 from fleet.system import Fleet, Late
 from fleet.trial import Row, run_trial
@@ -30,7 +29,7 @@ ROBOTS = ["ann", "bob"]
 DRIVE = 4.0  # s
 #: Faults of a campaign that is not narrowed: the rows of docs/fleet.md.
 USUAL = [name for name in FAULTS if name != "none"]
-EXIT_WRONG, EXIT_START, EXIT_INTERRUPTED = 1, 3, 130
+EXIT_WRONG = 1
 HEADS = (
     *("fault", "trials", "goals", "lost", "executed by two", "results lost", "done again", "failed"),
     *("next owner p50 / max, s", "all well p50 / max, s"),
@@ -99,21 +98,7 @@ def main(arguments: List[str]) -> int:
     )
     parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args(arguments)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
-    say = Say()
-    try:
-        return run(options, say)
-    except (FleetError, NetworkError, OSError, RuntimeError) as error:
-        say(f"it does not work: {error}")
-        return EXIT_START
-    except KeyboardInterrupt:
-        say("interrupted")
-        return EXIT_INTERRUPTED
-
-
-def _interrupt(number: int, _frame: object) -> None:
-    raise KeyboardInterrupt(signal.Signals(number).name)
+    return play(lambda say: run(options, say), (FleetError, NetworkError, OSError, RuntimeError))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,8 @@ from merlin_fleet.certificates import ADMINISTRATOR, Folder
 from merlin_fleet.core.store import Put, Txn
 from merlin_fleet.etcd_messages import HubFull
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.testing.etcd_process import DIRECT, free_ports
+from merlin_fleet.testing.etcd_process import DIRECT
+from merlin_fleet.testing.ports import free_ports
 
 BEGIN = 60.0  # s for them to be healthy
 ETCD = "etcd"
@@ -87,7 +88,7 @@ class Hubs:
         for member in self.members:
             shutil.rmtree(self._folder / f"hub{member}", ignore_errors=True)
 
-    def _start(self, member: int) -> subprocess.Popen:
+    def _start(self, member: int) -> "subprocess.Popen[bytes]":
         keys = self._certificates
         client = f"https://0.0.0.0:{self.ports[member]}"
         peers = [f"http://127.0.0.1:{port}" for port in self._peers]
@@ -110,7 +111,7 @@ class Hubs:
         missing = list(self.members)
         while missing and time.monotonic() < end:
             missing = [member for member in missing if not self._healthy(member)]
-            time.sleep(0.05)  # nothing tells that they are
+            time.sleep(0.05)  # etcd sends no event when they are
         if missing:
             raise RuntimeError(f"hub{missing[0]} does not begin; see {self._certificates.parent}")
 

@@ -4,7 +4,7 @@ import threading
 from typing import Dict, Iterable, List, NamedTuple, Optional, Set, Tuple
 
 DONE = "SUCCEEDED"
-GRACE = 2.0  # s in which a robot that hung has to stop what it may not execute any more
+GRACE = 2.0  # s in which a robot that hung has to stop what it must no longer execute
 
 
 class Ended(NamedTuple):
@@ -30,7 +30,7 @@ class Ledger:
         self._overlaps: List[str] = []
 
     def begin(self, robot: str, goal: str, at: float) -> None:
-        """A robot executes a goal from now on; one that hangs had begun before, and it was told late."""
+        """A robot executes a goal from now on; a hanging one had begun before, and its report came late."""
         with self._lock:
             if robot in self._hanging:
                 self._hung[(robot, goal)] = (at, float("inf"))
@@ -57,7 +57,7 @@ class Ledger:
                 self._hung[(name, goal)] = (self._running.pop((name, goal)), float("inf"))
 
     def resume(self, robot: str, at: float) -> None:
-        """It goes on, and has `GRACE` to stop what another one executes."""
+        """It continues, and has `GRACE` to stop what another one executes."""
         with self._lock:
             self._hanging.discard(robot)
             for key, (begun, _) in list(self._hung.items()):

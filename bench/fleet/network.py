@@ -8,12 +8,12 @@ import threading
 from pathlib import Path
 from typing import Dict, List, Sequence
 
-from chaos.child import Child
-from chaos.events import Event
-from chaos.link import CLONE_NEWNET
-from chaos.network import NetworkError, why_impossible
+from chaos.judging.events import Event
+from chaos.under_test.child import Child
+from chaos.under_test.link import CLONE_NEWNET
+from chaos.under_test.network import NetworkError, why_impossible
 
-LINK = Path(__file__).resolve().parents[1] / "chaos" / "link.py"
+LINK = Path(__file__).resolve().parents[1] / "chaos" / "under_test" / "link.py"
 LIMIT = 60.0  # s for a link to be there
 
 

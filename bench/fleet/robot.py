@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 from typing import Callable, Dict, List, Optional
 
-from chaos.child import Child
-from chaos.events import Event
-from chaos.processes import MARK, marked, node_pid, send
+from chaos.judging.events import Event
+from chaos.under_test.child import Child
+from chaos.under_test.processes import MARK, marked, node_pid, send
 
 HERE = Path(__file__).parent
 
@@ -60,7 +60,7 @@ class Robot:
         return self._launch.poll() is None
 
     def send(self, number: int, node: str = "") -> None:
-        """Sends a signal to its processes; what looks at it beside them goes on.
+        """Sends a signal to its processes; what looks at it beside them continues.
 
         :param node: only to this node's process, not to what starts it again.
         """

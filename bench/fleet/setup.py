@@ -1,12 +1,13 @@
 """What a fleet on one machine needs before its robots start."""
 
 import os
+import signal
 import threading
 import time
 from pathlib import Path
-from typing import List, Optional, Sequence
+from typing import Callable, List, Optional, Sequence, Tuple, Type
 
-from chaos.network import NetworkError
+from chaos.under_test.network import NetworkError
 
 from fleet.network import FleetNetwork
 from merlin_fleet.certificates import Folder
@@ -14,6 +15,7 @@ from merlin_fleet.commands.keys_command import main as keys
 from merlin_fleet.fleet_client import FleetError
 
 FLEET = "demo"
+EXIT_START, EXIT_INTERRUPTED = 3, 130
 
 
 class Say:
@@ -26,6 +28,29 @@ class Say:
     def __call__(self, text: str) -> None:
         with self._lock:
             print(f"{time.monotonic() - self._begun:6.1f} s  {text}", flush=True)
+
+
+def play(run: Callable[[Say], int], mistakes: Tuple[Type[BaseException], ...]) -> int:
+    """Runs something that a signal may end; returns the exit code.
+
+    :param run: takes what prints its lines, returns its exit code.
+    :param mistakes: exceptions that say why it cannot run.
+    """
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupt)
+    say = Say()
+    try:
+        return run(say)
+    except mistakes as error:
+        say(f"it does not work: {error}")
+        return EXIT_START
+    except KeyboardInterrupt:
+        say("interrupted")
+        return EXIT_INTERRUPTED
+
+
+def _interrupt(number: int, _frame: object) -> None:
+    raise KeyboardInterrupt(signal.Signals(number).name)
 
 
 def make_network(names: List[str], folder: Path, say: Say) -> Optional[FleetNetwork]:

@@ -3,15 +3,15 @@
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional, Set
 
-from chaos.events import Event
+from chaos.judging.events import Event
 
 from fleet.ledger import Ledger
 from fleet.network import FleetNetwork
 from fleet.robot import Robot
 from merlin_fleet.commands.fleet_command import words
-from merlin_fleet.core.view import GoalState
+from merlin_fleet.core.view import FleetGoalState
 from merlin_fleet.fleet_client import FleetClient
 
 LIMIT = 300.0  # s for anything that has to happen; a busy machine is slow, not wrong
@@ -115,7 +115,7 @@ class Story:
 
     # --- what is known
 
-    def _joined(self) -> set:
+    def _joined(self) -> Set[str]:
         return {robot.name for robot, joined in self._client.robots() if joined}
 
     def _ends(self) -> Dict[str, str]:
@@ -131,11 +131,11 @@ class Story:
                     return found
                 for name, robot in self._robots.items():
                     if robot.alive and not robot.running:
-                        raise Broken(f"{name} does not run; its logs tell why")
+                        raise Broken(f"{name} does not run; its logs say why")
                 left = end - time.monotonic()
                 if left <= 0:
                     raise Broken(f"it did not happen within {LIMIT:g} s that {what}")
-                self._changed.wait(min(left, 1.0))  # a launch that ends tells nothing
+                self._changed.wait(min(left, 1.0))  # the end of a launch sends no event
 
     def _follow(self) -> None:
         """Says what the fleet says."""
@@ -153,7 +153,7 @@ class Story:
         """Goals and robots in words; not why robots do not bid."""
         states = {}
         for news in self._client.goals():
-            is_open = news.state is GoalState.OPEN
+            is_open = news.state is FleetGoalState.OPEN
             states[" ".join(news.goal.goals)] = "is open" if is_open else words(news)
         for robot, joined in self._client.robots():
             states[robot.name] = "is in the fleet" if joined else "is not in the fleet any more"

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Tuple
 
-from chaos.events import Event
+from chaos.judging.events import Event
 
 from fleet.clocks import Clock, Clocks
 from fleet.hubs import Hubs
@@ -106,7 +106,7 @@ class Fleet:
         )
 
     def send(self, goals: List[str], **options: Any) -> List[FleetRequest]:
-        """Sends goals; what happened before does not count any more."""
+        """Sends goals; what happened before no longer counts."""
         with self.changed:
             self.ledger, self.seen = Ledger(), []
             self._requests = []
@@ -137,7 +137,7 @@ class Fleet:
                 left = end - time.monotonic()
                 if left <= 0:
                     raise Late(f"not within {limit:g} s: {what}")
-                self.changed.wait(min(left, 0.5))  # a process that ends tells nothing
+                self.changed.wait(min(left, 0.5))  # the end of a process sends no event
 
     def pause(self, seconds: float) -> None:
         """Lets time pass: the moment of a fault is drawn."""

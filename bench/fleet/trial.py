@@ -25,11 +25,11 @@ class Row(NamedTuple):
     twice: int
     """Goals that two robots executed at once."""
     again: int
-    """Goals that were done again, because their first end could not be told."""
+    """Goals that were done again, because their first end could not be reported."""
     failed: int
     """Goals that have ended, and do not hold."""
     forgotten: int
-    """Ends that the hub had taken, and that are not there any more."""
+    """Ends that the hub had taken, and that are no longer there."""
     next_owner: Optional[float]
     """s from the fault until another robot had the goals of the victim; None: it was not needed."""
     back: Optional[float]

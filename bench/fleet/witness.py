@@ -1,4 +1,4 @@
-"""Process: tells what a robot's Executor executes, in lines of JSON. It knows nothing of the fleet.
+"""Process: prints what a robot's Executor executes, in lines of JSON. It knows nothing of the fleet.
 
 The command {"forget": true} makes every room unchecked again.
 """
@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
-from chaos.child import Reporter, commands
+from chaos.under_test.child import Reporter, commands
 from merlin_msgs.msg import ExecuteActionGoal, ExecuteActionResult
 
 from merlin_executor.executor_client import outcome_name

@@ -12,7 +12,7 @@ from merlin_reactive.navigation.navigator import DriveOutcome, NavigationSetting
 from merlin_reactive.navigation.path_planner import NoPath
 from merlin_reactive.navigation.right_of_way import RightOfWay
 from merlin_reactive.pose import Pose
-from merlin_sim.engine.simulation import ODOMETRY_EVERY, RobotSpec, SimulatedRobot, Simulation
+from merlin_sim.engine.simulation import ODOMETRY_EVERY, RobotSpec, Simulation, WorldRobot
 from merlin_sim.robot.truth_localization import PoseNoise, TruthLocalization
 from merlin_sim.world.survey import map_of
 from merlin_sim.world.world_model import World
@@ -51,7 +51,7 @@ class MeetingResult:
 class _Driver:
     """One robot of the trial."""
 
-    def __init__(self, route: Route, robot: SimulatedRobot, navigator: Navigator, seed: int) -> None:
+    def __init__(self, route: Route, robot: WorldRobot, navigator: Navigator, seed: int) -> None:
         self.route, self.robot, self.navigator = route, robot, navigator
         self.localization = TruthLocalization(PoseNoise(), seed, route.name)
         self.outcome: Optional[DriveOutcome] = None
@@ -132,4 +132,4 @@ def _tell(drivers: Sequence[_Driver], rules: Sequence[RightOfWay], now: float) -
             said = driver.navigator.announcement(pose)
             assert said is not None, "it was given its rules"
             for rule in rules:
-                rule.tell(dataclasses.replace(said, driving=said.driving and driver.outcome is None), now)
+                rule.note(dataclasses.replace(said, driving=said.driving and driver.outcome is None), now)

@@ -40,7 +40,7 @@ class GoalMissed(Exception):
 
 
 class Follower:
-    """A particle filter beside a simulated robot: told the truth, it scans and answers what it believes.
+    """A particle filter beside a simulated robot: takes true poses, makes scans, returns the estimate.
 
     :param believed: where the filter believes that the robot starts; None: not known.
     :param leads: the robot drives by this belief; otherwise by the truth.

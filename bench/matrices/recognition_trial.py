@@ -14,7 +14,7 @@ from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON, P
 from merlin_reactive.recognition.object_recognizer import ObjectRecognizer
 from merlin_reactive.recognition.sighting import Sighting
 from merlin_sim.engine.simulation import RobotSpec, Simulation
-from merlin_sim.engine.tag_card import GAP
+from merlin_sim.rendering.appearance import GAP
 from merlin_sim.robot.camera import CameraModel
 from merlin_sim.world.world_file import parse_world
 

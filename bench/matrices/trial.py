@@ -28,7 +28,7 @@ URDF = Path(__file__).resolve().parents[2] / "src" / "merlin_sim" / "urdf" / "rb
 def trials(text: str) -> int:
     """Reads how many trials there are to be, one or more.
 
-    :raises argparse.ArgumentTypeError: it is no such number.
+    :raises argparse.ArgumentTypeError: when the text is not such a number.
     """
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number of trials: give 1 or more")

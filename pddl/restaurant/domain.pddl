@@ -32,7 +32,7 @@
   (:functions
     (distance ?from - place ?to - poi)  ; m, along the shortest path
     (speed)                             ; m/s, of the robot
-    (pace))                             ; m/s, of a person who follows it
+    (pace))                             ; m/s, of a person that follows it
 
   (:durative-action navigate          ; each drive turns twice, about 3 s
     :parameters (?from - place ?to - poi)
@@ -120,7 +120,7 @@
       (at end (not (carrying ?t)))
       (at end (tray_free))))
 
-  (:durative-action check_entrance    ; writes who waits there
+  (:durative-action check_entrance    ; writes which clients wait there
     :parameters ()
     :duration (= ?duration 3)
     :condition (over all (robot_at entrance))

@@ -1,4 +1,4 @@
-; The evening in the restaurant. Distances: rosrun merlin_sim poi_distances restaurant --from anywhere --without kitchen
+; The evening in the restaurant. Distances: rosrun merlin_sim poi_distances restaurant --from anywhere --without kitchen bar_2
 (define (problem evening)
   (:domain restaurant)
   (:objects

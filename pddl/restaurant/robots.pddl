@@ -5,15 +5,16 @@
   (:types
     robot place item client - object
     poi - place
-    table - poi)
+    table counter - poi)    ; a counter is a place at the bar, for one robot and one order at a time
 
   (:constants
     anywhere - place        ; where a robot is that stopped between two points of interest
-    bar entrance - poi)
+    entrance - poi)
 
   (:predicates
     (available ?r - robot)  ; kept by the bridges: the host of the robot lives and takes actions
     (robot_at ?r - robot ?p - place)
+    (in_position ?r - robot)        ; it has come to its place; else it was stopped beside it, and keeps it
     (free ?p - place)               ; no robot stands there or drives there
     (checked ?t - table)            ; its state was looked at in this round
     (needs_serving ?t - table)      ; its state is one of these four, or not known yet
@@ -24,8 +25,8 @@
     (unclaimed ?t - table)          ; its guest has no waiter yet
     (waiter ?r - robot ?t - table)  ; took the order of its guest, and alone orders and delivers it
     (ordered ?t - table)            ; the robots know the whole order
-    (bar_clear)                     ; no order stands on the bar
-    (prepared ?t - table)           ; it stands on the bar, as ordered
+    (clear ?b - counter)            ; no order stands there
+    (prepared ?b - counter ?t - table)  ; it stands there, as ordered
     (carrying ?r - robot ?t - table)
     (tray_free ?r - robot)
     (quiet ?r - robot)              ; the robot is in no conversation
@@ -37,7 +38,7 @@
   (:functions
     (distance ?from - place ?to - poi)  ; m, along the shortest path
     (speed)                             ; m/s, of each robot
-    (pace))                             ; m/s, of a person who follows one
+    (pace))                             ; m/s, of a person that follows one
 
   (:durative-action navigate          ; each drive turns twice, about 3 s
     :parameters (?r - robot ?from - place ?to - poi)
@@ -48,15 +49,28 @@
       (at start (free ?to)))
     :effect (and
       (at start (not (robot_at ?r ?from)))
+      (at start (not (in_position ?r)))
       (at start (free ?from))
       (at start (not (free ?to)))
-      (at end (robot_at ?r ?to))))
+      (at end (robot_at ?r ?to))
+      (at end (in_position ?r))))
 
-  (:durative-action check_table       ; writes the state that it sees
+  (:durative-action line_up           ; the rest of a drive that was stopped beside its end
+    :parameters (?r - robot ?p - poi)
+    :duration (= ?duration 4)
+    :condition (and
+      (at start (available ?r))
+      (at start (not (in_position ?r)))
+      (over all (robot_at ?r ?p)))
+    :effect (at end (in_position ?r)))
+
+  (:durative-action check_table       ; writes the state that it sees; never on the way with an order
     :parameters (?r - robot ?t - table)
     :duration (= ?duration 6)
     :condition (and
       (at start (available ?r))
+      (at start (in_position ?r))
+      (at start (tray_free ?r))
       (over all (quiet ?r))
       (over all (robot_at ?r ?t)))
     :effect (at end (checked ?t)))
@@ -66,6 +80,7 @@
     :duration (= ?duration 15)
     :condition (and
       (at start (available ?r))
+      (at start (in_position ?r))
       (at start (quiet ?r))
       (at start (needs_serving ?t))
       (at start (unclaimed ?t))
@@ -92,37 +107,39 @@
       (at end (waiter ?r ?t))))
 
   (:durative-action order_to_barman
-    :parameters (?r - robot ?t - table)
+    :parameters (?r - robot ?b - counter ?t - table)
     :duration (= ?duration 25)
     :condition (and
       (at start (available ?r))
+      (at start (in_position ?r))
       (at start (quiet ?r))
       (at start (waiter ?r ?t))
       (at start (ordered ?t))
       (at start (tray_free ?r))
-      (at start (bar_clear))
-      (over all (robot_at ?r bar)))
+      (at start (clear ?b))
+      (over all (robot_at ?r ?b)))
     :effect (and
       (at start (not (quiet ?r)))
       (at end (quiet ?r))
-      (at end (not (bar_clear)))
-      (at end (prepared ?t))))
+      (at end (not (clear ?b)))
+      (at end (prepared ?b ?t))))
 
   (:durative-action load_order        ; also by another robot than its waiter: then it goes back
-    :parameters (?r - robot ?t - table)
+    :parameters (?r - robot ?b - counter ?t - table)
     :duration (= ?duration 8)
     :condition (and
       (at start (available ?r))
+      (at start (in_position ?r))
       (at start (quiet ?r))
-      (at start (prepared ?t))
+      (at start (prepared ?b ?t))
       (at start (tray_free ?r))
-      (over all (robot_at ?r bar)))
+      (over all (robot_at ?r ?b)))
     :effect (and
       (at start (not (quiet ?r)))
       (at end (quiet ?r))
       (at start (not (tray_free ?r)))
-      (at end (not (prepared ?t)))
-      (at end (bar_clear))
+      (at end (not (prepared ?b ?t)))
+      (at end (clear ?b))
       (at end (carrying ?r ?t))))
 
   (:durative-action deliver_order
@@ -130,6 +147,7 @@
     :duration (= ?duration 12)
     :condition (and
       (at start (available ?r))
+      (at start (in_position ?r))
       (at start (quiet ?r))
       (at start (waiter ?r ?t))
       (at start (carrying ?r ?t))
@@ -147,24 +165,27 @@
       (at end (already_served ?t))))
 
   (:durative-action return_order      ; its guest has left
-    :parameters (?r - robot ?t - table)
+    :parameters (?r - robot ?b - counter ?t - table)
     :duration (= ?duration 8)
     :condition (and
       (at start (available ?r))
+      (at start (in_position ?r))
       (at start (quiet ?r))
       (at start (carrying ?r ?t))
-      (over all (robot_at ?r bar)))
+      (over all (robot_at ?r ?b)))
     :effect (and
       (at start (not (quiet ?r)))
       (at end (quiet ?r))
       (at end (not (carrying ?r ?t)))
       (at end (tray_free ?r))))
 
-  (:durative-action check_entrance    ; writes who waits there
+  (:durative-action check_entrance    ; writes which clients wait there
     :parameters (?r - robot)
     :duration (= ?duration 3)
     :condition (and
       (at start (available ?r))
+      (at start (in_position ?r))
+      (at start (tray_free ?r))
       (over all (robot_at ?r entrance)))
     :effect (at end (entrance_checked)))
 
@@ -173,6 +194,7 @@
     :duration (= ?duration 6)
     :condition (and
       (at start (available ?r))
+      (at start (in_position ?r))
       (at start (quiet ?r))
       (at start (waiting ?c))
       (over all (robot_at ?r entrance)))
@@ -186,6 +208,7 @@
     :duration (= ?duration (/ (distance entrance ?t) (pace)))
     :condition (and
       (at start (available ?r))
+      (at start (in_position ?r))
       (at start (quiet ?r))
       (at start (greeted ?r ?c))
       (at start (waiting ?c))
@@ -196,10 +219,12 @@
       (at start (not (quiet ?r)))
       (at end (quiet ?r))
       (at start (not (robot_at ?r entrance)))
+      (at start (not (in_position ?r)))
       (at start (free entrance))
       (at start (not (free ?t)))
       (at start (not (waiting ?c)))
       (at start (not (ready ?t)))
       (at end (robot_at ?r ?t))
+      (at end (in_position ?r))
       (at end (seated ?c))
       (at end (needs_serving ?t)))))

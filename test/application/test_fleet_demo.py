@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import List
 
 import pytest
-from chaos.network import why_impossible
+from chaos.under_test.network import why_impossible
 
 DEMO = [sys.executable, str(Path(__file__).resolve().parents[2] / "bench" / "fleet")]
 LIMIT = 420.0  # s, on a machine that tests something else meanwhile

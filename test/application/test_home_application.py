@@ -18,7 +18,7 @@ from merlin_msgs.msg import MissionStatus
 
 from merlin_home.mission_list import make_mission
 from merlin_monitor.bag.bag_import import BagImport
-from merlin_monitor.bag.recording import Recording
+from merlin_monitor.bag.recording import BagRecording
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.state.state_tree import apply_changes
 
@@ -43,7 +43,7 @@ def end(process: subprocess.Popen) -> Tuple[int, List[str], List[str]]:
 
 
 def monitor_of(process: subprocess.Popen) -> str:
-    """The address of the page, as the screen tells it."""
+    """The address of the page, as the terminal prints it."""
     for line in process.stderr:
         if line.startswith("monitor: http"):
             return line.split()[1]
@@ -116,7 +116,7 @@ def ended_as(state: Dict[str, Any], live: Dict[str, Any]) -> bool:
     """Whether a page shows the end of the mission, and all that was shown at it."""
     try:
         return "has ended" in state["now"]["doing"] and shown(state) == shown(live)
-    except KeyError:  # a part of it has told nothing yet
+    except KeyError:  # one of its parts has published nothing yet
         return False
 
 
@@ -132,7 +132,7 @@ def check_replay(tmp_path: Path, live: Dict[str, Any]) -> None:
         address = monitor_of(process)
         end_at = time.monotonic() + LIMIT
         state: Dict[str, Any] = {}
-        # Each topic has a connection of its own: what the others tell may come behind the mission's end.
+        # Each topic has a connection of its own: messages of the others may come after the mission's end.
         while not ended_as(state, live) and time.monotonic() < end_at:
             time.sleep(0.5)
             state = page(address)
@@ -154,7 +154,7 @@ def check_replay(tmp_path: Path, live: Dict[str, Any]) -> None:
 def check_opened_bag(tmp_path: Path, live: Dict[str, Any]) -> None:
     """Opens the recording as a history: its last moment is what the page showed then."""
     file = tmp_path / "opened.sqlite"
-    BagImport(Recording(tmp_path / "results" / "run.bag"), file).run()
+    BagImport(BagRecording(tmp_path / "results" / "run.bag"), file).run()
     state = last_moment(file)
     assert state["now"]["doing"] == "home mission 1 has ended: every task ended as listed", state["now"]
     assert shown(state) == shown(live)

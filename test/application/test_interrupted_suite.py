@@ -6,9 +6,9 @@ import sys
 import time
 from pathlib import Path
 
-from chaos import processes
+from chaos.under_test import processes
 
-SUITE = Path(__file__).parents[1] / "rostest" / "knowledge_base.test"
+SUITE = Path(__file__).parents[1] / "rostest" / "knowledge" / "knowledge_base.test"
 LIMIT = 200.0
 
 

@@ -24,9 +24,10 @@ from semantics import Event
 
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.ending import Closing, Ending
+from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceProxy
-from merlin_rosplan.transport.ros_alarm import RosAlarm
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
+from merlin_test.topic_links import wait_for_publishers
 
 LONG = 120.0
 KB = "/rosplan_knowledge_base"
@@ -187,16 +188,19 @@ class NodeWorld:
         self._reasons: Dict[int, str] = {}
         self._statuses: List[DispatchStatus] = []
         topic = f"{KB}/pddl_action_parameters"
-        self._subscribers = [rospy.Subscriber(topic, DomainFormula, self._hear)]
-        for kind in KINDS:
-            topic = f"/{kind}_dispatcher/dispatch_status"
-            self._subscribers.append(rospy.Subscriber(topic, DispatchStatus, self._tell))
+        announcements = rospy.Subscriber(topic, DomainFormula, self._hear)
+        statuses = [
+            rospy.Subscriber(f"/{kind}_dispatcher/dispatch_status", DispatchStatus, self._tell)
+            for kind in KINDS
+        ]
+        self._subscribers = [announcements, *statuses]
         self._knowledge = knowledge_client(KB)
         self._parse = {k: ServiceProxy(f"/{k}_parser/parse_plan_from_file", ParsingService) for k in KINDS}
         self._dispatch = {k: ServiceProxy(f"/{k}_dispatcher/dispatch_plan", DispatchService) for k in KINDS}
         self._executions = ServiceProxy(f"{KB}/executions", ListExecutions)
         waiting = [self._knowledge, *self._parse.values(), *self._dispatch.values()]
         assert all(each.wait(LONG) for each in waiting), "the planning system does not come up"
+        wait_for_publishers(*statuses)  # else the first dispatch may begin and end unheard
 
     def close(self) -> None:
         """Ends it."""
@@ -227,7 +231,7 @@ class NodeWorld:
         try:
             for interface in found:
                 interface.start()
-            with self._changed:  # who announces itself takes what comes
+            with self._changed:  # an announced bridge takes what comes
                 there = self._changed.wait_for(lambda: all(name in self._announced for name in names), LONG)
             assert there, f"{names}: {self._announced}"
             yield found

@@ -9,13 +9,16 @@ import unittest
 import rospy
 from merlin_msgs.msg import DispatchStatus, KnowledgeChanges
 from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
+from rosplan_knowledge_msgs.msg import DomainFormula
 
 import rostest
 from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
+from merlin_test.topic_links import wait_for_publishers
 
 LONG = 120.0
 KB = "/rosplan_knowledge_base"
+OPERATORS = {"burn", "mend", "double", "note"}
 
 
 class Nodes(unittest.TestCase):
@@ -25,13 +28,23 @@ class Nodes(unittest.TestCase):
         cls.parse = ServiceProxy("/rosplan_parsing_interface/parse_plan_from_file", ParsingService)
         cls.dispatch = ServiceProxy("/rosplan_plan_dispatcher/dispatch_plan", DispatchService)
         cls.changed = threading.Condition()
-        cls.history, cls.reasons = [], []
+        cls.history, cls.reasons, cls.announced = [], [], set()
         cls.marks, cls.noted = itertools.count(1000), 0.0
         cls.subscribers = [
             rospy.Subscriber(f"{KB}/changes", KnowledgeChanges, cls.note),
             rospy.Subscriber("/rosplan_plan_dispatcher/dispatch_status", DispatchStatus, cls.tell),
+            rospy.Subscriber(f"{KB}/pddl_action_parameters", DomainFormula, cls.meet),
         ]
         assert cls.dispatch.wait(LONG) and cls.parse.wait(LONG) and cls.knowledge.wait(LONG)
+        wait_for_publishers(*cls.subscribers)  # what is sent before is never heard
+        with cls.changed:  # the plans' times leave no room for an interface that has not started
+            assert cls.changed.wait_for(lambda: cls.announced >= OPERATORS, LONG), cls.announced
+
+    @classmethod
+    def meet(cls, message):
+        with cls.changed:
+            cls.announced.add(message.name)
+            cls.changed.notify_all()
 
     @classmethod
     def note(cls, message):
@@ -55,7 +68,7 @@ class Nodes(unittest.TestCase):
             + [Update(ADD, fact("free")), Update(REMOVE, fact("mended", "")), Update(REMOVE, fact("told"))]
             + [Update(ADD, function_value("power", [], 3.0))]
         )
-        for mark in (next(self.marks), 0):  # all that was told before has come then
+        for mark in (next(self.marks), 0):  # all earlier messages have come then
             self.knowledge.update([Update(ADD, function_value("noted", [], float(mark)))])
             with self.changed:
                 self.assertTrue(self.changed.wait_for(lambda mark=mark: self.noted == mark, LONG), mark)
@@ -111,7 +124,7 @@ class Nodes(unittest.TestCase):
 
     def test_a_goal_that_does_not_hold_is_named(self):
         answer = self.run_plan("0.000: (burn m1) [4.000]", "0.001: (mend f1 m1) [2.500]")
-        self.assertTrue(answer.success and not answer.goal_achieved)
+        self.assertTrue(answer.success and not answer.goal_achieved, self.reasons)
         with self.changed:
             told = self.changed.wait_for(lambda: "(mended f2)" in (self.reasons or [""])[-1], LONG)
         self.assertTrue(told, self.reasons)

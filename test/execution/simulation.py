@@ -279,7 +279,7 @@ class World(DispatchEnvironment):
     def close(self, action: PlannedAction) -> None:
         pass
 
-    def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
+    def publish_feedback(self, action: PlannedAction, status: FeedbackStatus) -> None:
         pass
 
     def operator(self, action: PlannedAction) -> ActionModel:

@@ -3,9 +3,7 @@
 import contextlib
 import os
 import queue
-import random
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +15,7 @@ from typing import Any, Dict, Iterator, List, Optional
 import pytest
 
 from merlin.local_names import master_uri
+from merlin_fleet.testing.ports import free_ports, release
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
@@ -29,8 +28,6 @@ signal.pause()
 """
 
 LIMIT = 120.0  # s for anything that a test waits for
-# Below those that the kernel gives to connections: a master that was killed finds its own free again.
-PORTS = range(20000, 32768)
 
 
 class Process:
@@ -105,15 +102,6 @@ class Process:
             self.lines.append(line)
 
 
-def free_port() -> int:
-    """A port of this machine that nothing listens on."""
-    while True:
-        port = random.SystemRandom().choice(PORTS)
-        with socket.socket() as found, contextlib.suppress(OSError):
-            found.bind(("", port))
-            return port
-
-
 class MasterProcess:
     """A master that can be killed, stopped and started anew on its port, and what runs on it."""
 
@@ -125,7 +113,7 @@ class MasterProcess:
             "PYTHONUNBUFFERED": "1",
         }
         self.env.pop("ROS_NAMESPACE", None)
-        self._port = free_port()
+        (self._port,) = free_ports(1)  # a master that was killed finds its own free again
         self._spawned: List[Process] = []
         self.start()
 
@@ -161,6 +149,7 @@ class MasterProcess:
             if process.process.poll() is None:
                 process.process.kill()
             process.process.wait()
+        release([self._port])
 
 
 @pytest.fixture
@@ -169,6 +158,33 @@ def master(tmp_path: Path) -> Iterator[MasterProcess]:
     process = MasterProcess(tmp_path)
     yield process
     process.close()
+
+
+class SimulatedClock:
+    """The time of ROS, set by a test."""
+
+    def __init__(self) -> None:
+        import rospy  # which other tests put off
+
+        self._ros = rospy
+
+    def set(self, seconds: float) -> None:
+        """A tick of the clock; an earlier time than before is a jump back."""
+        self._ros.rostime._set_rostime(self._ros.Time.from_sec(seconds))
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[SimulatedClock]:
+    """A simulated clock, at 100 s."""
+    made = SimulatedClock()
+    rostime = made._ros.rostime
+    monkeypatch.setattr(rostime, "_rostime_initialized", True)
+    before = set(threading.enumerate())
+    made.set(100.0)
+    yield made
+    for thread in set(threading.enumerate()) - before:
+        thread.join(LIMIT)  # one that looks at the clock later would find none
+    rostime.switch_to_wallclock()
 
 
 @pytest.fixture

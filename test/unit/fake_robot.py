@@ -6,11 +6,12 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import ExecuteResult, KnowledgeChanges, MissionStatus
+from merlin_msgs.msg import ExecuteResult, KnowledgeChanges, MissionStatus, RobotWay
 
+from merlin_actions import robot_places
 from merlin_executor.mission import goal_dispatcher, mission_node
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-from merlin_sm.states import action_state
+from merlin_sm.states import action_state, wait
 
 SUCCEEDED = ExecuteResult(outcome=ExecuteResult.SUCCEEDED)
 
@@ -83,6 +84,7 @@ class FakeRobot:
         self.at_shutdown: List[Callable[[], None]] = []
         self.down = False
         self.on_change: List[Callable[[Any], None]] = []
+        self.on_way: List[Callable[[Any], None]] = []
         self._lock = threading.Lock()  # keeps a change whole: branches of a mission change facts at once
 
     # --- the knowledge ----------------------------------------------------------------------------------
@@ -96,6 +98,9 @@ class FakeRobot:
             self.known = [fact for fact in self.known if fact not in listed[1]] + listed[0]
         for callback in self.on_change:
             callback(KnowledgeChanges())
+
+    def add_objects(self, kind: str, *names: str) -> None:
+        self.things[kind] = [*self.things.get(kind, []), *names]
 
     # --- the Executor -----------------------------------------------------------------------------------
 
@@ -152,9 +157,9 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
         def __init__(self, *_: Any, **__: Any) -> None:
             self.publish = robot.published.append
 
-    class Timer:
-        def __init__(self, _: Any, callback: Callable[[Any], None], oneshot: bool = False) -> None:
-            callback(None)  # a patience of the mission is over at once
+    class Alarm:
+        def __init__(self, _: float, call: Callable[[], None], name: str) -> None:
+            call()  # a patience of the mission is over at once
 
         def shutdown(self) -> None:
             pass
@@ -173,6 +178,8 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     def subscribe(topic: str, kind: type, callback: Callable[[Any], None], *_: Any, **__: Any) -> None:
         if kind is KnowledgeChanges:
             robot.on_change.append(callback)
+        if kind is RobotWay:
+            robot.on_way.append(callback)
 
     def server(name: str, _: Any) -> FakeServer:
         return robot.servers.setdefault(name, FakeServer(name))
@@ -181,16 +188,19 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(assistant, "facts", lambda self, predicate: robot.facts(predicate))
     monkeypatch.setattr(assistant, "holds", lambda self, fact: fact in robot.known)
     monkeypatch.setattr(assistant, "objects", lambda self, kind: robot.things.get(kind, []))
+    monkeypatch.setattr(assistant, "add_objects", lambda self, kind, *names: robot.add_objects(kind, *names))
     monkeypatch.setattr(assistant, "change_facts", lambda self, add=(), remove=(): robot.change(add, remove))
     monkeypatch.setattr(assistant, "knowledge", "the knowledge base")
     monkeypatch.setattr(action_state, "shared_client", server)
     monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", lambda **_: robot)
-    monkeypatch.setattr(goal_dispatcher, "show", lambda *_: Shown())
+    monkeypatch.setattr(goal_dispatcher, "start_introspection", lambda *_: Shown())
+    monkeypatch.setattr(robot_places, "get_param", lambda name, default: robot.parameters.get(name, default))
     monkeypatch.setattr(mission_node, "wait_for_robot", robot.wait_for_robot)
     monkeypatch.setattr(mission_node, "is_shutdown_requested", lambda: robot.down)
     monkeypatch.setattr(rospy, "Publisher", Publisher)
     monkeypatch.setattr(rospy, "Service", Service)
-    monkeypatch.setattr(rospy, "Timer", Timer)
+    for module in (goal_dispatcher, wait):
+        monkeypatch.setattr(module, "call_after", Alarm)
     monkeypatch.setattr(rospy, "Subscriber", subscribe)
     monkeypatch.setattr(rospy.Time, "now", rospy.Time)
     monkeypatch.setattr(rospy, "get_time", lambda: 0.0)

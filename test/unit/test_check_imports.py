@@ -94,11 +94,53 @@ def test_a_tool_that_imports_what_has_moved_is_named(
     (tmp_path / "bench" / "good.py").write_text("from merlin_sim.world.survey import x\n")
     assert tool.main() == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line == "bench/measure.py:2: imports merlin_sim.survey, which is not there"
+    assert line == "bench/measure.py:2: imports merlin_sim.survey, which does not exist"
 
 
-def test_a_full_folder_is_named(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    for number in range(tool.MOST_MODULES + 1):
-        write(tmp_path, "merlin_guests", f"module_{number}", "")
+def test_a_benchmark_that_imports_what_has_moved_is_named(
+    tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    room = tmp_path / "bench" / "planning"
+    room.mkdir(parents=True)
+    (room / "__init__.py").touch()
+    (room / "engines.py").write_text("from planning import problems\nfrom planning.figures import x\n")
     assert tool.main() == 1
-    assert f"{tool.MOST_MODULES + 1} modules" in capsys.readouterr().err
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "bench/planning/engines.py:2: imports planning.figures, which does not exist"
+
+
+def test_what_suites_share_is_checked_too(
+    tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    write(tmp_path, "merlin_test", "fixture", "import merlin_sim\n", "merlin_sim")
+    (tmp_path / "src" / "merlin_test").rename(tmp_path / "test")
+    (tmp_path / "src" / "merlin_test").symlink_to(tmp_path / "test")
+    assert tool.main() == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "imports merlin_sim; merlin_test may import merlin_msgs, merlin_ros" in line
+
+
+@pytest.mark.parametrize(
+    "folder", ["src/merlin_guests/src/merlin_guests", "bench", "test/unit/merlin_guests"]
+)
+def test_a_full_folder_is_named(
+    tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture, folder: str
+) -> None:
+    full = tmp_path / folder
+    full.mkdir(parents=True)
+    for number in range(tool.MOST_MODULES):
+        (full / f"module_{number}.py").touch()
+    (full / "__init__.py").touch()
+    assert tool.main() == 0
+    (full / "one_more.py").touch()
+    assert tool.main() == 1
+    assert f"{folder}: {tool.MOST_MODULES + 1} modules" in capsys.readouterr().err
+
+
+def test_a_long_file_is_named(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / "test").mkdir()
+    (tmp_path / "test" / "full.py").write_text("x = 1\n" * tool.MOST_LINES)
+    (tmp_path / "test" / "long.py").write_text("x = 1\n" * (tool.MOST_LINES + 1))
+    assert tool.main() == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == f"test/long.py: {tool.MOST_LINES + 1} lines; {tool.MOST_LINES} is the most"

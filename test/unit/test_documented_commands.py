@@ -16,7 +16,7 @@ import rospkg
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "src").glob("*/README.md")])
-TOOLS = ("roslaunch", "rosrun", "make", "rostest")
+TOOLS = ("roslaunch", "rosrun", "make", "rostest", "python")
 #: Packages that a page makes, or that its reader has.
 OTHERS = ("my_robot", "my_package", "actionlib", "smach_viewer", "rqt_graph", "topic_tools", "tf")
 RUNNERS = (("merlin", "run"), ("merlin", "check"))
@@ -38,7 +38,9 @@ def documented() -> List[Tuple[str, str]]:
     found = []
     for page in PAGES:
         for command in commands(page):
-            words = re.sub(r"^([A-Z_]+=\S+\s+)+", "", command).split()
+            words = re.sub(r"^([A-Z_]+=\S+\s+|tools/in_workspace.sh\s+)+", "", command).split()
+            if words[:1] == ["python"] and not " ".join(words[1:]).startswith("bench/"):
+                continue  # of a page's reader
             if len(words) > 1 and words[0] in TOOLS and not re.search(r"[…<>]|\.\.\.", " ".join(words)):
                 found.append((str(page.relative_to(ROOT)), " ".join(words)))
     return list(dict.fromkeys(found))
@@ -51,6 +53,9 @@ def test_the_command_can_be_started(page: str, command: str) -> None:
         targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
         for word in words:
             assert word in targets or "=" in word or word == "|", f"{page}: no target {word}"
+        return
+    if tool == "python":
+        check_benchmark(page, *words)
         return
     words = [word for word in words if not word.startswith("--")]
     if words[0] in OTHERS:
@@ -69,6 +74,15 @@ def test_the_command_can_be_started(page: str, command: str) -> None:
         return
     (file,) = roslaunch.rlutil.resolve_launch_arguments([package, name])
     check_launch(page, file, arguments)
+
+
+def check_benchmark(page: str, path: str, *arguments: str) -> None:
+    script = ROOT / path
+    assert script.is_file() or (script / "__main__.py").is_file(), f"{page}: no file {path}"
+    if path == "bench/run.py":
+        for topic in arguments:
+            found = topic == "--docs" or any((ROOT / "bench").glob(f"*/bench_{topic}.py"))
+            assert found, f"{page}: no benchmark {topic}"
 
 
 def check_launch(page: str, file: str, words: List[str]) -> None:

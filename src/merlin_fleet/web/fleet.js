@@ -33,7 +33,7 @@ export function show(section, { store, control }) {
     setText(link, since ? t("Without the hub since {time}: {why}", { time: moment(since), why: missing }) : missing || "");
     keyed(robots, Object.entries(fleet.robots || {}), ([name]) => name, () => row(), (item, [name, robot]) => {
       item.classList.toggle("stale", !robot.joined); // grey: what is said of it is of the moment at which it was heard of
-      fill(item, name, robot.joined ? t("joined") : t("not heard of since {time}", { time: moment(robot.heard) }), robot.joined ? (missing ? "" : "good") : "bad",
+      fill(item, name, robot.joined ? t("joined") : t("not seen since {time}", { time: moment(robot.heard) }), robot.joined ? (missing ? "" : "good") : "bad",
         [robot.is.join(", "), ...robot.has].filter(Boolean).join(" – "));
     });
     keyed(goals, fleet.goals || [], ({ id }) => id, goalRow, (item, goal) => {

@@ -13,7 +13,7 @@ export function show(section, { store }) {
     const lost = Object.entries(robots).filter(([, robot]) => !robot.joined);
     const line = missing ? (since ? t("The hub is not reached since {time}", { time: clock(since) }) : t("The hub is not reached")) : t("{joined} of {robots} robots joined", counts);
     setText(byId("now-line"), line);
-    const trouble = missing ? [missing] : lost.map(([name, { heard }]) => t("{what}: not heard of since {time}", { what: name, time: clock(heard) }));
+    const trouble = missing ? [missing] : lost.map(([name, { heard }]) => t("{what}: not seen since {time}", { what: name, time: clock(heard) }));
     setHidden(byId("now-trouble"), trouble.length === 0);
     setText(byId("now-trouble"), trouble.join(" · "));
     setText(byId("now-why"), missing ? t("Robots go on with what they own until their lease ends.") : t("Goals: {owned} owned, {open} open", counts));

@@ -46,7 +46,7 @@ export function say(phrase) {
   return filled(own(String(phrase.say)), phrase);
 }
 
-// An event of the history: as a phrase where the monitor has told it as one.
+// An event of the history: as a phrase where the monitor has sent one.
 export const told = (event) => (event.detail && event.detail.said !== undefined ? say(event.detail.said) : event.text);
 
 function listed(texts, most = 3) {

@@ -1,7 +1,7 @@
 """Growth is seen, and noise is not taken for growth."""
 
 from chaos.endurance import leaks, report
-from chaos.processes import Usage
+from chaos.under_test.processes import Usage
 
 BEFORE = Usage(80.0, 20, 40, 30)
 

@@ -7,11 +7,11 @@ from typing import Dict
 
 import pytest
 from chaos import table
-from chaos.events import Event, EventLog, LogClosed
 from chaos.faults import all_faults
+from chaos.judging.events import Event, EventLog, LogClosed
+from chaos.judging.rules import Judgement
 from chaos.moments import Moment
 from chaos.result import Result
-from chaos.rules import Judgement
 from chaos.trials import Trial
 
 

@@ -1,6 +1,6 @@
 """The shaper of the link: loss and delay."""
 
-from chaos.link import Shaper
+from chaos.under_test.link import Shaper
 from hypothesis import given
 from hypothesis import strategies as st
 

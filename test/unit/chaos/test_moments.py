@@ -1,10 +1,10 @@
 """Moments are recognised by what happens."""
 
 import pytest
-from chaos import events
-from chaos.events import Event
+from chaos.judging import events
+from chaos.judging.events import Event
+from chaos.judging.scene import Scene
 from chaos.moments import Moment, begins, holds
-from chaos.scene import Scene
 
 
 def scene(*story: Event) -> Scene:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Iterator, List
 
 import pytest
-from chaos.events import Event
-from chaos.network import ADDRESSES, MIND, ROBOT, Network, why_impossible
+from chaos.judging.events import Event
+from chaos.under_test.network import ADDRESSES, MIND, ROBOT, Network, why_impossible
 
 pytestmark = pytest.mark.skipif(bool(why_impossible()), reason=why_impossible() or "possible")
 

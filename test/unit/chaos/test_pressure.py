@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from chaos import processes
-from chaos.pressure import Waiting
+from chaos.under_test import processes
+from chaos.under_test.pressure import Waiting
 
 RUN = "chaos1"
 

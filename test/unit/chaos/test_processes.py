@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from chaos import processes
+from chaos.under_test import processes
 
 SLEEP = "import sys; print('up', flush=True); sys.stdin.read()"
 

@@ -3,12 +3,12 @@
 from typing import Any, Dict, List, Optional
 
 import pytest
-from chaos import events
-from chaos.events import Event
-from chaos.evidence import NEXT, PATIENCE, REQUEST, Evidence
 from chaos.faults import NONE, SECOND_NODE, SIGNAL, Fault
+from chaos.judging import events
+from chaos.judging.events import Event
+from chaos.judging.evidence import NEXT, PATIENCE, REQUEST, Evidence
+from chaos.judging.rules import Judgement, judge
 from chaos.moments import Moment
-from chaos.rules import Judgement, judge
 from chaos.trials import Trial, Variant
 
 POINTS = {"kitchen": (5.0, 0.0), "bathroom": (0.0, 5.0)}
@@ -171,7 +171,7 @@ def test_cancelled_while_the_base_drives_is_a_lie() -> None:
     story = Story().drive(6.0, 14.0, 20.0).add(10.0, events.CANCEL, label=REQUEST).told(10.5)
     story.add(14.0, events.GOALS, server="move_base", active=[], ended={"a": 2})
     found = " | ".join(story.judge().violations)
-    assert "CANCELLED is told at 0.50 s, and the base moves with 0.30 m/s" in found
+    assert "CANCELLED is reported at 0.50 s, and the base moves with 0.30 m/s" in found
     assert "move_base has not ended its goal" in found
     assert "the base moves until 3.95 s" in found or "the base moves until 4.00 s" in found
 
@@ -182,7 +182,9 @@ def test_a_hung_server_that_was_killed_has_no_goal_any_more(killed: bool, blamed
     if killed:
         story.add(12.05, events.HELPED, what="listen killed")
     trial = Trial("test", Fault("listen:stop", SIGNAL, ("listen",), "STOP"), Moment.LISTENING, cancel=True)
-    found = [text for text in story.judge(trial).violations if text.startswith("CANCELLED is told at 2.80")]
+    found = [
+        text for text in story.judge(trial).violations if text.startswith("CANCELLED is reported at 2.80")
+    ]
     assert bool(found) is blamed
 
 

@@ -1,7 +1,7 @@
 """The witness's time goes on where the robot's is set back."""
 
 import pytest
-from chaos.witness import WorldTime
+from chaos.under_test.witness import WorldTime
 
 
 def test_the_worlds_time_never_goes_back() -> None:

@@ -10,8 +10,8 @@ from roslaunch.xmlloader import XmlLoader
 
 from merlin import operator_commands
 from merlin_ros.parameters import ParameterError
+from merlin_sm.autonomy import LEVELS
 from merlin_sm.holding import node_holds
-from merlin_sm.holding.autonomy import LEVELS
 
 LAUNCH = Path(rospkg.RosPack().get_path("merlin")) / "launch"
 POINTS = str(Path(__file__).parents[2] / "data" / "points_of_interest.yaml")
@@ -61,7 +61,7 @@ def test_a_node_reads_its_level(value: Any, level: int, monkeypatch: pytest.Monk
 def test_a_wrong_level_is_one_line(value: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rospy.get_param", lambda name, default: value)
     with pytest.raises(
-        ParameterError, match="^parameter ~autonomy: '.*' is no autonomy level; there are off"
+        ParameterError, match="^parameter ~autonomy: '.*' is not an autonomy level; there are off"
     ):
         node_holds.usual_level()
 

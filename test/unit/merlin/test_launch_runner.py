@@ -86,7 +86,7 @@ def test_ends_with_the_missions_exit_code_and_shows_only_its_lines(tmp_path: Pat
         (("nowhere.launch",), "no launch file 'nowhere.launch'"),
         ((str(LAUNCH_FILE), "misson:=exit 0"), "did you mean 'mission'?"),
         ((str(LAUNCH_FILE), "port:=eleven"), "not a TCP port"),
-        ((str(LAUNCH_FILE), "linger:=maybe"), "none of false, true, auto"),
+        ((str(LAUNCH_FILE), "linger:=maybe"), "not one of false, true, auto"),
         ((str(LAUNCH_FILE), "domain:=/nowhere/domain.pddl"), "/nowhere/domain.pddl"),
         ((str(LAUNCH_FILE), "executable:=nothing"), "merlin_test/nothing"),
         ((str(APPLICATION), "on:=server"), "'server' is not in list. <arg name=\"on_is_one_of\""),
@@ -200,3 +200,18 @@ def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) ->
         LaunchRequest.from_command_line([top, "on:=robot", "deep:=7"])
     with pytest.raises(LaunchError, match="needs on:="):
         LaunchRequest.from_command_line([top])
+
+
+def test_the_version_of_ros_is_what_its_command_says() -> None:
+    from merlin.launch_runner import _Loader
+
+    for command in ("rosversion roslaunch", "rosversion -d"):
+        said = subprocess.run(command.split(), stdout=subprocess.PIPE, text=True, check=True).stdout
+        assert _Loader().param_value(False, "version", "str", None, None, None, command) == said
+
+
+def test_rosrun_finds_one_executable_only() -> None:
+    # With two it asks catkin twice more, 0.1 s each, which of them is meant.
+    from roslib.packages import find_node
+
+    assert len(find_node("merlin", "run")) == 1

@@ -70,7 +70,7 @@ def recorded(folder: Path) -> Path:
     state = MonitorModel(Inbox(), file)
     state.tree.set("meta", "panels", [])
     state.start()
-    state.tell(Event("mission", "mission 1 succeeded", 5.0))
+    state.report(Event("mission", "mission 1 succeeded", 5.0))
     state.stop()
     return file
 

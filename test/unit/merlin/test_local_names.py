@@ -10,7 +10,7 @@ from typing import Any, Dict, List
 import pytest
 
 from merlin import local_names
-from merlin_fleet.testing.etcd_process import free_ports
+from merlin_fleet.testing.ports import free_ports
 
 TOOLS = Path(__file__).resolve().parents[3] / "tools"
 LIMIT = 120.0  # s for two nodes and a master
@@ -122,7 +122,7 @@ def test_what_the_user_has_set_stays(unknown: Any) -> None:
     assert os.environ["ROS_IP"] == ""
 
 
-def test_names_without_addresses_are_told(unknown: Any) -> None:
+def test_names_without_addresses_are_reported(unknown: Any) -> None:
     assert local_names.use_loopback().endswith(
         "plain roslaunch needs the line '127.0.0.1 localhost', and the line '127.0.1.1 foreign' in /etc/hosts"
     )

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from merlin.new import command
-from merlin.new.application import SPEED, TURNING, Refused, application_of, new_application
+from merlin.new.application import SPEED, TURNING, ApplicationRefused, application_of, new_application
 from merlin.new.names import NameRefused, check_operator, check_package, class_name, needs_operator
 from merlin.new.package_writer import files_of, write_application
 from merlin_actions.core.names import snake_case
@@ -130,7 +130,7 @@ def test_names_that_cannot_be_actions_are_refused(name):
     ],
 )
 def test_text_that_is_not_an_action_or_a_type_is_refused_with_the_reason(specs, types, said):
-    with pytest.raises((Refused, NameRefused), match=None) as error:
+    with pytest.raises((ApplicationRefused, NameRefused), match=None) as error:
         new_application("my_robot", specs, types)
     assert said in str(error.value)
 
@@ -138,7 +138,7 @@ def test_text_that_is_not_an_action_or_a_type_is_refused_with_the_reason(specs, 
 def test_nothing_is_overwritten(tmp_path):
     package = package_of(tmp_path)
     (package / "README.md").write_text("mine")
-    with pytest.raises(Refused, match="nothing is overwritten"):
+    with pytest.raises(ApplicationRefused, match="nothing is overwritten"):
         package_of(tmp_path)
     assert (package / "README.md").read_text() == "mine"
     other = write_application(new_application("other", []), tmp_path / "ws")
@@ -147,7 +147,7 @@ def test_nothing_is_overwritten(tmp_path):
         "other",
     ]
     (tmp_path / "taken").mkdir()
-    with pytest.raises(Refused, match="not a catkin workspace"):
+    with pytest.raises(ApplicationRefused, match="not a catkin workspace"):
         write_application(new_application("other", []), tmp_path / "taken")
 
 
@@ -171,7 +171,7 @@ def test_a_goal_that_no_mission_can_send_is_refused(tmp_path):
     problem = tmp_path / "problem.pddl"
     text = (PDDL / "home" / "problem.pddl").read_text()
     problem.write_text(text.replace("(:goal (in_service))", "(:goal (or (in_service) (checked kitchen)))"))
-    with pytest.raises(Refused, match="neither"):
+    with pytest.raises(ApplicationRefused, match="neither"):
         application_of("my_home", PDDL / "home" / "domain.pddl", problem)
     problem.write_text("(define")
     with pytest.raises(PddlError):

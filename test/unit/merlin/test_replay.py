@@ -17,7 +17,7 @@ from tf2_msgs.msg import TFMessage
 
 from merlin.replay import command
 from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
-from merlin_monitor.bag.recording import Recording, RecordingError
+from merlin_monitor.bag.recording import BagRecording, RecordingError
 
 CHANGES = "/r1/rosplan_knowledge_base/changes"
 BEGIN = 100.0
@@ -69,7 +69,7 @@ def played(path: Path, start: float = 0.0) -> Dict[str, List[Tuple[Any, float]]]
     """Topic -> messages and s after the begin of the recording."""
     found: Dict[str, List[Tuple[Any, float]]] = {}
     target = path.with_name("played.bag")
-    Recording(path).write(target, start)
+    BagRecording(path).write(target, start)
     with rosbag.Bag(str(target)) as bag:
         for topic, message, at in bag.read_messages():
             found.setdefault(topic, []).append((message, at.to_sec() - BEGIN))
@@ -85,13 +85,13 @@ def test_the_knowledge_is_one_row_of_changes_that_begins_with_all_that_was_known
 
 
 def test_namespace_and_parameters_are_those_of_the_robot(tmp_path: Path) -> None:
-    recording = Recording(recorded(tmp_path / "run.bag"))
+    recording = BagRecording(recorded(tmp_path / "run.bag"))
     assert (recording.namespace, recording.length) == ("r1", pytest.approx(6.0))
     assert recording.parameters == {"/r1/world": {"points_of_interest": {}}}
-    assert Recording(tmp_path).length == recording.length  # the results folder
+    assert BagRecording(tmp_path).length == recording.length  # the results folder
 
 
-def test_what_was_known_before_the_start_is_told_at_the_start_in_its_order(tmp_path: Path) -> None:
+def test_what_was_known_before_the_start_is_written_at_the_start_in_its_order(tmp_path: Path) -> None:
     found = played(recorded(tmp_path / "run.bag"), 4.0)
     tasks = [(message.task, at) for message, at in found["/r1/merlin/mission"]]
     assert [task for task, _ in tasks] == [1, 2]
@@ -100,7 +100,7 @@ def test_what_was_known_before_the_start_is_told_at_the_start_in_its_order(tmp_p
     assert len(found["/r1/odom"]) == 1  # where it was before is of no use
 
 
-def test_fixed_frames_are_told_at_once(tmp_path: Path) -> None:
+def test_fixed_frames_are_written_at_once(tmp_path: Path) -> None:
     ((message, at),) = played(recorded(tmp_path / "run.bag"))["/tf_static"]
     assert {each.child_frame_id for each in message.transforms} == {"camera", "laser"}
     assert at == pytest.approx(0.0, abs=0.01)
@@ -168,4 +168,4 @@ def test_a_recording_of_other_messages_is_refused(tmp_path: Path, monkeypatch: A
     path = recorded(tmp_path / "run.bag")
     monkeypatch.setattr(MissionStatus, "_md5sum", "0" * 32)
     with pytest.raises(RecordingError, match="merlin_msgs/MissionStatus differs"):
-        Recording(path)
+        BagRecording(path)

@@ -187,3 +187,20 @@ def test_the_node_ends_when_the_script_is_killed(run: Callable[..., Run]) -> Non
     pid = node.wait_ready()
     node.process.kill()
     assert gone(pid)
+
+
+@pytest.mark.parametrize(
+    "given, seen",
+    [
+        (None, "glibc.malloc.arena_max=1:glibc.malloc.tcache_count=0 1"),
+        ("", " "),
+        ("glibc.rtld.nns=4", "glibc.rtld.nns=4 "),
+    ],
+)
+def test_the_c_library_keeps_no_memory_for_each_thread_unless_it_is_told_to(given: str, seen: str) -> None:
+    environment = {name: value for name, value in os.environ.items() if name != "GLIBC_TUNABLES"}
+    if given is not None:
+        environment["GLIBC_TUNABLES"] = given
+    command = [str(RESPAWN), "sh", "-c", 'echo "$GLIBC_TUNABLES $RESPAWN_TUNED"']
+    told = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LONG).stdout
+    assert told == f"{seen}\n"

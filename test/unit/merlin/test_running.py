@@ -8,6 +8,7 @@ import pytest
 from merlin import running
 from merlin.launch_request import LaunchError
 from merlin.reload import wanted
+from merlin_ros.master import master_link
 
 
 class Graph:
@@ -32,7 +33,7 @@ def masters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict:
     there: dict = {}
     monkeypatch.setenv("ROS_HOME", str(tmp_path))
     monkeypatch.setenv("ROS_MASTER_URI", "http://env:1")
-    monkeypatch.setattr(running, "bounded_proxy", lambda uri, timeout: there.get(uri, Gone()))
+    monkeypatch.setattr(master_link, "bounded_proxy", lambda uri, timeout: there.get(uri, Gone()))
     return there
 
 
@@ -50,7 +51,7 @@ def test_a_run_is_found_as_long_as_it_lives(masters: dict) -> None:
         assert [found.uri for found in running.living()] == ["http://run:2"]
         assert running.choose(find, "hosts") == ("http://run:2", ["/merlin_fsm_host/reload_actions"])
     assert running.living() == []
-    with pytest.raises(LaunchError, match=r"nothing that runs has hosts; asked: http://env:1"):
+    with pytest.raises(LaunchError, match=r"no running system has hosts; asked: http://env:1"):
         running.choose(find, "hosts")
 
 
@@ -65,6 +66,13 @@ def test_of_two_systems_none_is_guessed(masters: dict) -> None:
     masters["http://env:1"] = masters["http://run:2"] = Graph("/merlin_fsm_host/reload_actions")
     with run("http://run:2"), pytest.raises(LaunchError, match=r"choose one: ROS_MASTER_URI=http://env:1"):
         running.choose(find, "hosts")
+
+
+def test_a_master_with_two_names_is_one_system(masters: dict, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:7")
+    masters["http://127.0.0.1:7"] = masters["http://localhost:7/"] = Graph("/host/reload_actions")
+    with run("http://localhost:7/"):
+        assert running.choose(find, "hosts")[0] == "http://127.0.0.1:7"
 
 
 def test_the_note_of_a_killed_run_is_removed(masters: dict) -> None:

@@ -22,7 +22,7 @@ ACTIONS = Path(__file__).parents[3] / "launch" / "include" / "actions.launch"
         (
             "['merlin_actions.actions.navigate:Navigate']",
             ["autonomy:=medium"],
-            "parameter ~autonomy: 'medium' is no autonomy level; there are off, low, high, full",
+            "parameter ~autonomy: 'medium' is not an autonomy level; there are off, low, high, full",
         ),
     ],
 )

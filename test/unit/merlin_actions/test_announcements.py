@@ -16,9 +16,9 @@ def test_a_new_subscriber_does_not_wait_for_the_next_period(monkeypatch: pytest.
     monkeypatch.setattr(action_interface, "ANNOUNCE_PERIOD", 600.0)
     monkeypatch.setattr(action_interface, "LATCH_GRACE", 0.0)
     monkeypatch.setattr(action_interface, "running_time", lambda: 0.0)
+    monkeypatch.setattr(action_interface, "connected_peers", lambda _: {"/dispatcher"})
     told = threading.Semaphore(0)
     interface = mock.Mock(_stopped=threading.Event(), _newcomers=Subscribed(), _changed=threading.Condition())
-    interface._subscriber.impl.connections = [mock.Mock(callerid_pub="/dispatcher")]
     interface._announcements.publish.side_effect = lambda _: told.release()
     thread = threading.Thread(target=ActionInterface._announce, args=(interface,), daemon=True)
     thread.start()

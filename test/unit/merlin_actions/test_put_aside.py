@@ -8,15 +8,14 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_actions import action_interface
-from merlin_actions.merlin_action import MerlinAction
+from merlin_actions.action_interface import ActionInterface
 
 
-class Probe(MerlinAction):
+class Probe(ActionInterface):
     """Notes what begins; everything else of an action is not made."""
 
     def __init__(self) -> None:
-        action_interface.ActionInterface.__init__(self, "navigate")
-        self._running = frozenset()
+        super().__init__("navigate")
         self.begun: List[Tuple[int, int]] = []
 
     def connect_long_ago(self) -> None:
@@ -59,6 +58,25 @@ def test_it_begins_once_when_the_dispatcher_says_that_it_waits(interface: Probe)
     for status in (waits_for(), waits_for(2), waits_for(3), waits_for(3)):
         interface._note_dispatcher(status)
     assert interface.begun == [(7, 3)]
+
+
+def test_several_begin_when_the_dispatcher_says_that_it_waits_for_them(interface: Probe) -> None:
+    for action in (3, 4, 5):
+        interface._receive(latched(action=action))
+    interface._note_dispatcher(waits_for(3, 5))
+    assert interface.begun == [(7, 3), (7, 5)]
+    interface._note_dispatcher(waits_for(3, 4, 5))
+    assert interface.begun == [(7, 3), (7, 5), (7, 4)]
+
+
+def test_one_of_an_earlier_plan_is_dropped_when_another_plan_begins(interface: Probe) -> None:
+    interface._receive(latched(action=2))
+    interface._latched.connected = action_interface.running_time() - 100.0
+    new = latched(action=3, connection={"latching": "0"})
+    new.plan_id = 8
+    interface._receive(new)
+    interface._note_dispatcher(waits_for(2))
+    assert interface.begun == [(8, 3)]
 
 
 def test_it_begins_at_once_after_the_status(interface: Probe) -> None:

@@ -11,7 +11,7 @@ NODES = (
     "/speech", "/witness",
 )  # fmt: skip
 
-# Wants goals, one for each line of its input, and tells what the base is commanded behind the guard.
+# Wants goals, one for each line of its input, and prints what the base is commanded behind the guard.
 WITNESS = """
 import sys, threading, rospy
 from geometry_msgs.msg import Twist
@@ -78,7 +78,7 @@ def begun_to_work(witness: Any) -> None:
     """Waits until a first goal is reached: rospy connects to a node that starts at growing intervals."""
     end = time.monotonic() + LIMIT
     while True:
-        witness.say("(checked kitchen)")
+        witness.say("(checked bathroom)")
         answer = witness.expect("ENDED")
         if "ENDED SUCCEEDED" in answer:
             return
@@ -86,6 +86,7 @@ def begun_to_work(witness: Any) -> None:
 
 
 def test_a_robot_without_a_master_stands_and_works_again_with_the_next_one(master: Any, witness: Any) -> None:
+    begun_to_work(witness)
     witness.say("(checked kitchen)")
     witness.expect("MOVES")
     master.kill()
@@ -114,5 +115,5 @@ def test_a_second_launch_names_the_first_one_and_does_not_harm_it(master: Any, w
     whole.ended()
     assert " runs already" in whole.output
     assert {node: master.address_of(node) for node in NODES} == before
-    witness.say("(checked bathroom)")
+    witness.say("(checked kitchen)")
     assert "ENDED SUCCEEDED" in witness.expect("ENDED")

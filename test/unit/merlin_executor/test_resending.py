@@ -6,7 +6,7 @@ from typing import Any, Callable, List, Optional
 
 import pytest
 import rospy
-from actionlib_msgs.msg import GoalStatus
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import ExecuteGoal, ExecuteResult
@@ -141,10 +141,13 @@ class Statuses:
         self.subscribed.set()
         return SimpleNamespace(unregister=lambda: None)
 
-    def publish(self) -> None:
+    def publish(self, *goals: str) -> None:
+        """A status that tells of some goals comes to the subscriber that waits for one."""
         assert self.subscribed.wait(LONG)
-        self.subscribed.clear()
-        self.callbacks[-1](None)
+        if not goals:
+            self.subscribed.clear()
+        listed = [GoalStatus(goal_id=GoalID(id=goal)) for goal in goals]
+        self.callbacks[-1](GoalStatusArray(status_list=listed))
 
 
 @pytest.fixture
@@ -183,9 +186,10 @@ def test_a_request_survives_its_executor(client: Client, statuses: Statuses) -> 
     assert not sent.done
     statuses.publish()
     second = client.wait_sent(2)
-    assert sent.id == "goal-1" and not done
+    assert not done
     second.end(GoalStatus.SUCCEEDED, reason="done")
     assert sent.result.reason == "done" and done == [sent]
+    assert sent.id == "goal-1"  # the request may know it a moment after the server does
 
 
 def test_a_request_that_met_a_dying_executor_goes_to_the_next(client: Client, statuses: Statuses) -> None:
@@ -219,6 +223,28 @@ def test_an_executor_that_goes_down_in_order_is_lost_too(
     client.sent[0].end(status, text, outcome=ExecuteResult.CANCELLED, reason=reason)
     statuses.publish()
     client.wait_sent(2)
+
+
+def test_an_executor_that_goes_down_does_not_get_the_goal_again(client: Client, statuses: Statuses) -> None:
+    sent = request(client, RESEND)
+    for number in range(1, RESENDS + 1):
+        client.wait_sent(number).end(
+            GoalStatus.PREEMPTED, outcome=ExecuteResult.CANCELLED, reason="the executor shuts down"
+        )
+        statuses.publish(sent.id)  # of the one that goes down
+        assert len(client.sent) == number
+        statuses.publish()
+    client.wait_sent(RESENDS + 1).end(GoalStatus.SUCCEEDED, reason="done")
+    assert sent.result.reason == "done"
+
+
+def test_the_second_loss_waits_for_the_executor_too(client: Client, statuses: Statuses) -> None:
+    request(client, RESEND)
+    for number in (1, 2):
+        client.wait_sent(number).end(GoalStatus.LOST, "gone")
+        assert statuses.subscribed.wait(LONG), "it did not look whether the executor is back"
+        statuses.publish()
+    client.wait_sent(3)
 
 
 def test_a_cancel_ends_the_wait_for_the_executor(client: Client, statuses: Statuses) -> None:

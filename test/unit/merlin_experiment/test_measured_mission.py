@@ -157,7 +157,7 @@ def test_a_task_that_cannot_be_sent_is_no_data() -> None:
     assert all(record.outcome for record in mission.records)
 
 
-def test_each_change_is_told() -> None:
+def test_each_change_is_reported() -> None:
     told = []
 
     def tell(record: TaskRecord) -> None:

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from matrices.trial import Trial
 
-from merlin_experiment.oracle.motion_limits import MotionLimits, Profile
+from merlin_experiment.oracle.motion_limits import MotionLimits, SpeedProfile
 from merlin_experiment.oracle.oracle import Oracle
 from merlin_experiment.oracle.outlines import Outline, Outlines, outlines_of_map, outlines_of_world
 from merlin_experiment.oracle.shortest_path import NoPathError, ShortestPaths, angle_between
@@ -41,7 +41,7 @@ def paths(*boxes: Box) -> ShortestPaths:
 
 def test_a_long_way_is_a_trapezoid() -> None:
     # 0.5 s up to 0.5 m/s (0.125 m), 0.5 s down (0.125 m), 1.75 m at 0.5 m/s = 3.5 s
-    profile = Profile(2.0, 0.5, 1.0)
+    profile = SpeedProfile(2.0, 0.5, 1.0)
     assert profile.duration == pytest.approx(4.5)
     assert profile.way_at(0.5) == pytest.approx(0.125)
     assert profile.way_at(2.5) == pytest.approx(1.125)
@@ -50,7 +50,7 @@ def test_a_long_way_is_a_trapezoid() -> None:
 
 def test_a_short_way_is_a_triangle() -> None:
     # 0.16 m at 1 m/s²: peak 0.4 m/s, 0.4 s up and 0.4 s down
-    profile = Profile(0.16, 0.5, 1.0)
+    profile = SpeedProfile(0.16, 0.5, 1.0)
     assert profile.peak == pytest.approx(0.4)
     assert profile.duration == pytest.approx(0.8)
     assert profile.way_at(0.4) == pytest.approx(0.08)
@@ -60,7 +60,7 @@ def test_a_short_way_is_a_triangle() -> None:
 def test_a_profile_covers_its_way_once_and_never_backwards(
     way: float, speed: float, acceleration: float, a: float, b: float
 ) -> None:
-    profile = Profile(way, speed, acceleration)
+    profile = SpeedProfile(way, speed, acceleration)
     early, late = sorted([a * profile.duration, b * profile.duration])
     assert profile.way_at(early) <= profile.way_at(late) + 1e-9
     assert profile.way_at(profile.duration) == pytest.approx(way)
@@ -216,7 +216,7 @@ def test_paths_are_as_short_as_a_search_over_many_points_finds_them(
     boxes: List[Box], x: float, y: float, goal_y: float
 ) -> None:
     start, goal = (x, y), (4.9, goal_y)
-    # Between some boxes there is room to a millimetre, which is less than the search can tell.
+    # Between some boxes there is room to a millimetre, which is below the search's resolution.
     thin, thick = (ShortestPaths(outlines(boxes), radius).path(start, goal) for radius in (0.245, 0.255))
     assume(thick.length - thin.length < 0.1)
     there = paths(*boxes).path(start, goal)

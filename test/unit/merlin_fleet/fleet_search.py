@@ -1,15 +1,8 @@
 """Searches for stories that do harm to a small fleet."""
 
-import importlib.util
-import sys
-from pathlib import Path
 from typing import Dict, List, Optional, Tuple
 
-_SPEC = importlib.util.spec_from_file_location("fleet_world", Path(__file__).with_name("fleet_world.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-model = importlib.util.module_from_spec(_SPEC)
-sys.modules[_SPEC.name] = model  # copies of a world are made by name
-_SPEC.loader.exec_module(model)
+import fleet_world as model
 
 Story = List[Tuple[int, "model.Event"]]
 ROUNDS = 12  # in which faults happen: both goals are done by then, where nothing happens

@@ -6,24 +6,25 @@ What a robot executes outlives its agent by `SILENCE` rounds, as the Executor's 
 """
 
 import pickle
-from typing import Dict, Iterator, List, NamedTuple, Set, Tuple
+from typing import Dict, Iterator, List, Set, Tuple
+
+from fleet_execution import Execution, Message
 
 from merlin_fleet.core import events as ev
 from merlin_fleet.core import records
 from merlin_fleet.core.agent import Agent, Rules
 from merlin_fleet.core.auction import AuctionTimes
-from merlin_fleet.core.forgetting import Leavings, leavings
 from merlin_fleet.core.records import Goal, Keys, Profile
 from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.retention import Retention
 from merlin_fleet.core.store import Compare, Put, Txn, TxnResult
 from merlin_fleet.core.tenure import LeaseTimes
 from merlin_fleet.core.view import FleetView
-from merlin_fleet.testing.simulated_store import LeaseUnknown, SimulatedStore
+from merlin_fleet.forgetting import Leavings, leavings
+from merlin_fleet.testing.simulated_store import SimulatedLeaseUnknown, SimulatedStore
 
 UP, HUNG, DEAD = "up", "hung", "dead"
 SILENCE = 2  # rounds after which an execution whose agent is silent is cancelled
-TAKES = 3  # rounds of an execution
 KEYS = Keys("lab")
 TIMES = LeaseTimes(ttl=7.0, renew_every=1.0, stop_time=2.0, drift=0.0)
 RULES = Rules(TIMES, AuctionTimes(window=1.0, step=1.0), retry=1.0, ask_again=1e6, heard_every=100.0)
@@ -31,24 +32,6 @@ RULES = Rules(TIMES, AuctionTimes(window=1.0, step=1.0), retry=1.0, ask_again=1e
 KEEP = RULES._replace(keep=Retention(hours=1.0 / 3600.0, goals=0, grace=1.0), clean_every=1.0)
 
 Event = Tuple[str, ...]
-
-
-class Message(NamedTuple):
-    """A question of a robot that is on its way to the hub."""
-
-    robot: int
-    life: str
-    sent_at: float
-    decision: object
-
-
-class Execution:
-    """What a robot's Executor does for the fleet."""
-
-    def __init__(self) -> None:
-        self.left = TAKES
-        self.stopping = False
-        self.stop_takes = 1  # rounds
 
 
 class Robot:
@@ -63,6 +46,7 @@ class Robot:
         self.silence = 0
         self.lives = 0
         self.linked = True
+        self.ahead = 0.0  # by which its clock is ahead of the hub's, s
         self.unfit = ""  # why it takes nothing
         self.heard = False  # whether its watch goes on from `cursor`
         self.cursor = 0
@@ -97,6 +81,7 @@ class World:
         self.now = 0.0
         self.store = SimulatedStore()
         self.hub_up = True
+        self.hub_tells_time = True
         self.robots = [Robot(index, rules, rates[index] if rates else 1.0) for index in range(robots)]
         self.messages: List[Message] = []
         self.late: List[Message] = []
@@ -241,7 +226,7 @@ class World:
         elif isinstance(decision, ev.Transact):
             try:
                 event = ev.Answered(decision.tag, self._transact(decision.txn))
-            except LeaseUnknown:
+            except SimulatedLeaseUnknown:
                 event = ev.Answered(decision.tag, None)
         robot = self.robots[message.robot]
         if heard and robot.linked and message.life == robot.agent.life and message not in self.late:
@@ -306,6 +291,7 @@ class World:
                 robot.cursor = len(self.store.changes)
                 robot.inbox.append(ev.Changed(changes))
         inbox, robot.inbox = robot.inbox, []
+        robot.agent.wall_offset = robot.ahead
         for event in [*inbox, None]:
             self._carry_out(robot, robot.agent.handle(self.now * robot.rate, event))
 
@@ -317,6 +303,9 @@ class World:
             elif isinstance(decision, ev.AskCost):
                 cost = None if robot.unfit else float(1 + robot.index + len(decision.behind) * 2)
                 robot.inbox.append(ev.Costed(decision.goal.id, decision.queue, cost, robot.unfit))
+            elif isinstance(decision, ev.AskTime):
+                wall = self.now if robot.linked and self.hub_up and self.hub_tells_time else None
+                robot.inbox.append(ev.Timed(self.now * robot.rate, wall))
             elif isinstance(decision, ev.Begin):
                 assert decision.goal.id not in robot.running, "begun twice"
                 robot.running[decision.goal.id] = Execution()
@@ -324,7 +313,7 @@ class World:
                 robot.learned.append(decision)
             elif isinstance(decision, ev.Say):
                 robot.said.append((self.now, decision.text))
-            elif isinstance(decision, ev.Stop) and decision.goal in robot.running:
+            elif isinstance(decision, ev.StopExecution) and decision.goal in robot.running:
                 robot.running[decision.goal].stopping = True
 
     # --- what holds

@@ -5,51 +5,31 @@ import re
 import shlex
 import signal
 import subprocess
-import threading
 import uuid
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Dict, Iterator, List
 
 import pytest
 import roslaunch.arg_dump
+from waiting_body import WaitingBody
 
 from merlin_fleet.certificates import Folder, make_certificates
 from merlin_fleet.certified import certificate_problem
 from merlin_fleet.core.agent import Agent, Rules
 from merlin_fleet.core.auction import AuctionTimes
-from merlin_fleet.core.records import Goal, Profile
+from merlin_fleet.core.records import Profile
 from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.tenure import LeaseTimes
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.testing.etcd_process import free_ports
+from merlin_fleet.testing.ports import free_ports
 
 ROOT = Path(__file__).resolve().parents[3]
 BLOCKS = re.findall(r"```ini\n(.*?)```", (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8"), re.DOTALL)
 LIMIT = 60.0  # s for anything that has to happen
 #: A test machine may stand still for many seconds.
 RULES = Rules(LeaseTimes(ttl=120.0, renew_every=0.5, stop_time=1.0), AuctionTimes(0.1, 30.0))
-
-
-class TestBody:
-    """A goal runs until the test ends it."""
-
-    __test__ = False
-
-    def __init__(self) -> None:
-        self.began = threading.Event()
-        self.ended: Callable[[bool, str, str], None]
-
-    def cost(self, goal: Goal, behind: Any) -> Any:
-        return 1.0, ""
-
-    def begin(self, goal: Goal, ended: Callable[[bool, str, str], None]) -> None:
-        self.ended = ended
-        self.began.set()
-
-    def stop(self, goal: str, reason: str) -> None:
-        raise AssertionError(reason)
 
 
 class Cluster:
@@ -103,7 +83,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 
 def test_losing_one_of_three_hubs_costs_nothing(cluster: Cluster) -> None:
-    body, said = TestBody(), []  # type: TestBody, List[str]
+    body, said = WaitingBody(), []  # type: WaitingBody, List[str]
     client = FleetClient("lab", cluster.endpoints, cluster.certificates.tls("client.desk"))
     agent = Agent("lab", Profile("ann"), uuid.uuid4().hex, Outbox(), RULES)
     hub = EtcdHub(agent.keys.root, cluster.endpoints, cluster.certificates.tls("robot.ann"), 20.0)

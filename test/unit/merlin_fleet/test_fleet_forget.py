@@ -1,25 +1,19 @@
 """What a robot that never comes back has left is removed, and nothing else, and only when it is gone."""
 
-import importlib.util
-from pathlib import Path
 from typing import Any, Iterator, List, Tuple
 
+import fleet_world as model
 import pytest
 
 from merlin_fleet.commands.fleet_command import main
 from merlin_fleet.core import records
-from merlin_fleet.core.forgetting import MOST, leavings
 from merlin_fleet.core.records import MARK_PARTS, Claim, Facts, Goal, Keys, Profile, Report
 from merlin_fleet.core.store import Put, Txn, Unwritten
-from merlin_fleet.core.view import FleetView, GoalState
+from merlin_fleet.core.view import FleetGoalState, FleetView
+from merlin_fleet.forgetting import MOST, leavings
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.testing.etcd_process import EtcdProcess
 from merlin_fleet.testing.simulated_store import SimulatedStore
-
-_SPEC = importlib.util.spec_from_file_location("fleet_world", Path(__file__).with_name("fleet_world.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-model = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(model)
 
 KEYS = Keys("lab")
 
@@ -79,11 +73,11 @@ def test_what_is_removed_and_what_is_not() -> None:
     view = FleetView.of(KEYS, store.snapshot())
     states = {goal: view.state(goal) for goal in view.goals}
     assert states == {
-        "owned": GoalState.OPEN,
-        "stopped": GoalState.CANCELLED,
-        "done": GoalState.ENDED,
-        "tried": GoalState.OPEN,
-        "hers": GoalState.OPEN,
+        "owned": FleetGoalState.OPEN,
+        "stopped": FleetGoalState.CANCELLED,
+        "done": FleetGoalState.ENDED,
+        "tried": FleetGoalState.OPEN,
+        "hers": FleetGoalState.OPEN,
     }
     again = leavings(KEYS, view, "ann")
     assert again.known
@@ -219,7 +213,7 @@ def test_the_command(etcd: EtcdProcess, hub: EtcdHub, capsys: pytest.CaptureFixt
     said = capsys.readouterr()
     assert "warning: should ann still execute owned, stopped" in said.err
     lines = said.out.splitlines()
-    assert lines[0].startswith("ann is forgotten (last heard of: 2001-09-0")
+    assert lines[0].startswith("ann is forgotten (last seen: 2001-09-0")
     assert lines[1:] == [
         "open again: owned",
         "over, as they were cancelled: stopped",
@@ -240,5 +234,5 @@ def test_a_robot_that_is_heard_of_is_not_forgotten(
     assert forget(etcd, "ann", "--never-comes-back") == 2
     assert "the robot 'ann' is in the fleet 'lab'; nothing was removed" in capsys.readouterr().err
     assert forget(etcd, "amn") == 2
-    assert "no robot 'amn' was ever heard of in the fleet 'lab'" in capsys.readouterr().err
+    assert "no robot 'amn' has ever joined the fleet 'lab'" in capsys.readouterr().err
     assert hub.read().items == before

@@ -2,18 +2,21 @@
 
 import os
 import queue
+import re
 import subprocess
 import threading
 import uuid
 from pathlib import Path
-from typing import Any, Callable, Iterator
+from typing import Iterator
 
+import etcd3.etcdrpc as rpc
 import pytest
+from waiting_body import WaitingBody
 
 from merlin_fleet.core import records
 from merlin_fleet.core.agent import Agent, Rules
 from merlin_fleet.core.auction import AuctionTimes
-from merlin_fleet.core.records import Goal, Keys, Profile
+from merlin_fleet.core.records import Keys, Profile
 from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.store import Put, Txn
 from merlin_fleet.core.tenure import LeaseTimes
@@ -29,26 +32,6 @@ LIMIT = 60.0  # s for anything that has to happen
 QUOTA = 8 << 20
 #: A test machine may stand still for many seconds.
 RULES = Rules(LeaseTimes(ttl=60.0, renew_every=0.5, stop_time=1.0), AuctionTimes(0.1, 30.0), retry=0.2)
-
-
-class TestBody:
-    """A goal runs until the test ends it."""
-
-    __test__ = False
-
-    def __init__(self) -> None:
-        self.began = threading.Event()
-        self.ended: Callable[[bool, str, str], None]
-
-    def cost(self, goal: Goal, behind: Any) -> Any:
-        return 1.0, ""
-
-    def begin(self, goal: Goal, ended: Callable[[bool, str, str], None]) -> None:
-        self.ended = ended
-        self.began.set()
-
-    def stop(self, goal: str, reason: str) -> None:
-        self.ended(False, "CANCELLED", reason)
 
 
 @pytest.fixture
@@ -75,7 +58,7 @@ def heard(said: "queue.Queue[str]", what: str) -> str:
 
 def make_room(etcd: EtcdProcess) -> None:
     """Does what the page says."""
-    lines = [line for line in PAGE.splitlines() if line.startswith("etcdctl ")]
+    lines = re.findall(r"^etcdctl (?!snapshot).*$", PAGE, re.MULTILINE)
     assert [line.split()[1] for line in lines] == ["compact", "defrag", "alarm"]
     env = dict(os.environ, ETCDCTL_ENDPOINTS=etcd.endpoint)
     for line in lines:
@@ -84,7 +67,7 @@ def make_room(etcd: EtcdProcess) -> None:
 
 
 def test_nothing_is_lost_while_the_hub_is_full(etcd: EtcdProcess, monkeypatch: pytest.MonkeyPatch) -> None:
-    body, outbox = TestBody(), Outbox()
+    body, outbox = WaitingBody(), Outbox()
     said: queue.Queue[str] = queue.Queue()
     statuses: queue.Queue[FleetStatus] = queue.Queue()
     hub = EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0)
@@ -136,7 +119,7 @@ def test_a_robot_that_finds_a_full_hub_says_so_and_joins_later(etcd: EtcdProcess
             joined.set()
 
     robot = FleetRobot(
-        agent, EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0), TestBody(), said.put, on_status=tell
+        agent, EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0), WaitingBody(), said.put, on_status=tell
     )
     try:
         robot.start()
@@ -146,3 +129,28 @@ def test_a_robot_that_finds_a_full_hub_says_so_and_joins_later(etcd: EtcdProcess
     finally:
         robot.close()
         hub.close()
+
+
+def test_a_hub_that_refuses_for_another_reason_is_told_once(etcd: EtcdProcess) -> None:
+    said: queue.Queue[str] = queue.Queue()
+    body = WaitingBody()
+    hub = EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0)
+    client = FleetClient("lab", [etcd.endpoint])
+    agent = Agent("lab", Profile("ann"), uuid.uuid4().hex, Outbox(), RULES)
+    robot = FleetRobot(agent, EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0), body, said.put)
+    alarm = {"memberID": hub.ask("Cluster", "MemberList", rpc.MemberListRequest()).members[0].ID}
+    alarm["alarm"] = rpc.CORRUPT
+    try:
+        robot.start()
+        request = client.send("(done a)")
+        assert body.began.wait(LIMIT)
+        hub.ask("Maintenance", "Alarm", rpc.AlarmRequest(action=rpc.AlarmRequest.ACTIVATE, **alarm))
+        body.ended(True, "SUCCEEDED", "")
+        assert heard(said, "etcd refuses") == "etcd refuses: etcdserver: corrupt cluster"
+        hub.ask("Maintenance", "Alarm", rpc.AlarmRequest(action=rpc.AlarmRequest.DEACTIVATE, **alarm))
+        assert request.wait(LIMIT)
+    finally:
+        robot.close()
+        client.close()
+        hub.close()
+    assert not [text for text in said.queue if text.startswith("etcd refuses")]

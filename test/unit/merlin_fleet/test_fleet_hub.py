@@ -1,14 +1,15 @@
 """The store of the protocol over a real etcd: its guarantees, and what it does when etcd hangs or dies."""
 
 import queue
+import socket
 import threading
 import time
-from typing import Any, Iterator, Tuple
+from typing import Any, Iterator, Tuple, Type
 
 import pytest
 from etcd3 import etcdrpc
 
-from merlin_fleet.certified import HubError, Tls
+from merlin_fleet.certified import HubError, Tls, time_of
 from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn
 from merlin_fleet.etcd_messages import LeaseUnknown
 from merlin_fleet.hub import EtcdHub
@@ -20,7 +21,7 @@ ROOT = "/merlin/lab/"
 
 
 class Heard(Listener):
-    """Keeps what it is told."""
+    """Keeps the changes that it gets."""
 
     def __init__(self) -> None:
         self.events: queue.Queue[Tuple[str, Any]] = queue.Queue()
@@ -129,6 +130,43 @@ def test_changes_of_the_own_fleet_come_in_order(shared: EtcdProcess, hubs: Any) 
     assert changes[50] == Change("/merlin/order/7", None, revisions[-1] + 1)
 
 
+def test_a_key_that_is_not_a_text_does_not_end_the_changes(own: EtcdProcess, hubs: Any) -> None:
+    hub, writer, heard = hubs(own), hubs(own), Heard()
+    writer.ask("KV", "Put", etcdrpc.PutRequest(key=ROOT.encode() + b"goals/\xff", value=b"\xff"))
+    hub.follow(heard)
+    kind, snapshot = heard.events.get(timeout=LIMIT)
+    assert kind == "connected", snapshot
+    assert [item.key for item in snapshot.items] == [ROOT + "goals/\ufffd"]
+    assert put(writer, ROOT + "a", "1") == heard.next("changed").modified
+
+
+@pytest.mark.parametrize("error", [KeyError, ValueError])
+def test_a_listener_that_raises_is_told_everything_anew(
+    shared: EtcdProcess,
+    hubs: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+    error: Type[Exception],
+) -> None:
+    hub, writer, heard = hubs(shared), hubs(shared), Heard()
+    raised = threading.Event()
+
+    def on_changed(changes: Tuple[Change, ...]) -> None:
+        if not raised.is_set():
+            raised.set()
+            raise error("a mistake of the listener")
+        Heard.on_changed(heard, changes)
+
+    monkeypatch.setattr(heard, "on_changed", on_changed)
+    hub.follow(heard)
+    heard.next("connected")
+    first = put(writer, ROOT + "raises", "1")
+    assert "a mistake of the listener" in heard.next("disconnected")
+    assert first in [item.modified for item in heard.next("connected").items]
+    assert put(writer, ROOT + "raises", "2") == heard.next("changed").modified
+    assert "Traceback" in capsys.readouterr().err
+
+
 def test_nothing_is_lost_when_etcd_is_killed(own: EtcdProcess, hubs: Any) -> None:
     hub, writer, heard = hubs(own), hubs(own), Heard()
     hub.follow(heard)
@@ -157,6 +195,10 @@ def test_a_hub_that_hangs_is_noticed_and_nothing_is_lost(own: EtcdProcess, hubs:
     hub, heard = hubs(own, timeout=1.0), Heard()
     hub.follow(heard)
     heard.connect()
+    # Changes follow a key that is known; of an empty hub everything is read again.
+    revision = put_until_it_is_there(hubs(own), ROOT + "first")
+    while heard.events.get(timeout=LIMIT) != ("changed", Change(ROOT + "first", "x", revision)):
+        continue
     own.hang()
     with pytest.raises(HubError, match="in time"):
         put(hub, ROOT + "a", "1")
@@ -215,3 +257,31 @@ def test_a_hub_that_is_not_there_is_told_once(hubs: Any, own: EtcdProcess) -> No
     own.start()
     heard.next("connected")
     assert heard.events.empty()
+
+
+def test_the_hub_tells_its_time(shared: EtcdProcess) -> None:
+    hub = EtcdHub(ROOT, [shared.endpoint], timeout=20.0)
+    before = time.time()
+    told = hub.time()
+    assert before - 1.0 <= told <= time.time() + 1.0
+    hub.close()
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [b"", b"\0\0\x18\4\0\0\0\0\0", b"HTTP/1.1 200 OK\r\n\r\n", b"HTTP/1.1 200 OK\r\nDate: today\r\n\r\n"],
+)
+def test_what_tells_no_time_is_an_error(answer: bytes) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            stream, _ = server.accept()
+            with stream:
+                stream.recv(1000)
+                stream.sendall(answer)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        with pytest.raises(HubError, match="does not tell its time"):
+            time_of(f"127.0.0.1:{server.getsockname()[1]}", None, 20.0)
+        thread.join()

@@ -55,14 +55,17 @@ class TestBody:
             ended(False, "CANCELLED", reason)
 
     def succeed(self, goal: str) -> None:
+        self.end(goal, "SUCCEEDED", "")
+
+    def end(self, goal: str, outcome: str, reason: str) -> None:
         with self.changed:
             assert self.changed.wait_for(lambda: goal in self.running, LIMIT)
             ended = self.running.pop(goal)
-        ended(True, "SUCCEEDED", "")
+        ended(outcome == "SUCCEEDED", outcome, reason)
 
 
 class Watcher(Listener):
-    """Waits for what the keys tell."""
+    """Waits until a condition holds of the keys."""
 
     def __init__(self) -> None:
         self.view = FleetView(KEYS)
@@ -152,6 +155,43 @@ def test_a_hub_that_hangs_stops_what_runs_and_nothing_is_lost(lab: Lab) -> None:
     assert lab.watcher.until(lambda view: view.ends.get("a")).outcome == "SUCCEEDED"
 
 
+def test_a_reason_that_no_record_can_hold_is_reported_as_far_as_possible(lab: Lab) -> None:
+    body = lab.robot("r1", 1.0)
+    lab.send("a")
+    body.end("a", "ACTION_FAILED", "the door \ud800 " + 2_000_000 * "x")
+    end = lab.watcher.until(lambda view: view.ends.get("a"))
+    assert end.outcome == "ACTION_FAILED"
+    assert end.reason.startswith("the door ? xxx")
+    assert not lab.watcher.view.claims
+
+
+def test_many_keys_that_are_read_anew_do_not_delay_a_stop(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    body = lab.robot("r1", 1.0, SHORT, timeout=1.0)
+    lab.send("a")
+    with body.changed:
+        assert body.changed.wait_for(lambda: "a" in body.running, LIMIT)
+    of, snapshot = FleetView.of, lab.hub.read()
+    reads, has_stopped = threading.Event(), threading.Event()
+
+    def slow(*given: Any) -> FleetView:
+        reads.set()
+        has_stopped.wait(LIMIT)
+        return of(*given)
+
+    monkeypatch.setattr(FleetView, "of", slow)
+    watch = threading.Thread(target=lab.robots["r1"].on_connected, args=(snapshot,))
+    watch.start()
+    assert reads.wait(LIMIT)
+    lab.etcd.hang()
+    try:
+        with body.changed:
+            assert body.changed.wait_for(lambda: "the lease of the fleet ends" in body.stopped, LIMIT / 2)
+    finally:
+        has_stopped.set()
+        watch.join(LIMIT)
+        lab.etcd.resume()
+
+
 def test_a_goal_to_finish_goes_on_without_the_hub_and_is_reported_afterwards(lab: Lab) -> None:
     body = lab.robot("r1", 1.0)
     lab.send("a", finish=True)
@@ -162,6 +202,30 @@ def test_a_goal_to_finish_goes_on_without_the_hub_and_is_reported_afterwards(lab
     lab.etcd.start()
     assert lab.watcher.until(lambda view: view.ends.get("a")).robot == "r1"
     assert not body.stopped
+
+
+def test_a_robot_whose_deciding_thread_fails_stops_what_runs(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body = lab.robot("r1", 1.0)
+    lab.send("a")
+    with body.changed:
+        assert body.changed.wait_for(lambda: "a" in body.running, LIMIT)
+    robot = lab.robots.pop("r1")
+    failed: queue.Queue[str] = queue.Queue()
+    monkeypatch.setattr(robot, "_on_failed", failed.put)
+
+    def fails(*_: Any) -> None:
+        raise KeyError("a mistake of the program")
+
+    monkeypatch.setattr(robot._agent, "handle", fails)
+    assert "a mistake of the program" in failed.get(timeout=LIMIT)
+    assert body.stopped == ["the robot's part in the fleet has failed"]
+    assert not body.running
+    robot.close(0.1)
+    # Its stop is not known to have ended: the goal stays owned as long as the lease.
+    # The watcher may not have heard of the claim yet.
+    assert "a" in FleetView.of(KEYS, lab.hub.read()).claims
 
 
 def test_a_robot_whose_cost_cannot_be_told_says_why(lab: Lab) -> None:

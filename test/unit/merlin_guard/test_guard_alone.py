@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from merlin_guard.process_priority import PRIORITY
+from merlin_guard.guard_node import PRIORITY
 
 GUARD = """
 import sys
@@ -21,7 +21,7 @@ from merlin_guard.guard_node import main
 sys.exit(main())
 """
 
-# A guard that says when it tells a stop, and when the master has it.
+# A guard that prints when it publishes a stop, and when the master has it.
 ORDER = """
 import sys, rospy
 from merlin_msgs.msg import GuardStatus

@@ -3,75 +3,13 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from motion_world import BASE, DOCK, DRIVING, World, driving
 
-from merlin_guard.motion_permit import MotionPermit, Send, State
+from merlin_guard.motion_permit import GuardState, MotionPermit, Send
 from merlin_guard.motion_server import ACTIVE, PENDING, PREEMPTING, GoalReport
 from merlin_guard.settings import GuardSettings
 
-BASE, DOCK = "/move_base", "/dock"
 SUCCEEDED, PREEMPTED = 3, 2
-
-
-class World:
-    """A guard, a clock, and peers that speak at their usual rates."""
-
-    def __init__(self, **options):
-        self.permit = MotionPermit([BASE, DOCK], GuardSettings(**options))
-        self.now = 100.0
-        self.cancels = []
-        self.sent = []
-
-    def do(self, decision):
-        self.cancels += [cancel.goal_id for cancel in decision.cancels]
-        self.sent.append(decision.send)
-        return decision
-
-    def status(self, *goals, server=BASE):
-        return self.do(self.permit.status(server, [GoalReport(*goal) for goal in goals], self.now))
-
-    def lease(self, held=(), suspended=(), owner="/host", life="1"):
-        return self.do(self.permit.lease(BASE, owner, life, held, suspended, self.now))
-
-    def cancel(self, goal_id="", stamp=0.0):
-        return self.do(self.permit.cancel(BASE, goal_id, stamp, self.now))
-
-    def drive(self):
-        """Whether a velocity passes now."""
-        return self.do(self.permit.command(True, self.now)).send is Send.COMMAND
-
-    def after(self, seconds, goals=None, held=None, commands=True):
-        """Lets time pass; the motion server, the owner and navigation go on speaking unless they are None."""
-        end = self.now + seconds
-        while self.now < end - 1e-9:
-            self.now += 0.05
-            if goals is not None:
-                self.status(*goals)
-            if held is not None:
-                self.lease(held)
-            if commands:
-                self.do(self.permit.command(True, self.now))
-            self.do(self.permit.tick(self.now))
-        return self
-
-    @property
-    def state(self):
-        return self.permit.view.state
-
-    @property
-    def reason(self):
-        return self.permit.view.reason
-
-
-DRIVING = [("a", ACTIVE)]
-
-
-def driving(**options):
-    """A world whose goal `a` is held by its owner and drives."""
-    world = World(**options)
-    world.lease(["a"])
-    world.status(*DRIVING)
-    assert world.drive()
-    return world
 
 
 def test_nothing_passes_without_a_goal():
@@ -80,7 +18,7 @@ def test_nothing_passes_without_a_goal():
     assert world.sent[-1] is Send.ZERO
     world.status()
     assert not world.drive()
-    assert (world.state, world.reason) == (State.IDLE, "no motion goal is active")
+    assert (world.state, world.reason) == (GuardState.IDLE, "no motion goal is active")
 
 
 @pytest.mark.parametrize("status", [PENDING, SUCCEEDED, PREEMPTED])
@@ -100,9 +38,9 @@ def test_a_zero_velocity_always_passes():
 def test_a_foreign_goal_passes_and_its_end_stops_the_base():
     world = World()
     world.status(("rviz", ACTIVE))
-    assert world.drive() and world.state is State.PASSING
+    assert world.drive() and world.state is GuardState.PASSING
     assert world.status(("rviz", SUCCEEDED)).send is Send.ZERO
-    assert world.state is State.IDLE and not world.permit.view.moving
+    assert world.state is GuardState.IDLE and not world.permit.view.moving
 
 
 def test_a_foreign_goal_is_refused_where_a_lease_is_required():
@@ -129,9 +67,9 @@ def test_a_goal_older_than_the_guard_needs_an_owner():
 def test_a_silent_owner_suspends_then_loses_its_goal():
     world = driving()
     world.after(0.5, DRIVING)
-    assert world.state is State.PASSING
+    assert world.state is GuardState.PASSING
     world.after(0.2, DRIVING)
-    assert world.state is State.HOLDING and "/host has been silent for 0.6 s" in world.reason
+    assert world.state is GuardState.HOLDING and "/host has been silent for 0.6 s" in world.reason
     assert Send.ZERO in world.sent and world.cancels == []
     world.after(2.5, DRIVING)
     assert "silent for 3 s" in world.reason and world.cancels
@@ -143,7 +81,7 @@ def test_an_owner_that_is_gone_loses_its_goal_sooner():
     world = driving()
     world.permit.tick(world.now, {BASE: [], DOCK: []})
     world.after(0.8, DRIVING)
-    assert world.state is State.HOLDING and not world.cancels
+    assert world.state is GuardState.HOLDING and not world.cancels
     world.after(0.2, DRIVING)
     assert world.cancels == ["a"] and "/host is gone" in world.reason
 
@@ -175,7 +113,7 @@ def test_a_new_life_of_the_owner_loses_its_goals_at_once():
     world = driving()
     decision = world.lease([], life="2")
     assert decision.send is Send.ZERO
-    assert [cancel.goal_id for cancel in decision.cancels] == ["a"] and "new life" in world.reason
+    assert [cancel.goal_id for cancel in decision.cancels] == ["a"] and "has restarted" in world.reason
 
 
 def test_a_new_life_may_take_its_goals_over():
@@ -197,7 +135,7 @@ def test_a_let_go_goal_that_ends_is_not_cancelled():
     world.lease([])
     world.status(("a", SUCCEEDED))
     world.after(1.0, [("a", SUCCEEDED)], held=[])
-    assert world.cancels == [] and world.state is State.IDLE
+    assert world.cancels == [] and world.state is GuardState.IDLE
 
 
 def test_another_owner_changes_nothing():
@@ -216,14 +154,14 @@ def test_a_cancelled_goal_may_move_until_the_deadline(seen):
         goals = DRIVING
         world.cancel("a" if seen == "cancel" else "")
     world.after(0.45, goals, held=["a"])
-    assert world.state is State.PASSING and not world.cancels
+    assert world.state is GuardState.PASSING and not world.cancels
     world.after(0.15, goals, held=["a"])
-    assert world.state is State.HOLDING and "still runs 0.5 s later" in world.reason
+    assert world.state is GuardState.HOLDING and "still runs 0.5 s later" in world.reason
     assert Send.ZERO in world.sent
     world.after(2.0, goals, held=["a"])
     assert world.cancels.count("a") in (4, 5)  # now, and every 0.5 s
     world.status()
-    assert world.state is State.IDLE
+    assert world.state is GuardState.IDLE
     world.status(("b", ACTIVE))
     assert world.drive()
 
@@ -233,7 +171,7 @@ def test_a_cancel_by_stamp_concerns_the_older_goals():
     world.status(("old", ACTIVE, 5.0), ("new", PENDING, 9.0))
     world.cancel(stamp=7.0)
     world.after(0.6, [("old", ACTIVE, 5.0), ("new", PENDING, 9.0)])
-    assert world.state is State.HOLDING
+    assert world.state is GuardState.HOLDING
     world.status(("new", ACTIVE, 9.0))
     assert world.drive()
 
@@ -243,7 +181,7 @@ def test_a_cancel_that_overtakes_its_goal_counts():
     world.cancel("a")
     world.status(("a", ACTIVE))
     world.after(0.6, [("a", ACTIVE)])
-    assert world.state is State.HOLDING
+    assert world.state is GuardState.HOLDING
 
 
 def test_no_command_stops_the_base():
@@ -252,7 +190,7 @@ def test_no_command_stops_the_base():
     assert world.permit.view.moving
     world.after(0.1, DRIVING, held=["a"], commands=False)
     assert not world.permit.view.moving and world.sent.count(Send.ZERO) == 1
-    assert world.state is State.PASSING and "no command comes" in world.reason
+    assert world.state is GuardState.PASSING and "no command comes" in world.reason
     assert world.drive()
 
 
@@ -268,16 +206,35 @@ def test_a_paused_simulation_makes_no_server_silent():
     world = driving()
     world.permit.world_rate(0.0, world.now)
     world.after(20.0, None, held=["a"])
-    assert world.state is State.PASSING
+    assert world.state is GuardState.PASSING
     world.permit.world_rate(1.0, world.now)
     world.after(1.2, None, held=["a"])
-    assert world.state is State.HOLDING
+    assert world.state is GuardState.HOLDING
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.1])
+def test_a_simulator_that_is_gone_neither_pauses_nor_slows_the_world(rate):
+    world = driving()
+    world.permit.world_rate(rate, world.now)
+    world.after(1.0, None, held=["a"], commands=False)
+    assert world.permit.view.moving, "it is paused, or slow"
+    world.simulated = False
+    world.after(0.5, None, held=["a"], commands=False)
+    assert not world.permit.view.moving and world.sent[-1:] != [Send.COMMAND]
+    world.after(1.0, None, held=["a"])
+    assert world.state is GuardState.HOLDING and "status has been silent" in world.reason
+    world.after(15.0, None, held=["a"])
+    assert world.state is GuardState.IDLE
+    world.status(("b", ACTIVE))
+    assert world.drive()
 
 
 def test_a_silent_server_holds_until_it_speaks_again():
     world = driving()
     world.after(1.2, None, held=["a"])
-    assert world.state is State.HOLDING and "status has been silent" in world.reason and not world.cancels
+    assert (
+        world.state is GuardState.HOLDING and "status has been silent" in world.reason and not world.cancels
+    )
     world.status(*DRIVING)
     assert world.drive()
 
@@ -286,7 +243,7 @@ def test_a_dead_server_is_forgotten_but_not_what_it_did():
     world = driving()
     world.cancel("a")
     world.after(15.5, None, held=["a"])
-    assert world.state is State.IDLE and world.permit.view.goals == ()
+    assert world.state is GuardState.IDLE and world.permit.view.goals == ()
     world.status(*DRIVING)  # it was not dead
     assert not world.drive() and "was cancelled" in world.reason
     world.status()
@@ -362,7 +319,7 @@ def test_a_stop_wins_until_it_is_released():
     decision = world.permit.stop("by hand", world.now)
     assert decision.send is Send.ZERO and decision.cancels
     world.after(1.0, DRIVING, held=["a"])
-    assert not world.drive() and (world.state, world.reason) == (State.STOPPED, "by hand")
+    assert not world.drive() and (world.state, world.reason) == (GuardState.STOPPED, "by hand")
     world.status(("b", ACTIVE))  # sent while stopped: it is not to set off at the release
     assert "b" in world.cancels
     world.permit.release(world.now)
@@ -374,14 +331,14 @@ def test_a_stop_wins_until_it_is_released():
 def test_a_guard_that_begins_stopped_is_stopped():
     permit = MotionPermit([BASE], stopped="by hand")
     permit.status(BASE, [GoalReport("a", ACTIVE)], 1.0)
-    assert permit.command(True, 1.0).send is Send.ZERO and permit.view.state is State.STOPPED
+    assert permit.command(True, 1.0).send is Send.ZERO and permit.view.state is GuardState.STOPPED
 
 
-def test_a_guard_that_was_away_blames_nobody_and_waits_to_hear_again():
+def test_a_guard_that_was_away_blames_no_owner_and_waits_to_hear_again():
     world = driving()
     world.now += 10.0
     assert world.do(world.permit.tick(world.now)).send is Send.ZERO
-    assert world.state is State.HOLDING and "the guard was held up" in world.reason and not world.cancels
+    assert world.state is GuardState.HOLDING and "the guard was held up" in world.reason and not world.cancels
     world.status(*DRIVING)
     assert not world.drive() and "heard its owner" in world.reason
     world.lease(["a"])

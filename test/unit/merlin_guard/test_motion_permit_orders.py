@@ -4,7 +4,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from merlin_guard.motion_permit import MotionPermit, Send, State
+from merlin_guard.motion_permit import GuardState, MotionPermit, Send
 from merlin_guard.motion_server import ACTIVE, PREEMPTING, GoalReport
 
 BASE, DOCK = "/move_base", "/dock"
@@ -82,7 +82,7 @@ class RandomOrders(RuleBasedStateMachine):
         if life not in lives[:-1]:  # else a late word of a life that is over, which says nothing
             self.lives[server, owner] = [*lives, life] if life != lives[-1] else lives
             self.leases[server, owner] = held, suspended, self.now
-        self.note(self.permit.lease(server, owner, life, held, suspended, self.now))
+        self.note(self.permit.lease(server, owner, life, list(held), list(suspended), self.now))
 
     @rule(server=st.sampled_from((BASE, DOCK)), goal_id=st.sampled_from(("", "a", "b", "c")))
     def cancel(self, server, goal_id):
@@ -143,10 +143,10 @@ class RandomOrders(RuleBasedStateMachine):
         view = self.permit.view
         assert view.moving == self.moving
         if self.moving:
-            assert view.state is State.PASSING
+            assert view.state is GuardState.PASSING
             self.check_allowed()
         if self.stopped:
-            assert view.state is State.STOPPED
+            assert view.state is GuardState.STOPPED
 
     @rule()
     def all_is_well_again(self):

@@ -86,7 +86,7 @@ class Room(Stage):
 
 
 class Round:
-    """Ways of people who keep clear of the table at (5, -0.2): round it on the left."""
+    """Ways of people that keep clear of the table at (5, -0.2): round it on the left."""
 
     def __init__(self) -> None:
         self.asked = 0
@@ -109,7 +109,7 @@ def line(length: float) -> List[Point]:
 
 
 def corner(length: float) -> List[Point]:
-    """A trail with a corner, which is cut by who takes the nearest way and not by who follows."""
+    """A trail with a corner, which a person on the nearest way cuts, and a follower does not."""
     there = line(length)
     return [*there, *((there[-1][0], STEP * number) for number in range(1, 20))]
 
@@ -194,7 +194,7 @@ def test_who_leaves_walks_round_a_robot_that_comes_into_the_way_and_round_a_chai
         def answer(self, *_: object) -> None:
             pass
 
-        tell = answer
+        publish = answer
 
     class Ways:
         door = (9.0, 0.0)
@@ -236,7 +236,7 @@ def test_a_guest_who_cannot_come_in_says_so_and_comes_later(monkeypatch: pytest.
         def wait(self, seconds: float) -> None:
             self._time += seconds
 
-        def tell(self, *_: object) -> None:
+        def publish(self, *_: object) -> None:
             pass
 
     room = Door(line(1.0), 0)

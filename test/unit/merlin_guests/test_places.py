@@ -77,7 +77,7 @@ def test_who_was_guided_gets_past_the_robot_to_the_seat(table: str) -> None:
     here = (robot.x - 0.95 * math.cos(robot.yaw), robot.y - 0.95 * math.sin(robot.yaw))
     way = [here, *PLACES.way_round([robot.point], [], here, seat)]
     assert math.dist(way[-1], seat) < 0.1
-    kept = ROBOT_RADIUS + Person.radius + FROM_ROBOT  # nearer the world lets nobody walk
+    kept = ROBOT_RADIUS + Person.radius + FROM_ROBOT  # nearer, the world lets no person walk
     for start, end in zip(way, way[1:]):
         for part in np.linspace(0.0, 1.0, 30):
             place = [a + part * (b - a) for a, b in zip(start, end)]

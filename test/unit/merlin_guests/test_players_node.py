@@ -1,4 +1,4 @@
-"""The players' node: what it is told, how it begins, and how it ends."""
+"""The players' node: its parameters, its begin and its end."""
 
 import threading
 from types import SimpleNamespace
@@ -87,7 +87,7 @@ class Stand:
     def remove(self, name: str) -> None:
         self.removed.append(name)
 
-    def tell(self, event: int, *_: object) -> None:
+    def publish(self, event: int, *_: object) -> None:
         self.told.append(event)
 
     def close(self) -> None:
@@ -154,7 +154,7 @@ def test_a_player_that_fails_ends_the_evening_with_the_reason(log: Log) -> None:
         raise ServiceError("service /merlin_sim/walk does not answer")
 
     assert evening(Stand(), fail).run() == 1
-    assert "ann cannot go on" in log.lines["logfatal"][0]
+    assert "ann cannot continue" in log.lines["logfatal"][0]
 
 
 def test_what_fails_because_the_node_goes_down_is_no_failure(log: Log) -> None:

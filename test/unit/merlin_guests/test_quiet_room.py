@@ -1,4 +1,4 @@
-"""Guests call when it is quiet, and not into an answer that somebody else is about to give."""
+"""Guests call when it is quiet, and not into an answer that another person is about to give."""
 
 from merlin_guests.quiet_room import ANSWER_DUE, QUIET, QuietRoom
 

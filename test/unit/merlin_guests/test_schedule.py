@@ -25,7 +25,7 @@ def test_a_whole_evening_has_every_disturbance_once(guests: int, seed: int) -> N
     assert sorted(kind for plan in plans for kind in plan.disturbances) == sorted(DISTURBANCES)
     assert all(len(plan.disturbances) <= 1 for plan in plans)
     walks = next(plan for plan in plans if WALKS_OFF in plan.disturbances)
-    assert not walks.table, "who walks off comes to the entrance first"
+    assert not walks.table, "a guest that walks off comes to the entrance first"
     assert len(next(plan for plan in plans if MISSING in plan.disturbances).order) == 2
 
 

@@ -25,6 +25,7 @@ class Restaurant:
         self.sent: Dict[str, int] = {}
         self.answers: List[str] = []
         self.receive: Dict[str, Callable[[Any], None]] = {}
+        self.connections: Dict[str, List[Any]] = {}
         rospy = stage_module.rospy
         monkeypatch.setattr(rospy, "get_time", lambda: self.time)
         monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
@@ -46,8 +47,10 @@ class Restaurant:
 
         return SimpleNamespace(publish=publish)
 
-    def _subscribe(self, name: str, _: type, receive: Any, *arguments: Any, **__: Any) -> None:
+    def _subscribe(self, name: str, _: type, receive: Any, *arguments: Any, **__: Any) -> Any:
         self.receive[name] = lambda message: receive(message, *arguments)
+        connections = self.connections[name] = [SimpleNamespace(socket="open")]
+        return SimpleNamespace(impl=SimpleNamespace(connections=connections))
 
     def _service(self, name: str, *_: Any, **__: Any) -> Any:
         def call(**request: Any) -> Any:
@@ -110,6 +113,12 @@ def test_a_guest_does_not_call_while_any_robot_speaks(restaurant: Restaurant) ->
     assert restaurant.sent == {}
 
 
+def test_a_robot_that_died_while_it_spoke_does_not_silence_the_room(restaurant: Restaurant) -> None:
+    restaurant.receive["robot_2/sound_play/is_speaking"](Bool(data=True))
+    restaurant.connections["robot_2/sound_play/is_speaking"][0].socket = None
+    assert restaurant.stage.call(CALL, "ann")
+
+
 def test_who_speaks_to_the_robot_beside_them_does_not_mind_the_other_one(restaurant: Restaurant) -> None:
     restaurant.receive["robot_2/sound_play/is_speaking"](Bool(data=True))
     loud = (1000 * np.ones(100)).astype("<i2").tobytes()
@@ -141,6 +150,9 @@ def test_the_barman_serves_the_robot_that_speaks(restaurant: Restaurant) -> None
     done: List[str] = []
 
     class House:
+        def counter_of(self, robot: str) -> str:
+            return {"robot_1": "bar_2", "robot_2": "bar"}[robot]
+
         def on(self, where: str) -> List[str]:
             return []
 
@@ -160,15 +172,21 @@ def test_the_barman_serves_the_robot_that_speaks(restaurant: Restaurant) -> None
     stage = restaurant.stage
     hear, stage.hear = stage.hear, over  # type: ignore[method-assign,assignment]
     restaurant.says("robot_1", "table 4 ordered cake.", NAME)
+    restaurant.says("robot_2", "table 5 ordered juice.", NAME)
     restaurant.says("robot_2", "The guests of table 1 have left. Please take the order from my tray.", NAME)
+    restaurant.says("robot_1", "I am sorry, juice instead of cake.", NAME)
     restaurant.says("robot_1", "Please put the order of table 4 on my tray.", NAME)
     with pytest.raises(EOFError):
         Barman(stage, House(), 1, 0.0, lambda table: None).play()  # type: ignore[arg-type]
     assert done == [
-        "take bar_counter",
-        "put cake bar_counter",
+        "take bar_2",
+        "put cake bar_2",
+        "take bar",
+        "put juice bar",
         "take robot_2",
-        "take bar_counter",
+        "take bar_2",
+        "put cake bar_2",
+        "take bar_2",
         "put cake robot_1",
     ]
     assert "robot_2/audio/microphone" not in restaurant.sent

@@ -8,7 +8,7 @@ from typing import Any, Dict, List, Optional, Sequence
 import aiohttp
 
 from merlin_monitor.access.operators import Operators, write_operators
-from merlin_monitor.access.tls import Tls
+from merlin_monitor.access.tls import ServerTls
 from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
@@ -86,7 +86,7 @@ class FakeRobot:
 class Served:
     """A running server and what belongs to it."""
 
-    def __init__(self, folder: Path, token: str, tls: Optional[Tls] = None) -> None:
+    def __init__(self, folder: Path, token: str, tls: Optional[ServerTls] = None) -> None:
         self.state = MonitorModel(Inbox(), folder / "history.sqlite")
         self.robot = FakeRobot()
         control = Control(self.robot) if token else None

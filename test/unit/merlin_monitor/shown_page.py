@@ -1,6 +1,6 @@
 """The page over a model that is filled by hand: a robot in the middle of a mission, without ROS."""
 
-import sys
+import threading
 from pathlib import Path
 from typing import Any, Dict, List
 
@@ -28,15 +28,14 @@ from merlin_monitor.panels.said import SaidSection
 from merlin_monitor.state.knowledge_section import Contents
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.plan_order import sequential_steps
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "rostest"))
-from chromium import Visit, chromium  # noqa: F401  (for the tests)
+from merlin_test.chromium import Visit, chromium  # noqa: F401  (for the tests)
 
 # To be put in by the browser's own means (bypass_csp), past the policy of the page.
 AXE = Path(axe_core_python.__file__).with_name("axe.min.js")
 CHECK = """async () => (await axe.run(document, { resultTypes: ["violations"] })).violations.map(
   ({ id, nodes }) => `${id}: ${nodes.slice(0, 4).map((node) => `${node.target} ${node.failureSummary}`)}`)"""
 
+LIMIT = 60.0  # s for the model to take it in
 NOW = 120.0  # s of ROS time
 PLACES = {
     "kitchen": {"x": 1.0, "y": 1.0},
@@ -110,8 +109,10 @@ def fill(served: Served, steps: int = 6) -> None:
         _fill_parts(state)
         _fill_said(state)
 
+    taken = threading.Event()
     state.inbox.put(take)
-    state.inbox.put(lambda: None)
+    state.inbox.put(taken.set)
+    assert taken.wait(LIMIT)  # what a test changes then is not changed back by this
 
 
 def _fill_world(state: MonitorModel) -> None:
@@ -141,7 +142,7 @@ def _fill_world(state: MonitorModel) -> None:
 
 
 def _fill_said(state: MonitorModel) -> None:
-    said = SaidSection(state.tree, state.pictures, state.tell)
+    said = SaidSection(state.tree, state.pictures, state.report)
     said.spoken(SoundRequest(sound=SoundRequest.SAY, arg="Do you need anything?"), 116.0)
     said.heard(ListenResult(text="a coffee please", heard=True), 118.0)
     said.seen(["cup", "cup", "person"], 119.0)
@@ -153,7 +154,7 @@ def _fill_parts(state: MonitorModel) -> None:
     levels: Dict[str, int] = {"battery": DiagnosticStatus.WARN, "camera": DiagnosticStatus.ERROR}
     parts = [
         DiagnosticStatus(
-            name=f"{name}: state", level=level, message=f"{name} tells", values=[KeyValue("a", "1")]
+            name=f"{name}: state", level=level, message=f"{name} reports", values=[KeyValue("a", "1")]
         )
         for name, level in {
             **levels,

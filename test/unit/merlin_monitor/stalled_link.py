@@ -10,7 +10,7 @@ CHUNK = 65536  # bytes
 
 
 class StalledLink:
-    """Forwards connections of a port of its own to a server, until it is told to hold what comes.
+    """Forwards connections of a port of its own to a server, until `hold` is called.
 
     :param url: of the server.
     """

@@ -44,15 +44,15 @@ def task(goal: str, init: str = INIT) -> str:
             "(in box_1 ward)",
             INIT,
             "(in box_1 ward) cannot be reached, it needs "
-            "(>= (battery) 13) for deliver; at most 12.2 can be had",
+            "(>= (battery) 13) for deliver; at most 12.2 can be reached",
         ),
-        ("(>= (battery) 20)", INIT, "cannot be reached: (>= (battery) 20); at most 12.2 can be had"),
-        ("(<= 20 (battery))", INIT, "cannot be reached: (<= 20 (battery)); at most 12.2 can be had"),
+        ("(>= (battery) 20)", INIT, "cannot be reached: (>= (battery) 20); at most 12.2 can be reached"),
+        ("(<= 20 (battery))", INIT, "cannot be reached: (<= 20 (battery)); at most 12.2 can be reached"),
         (
             "(at ward)",
             INIT.replace("12.2", "3"),
             "(at ward) cannot be reached, it needs (>= (battery) (needed hall ward)) for drive; "
-            "at most 3 can be had, 5 is needed",
+            "at most 3 can be reached, 5 is needed",
         ),
         ("(safe)", INIT, "cannot be reached: (safe); no action can make it true"),
         (

@@ -1,4 +1,4 @@
-"""Messages that cannot be used are told apart from those that can."""
+"""Messages that cannot be used are separated from usable ones."""
 
 import math
 

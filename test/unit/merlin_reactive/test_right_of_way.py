@@ -30,7 +30,7 @@ def robot(name, start, end, **fields):
 def rules(name, *others):
     made = RightOfWay(name, RADIUS)
     for other in others:
-        made.tell(other, 0.0)
+        made.note(other, 0.0)
     return made
 
 
@@ -44,10 +44,10 @@ def test_the_first_name_goes_first_unless_it_is_the_other_that_is_cornered():
     assert names(bob.first(0.0)) == ["ann"]
     bob.cornered = True
     assert names(bob.first(0.0)) == []
-    bob.tell(robot("ann", (0, 0), (3, 0), cornered=True), 0.0)
+    bob.note(robot("ann", (0, 0), (3, 0), cornered=True), 0.0)
     assert names(bob.first(0.0)) == ["ann"]
     bob.cornered = False
-    bob.tell(robot("carl", (3, 0), (0, 0), cornered=True), 0.0)
+    bob.note(robot("carl", (3, 0), (0, 0), cornered=True), 0.0)
     assert names(bob.first(0.0)) == ["ann", "carl"]
 
 
@@ -77,9 +77,17 @@ def test_a_robot_that_is_silent_or_has_ended_its_drive_is_not_known():
     bob = rules("bob", robot("ann", (0, 0), (3, 0)), robot("bob", (9, 9), (8, 8)))
     assert names(bob.others(1.0)) == ["ann"]  # not itself
     assert names(bob.others(2.0)) == []
-    bob.tell(robot("ann", (0, 0), (3, 0)), 2.0)
-    bob.tell(robot("ann", (0, 0), (3, 0), driving=False), 2.0)
+    bob.note(robot("ann", (0, 0), (3, 0)), 2.0)
+    bob.note(robot("ann", (0, 0), (3, 0), driving=False), 2.0)
     assert names(bob.others(2.0)) == [] and not len(bob.bodies(2.0))
+
+
+def test_robots_that_come_and_go_leave_nothing():
+    mine = rules("b")
+    for number in range(1000):
+        mine.note(robot(f"a{number}", (0.0, 0.0), (1.0, 0.0)), float(number))
+    assert [other.name for other in mine.others(999.0)] == ["a998", "a999"]
+    assert len(mine._ways) == 2
 
 
 def test_at_a_crossing_one_waits_before_the_others_way():
@@ -157,7 +165,7 @@ def test_a_cornered_robot_says_so_and_goes_first_until_the_meeting_is_over():
     assert given.room == 0.0 and given.robot == "ann"
     assert bob.rules.cornered and bob.refuge is None
     assert math.isinf(bob.step(Pose(4, 0), way, np.zeros((0, 2)), 0.1).room)
-    bob.rules.tell(robot("ann", (1, 0), (5.5, 0), driving=False), 0.2)
+    bob.rules.note(robot("ann", (1, 0), (5.5, 0), driving=False), 0.2)
     bob.step(Pose(4, 0), way, np.zeros((0, 2)), 0.2)
     assert not bob.rules.cornered
 
@@ -168,11 +176,11 @@ def test_it_waits_aside_until_the_other_has_passed_and_counts_the_time():
     given = bob.step(Pose(4, 0), line((4, 0), (0.4, 0)), nothing, 0.0)
     assert given.replan and bob.refuge is not None
     there = bob.refuge
-    bob.rules.tell(robot("ann", (3, 0), (7.8, 0)), 5.0)
+    bob.rules.note(robot("ann", (3, 0), (7.8, 0)), 5.0)
     assert bob.step(Pose(*there), line(there, (0.4, 0)), nothing, 5.0).replan and bob.refuge is None
     given = bob.step(Pose(*there), line(there, (0.4, 0)), nothing, 5.1)
     assert given.room < 1.0 and given.waited == pytest.approx(5.1)
-    bob.rules.tell(robot("ann", (7.8, 0), (7.9, 0)), 12.0)
+    bob.rules.note(robot("ann", (7.8, 0), (7.9, 0)), 12.0)
     assert math.isinf(bob.step(Pose(*there), line(there, (0.4, 0)), nothing, 12.0).room)
 
 

@@ -1,4 +1,4 @@
-"""The recogniser in a process of its own: understands the same, stops nobody, and survives its process."""
+"""The recogniser in a process of its own: understands the same, blocks no thread, survives its process."""
 
 import os
 import signal

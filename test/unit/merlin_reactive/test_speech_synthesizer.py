@@ -90,7 +90,7 @@ def test_of_a_file_that_was_cut_off_the_rest_is_played(tmp_path):
 def test_files_that_are_no_sound(tmp_path):
     file = tmp_path / "text.wav"
     file.write_text("hello")
-    with pytest.raises(SoundError, match="no WAV file"):
+    with pytest.raises(SoundError, match="not a WAV file"):
         read_wave(str(file))
     with wave.open(str(file), "wb") as out:
         out.setnchannels(1)
@@ -98,7 +98,7 @@ def test_files_that_are_no_sound(tmp_path):
         out.setframerate(RATE)
     with pytest.raises(SoundError, match="contains no sound"):
         read_wave(str(file))
-    with pytest.raises(SoundError, match="no WAV file"):
+    with pytest.raises(SoundError, match="not a WAV file"):
         read_wave("a\0b")
     with pytest.raises(SoundError, match="No such file"):
         read_wave(str(tmp_path / "none.wav"))

@@ -7,7 +7,7 @@ from typing import Any, List
 
 import pytest
 from fake_robot import FakeRobot
-from merlin_msgs.msg import ExecuteResult, ListenResult
+from merlin_msgs.msg import ExecuteResult, ListenResult, RobotWay
 
 from merlin_executor.mission.readiness import NotReady
 from merlin_pddl.domain_reader import parse_domain
@@ -24,9 +24,9 @@ NAMES = ["robot_1", "robot_2"]
 
 @pytest.fixture()
 def evening(robot: FakeRobot) -> FakeRobot:
-    robot.things = {"table": ["table_1", "table_2"]}
+    robot.things = {"table": ["table_1", "table_2"], "counter": ["bar"]}
     robot.known = ["(ready table_1)", "(ready table_2)", *(f"(available {name})" for name in NAMES)]
-    robot.known += [f"(quiet {name})" for name in NAMES]
+    robot.known += [f"({state} {name})" for name in NAMES for state in ("quiet", "in_position")]
     return robot
 
 
@@ -55,14 +55,14 @@ def test_the_first_plan_waits_for_each_robot(evening: FakeRobot) -> None:
 
 def test_all_tables_that_wait_are_served_by_one_plan_and_trays_are_tidied(evening: FakeRobot) -> None:
     evening.known = [fact for fact in evening.known if "ready" not in fact]
-    evening.known += ["(needs_serving table_1)", "(needs_serving table_2)", "(carrying robot_2 table_1)"]
+    evening.known += ["(needs_serving table_1)", "(needs_serving table_2)", "(carrying robot_2 table_3)"]
     requests: List[List[str]] = []
     send = evening.send
 
     def note(goals: Any, *arguments: Any, **named: Any) -> Any:
         requests.append(list(goals))
         if "(tray_free robot_2)" in goals:
-            evening.change(remove="(carrying robot_2 table_1)")
+            evening.change(remove="(carrying robot_2 table_3)")
         evening.change(remove=[f"(needs_serving {goal.split()[1]}" for goal in goals if "served" in goal])
         return send(goals, *arguments, **named)
 
@@ -105,7 +105,7 @@ def test_clients_are_seated_by_the_plan_that_serves_tables_one_for_each_ready_ta
     assert seating[1][0] == "(seated client_2)"
 
 
-def test_a_client_waits_while_no_table_is_ready_and_that_is_told(evening: FakeRobot) -> None:
+def test_a_client_waits_while_no_table_is_ready_and_that_is_reported(evening: FakeRobot) -> None:
     evening.known = [fact for fact in evening.known if "ready" not in fact]
     evening.known.append("(waiting client_1)")
     told: List[str] = []
@@ -126,6 +126,37 @@ def test_where_a_robot_stands_that_is_gone_no_other_one_is_sent(evening: FakeRob
     evening.sent.clear()
     assert run() == "succeeded"
     assert "(checked table_1)" in evening.goals and "(entrance_checked)" not in evening.goals
+
+
+@pytest.mark.parametrize(("far", "place"), [(0.2, "table_1"), (0.2, "bar"), (1.0, "bar")])
+def test_a_robot_that_died_as_it_set_off_stands_where_it_was(
+    evening: FakeRobot, far: float, place: str
+) -> None:
+    """As far as the knowledge tells it is anywhere."""
+    points = {"table_1": {"x": 1.0, "y": 2.0, "yaw": 0.0}, "bar": {"x": 7.0, "y": 2.0, "yaw": 0.0}}
+    evening.parameters["/robot_2/world/points_of_interest"] = points
+    evening.known = [fact for fact in evening.known if "ready" not in fact]
+    evening.known += ["(needs_serving table_1)", "(robot_at robot_2 anywhere)"]
+    mission = Evening(lambda: True, lambda line: None, robots=NAMES)
+    way = RobotWay(robot="robot_2")
+    way.pose.position.x, way.pose.position.y = points[place]["x"] + far, 2.0
+    for take in evening.on_way:
+        take(way)
+    assert mission._urgent() == ["(already_served table_1)"]  # it drives
+    evening.known.remove("(available robot_2)")
+    assert mission._urgent() == ([] if far < 0.6 else ["(already_served table_1)"])
+    assert ("(checked table_1)" in mission._tables(None)) == (far > 0.6 or place == "bar")
+
+
+def test_a_bar_with_a_second_counter_is_not_closed_by_a_robot_that_is_gone(evening: FakeRobot) -> None:
+    evening.things["counter"] = ["bar", "bar_2"]
+    evening.known = [fact for fact in evening.known if "ready" not in fact]
+    evening.known += ["(needs_serving table_1)", "(robot_at robot_2 bar)", "(carrying robot_1 table_2)"]
+    evening.known.remove("(available robot_2)")
+    mission = Evening(lambda: True, lambda line: None, robots=NAMES)
+    assert mission._urgent() == ["(already_served table_1)", "(tray_free robot_1)"]
+    evening.things["counter"] = ["bar"]
+    assert mission._urgent() == []
 
 
 def test_a_round_in_which_nothing_can_be_looked_at_is_not_begun_anew_at_once(
@@ -181,11 +212,125 @@ def test_a_table_found_waiting_joins_what_is_served_when_no_robot_is_in_a_conver
     assert urgent[1] == ["(already_served table_1)", "(already_served table_2)"]
 
 
+def plans_of(evening: FakeRobot, mission: Evening) -> List[List[str]]:
+    """The goals of each urgent request of a mission that runs to its end."""
+    plans: List[List[str]] = []
+    send = evening.send
+
+    def note(goals: Any, priority: int = 0, *arguments: Any, **named: Any) -> Any:
+        if priority == AT_ONCE:
+            plans.append(list(goals))
+        return send(goals, priority, *arguments, **named)
+
+    evening.send = note  # type: ignore[method-assign]
+    assert mission.run() == "succeeded"
+    return plans
+
+
+def test_an_order_that_is_waited_for_is_not_brought_back(evening: FakeRobot) -> None:
+    evening.known += ["(needs_serving table_1)", "(carrying robot_2 table_1)"]
+
+    def deliver(goal: str) -> None:
+        if goal == "(already_served table_1)":
+            evening.change(remove=["(needs_serving table_1)", "(carrying robot_2 table_1)"])
+
+    evening.on_goal = deliver
+    plans = plans_of(evening, Evening(lambda: True, lambda line: None, robots=NAMES))
+    assert plans[0][0] == "(already_served table_1)"
+    assert not any("tray" in goal for goal in evening.goals)
+
+
+def test_only_a_robot_that_has_no_guest_looks_around_and_only_at_a_few_places(
+    evening: FakeRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evening_module, "LOOKS", 2)
+    mission = Evening(lambda: False, lambda line: None, robots=NAMES)
+    evening.known += ["(needs_serving table_1)", "(checked table_1)"]
+    served = ["(already_served table_1)"]
+    assert mission._all_that_waits(None) == [*served, "(checked table_2)", "(entrance_checked)"]
+    evening.known.append("(needs_serving table_2)")
+    assert mission._all_that_waits(None) == [*served, "(already_served table_2)"]
+
+
+def test_a_robot_that_was_stopped_between_two_places_goes_out_of_the_way_but_not_for_ever(
+    evening: FakeRobot,
+) -> None:
+    evening.known = [fact for fact in evening.known if "ready" not in fact]
+    evening.known += ["(needs_serving table_1)", "(checked table_2)", "(checked table_1)"]
+    evening.known.remove("(in_position robot_2)")
+    mission = Evening(lambda: False, lambda line: None, robots=NAMES)
+    served = "(already_served table_1)"
+    assert mission._all_that_waits(None)[:2] == [served, "(in_position robot_2)"]
+    for reason in (
+        "(navigate robot_1 bar table_1) failed",
+        *["(navigate robot_2 anywhere bar) failed"] * TRIES,
+    ):
+        assert "(in_position robot_2)" in mission._all_that_waits(None)
+        mission._serve.reason = reason
+        mission._note_end(None)
+        mission._tried.pop("table_1", None)
+    assert mission._all_that_waits(None)[:2] == [served, "(entrance_checked)"]
+
+
+def test_more_guests_than_robots_wait_until_one_is_served(evening: FakeRobot) -> None:
+    evening.known = [fact for fact in evening.known if "ready" not in fact]
+    evening.known += ["(needs_serving table_1)", "(needs_serving table_2)"]
+    evening.things["table"].append("table_3")
+    evening.never = ["(already_served table_2)"]
+    told: List[int] = []
+
+    def serve(goal: str) -> None:
+        if goal == "(already_served table_2)" and not told:
+            told.append(len(plans))
+            evening.change(add="(needs_serving table_3)")  # all robots have a guest
+            evening.change(remove="(needs_serving table_1)")  # one has served
+        elif goal == "(already_served table_2)":
+            evening.never = ()
+        elif goal == "(already_served table_3)":
+            evening.change(remove=["(needs_serving table_2)", "(needs_serving table_3)"])
+
+    evening.on_goal = serve
+    plans: List[List[str]] = []
+    plans += plans_of(evening, Evening(lambda: True, lambda line: None, robots=NAMES))
+    assert plans[0] == ["(already_served table_1)", "(already_served table_2)"]
+    assert plans[1][:2] == ["(already_served table_2)", "(already_served table_3)"]
+
+
+def test_a_client_who_was_greeted_is_led_before_the_plan_is_made_anew(evening: FakeRobot) -> None:
+    evening.known += ["(waiting client_1)"]
+    evening.never = ["(seated client_1)"]
+
+    def greet(goal: str) -> None:
+        if goal == "(seated client_1)" and evening.never:
+            evening.change(add="(greeted robot_1 client_1)")
+            evening.change(add="(needs_serving table_2)")  # news, and no robot is in a conversation
+            assert not any("table_2" in goal for goal in evening.goals if "served" in goal)
+            evening.never = ()
+            evening.change(remove="(waiting client_1)")
+        if goal == "(already_served table_2)":
+            evening.change(remove="(needs_serving table_2)")
+
+    evening.on_goal = greet
+    plans = plans_of(evening, Evening(lambda: True, lambda line: None, robots=NAMES))
+    assert plans[0][0] == "(seated client_1)"
+    assert plans[1][0] == "(already_served table_2)"
+
+
+def test_a_client_who_calls_again_is_still_one_client(evening: FakeRobot) -> None:
+    evening.known = [fact for fact in evening.known if "ready" not in fact]
+    told: List[str] = []
+    mission = Evening(lambda: told.count("a client at the entrance calls") == 2, told.append, robots=NAMES)
+    call = ListenResult(text="good evening we would like a table", heard=True)
+    evening.servers["calls/listen"].results += [call, call]
+    assert mission.run() == "succeeded"
+    assert evening.facts("waiting") == ["(waiting client_1)"]
+
+
 @pytest.mark.parametrize(
     ("call", "goal"),
     [
         ("waiter table two please", "(already_served table_2)"),
-        ("good evening we would like a table", "(entrance_checked)"),
+        ("good evening we would like a table", "(seated client_1)"),
     ],
 )
 def test_a_call_interrupts_what_is_served_and_joins_it(evening: FakeRobot, call: str, goal: str) -> None:

@@ -94,3 +94,33 @@ def test_errors_go_to_the_guest_who_sits_there() -> None:
     record.robot_failed("table_1", "(navigate bar table_1): blocked")
     record.robot_failed("table_2", "(navigate bar table_2): blocked")
     assert record.guests["ann"].errors == ["a chair", "(navigate bar table_1): blocked"]
+
+
+@pytest.mark.parametrize(
+    ("table", "blocked", "balanced"),
+    [
+        ("table_1", ["table_1"], True),
+        ("table_1", ["bar"], True),
+        ("table_1", ["table_2", "entrance"], False),
+        ("", ["entrance"], True),
+        ("", ["bar"], False),
+    ],
+)
+def test_what_no_robot_could_do_because_one_stands_there_that_is_gone_is_not_a_mistake(
+    table: str, blocked: list, balanced: bool
+) -> None:
+    record = evening(
+        (0, CAME, "ann", table, (), ""),
+        (900, LEFT, "ann", table, (), "waited too long for the waiter"),
+        (901, CLOSED, "", "", (), ""),
+    )
+    record.close({}, [], blocked)
+    assert (record.problems() == []) == balanced
+    assert ("a robot that takes no actions stands in the way" in record.rows()[0]["errors"]) == balanced
+
+
+def test_the_state_of_a_table_where_a_robot_stands_that_is_gone_is_not_known() -> None:
+    record = served()
+    record.delivered(79.0, "table_1", ["coffee"])
+    record.close({"table_1": "already_served"}, [], ["table_1"])
+    assert record.problems() == []

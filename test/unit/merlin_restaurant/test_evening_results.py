@@ -47,7 +47,7 @@ def test_the_timeline_is_a_picture_also_of_an_evening_without_anything(tmp_path:
     deeds = [
         Deed("(navigate bar table_1)", 1010.0, 1030.0, ""),
         Deed("(check_table table_1)", 1030.0, 1031.0, "cancelled"),
-        Deed("(deliver_order table_1)", 1040.0, 1045.0, "nobody sits at table_1 any more"),
+        Deed("(deliver_order table_1)", 1040.0, 1045.0, "the guests have left table_1"),
     ]
     for name, done, kept in (("full", deeds, evening_record()), ("empty", [], EveningRecord())):
         plot_timeline(tmp_path / f"{name}.png", done, kept, 1000.0)

@@ -1,4 +1,4 @@
-"""Who guides a client notices that nobody follows, also when the lidar does not work any more."""
+"""A robot that guides a client notices that the client is gone, also without lidar."""
 
 import math
 import threading

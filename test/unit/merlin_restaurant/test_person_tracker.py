@@ -1,4 +1,4 @@
-"""Keeping an eye on who follows: simulated scans of a person, a wall and other people."""
+"""Tracking the person that follows: simulated scans of a person, a wall and other people."""
 
 import math
 from typing import List, Tuple
@@ -44,7 +44,7 @@ def test_the_robot_drives_off_and_the_person_stays_behind() -> None:
         seen = tracker.update(0.1 * step, (x, 0.0, 0.0), scan([(1.5 - x, 0.0, 0.22), (1.5 - x, 1.2, 0.22)]))
         assert seen
     assert abs(tracker.distance - (1.5 + 0.05 * 39)) < 0.1
-    assert math.dist(tracker.place, (1.5, 0.0)) < 0.1, "it is still the one who stood in front"
+    assert math.dist(tracker.place, (1.5, 0.0)) < 0.1, "it is still the person that stood in front"
 
 
 def test_who_follows_a_turning_robot_is_not_confused_with_somebody_else() -> None:

@@ -1,4 +1,4 @@
-"""Service calls that a cancel ends: in the thread that is told, and in no other one."""
+"""Service calls that a cancel ends: in the thread that is cancelled, and in no other one."""
 
 import signal
 import threading

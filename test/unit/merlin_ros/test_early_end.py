@@ -1,4 +1,4 @@
-"""An executable that is told to end while it starts ends without a traceback, at whatever moment."""
+"""An executable that gets a signal while it starts ends without a traceback, at whatever moment."""
 
 import os
 import random
@@ -19,7 +19,7 @@ EXECUTABLES = [
     ("merlin_monitor", "monitor"),
 ]
 ENDED = {signal.SIGINT: 0, signal.SIGTERM: 128 + signal.SIGTERM}
-MOMENTS = 2.5  # s after the first import within which it is told to end
+MOMENTS = 2.5  # s after the first import within which it gets the signal
 LIMIT = 120.0  # s for it to begin, or to end
 # A node ends itself by force after seconds, which a busy machine may need: here only one that hangs does.
 PATIENT = f"""
@@ -33,7 +33,7 @@ threading.Timer.start = patient
 """
 
 
-def wait_until_it_can_be_told(process: Any) -> None:
+def wait_until_signals_are_handled(process: Any) -> None:
     """Until SIGTERM is handled; before that nothing of ours has run."""
     end = time.monotonic() + LIMIT
     while time.monotonic() < end:
@@ -55,10 +55,10 @@ def test_it_ends_without_a_traceback(
         master.api.setParam("/test", f"/{scope}/domain_path", str(DOMAIN))
     devel = os.environ["CMAKE_PREFIX_PATH"].split(":")[0]
     node = master.spawn(f"{devel}/lib/{package}/{executable}")
-    wait_until_it_can_be_told(node.process)
+    wait_until_signals_are_handled(node.process)
     moment = random.uniform(0.0, MOMENTS)
     time.sleep(moment)  # the moment is what is tried
     code = node.end(number)
-    assert "Traceback" not in node.output, f"told after {moment:.2f} s:\n{node.output}"
-    assert "by force" not in node.output, f"told after {moment:.2f} s:\n{node.output}"
-    assert code == ENDED[number], f"told after {moment:.2f} s:\n{node.output}"
+    assert "Traceback" not in node.output, f"signal after {moment:.2f} s:\n{node.output}"
+    assert "by force" not in node.output, f"signal after {moment:.2f} s:\n{node.output}"
+    assert code == ENDED[number], f"signal after {moment:.2f} s:\n{node.output}"

@@ -23,7 +23,9 @@ lean_start.prepare()
 import rospy
 from merlin_msgs.msg import PlannerStatus
 PlannerStatus().header.stamp
-print(*sorted({"numpy", "sensor_msgs.msg._Image", "merlin_msgs.msg._ExecuteGoal"} & set(sys.modules)))
+import rosgraph
+fat = {"numpy", "pyparsing", "unittest", "sensor_msgs.msg._Image", "merlin_msgs.msg._ExecuteGoal"}
+print(*sorted(fat & set(sys.modules)))
 """
     ).strip()
 
@@ -56,6 +58,61 @@ else:
     raise SystemExit("a message that does not exist was found")
 """
     )
+
+
+def test_the_search_for_files_works_when_it_is_called():
+    run(
+        """
+lean_start.prepare()
+import roslib.packages
+assert roslib.packages.find_node("merlin_guard", "guard")
+import catkin.find_in_workspaces as search
+assert roslib.packages.find_node("merlin_guard", "guard")[0].endswith("/guard")
+assert "get_workspaces" in dir(search) and callable(search.get_workspaces)
+"""
+    )
+
+
+def test_the_search_for_files_has_what_it_has():
+    run(
+        """
+lean_start.prepare()
+import catkin.find_in_workspaces as search
+assert not hasattr(search, "nothing_of_this_name")
+assert callable(search.get_workspaces) and search.find_in_workspaces.__module__ == search.__name__
+"""
+    )
+
+
+@pytest.mark.parametrize(
+    "module, fat",
+    [
+        ("merlin_sim.node.simulator_node", {"cv2", "scipy.stats", "matplotlib"}),
+        ("merlin_reactive.navigation.navigation_node", {"cv2", "scipy.stats", "matplotlib"}),
+        ("merlin_experiment.mission.measured_mission_node", {"cv2", "scipy", "matplotlib", "numpy"}),
+        ("merlin_guard.guard_node", {"numpy"}),
+    ],
+)
+def test_the_nodes_of_the_home_start_without_what_they_may_never_use(module, fat):
+    text = f"lean_start.prepare()\nimport {module}\nprint(*{fat} & set(sys.modules))"
+    assert not run(text).strip()
+
+
+def test_a_patient_node_has_its_priority_back_when_it_runs(tmp_path):
+    (tmp_path / "some_node.py").write_text(
+        "import os, threading\n"
+        "def nice(): return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())\n"
+        "imported = nice()\n"
+        "def main(): return 0 if (imported, nice()) == (max(10, nice()), nice()) else 1\n"
+    )
+    text = f"sys.path.insert(0, {str(tmp_path)!r})\nlean_start.run('some_node', patient=True)"
+    run(text)
+
+
+def test_a_patient_node_that_cannot_be_imported_says_why():
+    text = "from merlin_ros import lean_start; lean_start.run('no_such_node', patient=True)"
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
+    assert done.returncode == 1 and "no_such_node" in done.stderr
 
 
 @pytest.mark.parametrize("returned, code", [(None, 0), (0, 0), (3, 3)])

@@ -1,4 +1,4 @@
-"""A node that cannot begin says why, harms none of its name, and ends when told to."""
+"""A node that cannot begin says why, leaves its namesakes alone, and ends by a signal."""
 
 import os
 import signal

@@ -1,6 +1,12 @@
+import io
+import struct
+
 import pytest
 import rospy
-from rospy import core
+from diagnostic_msgs.msg import KeyValue
+from rosplan_dispatch_msgs.msg import ActionFeedback
+from rosplan_knowledge_msgs.msg import StatusUpdate
+from rospy import core, topics
 
 from merlin_ros.publishing import publish
 
@@ -27,3 +33,55 @@ def test_a_closed_topic_of_a_running_node_is_reported(monkeypatch):
     monkeypatch.setattr(core, "_in_shutdown", False)
     with pytest.raises(rospy.ROSException, match="closed topic"):
         publish(Closed(), "a message")
+
+
+class Connection:
+    """A subscriber, as rospy's publisher sees it."""
+
+    id = 1
+
+    def __init__(self):
+        self.sent = []
+
+    def write_data(self, data):
+        self.sent.append(data)
+
+
+@pytest.fixture
+def topic(monkeypatch):
+    """A publisher with one subscriber."""
+    monkeypatch.setattr(topics, "is_initialized", lambda: True)
+    publisher = rospy.Publisher.__new__(rospy.Publisher)
+    publisher.data_class, publisher.impl = StatusUpdate, topics._PublisherImpl("/status", StatusUpdate)
+    publisher.impl.is_latch = True
+    publisher.impl.connections = [Connection()]
+    return publisher
+
+
+def wire(name):
+    buffer = io.BytesIO()
+    StatusUpdate(last_update_client=name).serialize(buffer)
+    return struct.pack("<I", len(buffer.getvalue())) + buffer.getvalue()
+
+
+def test_half_a_character_is_replaced(topic):
+    for name in ("before", "caf\udce9", "after"):
+        publish(topic, StatusUpdate(last_update_client=name))
+    assert topic.impl.connections[0].sent == [wire("before"), wire("caf?"), wire("after")]
+    assert topic.impl.latch.last_update_client == "after"
+
+
+def test_half_a_character_is_replaced_deep_inside(topic):
+    topic.data_class = topic.impl.data_class = ActionFeedback
+    publish(topic, ActionFeedback(information=[KeyValue("reason", "caf\udce9")]))
+    (sent,) = topic.impl.connections[0].sent
+    assert b"caf?" in sent
+
+
+def test_what_cannot_be_written_does_not_spoil_the_next_message(topic):
+    publish(topic, StatusUpdate(last_update_client="before"))
+    with pytest.raises(rospy.ROSSerializationException):
+        publish(topic, StatusUpdate(last_update_client=3))
+    assert topic.impl.latch.last_update_client == "before"
+    publish(topic, StatusUpdate(last_update_client="after"))
+    assert topic.impl.connections[0].sent == [wire("before"), wire("after")]

@@ -42,7 +42,7 @@ class World(DispatchEnvironment):
         self.reports = []
         self.answers = []
         self.silences = {}
-        self.young_operators = set()
+        self.just_announced_operators = set()
         self.robot_of = lambda action, unmet: ""
         self.changed_event = threading.Condition()
         self.on_send = lambda action: None
@@ -74,7 +74,7 @@ class World(DispatchEnvironment):
     def close(self, action):
         self.note("tombstone", action)
 
-    def tell(self, action, status):
+    def publish_feedback(self, action, status):
         self.note(f"own {int(status)}", action)
 
     def operator(self, action):
@@ -104,7 +104,7 @@ class World(DispatchEnvironment):
         return self.silences.get(operator)
 
     def just_announced(self, operator):
-        return operator in self.young_operators
+        return operator in self.just_announced_operators
 
     def wake_at(self, when):
         self.wakes.append(when)

@@ -69,7 +69,7 @@ def test_a_higher_level_lets_go_what_it_allows(high):
     high.wait_unconfirmed("nothing")
     high.outcomes.set_level("high")
     assert high.holds.unconfirmed == [("DO/WORK", "nothing")]
-    with pytest.raises(ValueError, match="'medium' is no autonomy level; there are off, low, high, full"):
+    with pytest.raises(ValueError, match="'medium' is not an autonomy level; there are off, low, high, full"):
         high.outcomes.set_level("medium")
     high.outcomes.set_level("full")
     assert high.end() == "succeeded"
@@ -137,7 +137,7 @@ def test_levels_are_checked_where_they_are_written():
     with machine:
         with pytest.raises(ValueError, match="autonomy of GO: the state has no outcome 'done'"):
             machine.add("GO", Work([]), autonomy={"done": "high"})
-        with pytest.raises(ValueError, match="'higher' is no autonomy level"):
+        with pytest.raises(ValueError, match="'higher' is not an autonomy level"):
             machine.add_auto("GO", Work([]), ["succeeded"], autonomy={"succeeded": "higher"})
         machine.add("GO", Work([]), {"nothing": "succeeded"}, autonomy={"succeeded": "high"})
     outcomes = Outcomes(StateHolds())

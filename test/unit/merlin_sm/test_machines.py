@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
-from smach import UserData
+from smach import InvalidTransitionError, UserData
 
 OUTCOMES = [SUCCEEDED, ABORTED, PREEMPTED]
 LIMIT = 60.0
@@ -130,3 +130,9 @@ def test_a_preempt_ends_both() -> None:
 def test_an_unknown_state_is_named_with_those_there_are() -> None:
     with pytest.raises(KeyError, match="'fly'.*navigation"):
         MerlinStateFactory.create("fly")
+
+
+def test_a_machine_that_leads_nowhere_is_refused_when_it_is_closed() -> None:
+    """SMACH only logs that; a robot would learn of it when it runs the machine."""
+    with pytest.raises(InvalidTransitionError, match="NOWHERE"), MerlinSM(OUTCOMES) as made:
+        made.add("A", Wait(SUCCEEDED), {SUCCEEDED: "NOWHERE"})

@@ -116,14 +116,14 @@ def test_structure_and_callbacks(kit):
 
 
 def test_broken_definitions_raise(kit):
-    with pytest.raises(smach.InvalidStateError, match="no contained state"), smach.Iterator(["done"], [], []):
-        pass
+    with pytest.raises(smach.InvalidStateError, match="no contained state"):
+        smach.Iterator(["done"], [], []).execute()
     with pytest.raises(smach.InvalidStateError, match="iterable"):
         smach.Iterator(["done"], [], [], it=5)
     with pytest.raises(smach.InvalidTransitionError, match="'stop'"):
-        iterator(kit.Done(), [1], break_outcomes=["stop"])
+        iterator(kit.Done(), [1], break_outcomes=["stop"]).execute()
     with pytest.raises(smach.InvalidTransitionError, match="'done'"):
-        iterator(kit.Done(), [1], outcomes=["other"], break_outcomes=["done"])
+        iterator(kit.Done(), [1], outcomes=["other"], break_outcomes=["done"]).execute()
 
 
 def test_set_iteritems(kit):

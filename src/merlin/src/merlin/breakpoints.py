@@ -1,4 +1,4 @@
-"""The command `rosrun merlin breakpoints`: holds before actions, goals and states; lets go on."""
+"""The command `rosrun merlin breakpoints`: holds before actions, goals and states, and continues them."""
 
 import argparse
 import os
@@ -20,7 +20,7 @@ LIMIT = 10.0  # s for the Executor's status
 
 
 def main() -> int:
-    """Sets breakpoints, or lets go on; returns the exit code, 2 when it was not done."""
+    """Sets breakpoints, or continues; returns the exit code, 2 when that failed."""
     parser = argparse.ArgumentParser(
         prog="rosrun merlin breakpoints",
         description="Holds the robot before actions, goals, states. Without arguments: says what holds it.",
@@ -40,7 +40,7 @@ def main() -> int:
 
 
 def at_robot(name: str, robot: Optional[str], do: Callable[[str], None]) -> int:
-    """Does something as a node beside the robot that runs; returns the exit code, 2 when it was not done.
+    """Runs a function as a node beside the running robot; returns the exit code, 2 when it was not done.
 
     :param name: of the command.
     :param robot: its namespace; None: the only one.

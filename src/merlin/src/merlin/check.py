@@ -15,7 +15,7 @@ from merlin.master import Master
 from merlin_actions.action_classes import make_machines
 from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, check_application
 from merlin_actions.core.declared import declared_fault
-from merlin_actions.core.robot_check import check_robots, robot_parameters
+from merlin_actions.core.robot_check import check_robots, robot_parameters, unnamed_robots
 from merlin_actions.machine_survey import survey
 from merlin_executor.mission.mission_host import load_mission
 from merlin_pddl.checks.portability import declared_twice
@@ -120,6 +120,8 @@ def check_host(config: LaunchConfig, namespace: str, host: Node) -> str:
     elsewhere = [need._replace(points=(), targets=(), servers=()) for need in everything if need not in needs]
     mistakes = check_application([*needs, *elsewhere], world, bool(config.param(f"{own}/complete", False)))
     mistakes += check_robots(everything, world, robots)
+    if not robots:
+        mistakes += unnamed_robots(domain, problem)
     if mistakes:
         raise ApplicationError(mistakes)
     wanted = sorted({server for need in needs for _, server in need.servers})

@@ -20,8 +20,7 @@ class ErrorRelay:
 
     def __init__(self, log_file: Path) -> None:
         """
-        Parameters:
-            log_file: takes every line.
+        :param log_file: takes every line.
         """
         self._log_file = log_file
         self._muted = threading.Event()
@@ -46,7 +45,7 @@ class ErrorRelay:
         os.write(self._screen, f"{text}\n".encode())
 
     def mute(self) -> None:
-        """From now on the nodes' lines go to the log file only."""
+        """Sends the nodes' lines to the log file only, from now on."""
         self._muted.set()
 
     def _relay(self) -> None:

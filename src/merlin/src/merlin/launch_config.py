@@ -5,8 +5,7 @@ from typing import Any, Dict, Iterator, List, Tuple
 
 import roslaunch
 import rospkg
-from roslaunch.core import Node, RLException
-from roslaunch.substitution_args import SubstitutionException
+from roslaunch.core import Node
 
 from merlin.launch_request import LaunchError, LaunchRequest, one_line
 
@@ -39,7 +38,7 @@ class LaunchConfig:
             raise LaunchError(
                 f"there is no package '{error.args[0]}'; build it, or correct $(find …)"
             ) from error
-        except (RLException, ValueError, SubstitutionException) as error:
+        except Exception as error:  # RLException, and whatever an expression $(eval …) raises
             raise LaunchError(one_line(error)) from error
         self.nodes: List[Node] = list(config.nodes)
         self._params: Dict[str, Any] = {key: param.value for key, param in config.params.items()}
@@ -69,7 +68,7 @@ class LaunchConfig:
         return dict(host.remap_args).get(KNOWLEDGE_BASE, f"{host.namespace}{KNOWLEDGE_BASE}")
 
     def robots(self) -> List[str]:
-        """The robots that it names; none: it starts one that has no name."""
+        """The robots that it names; empty: it starts one robot without a name."""
         names = [self.param(f"{namespace}{host.name}/robot", "") for namespace, host in self.hosts()]
         return [str(name) for name in names if name]
 

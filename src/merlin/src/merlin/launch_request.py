@@ -42,11 +42,10 @@ class HelpWanted(Exception):
 class LaunchRequest:
     """A checked command line.
 
-    Attributes:
-        launch_file: the file to run.
-        arguments: arguments of the launch file, name → text.
-        port: port of the ROS master; None: any free one.
-        linger: whether the page stays when the run has ended.
+    :ivar launch_file: the file to run.
+    :ivar arguments: arguments of the launch file, name → text.
+    :ivar port: port of the ROS master; None: any free one.
+    :ivar linger: whether the page stays when the run has ended.
     """
 
     launch_file: Path
@@ -58,10 +57,9 @@ class LaunchRequest:
     def from_command_line(cls, words: Iterable[str]) -> "LaunchRequest":
         """Reads `[package] <launch file> name:=value …`.
 
-        Raises:
-            HelpWanted: it has --help.
-            LaunchError: no such launch file, no such argument, a required argument is missing, a bad port
-                or word for lingering.
+        :raises HelpWanted: it has --help.
+        :raises LaunchError: no such launch file, no such argument, a required argument is missing, a bad port
+            or word for lingering.
         """
         files, pairs = [], {}
         for word in words:
@@ -107,8 +105,7 @@ def application_names() -> List[str]:
 def find_launch_file(name: str) -> Path:
     """The file of a path, or of a name in MERLIN's launch folder.
 
-    Raises:
-        LaunchError: there is none.
+    :raises LaunchError: when it does not exist.
     """
     for path in (Path(name), launch_folder() / name):
         if path.is_file():
@@ -141,8 +138,7 @@ def file_of_package(package: str, name: str) -> Path:
 def declared_arguments(launch_file: Path) -> Dict[str, Optional[str]]:
     """Arguments that a launch file declares, name → default (None: required).
 
-    Raises:
-        LaunchError: the file cannot be read as a launch file.
+    :raises LaunchError: the file cannot be read as a launch file.
     """
     try:
         found = roslaunch.arg_dump.get_args([str(launch_file)])
@@ -214,4 +210,4 @@ def _linger(text: str) -> Linger:
         return Linger(text)
     except ValueError:
         words = ", ".join(each.value for each in Linger)
-        raise LaunchError(f"linger:={text} is none of {words}; leave it out to end with the run") from None
+        raise LaunchError(f"linger:={text} is not one of {words}; leave it out to end with the run") from None

@@ -13,9 +13,11 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Union
 
 import roslaunch
+import roslaunch.loader
+import roslaunch.xmlloader
 import roslib.packages
 import rospkg
 from roslaunch.core import Node, RLException
@@ -29,17 +31,17 @@ from merlin.local_names import LOCALHOST, LOOPBACK, master_uri, resolves, use_lo
 from merlin.master import Master
 from merlin.orphans import adopt_orphans, end_children
 from merlin.running import announced
-from merlin_ros.node import end_lightly
+from merlin_ros.lean_start import end_lightly
 
 MISSION_NODE = "mission"
+#: Wall seconds between SIGINT and SIGTERM of a node that does not end (a bag is being closed).
 INTERRUPT_TIMEOUT = 15.0
-"""Wall seconds between SIGINT and SIGTERM of a node that does not end (a bag is being closed)."""
+#: Wall seconds between SIGTERM and SIGKILL.
 TERMINATE_TIMEOUT = 1.0
-"""Wall seconds between SIGTERM and SIGKILL."""
+#: Wall seconds after which a signal that did not wake the run is seen at the latest.
 LOOK_FOR_SIGNALS = 0.5
-"""Wall seconds after which a signal that did not wake the run is seen at the latest."""
+#: Ends of the names of parameters that name a file which has to be there when a node starts.
 FILE_PARAMETERS = ("/domain_path", "knowledge_base/problem_path", "/world_file", "/world_path")
-"""Ends of the names of parameters that name a file which has to be there when a node starts."""
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -52,10 +54,36 @@ class _Death(NamedTuple):
     exit_code: Optional[int]
 
 
+_Event = Union[signal.Signals, _Death]
+
+
+class _Loader(roslaunch.xmlloader.XmlLoader):
+    """Finds the version and the name of ROS, which every launch sets, without processes of their own."""
+
+    _VERSION, _DISTRIBUTION = "rosversion roslaunch", "rosversion -d"
+
+    def param_value(self, verbose: bool, name: str, ptype: str, *sources: Any) -> Any:
+        """The value of a parameter.
+
+        :param sources: value, text file, binary file and command; all but one are None.
+        """
+        found = None
+        if sources[-1] == self._DISTRIBUTION:
+            found = os.environ.get("ROS_DISTRO")
+        elif sources[-1] == self._VERSION:
+            with contextlib.suppress(rospkg.ResourceNotFound, rospkg.InvalidManifest):
+                found = rospkg.RosPack().get_manifest("roslaunch").version
+        if found:
+            return roslaunch.loader.convert_value(f"{found}\n", ptype)  # the command ends its line, too
+        return super().param_value(verbose, name, ptype, *sources)
+
+
 class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
     """roslaunch on a master that runs already; every death from the first process on reaches `events`."""
 
-    def __init__(self, run_id: str, request: LaunchRequest, port: int, events: "queue.SimpleQueue") -> None:
+    def __init__(
+        self, run_id: str, request: LaunchRequest, port: int, events: "queue.SimpleQueue[_Event]"
+    ) -> None:
         super().__init__(
             run_id,
             [(str(request.launch_file), request.words())],
@@ -69,12 +97,13 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
     def load(self) -> None:
         """Reads the launch file.
 
-        Raises:
-            RLException: it, or a file it includes, cannot be read.
-            LaunchError: it names a file that is missing.
+        :raises RLException: it, or a file it includes, cannot be read.
+        :raises LaunchError: it names a file that is missing.
         """
         try:
-            self._load_config()
+            self.config = roslaunch.config.load_config_default(
+                self.roslaunch_files, self.port, loader=_Loader(), verbose=False
+            )
         except rospkg.ResourceNotFound as error:
             raise LaunchError(
                 f"there is no package '{error.args[0]}'; build it, or correct $(find …)"
@@ -108,8 +137,7 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
 def check_files(parameters: Dict[str, Any]) -> None:
     """Looks for the files that parameters name.
 
-    Raises:
-        LaunchError: one is missing.
+    :raises LaunchError: one is missing.
     """
     for key, value in parameters.items():
         if key.endswith(FILE_PARAMETERS) and value and not Path(str(value)).is_file():
@@ -119,10 +147,9 @@ def check_files(parameters: Dict[str, Any]) -> None:
 
 
 def check_executables(nodes: Iterable[Node]) -> None:
-    """Looks for the executables of nodes; roslaunch itself would start the others and go on.
+    """Looks for the executables of nodes; roslaunch itself would start the others and continue.
 
-    Raises:
-        LaunchError: one is missing.
+    :raises LaunchError: one is missing.
     """
     rospack = rospkg.RosPack()
     for node in nodes:
@@ -140,18 +167,15 @@ def check_executables(nodes: Iterable[Node]) -> None:
 class LaunchRun:
     """One run, from the first process to the last.
 
-    Parameters:
-        request: what is run.
-        command: that the user has given, for messages.
-
-    Attributes:
-        log_folder: where the nodes' logs are.
+    :param request: what is run.
+    :param command: that the user has given, for messages.
+    :ivar log_folder: where the nodes' logs are.
     """
 
     def __init__(self, request: LaunchRequest, command: str = "merlin run") -> None:
         self._request = request
         self._command = command
-        self._events: queue.SimpleQueue[object] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[_Event] = queue.SimpleQueue()
         self._master: Optional[Master] = None
         self._parent: Optional[_Parent] = None
         self._missions: Dict[str, Optional[int]] = {}
@@ -170,8 +194,7 @@ class LaunchRun:
     def run(self) -> int:
         """Runs to the end.
 
-        Returns:
-            The exit code: the mission's, 128 + signal, or 1 and 2 for a run that failed or could not start.
+        :return: the exit code: the mission's, 128 + signal, or 1 and 2 for a failed or refused run.
         """
         adopt_orphans()
         roslib.set_interactive(True)  # else roslaunch takes the signal handlers for itself
@@ -218,12 +241,12 @@ class LaunchRun:
                 if code is not None:
                     return code
 
-    def _handle(self, event: object) -> Optional[int]:
+    def _handle(self, event: _Event) -> Optional[int]:
         """The exit code when the event ends the run."""
         if isinstance(event, signal.Signals):
             self._say(f"{event.name}: stopping")
             return 128 + event
-        assert isinstance(event, _Death) and self._parent is not None
+        assert self._parent is not None
         if event.process in self._missions:
             self._missions[event.process] = _positive(event.exit_code)
             codes = list(self._missions.values())

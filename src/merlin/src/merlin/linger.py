@@ -23,10 +23,9 @@ class Linger(Enum):
 class Page(NamedTuple):
     """What a run leaves of its page.
 
-    Attributes:
-        history: the monitor's file.
-        host: address on which the monitor served.
-        port: that it was asked to serve on.
+    :ivar history: the monitor's file.
+    :ivar host: address on which the monitor served.
+    :ivar port: that it was asked to serve on.
     """
 
     history: Path
@@ -60,7 +59,7 @@ def page_of(nodes: Iterable[Node], parameters: Dict[str, Any]) -> Optional[Page]
 def lingers(linger: Linger, on_terminal: bool) -> bool:
     """Whether the page of a run is kept.
 
-    :param on_terminal: whether there is a user who can end it with a key.
+    :param on_terminal: whether a user can end it with a key.
     """
     return linger is Linger.ALWAYS or (linger is Linger.ON_TERMINAL and on_terminal)
 

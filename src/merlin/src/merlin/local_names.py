@@ -1,4 +1,4 @@
-"""What runs on one machine runs although the machine's names cannot be resolved: it uses 127.0.0.1.
+"""Lets a system on one machine run when the machine's names cannot be resolved: it uses 127.0.0.1.
 
 In containers, `/etc/hosts` may lack the machine's own name or `localhost`. ROS puts both into addresses.
 """
@@ -28,7 +28,7 @@ def resolves(name: str) -> bool:
 
 
 def use_loopback() -> str:
-    """Lets this process, and those that it starts, call itself 127.0.0.1 when its name has no address.
+    """Makes this process and its children use 127.0.0.1 when the host name has no address.
 
     What the user has set, ROS_IP or ROS_HOSTNAME, stays.
 

@@ -1,4 +1,4 @@
-"""A ROS master inside this process, on a port that cannot be taken by anybody else in between.
+"""A ROS master inside this process, on a port that another process cannot take in between.
 
 Finding a free port first and starting `rosmaster` on it afterwards is a race that two runs started
 together lose now and then; binding port 0 is not.
@@ -12,12 +12,12 @@ import rosmaster.master_api
 
 from merlin.launch_request import LaunchError
 
+#: Wall seconds that binding a socket may take.
 START_TIMEOUT = 10.0
-"""Wall seconds that binding a socket may take."""
 
 
 class _Server(rosgraph.xmlrpc.XmlRpcNode):
-    """The master's XML-RPC server; tells when it is bound or has failed."""
+    """The master's XML-RPC server; sets an event when it is bound or has failed."""
 
     def __init__(self, port: int, handler: rosgraph.xmlrpc.XmlRpcHandler) -> None:
         super().__init__(port, handler, on_run_error=self._failed)
@@ -36,18 +36,14 @@ class _Server(rosgraph.xmlrpc.XmlRpcNode):
 class Master:
     """The master of one run.
 
-    Attributes:
-        port: the port it listens on.
+    :ivar port: the port it listens on.
     """
 
     def __init__(self, port: Optional[int] = None) -> None:
         """Starts the master.
 
-        Parameters:
-            port: TCP port; None: any free one.
-
-        Raises:
-            LaunchError: the port is taken.
+        :param port: TCP port; None: any free one.
+        :raises LaunchError: the port is taken.
         """
         handler = rosmaster.master_api.ROSMasterHandler(rosmaster.master_api.NUM_WORKERS)
         self._server = _Server(port or 0, handler)

@@ -4,12 +4,12 @@ import argparse
 import getpass
 
 from merlin.breakpoints import at_robot
+from merlin_sm.autonomy import LEVELS
 from merlin_sm.breakpoint_client import MachineNodes
-from merlin_sm.holding.autonomy import LEVELS
 
 
 def leave() -> int:
-    """Has a state left with an outcome; returns the exit code, 2 when it was not done."""
+    """Makes a state end with an outcome; returns the exit code, 2 when that failed."""
     parser = argparse.ArgumentParser(
         prog="rosrun merlin leave",
         description="Has a state of a machine left with an outcome; without one, confirms what waits.",

@@ -15,8 +15,7 @@ PR_SET_CHILD_SUBREAPER = 36
 def adopt_orphans() -> bool:
     """Makes this process the new parent of grandchildren that lose theirs.
 
-    Returns:
-        False where the system has no such thing (not Linux); then only direct children are found.
+    :return: false where the system has no such thing (not Linux); then only direct children are found.
     """
     try:
         return ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) == 0
@@ -43,10 +42,9 @@ def children() -> List[int]:
 def end_children() -> List[int]:
     """Kills and reaps all children of this process, and theirs as they are adopted.
 
-    Returns:
-        The ids of those that were still running.
+    :return: the ids of those that were still running.
     """
-    killed = []
+    killed: List[int] = []
     while True:
         left = children()
         if not left:

@@ -1,4 +1,4 @@
-"""The command `rosrun merlin reload`: takes edited actions in, while the rest of the system goes on."""
+"""The command `rosrun merlin reload`: takes edited actions in, while the rest of the system continues."""
 
 import os
 import sys

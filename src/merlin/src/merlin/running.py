@@ -7,18 +7,19 @@ reload` and `rosrun merlin send` need no address.
 import contextlib
 import json
 import os
+import socket
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Tuple
 
 import rosgraph
 import rospkg
+from rosgraph.network import parse_http_host_and_port
 
 from merlin.launch_request import LaunchError
 from merlin.local_names import use_loopback
-from merlin_ros.master.master_link import ERRORS, MASTER_TIMEOUT, bounded_proxy
 
 
-class LaunchRun(NamedTuple):
+class RunningLaunch(NamedTuple):
     """A run that lives."""
 
     pid: int
@@ -36,7 +37,7 @@ def folder() -> Path:
 @contextlib.contextmanager
 def announced(uri: str, launch_file: Path, log_folder: Path) -> Iterator[None]:
     """Within it, other processes find this run. A folder that cannot be written keeps no run from going."""
-    run = LaunchRun(os.getpid(), _began(os.getpid()), uri, str(launch_file), str(log_folder))
+    run = RunningLaunch(os.getpid(), _began(os.getpid()), uri, str(launch_file), str(log_folder))
     note = folder() / f"{run.pid}.json"
     with contextlib.suppress(OSError):
         note.parent.mkdir(parents=True, exist_ok=True)
@@ -48,12 +49,12 @@ def announced(uri: str, launch_file: Path, log_folder: Path) -> Iterator[None]:
             note.unlink()
 
 
-def living() -> List[LaunchRun]:
+def living() -> List[RunningLaunch]:
     """The runs of this machine, oldest first; notes of runs that were killed are removed."""
     runs = []
     for note in folder().glob("*.json"):
         try:
-            run = LaunchRun(**json.loads(note.read_text(encoding="utf-8")))
+            run = RunningLaunch(**json.loads(note.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):
             continue  # it ends, or is being written
         if _began(run.pid) == run.began:
@@ -72,9 +73,15 @@ def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tu
     :return: the master's address, and the names.
     :raises LaunchError: when no master has it, or several have.
     """
+    # It imports rospy, which a run that is only announced does without.
+    from merlin_ros.master.master_link import ERRORS, MASTER_TIMEOUT, bounded_proxy
+
     use_loopback()
     masters = {rosgraph.get_master_uri(): "ROS_MASTER_URI"}
-    masters.update((run.uri, Path(run.launch_file).name) for run in living())
+    places = set(map(_place, masters))
+    for run in living():
+        if _place(run.uri) not in places:  # one of another name is asked once
+            masters[run.uri] = Path(run.launch_file).name
     found: Dict[str, List[str]] = {}
     for uri in masters:
         try:
@@ -89,7 +96,16 @@ def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tu
         choice = ", ".join(f"ROS_MASTER_URI={uri} ({masters[uri]})" for uri in found)
         raise LaunchError(f"several systems have {wanted}; choose one: {choice}")
     asked = ", ".join(f"{uri} ({name})" for uri, name in masters.items())
-    raise LaunchError(f"nothing that runs has {wanted}; asked: {asked}")
+    raise LaunchError(f"no running system has {wanted}; asked: {asked}")
+
+
+def _place(uri: str) -> Tuple[str, int]:
+    """Address and port of a master."""
+    try:
+        host, port = parse_http_host_and_port(uri)
+        return socket.gethostbyname(host), port
+    except (OSError, ValueError):
+        return uri, 0
 
 
 def _graph(master: Any) -> Tuple[List[str], List[str]]:
@@ -99,7 +115,7 @@ def _graph(master: Any) -> Tuple[List[str], List[str]]:
 
 
 def _began(pid: int) -> str:
-    """When a process began, in ticks since the machine did; empty: there is none."""
+    """When a process began, in ticks since the machine started; empty: no such process."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[19]
     except OSError:

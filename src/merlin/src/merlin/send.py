@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from typing import List
+from typing import List, Optional
 
 import rospy
 from merlin_msgs.msg import ExecuteResult
@@ -59,7 +59,7 @@ def main() -> int:
         rospy.signal_shutdown("sent")
 
 
-def executors(nodes: List[str], robot: str) -> List[str]:
+def executors(nodes: List[str], robot: Optional[str]) -> List[str]:
     """The Executors among the nodes: all of them, or that of one robot."""
     if robot is None:
         return [node for node in nodes if node.rpartition("/")[2] == EXECUTOR]

@@ -10,7 +10,7 @@ from merlin_executor.executor_request import ExecutorRequest
 
 
 class SendProgress:
-    """Says what a request is at, and what it waits for, once for each change.
+    """Prints the stage of a request, and what it waits for, once for each change.
 
     :param say: takes a line.
     """
@@ -41,21 +41,21 @@ class SendProgress:
         """Takes a feedback of the request."""
         with self._lock:
             self._feedback = feedback
-            self._tell()
+            self._print()
 
     def executor(self, status: ExecutorStatus) -> None:
         """Takes the Executor's status."""
         with self._lock:
             self._status = status
-            self._tell()
+            self._print()
 
     def guard(self, status: GuardStatus) -> None:
         """Takes the status of the robot's guard."""
         with self._lock:
             self._guard = status
-            self._tell()
+            self._print()
 
-    def _tell(self) -> None:
+    def _print(self) -> None:
         said = self._obstacle() or self._doing()
         if said and said != self._said:
             self._said = said

@@ -9,17 +9,15 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.class_path import load_class
 
 
-def read_machines(parameter: str = "~actions") -> List[MerlinActionSM]:
-    """Makes the machines that a parameter names.
+def read_machines() -> List[MerlinActionSM]:
+    """Makes the machines that the parameter ``~actions`` names: a list of ``package.module:Class``.
 
-    :param parameter: its value is a list of ``package.module:Class``.
-    :raises ValueError: when it is not one, or one of them is not a class of actions.
+    :raises ValueError: when it is not such a list, or one of them is not a class of actions.
     """
-    paths = rospy.get_param(parameter, [])
+    paths = rospy.get_param("~actions", [])
     if not isinstance(paths, list) or not paths or not all(isinstance(path, str) for path in paths):
-        raise ValueError(
-            f"parameter {rospy.resolve_name(parameter)} has to be a list of package.module:Class"
-        )
+        name = rospy.resolve_name("~actions")
+        raise ValueError(f"parameter {name} has to be a list of package.module:Class")
     return make_machines(paths)
 
 

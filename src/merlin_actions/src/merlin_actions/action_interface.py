@@ -11,15 +11,17 @@ from typing import Any, Dict, List, Optional, Union
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
+from merlin_msgs.msg import DispatchStatus
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
+from merlin_actions.answers import QUEUE, answer_of
 from merlin_actions.core.declared import bound, numeric_apart
-from merlin_actions.core.ending import Ending, after_closing, closing_of, information_of
+from merlin_actions.core.ending import Ending, after_closing, closing_of
 from merlin_actions.core.execution import Execution
 from merlin_actions.core.execution_queue import ExecutionQueue, Key, QueueDecision, QueueStep, at_once
-from merlin_actions.core.latched import LATCH_GRACE, Latched
-from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, WHILE_RUNNING, action_param
+from merlin_actions.core.latched import LATCH_GRACE, Latched, PutAside
+from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
 from merlin_actions.left_executions import settle_left
 from merlin_ros.actions.lease import LeaseChange, LeaseState
@@ -81,26 +83,28 @@ class ActionInterface:
         self._effects = effects_of(details, self.knowledge)
         self._changed = threading.Condition()  # guards the four fields below
         self._latched = Latched()
-        self._put_aside: Optional[ActionDispatch] = None  # was latched; its dispatcher may wait for it
+        self._put_aside = PutAside()
         self._executions: Dict[Key, Execution] = {}
         self._queue = ExecutionQueue(at_once(self.concurrent))
         self._stopped = threading.Event()
-        self._newcomers = (
-            Subscribed()
-        )  # of the announcements: a process latches but the last one of its actions
+        # Of the announcements: a process latches but the last one of its actions.
+        self._newcomers = Subscribed()
         self._topics = (dispatch_topic, feedback_topic)
 
     def start(self) -> None:
         """Begins to serve."""
         dispatch_topic, feedback_topic = self._topics
         self._owners = LeaseWatch(f"{self._dispatcher}/lease", self._owner_changed)
-        self._feedback = rospy.Publisher(feedback_topic, ActionFeedback, latch=True, queue_size=10)
+        self._feedback = rospy.Publisher(feedback_topic, ActionFeedback, latch=True, queue_size=QUEUE)
         self._announcements = rospy.Publisher(
             f"{self.knowledge.name}/pddl_action_parameters",
             DomainFormula,
             subscriber_listener=self._newcomers,
             latch=True,
             queue_size=10,
+        )
+        self._dispatcher_status = rospy.Subscriber(
+            f"{self._dispatcher}/dispatch_status", DispatchStatus, self._note_dispatcher, tcp_nodelay=True
         )
         self._subscriber = rospy.Subscriber(dispatch_topic, ActionDispatch, self._receive, tcp_nodelay=True)
         threading.Thread(target=self._announce, name=f"announce {self.operator}", daemon=True).start()
@@ -115,6 +119,7 @@ class ActionInterface:
         self._stopped.set()
         self._newcomers.there.set()
         self._subscriber.unregister()
+        self._dispatcher_status.unregister()
         self._owners.shutdown()
         with self._changed:
             decisions = self._queue.cancel_all("its action interface shuts down")
@@ -134,7 +139,10 @@ class ActionInterface:
             return list(self._executions.values())
 
     def ready(self, execution: Execution) -> Optional[Ending]:
-        """Waits for what carries the action out, before its start effects; returns why it does not begin."""
+        """Waits for the node that executes the action, before the start effects.
+
+        :return: why the action cannot begin; None: it can.
+        """
         return None
 
     def run(self, execution: Execution) -> Ending:
@@ -150,28 +158,29 @@ class ActionInterface:
             old = self._latched.may_be_old(dispatch, running_time())
         if dispatch.name == CANCEL_ACTION:
             with self._changed:
-                if self._put_aside is not None and _key(self._put_aside) == _key(dispatch):
-                    self._put_aside = None
+                self._put_aside.drop(dispatch)
             for execution in self.executions():
                 if execution.matches(dispatch):
                     self._cancel(execution, "cancelled")
         elif dispatch.name.lower() == self.operator.lower():
             with self._changed:
-                stale = old and not self._expected(dispatch)  # an old one must not run again
-                self._put_aside = dispatch if stale else None
+                stale = old and not self._put_aside.awaited(dispatch)  # an old one must not run again
+                if stale:
+                    self._put_aside.put(dispatch)
+                else:
+                    self._put_aside.keep(dispatch.plan_id)
             if stale:
                 rospy.loginfo(f"{self.operator}: put a dispatch aside that may be older than this interface")
                 return
             self._begin(dispatch)
 
-    def _begin_expected(self) -> None:
-        """Begins what was put aside if the dispatcher waits for it: its status may come later."""
+    def _note_dispatcher(self, status: DispatchStatus) -> None:
+        """Begins what was put aside if the dispatcher waits for it. ROSPlan's own tells no status."""
         with self._changed:
-            dispatch = self._put_aside
-            if dispatch is None or not self._expected(dispatch):
-                return
-            self._put_aside = None
-        self._begin(dispatch)
+            self._latched.names_waiting = True
+            awaited = self._put_aside.take([(action.plan_id, action.action_id) for action in status.running])
+        for dispatch in awaited:
+            self._begin(dispatch)
 
     def _cancel(self, execution: Execution, reason: str) -> None:
         with self._changed:
@@ -181,7 +190,7 @@ class ActionInterface:
     def _owner_changed(self, change: LeaseChange) -> None:
         """The dispatcher is silent, back, or gone."""
         for execution in self.executions():
-            if change.goal != f"{execution.key[0]}/{execution.key[1]}":
+            if change.goal != execution.lease:
                 continue
             if change.state is LeaseState.HELD:
                 ownership.resume(execution.token)
@@ -193,18 +202,13 @@ class ActionInterface:
             if execution.key not in self._executions:  # it ended meanwhile, and nothing else would resume it
                 ownership.resume(execution.token)
 
-    def _expected(self, dispatch: ActionDispatch) -> bool:
-        """Whether the dispatcher is known to wait for this action now."""
-        return False
-
     def _begin(self, dispatch: ActionDispatch) -> None:
         key = dispatch.plan_id, dispatch.action_id
         given = {parameter.key: parameter.value for parameter in dispatch.parameters}
         variables = [parameter.key for parameter in self.formula.typed_parameters]
-        missing = [variable for variable in variables if variable not in given]
+        missing = ["?" + variable for variable in variables if variable not in given]
         if missing:
-            names = ", ".join("?" + name for name in missing)
-            self._answer(key, Ending(False, f"{self.operator}: no value for parameter {names}"))
+            self._answer(key, Ending(False, f"{self.operator}: no value for parameter {', '.join(missing)}"))
             return
         if master_is_lost():
             self._answer(key, Ending(False, MASTER_LOST))
@@ -218,11 +222,14 @@ class ActionInterface:
         if not decisions:
             rospy.logwarn(f"{execution.text} was dispatched twice with the same ids; it runs once")
             return
+        sender = (getattr(dispatch, "_connection_header", None) or {}).get("callerid", "")
+        self._owners.arrive(execution.lease, sender)
         self._answer(execution.key)
+        self._owners.tell(execution.lease)  # which came before it
         self._carry_out(decisions)
 
     def _carry_out(self, decisions: List[QueueDecision]) -> None:
-        """Does what the queue has decided; without the lock."""
+        """Carries out the queue's decisions; without the lock."""
         for decision in decisions:
             with self._changed:
                 execution = self._executions.get(decision.key)
@@ -269,12 +276,14 @@ class ActionInterface:
             self._executions.pop(execution.key, None)
             decisions = self._queue.end(execution.key)
         ownership.resume(execution.token)
-        self._owners.forget(f"{execution.key[0]}/{execution.key[1]}")
-        if not execution.answered:
-            self._answer_end(execution, ending)
-        with self._changed:
-            self._changed.notify_all()
-        self._carry_out(decisions)
+        self._owners.forget(execution.lease)
+        try:
+            if not execution.answered:
+                self._answer_end(execution, ending)
+        finally:  # the next execution begins whatever became of this answer
+            with self._changed:
+                self._changed.notify_all()
+            self._carry_out(decisions)
 
     def _answer_end(self, execution: Execution, ending: Ending) -> None:
         if not ending.succeeded:
@@ -297,6 +306,8 @@ class ActionInterface:
                 parse_literals(declared.get(WHILE_RUNNING, []), execution.binding),
                 parse_literals(interrupted, execution.binding),
                 [bound(text, execution.binding) for text in counts],
+                execution.lane,
+                list(declared.get(IF_STOPPED_AT, [])),
             )
             self._effects.open(opening)
         except _KNOWLEDGE_ERRORS as error:
@@ -335,7 +346,7 @@ class ActionInterface:
         return action_param(self.operator)
 
     def _allow(self, execution: Execution, declared: Dict[str, Any]) -> None:
-        """Lets as many run at once as the action's class says: others may wait since this one arrived."""
+        """Allows as many parallel executions as the action's class declares, and starts waiting ones."""
         if CONCURRENT in declared and not execution.lane:
             with self._changed:
                 decisions = self._queue.allow(at_once(declared[CONCURRENT]))
@@ -349,13 +360,8 @@ class ActionInterface:
         return dict(get_param(rospy.resolve_name(self._param(execution)), {}))
 
     def _answer(self, key: Key, ending: Optional[Ending] = None) -> None:
-        """Tells the dispatcher that an execution has ended; without an ending: that it is accepted."""
-        feedback = ActionFeedback(plan_id=key[0], action_id=key[1], status=ActionFeedback.ACTION_ENABLED)
-        if ending is not None:
-            succeeded = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
-            feedback.status = succeeded if ending.succeeded else ActionFeedback.ACTION_FAILED
-            feedback.information = [KeyValue(name, value) for name, value in information_of(ending).items()]
-        publish(self._feedback, feedback)
+        """Publishes to the dispatcher that an execution has ended; without an ending: that it is accepted."""
+        publish(self._feedback, answer_of(key, ending))
 
     def _announce(self) -> None:
         self._settle_left()
@@ -374,7 +380,7 @@ class ActionInterface:
             self._newcomers.there.wait(ANNOUNCE_PERIOD)
 
     def _settle_left(self) -> None:
-        """Closes what an earlier life of this node has left open, and answers for it."""
+        """Closes what an earlier process of this node has left open, and answers for it."""
         try:
             when_back(self._settle, RETURN_LIMIT)
         except _KNOWLEDGE_ERRORS as error:
@@ -385,7 +391,3 @@ class ActionInterface:
             rospy.logwarn(f"{left.text} was running when this node ended; its knowledge is put right")
             reason = f"the action interface of {self.operator} was restarted while it ran"
             self._answer(left.key, Ending(False, reason))
-
-
-def _key(dispatch: ActionDispatch) -> Key:
-    return dispatch.plan_id, dispatch.action_id

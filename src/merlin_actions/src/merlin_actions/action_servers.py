@@ -21,7 +21,7 @@ class ActionServers:
 
     :param formula: name and parameters of the operator.
     :param parents: types of the domain -> their parents.
-    :param robots: that are there; None: every action runs in this namespace.
+    :param robots: the robots that run; None: every action runs in this namespace.
     """
 
     def __init__(
@@ -34,8 +34,9 @@ class ActionServers:
             self._by_type = robot_parameter(formula.name, parameters, parents)
         except ValueError:
             self._by_type = ""  # the hosts of the robots have to say it
-        self._lock = threading.Lock()  # guards the field below
+        self._lock = threading.Lock()  # guards the fields below
         self._clients: Dict[str, ActionClient] = {}  # by name of the action
+        self._names: Dict[str, str] = {}  # robot -> name of its action
         if not self.parameter:
             self.client()
 
@@ -64,10 +65,19 @@ class ActionServers:
         with self._lock:
             if name not in self._clients:
                 self._clients[name] = ActionClient(name, RunActionAction)
+            self._names[robot] = name
             return self._clients[name]
 
+    def forget(self, robot: str) -> None:
+        """Shuts the client of a robot down that is forgotten."""
+        with self._lock:
+            name = self._names.pop(robot, "")
+            client = None if name in self._names.values() else self._clients.pop(name, None)
+        if client is not None:
+            client.shutdown()
+
     def wait_for_robot(self, robot: str, seconds: float, execution: Execution) -> str:
-        """Waits for a robot that was never heard of; returns why it takes no actions, or nothing.
+        """Waits for a robot without a message so far; returns why it takes no actions, or nothing.
 
         :param seconds: at most; a cancel ends it too.
         """
@@ -85,10 +95,10 @@ class ActionServers:
         stopped = execution.cancelled.is_set() and execution.cancel_reason != why
         return "" if stopped else why
 
-    def wait_told(self, robot: str) -> None:
+    def wait_published(self, robot: str) -> None:
         """Waits until the knowledge says that a robot takes no actions."""
         assert self._robots is not None
-        self._robots.wait_told(robot)
+        self._robots.wait_published(robot)
 
     def suspect(self, robot: str, reason: str) -> None:
         """An action was lost with the host of a robot."""
@@ -98,7 +108,7 @@ class ActionServers:
     def health(self) -> Health:
         """Whether the servers answer."""
         if self.parameter:
-            return Health()  # robots come and go; the bridges tell which are there
+            return Health()  # robots come and go; the bridges report which of them run
         client = self.client()
         if client.alive:
             return Health()

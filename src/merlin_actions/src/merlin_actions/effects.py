@@ -43,6 +43,10 @@ class Opening(NamedTuple):
     """Literals that hold after an interruption; none: what was before."""
     counts: Sequence[str] = ()
     """Numeric effects of an interruption, as PDDL text."""
+    robot: str = ""
+    """That runs it, of several."""
+    if_stopped_at: Sequence[str] = ()
+    """Literals for a robot that was stopped at a point of interest, which is ``?here`` in them."""
 
 
 class Effects:
@@ -196,16 +200,16 @@ def when_back(
     :raises merlin_ros.service_proxy.ServiceUnavailable: when it does not come back.
     """
     deadline = Deadline(limit)
-    pause, told = threading.Event(), False
+    pause, warned = threading.Event(), False
     while True:
         try:
             return call()
         except ServiceUnavailable:
             if deadline.expired:
                 raise
-            if not told:
+            if not warned:
                 on_gone()
-            told = True
+            warned = True
         # The master gives no event when a service is offered again.
         if pause.wait(min(RETRY, deadline.remaining() + 0.01)):
             return None

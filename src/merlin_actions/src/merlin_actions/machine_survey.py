@@ -25,7 +25,7 @@ def survey(machine: MerlinActionSM) -> Needs:
         tuple(_unset(machine, ())),
         machine.robot_parameter,
         machine.concurrent,
-        (*machine.while_running, *machine.if_interrupted),
+        (*machine.while_running, *machine.if_interrupted, *machine.if_stopped_at),
     )
 
 

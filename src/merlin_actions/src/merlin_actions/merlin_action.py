@@ -5,8 +5,7 @@ from typing import Any, Dict, Optional, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import DispatchStatus, RunActionGoal
-from rosplan_dispatch_msgs.msg import ActionDispatch
+from merlin_msgs.msg import RunActionGoal
 
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.action_servers import ActionServers
@@ -16,6 +15,7 @@ from merlin_actions.core.execution_queue import Key
 from merlin_actions.core.machine_end import GoalEnd, MachineEnd, ending_of
 from merlin_actions.core.robot_book import RobotChange
 from merlin_actions.robot_watch import RobotWatch
+from merlin_actions.stopped_robots import EffectsOfDrives, StoppedRobots
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.deadline import limit
@@ -37,6 +37,7 @@ class MerlinAction(ActionInterface):
     :param cancel_limit: s of running time in which the machine has to stop; zero or less: no limit.
     :param run_limit: s of ROS time in which it has to end; zero or less: no limit.
     :param robots: where an action with a parameter of type ``robot`` runs on that robot; None: all run here.
+    :param stopped: where robots stand whose drives were stopped; None: it is not followed.
 
     Further parameters are those of :class:`ActionInterface`.
     """
@@ -48,9 +49,12 @@ class MerlinAction(ActionInterface):
         cancel_limit: float = 3.5,
         run_limit: float = 1800.0,
         robots: Optional[RobotWatch] = None,
+        stopped: Optional[StoppedRobots] = None,
         **options: Any,
     ) -> None:
         super().__init__(operator, **options)
+        if stopped is not None:
+            self._effects = EffectsOfDrives(self._effects, stopped)
         self._server_wait = server_wait
         self._cancel_limit = cancel_limit
         self._run_limit = run_limit
@@ -62,7 +66,7 @@ class MerlinAction(ActionInterface):
         return self._servers.health()
 
     def ready(self, execution: Execution) -> Optional[Ending]:
-        """Waits for the action server: until it is there, the declared facts may be an earlier one's."""
+        """Waits for the action server: before, the declared facts may be those of an earlier server."""
         robot = execution.lane
         if robot:
             why = self._servers.wait_for_robot(robot, self._server_wait, execution)
@@ -147,7 +151,7 @@ class MerlinAction(ActionInterface):
         return self._servers.param(execution.lane)
 
     def _of_robot(self, execution: Execution, ending: Ending) -> Ending:
-        """What an end says when its robot takes no actions any more."""
+        """What an end says when its robot no longer takes actions."""
         robot = execution.lane
         if not robot or ending.succeeded or ending.robot:
             return ending
@@ -157,14 +161,14 @@ class MerlinAction(ActionInterface):
     def _run_with_effects(self, execution: Execution) -> Ending:
         ending = self._of_robot(execution, super()._run_with_effects(execution))
         if ending.robot:  # the next plan is made as soon as the dispatcher knows
-            self._servers.wait_told(ending.robot)
+            self._servers.wait_published(ending.robot)
         return ending
 
     def _answer_end(self, execution: Execution, ending: Ending) -> None:
         super()._answer_end(execution, self._of_robot(execution, ending))
 
     def robot_changed(self, change: RobotChange) -> None:
-        """A robot takes actions, or takes none any more: then those that it runs fail."""
+        """A robot takes actions, or no longer takes actions: then its running actions fail."""
         if change.available:
             if self._servers.parameter:
                 self._servers.client(change.robot)  # connects meanwhile
@@ -179,23 +183,8 @@ class MerlinAction(ActionInterface):
                 client, sent = self._sent.get(execution.key, (None, None))
             if execution.lost and client is not None and sent is not None:
                 client.give_up(sent, change.reason)
-
-    def start(self) -> None:
-        """See :meth:`ActionInterface.start`."""
-        self._running: frozenset = frozenset()
-        rospy.Subscriber(
-            f"{self._dispatcher}/dispatch_status", DispatchStatus, self._note_dispatcher, tcp_nodelay=True
-        )
-        super().start()
-
-    def _note_dispatcher(self, status: DispatchStatus) -> None:
-        with self._changed:
-            self._latched.told = True
-            self._running = frozenset((action.plan_id, action.action_id) for action in status.running)
-        self._begin_expected()
-
-    def _expected(self, dispatch: ActionDispatch) -> bool:
-        return (dispatch.plan_id, dispatch.action_id) in self._running
+        if change.forgotten:
+            self._servers.forget(change.robot)
 
 
 def _result_of(sent: ClientGoal) -> MachineEnd:

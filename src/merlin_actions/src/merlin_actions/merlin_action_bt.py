@@ -57,5 +57,5 @@ class MerlinActionBT(MerlinActionSM):
         return StateBehaviour(name, state, success, remapping)
 
     def wake(self) -> None:
-        """Has the tree ticked: for behaviours that look at what changes outside of it, from any thread."""
+        """Requests a tick: for behaviours that depend on changes outside of the tree, from any thread."""
         self._tree.wake()

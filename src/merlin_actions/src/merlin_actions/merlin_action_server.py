@@ -18,16 +18,16 @@ from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
 from merlin_sm.holding.gate import gate
 from merlin_sm.holding.node_holds import node_holds
-from merlin_sm.introspection import show
+from merlin_sm.introspection import start_introspection
 from merlin_sm.states.action_state import give_up_goals
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, MerlinState, merlin_states
 
+#: Wall seconds in which a running machine can stop the robot when its node ends.
 SHUTDOWN_WAIT = 2.0
-"""Wall seconds in which a running machine can stop the robot when its node ends."""
 
+#: Running seconds in which a preempted machine has to end: longer than a state gives its server, shorter than
+#: the bridge gives the machine: the server knows in which state the machine hangs, and names it.
 CANCEL_LIMIT = 2.7
-"""Running seconds in which a preempted machine has to end: longer than a state gives its server, shorter than
-the bridge gives the machine: the server knows in which state the machine hangs, and names it."""
 
 
 class MerlinActionServer:
@@ -37,7 +37,7 @@ class MerlinActionServer:
     after its preempt is abandoned: what it has sent loses its owner, and another instance of the machine
     takes its place.
 
-    :param machine: it; its class makes further instances without arguments.
+    :param machine: the action's state machine; its class makes further instances without arguments.
     :param cancel_limit: s of running time for a preempted machine to end; zero or less: no limit.
     """
 
@@ -105,7 +105,7 @@ class MerlinActionServer:
                         continue
                     self._shown[number][1].stop()
                 name = f"{self._name}_{number + 1}" if number else self._name
-                self._shown[number : number + 1] = [(machine, show(name, machine))]
+                self._shown[number : number + 1] = [(machine, start_introspection(name, machine))]
             while len(self._shown) > len(pool):
                 self._shown.pop()[1].stop()
 
@@ -153,34 +153,50 @@ class MerlinActionServer:
         self._carry_out(decisions)
 
     def _carry_out(self, decisions: List[SlotDecision]) -> None:
-        """Does what the slot has decided; without the lock."""
+        """Carries out the slot's decisions; without the lock."""
         for decision in decisions:
             with self._changed:
-                goal = self._goals[decision.goal]
+                goal = self._goals.get(decision.goal)
+            if goal is None:  # it has ended since that was decided
+                continue
+            if decision.what is SlotStep.RECALL:
+                self._forget(goal)
+                goal.cancelled(RunActionResult(outcome=PREEMPTED, reason=decision.reason), decision.reason)
+                continue
+            if decision.what is SlotStep.PREEMPT:
+                goal.request_cancel(decision.reason)  # first: a run that begins just now looks at it
+            with self._changed:
                 if decision.what is SlotStep.START:
                     self._machines[goal.id] = self._free.pop() if self._free else self.machine
-                machine = self._machines.get(goal.id, self.machine)
+                machine = self._machines.get(goal.id)
+            if machine is None:
+                continue
             if decision.what is SlotStep.START:
-                machine.prepare()
-                goal.accept()
-                thread = threading.Thread(
-                    target=self._run, args=(goal, machine), name=f"machine {self.operator}", daemon=True
-                )
-                with self._changed:
-                    self._threads[goal.id] = thread
-                thread.start()
+                self._begin(goal, machine)
             elif decision.what is SlotStep.PREEMPT:
-                goal.request_cancel(decision.reason)
                 # In threads of their own: users' code may loop in its preempt.
                 for target, what in ((self._preempt, "preempt"), (self._limit, "limit of")):
                     threading.Thread(
                         target=target, args=(goal, machine), name=f"{what} {self.operator}", daemon=True
                     ).start()
-            elif decision.what is SlotStep.ABANDON:
-                self._abandon(goal, machine)
             else:
-                self._forget(goal)
-                goal.cancelled(RunActionResult(outcome=PREEMPTED, reason=decision.reason), decision.reason)
+                self._abandon(goal, machine)
+
+    def _begin(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
+        """Begins a run in a thread of its own; one that cannot begin has ended."""
+        thread = threading.Thread(
+            target=self._run, args=(goal, machine), name=f"machine {self.operator}", daemon=True
+        )
+        with self._changed:
+            self._threads[goal.id] = thread
+        try:
+            machine.prepare()
+            goal.accept()
+            thread.start()
+        except BaseException as error:  # no further thread, or users' code
+            rospy.logerr(f"{self.operator}: {traceback.format_exc()}")
+            crash = f"{type(error).__name__}: {error}"
+            self._end(goal, MachineEnd(ABORTED, f"{self.operator} cannot begin: {crash}"), crash)
 
     def _forget(self, goal: ServerGoal) -> None:
         with self._changed:
@@ -197,7 +213,7 @@ class MerlinActionServer:
     def _preempt(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
         try:
             machine.cancel()
-        except BaseException as error:  # users' code; the limit deals with a machine that goes on
+        except BaseException as error:  # users' code; the limit deals with a machine that continues
             rospy.logerr(f"{self.operator}: its preempt raised {type(error).__name__}: {error}")
 
     def _limit(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
@@ -234,29 +250,28 @@ class MerlinActionServer:
     # --- a run ------------------------------------------------------------------------------------
 
     def _run(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
-        parameters = {parameter.key: parameter.value for parameter in goal.goal.parameters}
         crash = ""
-        missing = [name for name in machine.parameters if name not in parameters]
-        for state in merlin_states(machine):
-            state.served_goal = goal.id
-            state.ran = state.given_up = False
-            state.unstopped = ""
         try:
-            if missing:
-                outcome, reason = ABORTED, f"{self.operator}: no value for parameter {', '.join(missing)}"
-            elif goal.cancel_requested:
-                outcome, reason = PREEMPTED, goal.cancel_reason
-            else:
-                outcome = machine.run_once(parameters)
-                reason = machine.reason
+            outcome, reason = self._run_machine(goal, machine)
         except BaseException as error:  # users' code may raise anything; the bridge still gets its answer
             rospy.logerr(f"{self.operator}: {traceback.format_exc()}")
             crash = f"{type(error).__name__}: {error}"
             outcome, reason = ABORTED, crash
-        about = ""
-        if outcome == ABORTED and given_up(machine):
-            outcome, about = given_up(machine), given_up_about(machine)
-        unstopped = ", ".join(state.unstopped for state in merlin_states(machine) if state.unstopped)
+        about = unstopped = ""
+        try:
+            if outcome == ABORTED and given_up(machine):
+                outcome, about = given_up(machine), given_up_about(machine)
+            unstopped = ", ".join(str(state.unstopped) for state in merlin_states(machine) if state.unstopped)
+        except Exception as error:  # what users' states say of themselves may be anything, too
+            rospy.logerr(f"{self.operator}: {traceback.format_exc()}")
+            crash = crash or f"{type(error).__name__}: {error}"
+        self._end(goal, MachineEnd(outcome, reason, unstopped, about), crash)
+
+    def _end(self, goal: ServerGoal, end: MachineEnd, crash: str) -> None:
+        """Answers for a run that has ended, and begins the next one.
+
+        :param crash: what it raised; empty: nothing.
+        """
         with self._changed:
             if goal.id not in self._slot.running:  # its limit has passed: it is, or just is being, abandoned
                 return
@@ -264,9 +279,25 @@ class MerlinActionServer:
             decisions = self._slot.end(goal.id)
             self._release(goal)
         self._forget(goal)
-        self._answer(goal, MachineEnd(outcome, reason, unstopped, about))
-        self._carry_out(decisions)
-        self._show()  # when its class was edited meanwhile
+        try:
+            self._answer(goal, end)
+        finally:  # the next goal begins whatever became of this answer
+            self._carry_out(decisions)
+            self._show()  # when its class was edited meanwhile
+
+    def _run_machine(self, goal: ServerGoal, machine: MerlinActionSM) -> Tuple[str, str]:
+        """Runs a machine unless its goal cannot be; returns its outcome and the reason."""
+        parameters = {parameter.key: parameter.value for parameter in goal.goal.parameters}
+        missing = [name for name in machine.parameters if name not in parameters]
+        for state in merlin_states(machine):
+            state.served_goal = goal.id
+            state.ran = state.given_up = False
+            state.unstopped = ""
+        if missing:
+            return ABORTED, f"{self.operator}: no value for parameter {', '.join(missing)}"
+        if goal.cancel_requested:
+            return PREEMPTED, goal.cancel_reason
+        return machine.run_once(parameters), machine.reason
 
     def _answer(self, goal: ServerGoal, end: MachineEnd) -> None:
         reason = goal.cancel_reason if goal.cancel_requested else None
@@ -275,7 +306,7 @@ class MerlinActionServer:
         answer(RunActionResult(*end), end.reason)
 
     def _instances(self, machine: MerlinActionSM) -> List[MerlinActionSM]:
-        """As many machines of its class as it says, this one first."""
+        """The machines of an action, as many as its class declares; this one first."""
         number = machine.concurrent
         if not isinstance(number, int) or number < 1:
             raise ValueError(f"{type(machine).__name__}.concurrent has to be 1 or more, not {number!r}")

@@ -43,6 +43,11 @@ class MerlinActionSM(MerlinSM):
     the start effects are undone. Numeric effects may stand here too: ``(decrease (battery) (* 0.1 #t))`` with
     the seconds that have passed, ``#t``, and the planned ones, ``?duration``."""
 
+    if_stopped_at: Sequence[str] = ()
+    """PDDL literals that hold besides :attr:`if_interrupted` where one of several robots stands at a point of
+    interest when it was stopped; ``?here`` is that point. They count together, and only where each changes
+    something: ``(not (free ?here))`` keeps a place that another robot holds with that one."""
+
     robot_parameter = ""
     """With several robots: the parameter that names the one on which it runs. Empty: the one of type
     ``robot``, where there is one (docs/several-robots.md)."""
@@ -54,6 +59,7 @@ class MerlinActionSM(MerlinSM):
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *self.outcomes], input_keys=list(self.parameters))
         with self:
             self.build()
+        _check(self)
 
     def build(self) -> None:
         """Adds the states; the machine is open for construction."""
@@ -90,3 +96,14 @@ class MerlinActionSM(MerlinSM):
                 f"{type(self).__name__} declares the parameters {list(self.parameters)}, but operator "
                 f"{self.operator_name()} of the domain has {variables}"
             )
+
+
+def _check(container: Any) -> None:
+    """Checks a container and all in it: SMACH itself only logs what is wrong with them.
+
+    :raises smach.SmachError: one of them is not complete or contradicts itself.
+    """
+    container.check_consistency()
+    for child in container.get_children().values():
+        if isinstance(child, smach.Container):
+            _check(child)

@@ -11,9 +11,12 @@ from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from merlin_actions.core.robot_book import GONE_AFTER, WORD_PERIOD
 from merlin_ros.actions.lease_holder import LIFE
-from merlin_ros.master.master_link import MasterSilent, get_param, set_param
+from merlin_ros.actions.peers import connected_peers
+from merlin_ros.master.master_link import ERRORS, MasterSilent, bounded_master, get_param, set_param
 from merlin_ros.publishing import Subscribed, publish
 
+CONNECT_LIMIT = 3.0  # s for the connections to other hosts; one that was killed keeps its entry at the master
+CONNECTION_LOOK = 0.02  # s between two looks for them, of which rospy gives no event
 TAKEN_OUT = "was taken out by its operator"
 TAKEN_OUT_PARAM = "~taken_out"  # keeps it over a restart of the host
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -51,22 +54,35 @@ class RobotPresence:
     def refuse_second(self) -> None:
         """Listens for another host of the same robot, as long as it may be silent.
 
+        A busy machine opens connections late, so that time begins when all hosts are connected.
+
         :raises ValueError: when there is one.
         """
+        hosts = self._hosts()
         listener = rospy.Subscriber(self._topic, RobotHost, self._hear, tcp_nodelay=True)
-        end = time.monotonic() + GONE_AFTER / 2
+        last = time.monotonic() + CONNECT_LIMIT
         with self._changed:
             while not self._others and not rospy.is_shutdown():
-                left = end - time.monotonic()
-                if left <= 0.0:
-                    break
-                self._changed.wait(left)
+                now = time.monotonic()
+                if now < last and not hosts <= connected_peers(listener):
+                    self._changed.wait(CONNECTION_LOOK)
+                    continue
+                self._changed.wait_for(lambda: self._others, GONE_AFTER / 2)
+                break
         listener.unregister()
         if self._others:
             raise ValueError(
                 f"{', '.join(sorted(self._others))} says already that it is robot {self.robot}; "
                 "give this one another name"
             )
+
+    def _hosts(self) -> Set[str]:
+        """The other nodes that say that a robot lives; none when the master does not answer."""
+        try:
+            publishers = dict(bounded_master().getSystemState()[0])
+        except ERRORS:
+            return set()
+        return set(publishers.get(self._topic, [])) - {rospy.get_name()}
 
     def start(self) -> None:
         """Begins to say that the robot lives."""
@@ -126,7 +142,7 @@ class RobotPresence:
 
 
 class _Heard(Subscribed):
-    """Lets the next word come at once when a bridge begins to listen."""
+    """Publishes at once when a bridge subscribes."""
 
     def __init__(self, changed: threading.Condition) -> None:
         super().__init__()

@@ -1,22 +1,27 @@
 """The robots of a planning system, as the bridges see them, and what the knowledge says of them."""
 
+import itertools
 import threading
 import time
+import traceback
 from collections import deque
 from typing import Callable, Deque, Dict, List
 
 import rospy
 from merlin_msgs.msg import RobotHost
 
+from merlin_actions.core.availability import Availability
 from merlin_actions.core.robot_book import AVAILABLE, GONE_AFTER, HostWord, RobotBook, RobotChange
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
+from merlin_sm.robot_roster import RobotRoster, is_node, sender_of
 
 TICK = 0.1  # s of wall time between two looks for hosts that are silent
-LONGEST_TICK = 0.2  # s that one of them may count: a watcher that was itself starved does not blame the hosts
+LONGEST_TICK = 0.2  # s that one look may count: a starved watcher must not take the hosts for silent
 RETRY = 0.3  # s of wall time between two attempts to reach the knowledge base
-TOLD_LIMIT = 2.0  # s of wall time that an answer waits for the knowledge
+LONGEST_NAME = 100  # characters of a name in the log
+PUBLISH_LIMIT = 2.0  # s of wall time that an answer waits for the knowledge
 
 
 class RobotWatch:
@@ -27,6 +32,7 @@ class RobotWatch:
 
     def __init__(self, knowledge: KnowledgeClient) -> None:
         self._facts = AvailableFacts(knowledge)
+        self._roster = RobotRoster()
         self._changed = threading.Condition()  # guards the fields below
         self._book = RobotBook()
         self._pending: Deque[RobotChange] = deque()
@@ -55,17 +61,17 @@ class RobotWatch:
             return self._book.namespace(robot)
 
     def why_not(self, robot: str) -> str:
-        """Why a robot takes no actions; empty when it does, or was never heard of."""
+        """Why a robot takes no actions; empty when it does, or has sent no message."""
         with self._changed:
             return self._book.why_not(robot)
 
     def why_not_each(self) -> Dict[str, str]:
-        """:meth:`why_not` of each robot that was ever heard of."""
+        """:meth:`why_not` of each robot that has sent a message."""
         with self._changed:
             return {robot: self._book.why_not(robot) for robot in self._book.robots}
 
     def wait(self, robot: str, seconds: float, unless: Callable[[], bool]) -> str:
-        """Waits for a robot of which nothing was heard yet; returns why it takes no actions, or nothing.
+        """Waits for the first message of a robot; returns why it takes no actions, or nothing.
 
         :param seconds: of wall time.
         :param unless: ends the wait when it is true; call :meth:`wake` when that changes.
@@ -81,7 +87,7 @@ class RobotWatch:
             return self._book.why_not(robot)
 
     def wake(self) -> None:
-        """Lets a :meth:`wait` look anew at what ends it."""
+        """Wakes a :meth:`wait`, so that it re-checks `unless`."""
         with self._changed:
             self._changed.notify_all()
 
@@ -90,13 +96,23 @@ class RobotWatch:
         with self._changed:
             self._add(self._book.suspect(robot, reason))
 
-    def wait_told(self, robot: str) -> None:
+    def wait_published(self, robot: str) -> None:
         """Waits until the knowledge says what this watch knows of a robot: the next plan is made from it."""
-        self._facts.wait_told(robot, TOLD_LIMIT)
+        self._facts.wait_published(robot, PUBLISH_LIMIT)
 
     def _receive(self, word: RobotHost) -> None:
+        if not is_node(word.node):
+            rospy.logwarn_throttle(10.0, f"a robot cannot have a host named {word.node[:LONGEST_NAME]!r}")
+            return
         parameters = tuple(zip(word.operators, word.robot_parameters))
+        admission = self._roster.admit(word.robot, sender_of(word), time.monotonic())
+        if admission.refusal:
+            rospy.logwarn(admission.refusal)
         with self._changed:
+            if admission.forgotten:
+                self._add([self._book.forget(admission.forgotten)])
+            if not admission.counts:
+                return
             self._add(
                 self._book.hear(
                     HostWord(word.robot, word.node, word.life, word.out, word.leaving, parameters)
@@ -127,7 +143,10 @@ class RobotWatch:
                 log = rospy.loginfo if change.available else rospy.logwarn
                 log(change.reason or f"robot {change.robot} takes actions")
                 for listener in listeners:
-                    listener(change)
+                    try:
+                        listener(change)
+                    except Exception:  # a robot of an impossible name must not hide the others
+                        rospy.logerr(f"robot {change.robot}: {traceback.format_exc()}")
             if not settled and now - began > GONE_AFTER:
                 settled = True
                 self._facts.settle()
@@ -143,53 +162,56 @@ class AvailableFacts:
         self._knowledge = knowledge
         predicate = knowledge.predicates().get(AVAILABLE)
         self._there = predicate is not None and len(predicate.typed_parameters) == 1
-        self._changed = threading.Condition()  # guards the fields below
-        self._wanted: Dict[str, bool] = {}
-        self._told: Dict[str, bool] = {}
-        self._unsettled = False
+        self._changed = threading.Condition()  # guards the field below
+        self._availability = Availability()
         if self._there:
             threading.Thread(target=self._write_all, name="available robots", daemon=True).start()
 
     def put(self, robot: str, available: bool) -> None:
-        """From now on this is the truth about a robot."""
+        """Notes whether a robot is available; writes it soon."""
         with self._changed:
-            self._wanted[robot] = available
+            self._availability.put(robot, available)
             self._changed.notify_all()
 
     def settle(self) -> None:
-        """Robots of which nothing was heard are not available, whatever the problem says."""
+        """Robots without a message so far are not available, whatever the problem says."""
         with self._changed:
-            self._unsettled = True
+            self._availability.settle()
             self._changed.notify_all()
 
-    def wait_told(self, robot: str, seconds: float) -> None:
-        """Waits until the knowledge says what is wanted, s of wall time at most."""
+    def wait_published(self, robot: str, seconds: float) -> None:
+        """Waits until the knowledge says what is known of a robot, s of wall time at most."""
         with self._changed:
-            self._changed.wait_for(
-                lambda: not self._there or self._told.get(robot) == self._wanted.get(robot), seconds
-            )
+            self._changed.wait_for(lambda: not self._there or self._availability.is_written(robot), seconds)
 
     def _write_all(self) -> None:
         while not rospy.is_shutdown():
             with self._changed:
-                self._changed.wait_for(lambda: self._unsettled or self._told != self._wanted)
-                wanted, unsettled = dict(self._wanted), self._unsettled
-                changes = {robot: there for robot, there in wanted.items() if self._told.get(robot) != there}
+                self._changed.wait_for(lambda: self._availability.pending)
+                unsettled = self._availability.unsettled
             try:
                 if unsettled:
                     listed = [item.values[0].value for item in self._knowledge.propositions(AVAILABLE)]
-                    changes.update({robot: False for robot in listed if robot not in wanted})
                     with self._changed:
-                        self._unsettled = False
-                for robot, there in changes.items():
-                    self._write(robot, there)
-            except (KnowledgeError, ServiceError, MasterSilent) as error:
-                rospy.logwarn_throttle(10.0, f"which robots are available cannot be told: {error}")
+                        self._availability.compare(listed)
+                with self._changed:
+                    changes = self._availability.changes()
+                refused = [text for text in itertools.starmap(self._write, changes.items()) if text]
+            except (ServiceError, MasterSilent) as error:
+                refused = [str(error)]
+            if refused:
+                rospy.logwarn_throttle(
+                    10.0, f"availability of robots is not written yet: {'; '.join(refused)}"
+                )
                 time.sleep(RETRY)  # a service gives no event when it is offered again
 
-    def _write(self, robot: str, available: bool) -> None:
-        self._knowledge.update([Update(ADD if available else REMOVE, fact(AVAILABLE, robot))])
+    def _write(self, robot: str, available: bool) -> str:
+        """Writes one; returns why the knowledge base refuses it: the others are written all the same."""
+        try:
+            self._knowledge.update([Update(ADD if available else REMOVE, fact(AVAILABLE, robot))])
+        except KnowledgeError as error:
+            return str(error)
         with self._changed:
-            if robot in self._wanted:
-                self._told[robot] = available
+            self._availability.wrote(robot, available)
             self._changed.notify_all()
+        return ""

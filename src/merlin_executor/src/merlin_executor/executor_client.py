@@ -1,6 +1,7 @@
 """MerlinExecutorClient: sends goals to the Executor and takes them back (paper, section 3.2.2)."""
 
-from typing import Any, Callable, List, Optional, Sequence, Union
+import threading
+from typing import Any, Callable, List, Optional, Sequence, Tuple, Union
 
 from merlin_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteGoal, ExecuteResult
 from rosplan_knowledge_msgs.msg import KnowledgeItem
@@ -60,10 +61,15 @@ class MerlinExecutorClient:
         self._on_client_lost = on_client_lost
         self.on_lost = checked(on_lost)
         self._on_send = on_send
+        self._lock = threading.Lock()  # guards the field below
         self._requests: List[ExecutorRequest] = []
 
     def wait_for_executor(self, timeout: Optional[float] = None) -> bool:
-        """Waits until the Executor is there, s; None: until ROS shuts down."""
+        """Waits until the Executor runs.
+
+        :param timeout: s; None: until ROS shuts down.
+        :return: whether it runs.
+        """
         return self._client.wait_for_server(timeout)
 
     @property
@@ -111,7 +117,8 @@ class MerlinExecutorClient:
             on_client_lost=self._on_client_lost if on_client_lost is None else on_client_lost,
         )
         request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost or self.on_lost)
-        self._requests = [known for known in self._requests if not known.done] + [request]
+        with self._lock:
+            self._requests = [known for known in self._requests if not known.done] + [request]
         return request
 
     def execute(self, goals: Goals, timeout: Optional[float] = None, **options: Any) -> ExecuteResult:
@@ -128,11 +135,13 @@ class MerlinExecutorClient:
 
     def cancel_all(self) -> None:
         """Cancels every request of this client."""
-        for request in self._requests:
+        with self._lock:
+            requests = list(self._requests)
+        for request in requests:
             request.cancel()
 
 
-def _split(goals: Goals) -> tuple:
+def _split(goals: Goals) -> Tuple[List[str], List[KnowledgeItem]]:
     parts = [goals] if isinstance(goals, (str, KnowledgeItem)) else list(goals)
     texts = [part for part in parts if isinstance(part, str)]
     items = [part for part in parts if isinstance(part, KnowledgeItem)]

@@ -4,7 +4,7 @@ import threading
 from typing import Callable, Optional
 
 import rospy
-from actionlib_msgs.msg import GoalStatusArray
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
 
 from merlin_executor.resending import END, Next, ResendDecision, Resending, executor_was_lost
@@ -39,8 +39,8 @@ class ExecutorRequest:
         self._resending = Resending(on_lost)
         self._ended = threading.Event()
         self._reason = ""
-        self._wake = threading.Event()  # set by a status of the Executor and by a cancel
-        self._lock = threading.Lock()  # guards _resending and _sent
+        self._wake = threading.Event()  # ends the wait for the Executor: it is back, or the client cancels
+        self._lock = threading.Lock()  # guards _resending, _sent and _wake
         with self._lock:
             self._sent = self._send()
 
@@ -85,7 +85,7 @@ class ExecutorRequest:
         with self._lock:
             self._resending.cancel()
             sent = self._sent
-        self._wake.set()
+            self._wake.set()
         sent.cancel()
 
     def wait(self, timeout: Optional[float] = None) -> bool:
@@ -115,6 +115,9 @@ class ExecutorRequest:
     def _await(self) -> None:
         """Waits for the Executor's return and sends the goal again."""
         rospy.logwarn(f"the executor is lost; the goal is sent again when it is back ({self._sent.text})")
+        with self._lock:
+            if not self._resending.cancelled:
+                self._wake = threading.Event()  # that of an earlier loss is set
         is_there = self._returned()
         with self._lock:
             decision: ResendDecision = self._resending.executor(is_there, self._resending.patience)
@@ -127,10 +130,19 @@ class ExecutorRequest:
     def _returned(self) -> bool:
         """Whether the Executor publishes its status, and is connected; False also after a cancel."""
         deadline = Deadline(self._resending.patience)
+        wake, sent = self._wake, self._sent
+        goes_down = sent.status != GoalStatus.LOST
+
+        def hear(status: GoalStatusArray) -> None:
+            # An Executor that goes down tells for a while yet of the goal that it has ended. It would refuse
+            # the next one.
+            if not goes_down or all(entry.goal_id.id != sent.id for entry in status.status_list):
+                wake.set()
+
         # A subscriber of its own: what the client has heard before may be of the Executor that was lost.
         topic = f"{self._client.name}/status"
-        subscriber = subscribe_by(deadline, self._wake, topic, GoalStatusArray, lambda _: self._wake.set())
-        heard = deadline.wait_event(self._wake)
+        subscriber = subscribe_by(deadline, wake, topic, GoalStatusArray, hear)
+        heard = deadline.wait_event(wake)
         if subscriber is not None:
             subscriber.unregister()
         left = deadline.remaining()

@@ -6,7 +6,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase
 
 from merlin_executor.goals.goal_rules import GoalError, check_atom
 from merlin_sm.knowledge_client import KnowledgeClient
-from merlin_sm.knowledge_text import to_pddl
+from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 
 __all__ = ["GoalError", "check_goals"]
 
@@ -33,8 +33,17 @@ def check_goals(items: Sequence[KnowledgeItem], knowledge: KnowledgeClient) -> N
             for token in _functions(item.ineq):
                 arguments = [value.value for value in token.function.typed_parameters]
                 check_atom(text, "function", token.function.name, arguments, functions, objects)
+            _check_readable(text)
         else:
             raise GoalError(f"{text!r} is neither a fact nor a comparison, so it cannot be a goal")
+
+
+def _check_readable(text: str) -> None:
+    """Refuses a comparison with a number without end, or whose expressions lack something."""
+    try:
+        parse_goal(text)
+    except PDDLSyntaxError as error:
+        raise GoalError(f"{text} is not a comparison of two expressions: {error}") from error
 
 
 def _arities(formulas: Dict[str, DomainFormula]) -> Dict[str, int]:

@@ -9,10 +9,10 @@ from typing import NamedTuple, Optional
 
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 
+#: The goal ends with the reason.
 END = "end"
-"""The goal ends with the reason."""
+#: The goal is sent again when the Executor is back.
 RESEND = "resend"
-"""The goal is sent again when the Executor is back."""
 ON_LOST = (END, RESEND)
 
 #: Longest wait for the return of an Executor, s of running time.
@@ -37,7 +37,7 @@ def checked(on_lost: str) -> str:
 _SERVER_ENDS = "the action server shuts down"
 
 
-class GoalEnd(IntEnum):
+class RequestEnd(IntEnum):
     """How a goal ends, as actionlib_msgs/GoalStatus has it."""
 
     PREEMPTED = 2
@@ -51,11 +51,11 @@ class GoalEnd(IntEnum):
 def executor_was_lost(status: int, text: str, reason: str) -> bool:
     """Whether a goal has ended because the Executor is gone, or goes down.
 
-    :param status: as of :class:`GoalEnd`.
+    :param status: as of :class:`RequestEnd`.
     :param text: of that status.
-    :param reason: in the Executor's result; empty: there is none.
+    :param reason: in the Executor's result; empty: it gives none.
     """
-    return status == GoalEnd.LOST or reason == StopKind.SHUTDOWN.value or text == _SERVER_ENDS
+    return status == RequestEnd.LOST or reason == StopKind.SHUTDOWN.value or text == _SERVER_ENDS
 
 
 class Next(Enum):
@@ -81,19 +81,17 @@ class Resending:
     """One goal of a client. Not thread-safe; nothing is decided after FINISH.
 
     :param on_lost: :data:`END` or :data:`RESEND`.
-    :param resends: how often it is sent again.
     :raises ValueError: for another word.
     """
 
-    def __init__(self, on_lost: str = END, resends: int = RESENDS) -> None:
+    def __init__(self, on_lost: str = END) -> None:
         self._resend = checked(on_lost) == RESEND
-        self._resends = resends
         self._cancelled = False
         self.sent_again = 0
         """How often it was sent again."""
 
     def cancel(self) -> None:
-        """The client does not want the goal any more."""
+        """The client no longer wants the goal."""
         self._cancelled = True
 
     @property
@@ -110,11 +108,11 @@ class Resending:
         """The goal has ended at the Executor.
 
         :param lost: because the Executor is gone, or went down.
-        :param untaken: an Executor was there, and never said that it has the goal.
+        :param untaken: an Executor ran, and never acknowledged the goal.
         """
         if not lost or not (self._resend or untaken) or self._cancelled:
             return ResendDecision(Next.FINISH)
-        if self.sent_again >= self._resends:
+        if self.sent_again >= RESENDS:
             return ResendDecision(Next.FINISH, f"the executor was lost {self.sent_again + 1} times")
         return ResendDecision(Next.AWAIT)
 
@@ -136,12 +134,12 @@ class Resending:
         :param status, text, reason: as of :func:`executor_was_lost`.
         :param said: why the goal was ended here; empty: it was not.
         """
-        if status == GoalEnd.LOST or said:
+        if status == RequestEnd.LOST or said:
             outcome = Outcome.CANCELLED if self._cancelled and said else Outcome.INTERNAL
             return Verdict(outcome, said or text)
         # Without a reason the action server has answered for the Executor.
-        if status == GoalEnd.RECALLED and not reason:
+        if status == RequestEnd.RECALLED and not reason:
             return Verdict(Outcome.CANCELLED, text)
-        if status == GoalEnd.ABORTED and not reason:
+        if status == RequestEnd.ABORTED and not reason:
             return Verdict(Outcome.INTERNAL, text)
         return None

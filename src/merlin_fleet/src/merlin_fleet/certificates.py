@@ -81,7 +81,7 @@ def make_certificates(
 
 
 def _make(folder: Path, name: str, extensions: str, days: int) -> None:
-    """Makes a certificate and its key; the certificate comes last, so it is there only with its key."""
+    """Makes a certificate and its key; the certificate comes last, so it never exists without its key."""
     text = f"[req]\ndistinguished_name=name\nx509_extensions=parts\nprompt=no\n[name]\nCN={name}\n"
     authority = (
         [] if name == AUTHORITY else ["-CA", f"{folder}/{AUTHORITY}.pem", "-CAkey", _authority_key(folder)]

@@ -1,8 +1,10 @@
 """Certificates of one side of the connection to the hub, and what is wrong with them."""
 
+import http.client
 import socket
 import ssl
-from typing import NamedTuple
+from email.utils import parsedate_to_datetime
+from typing import NamedTuple, Optional
 
 import grpc
 
@@ -19,7 +21,7 @@ class Tls(NamedTuple):
     key: str
 
     def credentials(self) -> grpc.ChannelCredentials:
-        """What grpc makes of them.
+        """The credentials for grpc.
 
         :raises HubError: for files that cannot be read, or do not belong together.
         """
@@ -34,7 +36,7 @@ class Tls(NamedTuple):
         return grpc.ssl_channel_credentials(*parts)
 
     def context(self) -> ssl.SSLContext:
-        """What Python makes of them.
+        """The context for Python's ssl.
 
         :raises HubError: for files that cannot be read, or do not belong together.
         """
@@ -46,6 +48,28 @@ class Tls(NamedTuple):
             files = f"{self.ca}, {self.certificate} and {self.key}"
             raise HubError(f"the certificates {files} cannot be read or do not fit: {error}") from None
         return context
+
+
+def time_of(endpoint: str, tls: Optional[Tls], timeout: float) -> float:
+    """The time of a hub's clock, s since 1970, right to 1 s.
+
+    etcd's own calls have no time; its web server, on the same port, writes one into each answer.
+
+    :raises HubError: when there was no answer with a time.
+    """
+    host, _, port = endpoint.rpartition(":")
+    host = host.strip("[]")
+    connection = http.client.HTTPConnection(host, int(port), timeout=timeout)
+    try:
+        if tls is not None:
+            connection = http.client.HTTPSConnection(host, int(port), timeout=timeout, context=tls.context())
+        connection.request("HEAD", "/version")
+        date = connection.getresponse().getheader("Date", "")
+        return parsedate_to_datetime(date).timestamp() + 0.5  # the part of a second is cut off
+    except (OSError, http.client.HTTPException, ValueError, TypeError) as error:
+        raise HubError(f"the hub does not tell its time ({error})") from None
+    finally:
+        connection.close()
 
 
 def certificate_problem(endpoint: str, tls: Tls, timeout: float) -> str:
@@ -60,7 +84,8 @@ def certificate_problem(endpoint: str, tls: Tls, timeout: float) -> str:
     except ssl.SSLCertVerificationError as error:
         return f"the hub's certificate is not one for {host} that {tls.ca} has signed: {error.verify_message}"
     except ssl.SSLError as error:
-        return f"the hub does not take the certificate {tls.certificate}: {error.reason}"
+        why = f"another authority has signed it, or its time is over ({error.reason})"
+        return f"the hub does not take the certificate {tls.certificate}: {why}"
     except (OSError, ValueError):
         pass
     return ""

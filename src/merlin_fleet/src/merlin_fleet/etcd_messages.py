@@ -10,7 +10,7 @@ from merlin_fleet.core.store import Change, Compare, Item, Txn, Unwritten
 
 
 class LeaseUnknown(HubError):
-    """etcd does not know the lease, or does not know it any more."""
+    """etcd does not know the lease, or no longer knows it."""
 
 
 class HubRefuses(HubError):
@@ -19,6 +19,10 @@ class HubRefuses(HubError):
 
 class HubFull(HubError):
     """etcd takes no changes: its quota is reached. This one may have been the last that it took."""
+
+
+class HubFails(HubError):
+    """etcd is there, and does not do it. Nothing was done."""
 
 
 def behind(prefix: bytes) -> bytes:
@@ -61,12 +65,12 @@ def txn_message(txn: Txn) -> Any:
 
 
 def item_of(pair: Any) -> Item:
-    """A key with its value, as etcd tells it."""
-    return Item(pair.key.decode(), pair.value.decode(errors="replace"), pair.mod_revision)
+    """A key with its value, as etcd sends it."""
+    return Item(pair.key.decode(errors="replace"), pair.value.decode(errors="replace"), pair.mod_revision)
 
 
 def change_of(event: Any) -> Change:
-    """A change, as etcd tells it."""
+    """A change, as etcd sends it."""
     pair = event.kv
     value = None if event.type == event.DELETE else pair.value.decode(errors="replace")
     return Change(pair.key.decode(errors="replace"), value, pair.mod_revision)
@@ -90,4 +94,4 @@ def error_of(error: grpc.RpcError) -> HubError:
         )
     if code is grpc.StatusCode.CANCELLED:  # another call on it was not answered in time
         return HubError("the connection to etcd was closed")
-    return HubError(f"etcd refuses: {details or code.name}")
+    return HubFails(f"etcd refuses: {details or code.name}")

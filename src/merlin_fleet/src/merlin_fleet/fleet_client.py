@@ -5,31 +5,33 @@ import getpass
 import socket
 import threading
 import time
+import traceback
 import uuid
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, List, Optional, Sequence, Tuple, Union
 
-from merlin_executor.core.request_limits import check_size
 from merlin_fleet.certified import HubError, Tls
 from merlin_fleet.core import records
-from merlin_fleet.core.forgetting import Leavings, leavings
+from merlin_fleet.core.clock import CLOCK_MARGIN, difference
 from merlin_fleet.core.possession import CANCELLED
-from merlin_fleet.core.records import Bids, Goal, Keys, RecordError, Report
+from merlin_fleet.core.records import Goal, Keys, RecordError, Report
 from merlin_fleet.core.retention import Keeper, removal
 from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn, TxnResult
-from merlin_fleet.core.view import FleetView, GoalState
+from merlin_fleet.core.view import FleetGoalState, FleetView
 from merlin_fleet.etcd_messages import HubRefuses
 from merlin_fleet.fleet_request import FleetRequest, GoalNews
+from merlin_fleet.forgetting import Leavings, leavings
+from merlin_fleet.goal_check import check_goal
 from merlin_fleet.hub import DEFAULT_ENDPOINT, EtcdHub
 from merlin_fleet.hub_watch import Listener
-from merlin_pddl.text_reader import PddlError, read_expression
+from merlin_fleet.prospects import hopeless, remarks
 
 DEFAULT_FLEET = "fleet"
 #: Outcomes of a goal that holds.
 ACHIEVED = ("SUCCEEDED", "ALREADY_TRUE")
 LIMIT = 10.0  # s for the hub to take a goal or a cancel
-PULSE = 0.7  # s between two questions whether the hub is there; it has 2 s for an answer
+PULSE = 0.7  # s between two checks that the hub answers; it has 2 s for an answer
 PAUSE = 0.3  # s between attempts
-OVER = (GoalState.ENDED, GoalState.CANCELLED)
+OVER = (FleetGoalState.ENDED, FleetGoalState.CANCELLED)
 
 
 class FleetError(Exception):
@@ -56,9 +58,10 @@ class FleetClient(Listener):
         self.fleet = fleet
         self._on_change = on_change
         self._changed = threading.Condition()  # guards the fields below
-        self._said = "the hub was not heard of yet"
+        self._said = "the hub has not answered yet"
         self._unusable = ""  # what no waiting mends
         self._heard = 0.0
+        self._stores = 0
         self._requests: List[Tuple[FleetRequest, Optional[Callable[[FleetRequest], None]]]] = []
         try:
             self._keys = Keys(fleet)
@@ -89,7 +92,7 @@ class FleetClient(Listener):
 
     @property
     def heard(self) -> float:
-        """When the hub was last heard of, s since 1970: what is known is of then. 0: never."""
+        """The last contact with the hub, s since 1970: the known state is of that time. 0: never."""
         with self._changed:
             return self._heard
 
@@ -111,13 +114,15 @@ class FleetClient(Listener):
         :param value: goals of a greater one are taken and begun first.
         :param deadline: s from now; a goal that is not begun by then ends as MISSED.
         :param on_done: called once with the ended request, in another thread; must not block.
-        :param sender: who has sent it, beside this machine and its user.
+        :param sender: the sender, beside this machine and its user.
         :param more: `robot`, `groups`, `needs`, `domain`, `finish` and `tries` of
             :class:`merlin_fleet.core.records.Goal`.
-        :raises FleetError: for what is not a goal, and when the hub did not take it.
+        :raises FleetError: for what is not a goal, for a deadline by a clock that is far from the hub's, and
+            when the hub did not take it.
         """
         texts = (goals,) if isinstance(goals, str) else tuple(goals)
-        _check(texts)
+        if deadline is not None:
+            self._check_clock()
         now = time.time()
         goal = Goal(
             uuid.uuid4().hex[:8],
@@ -128,12 +133,15 @@ class FleetClient(Listener):
             deadline=None if deadline is None else now + deadline,
             **more,
         )
-        _check_record(goal)
+        try:
+            check_goal(goal)
+        except ValueError as error:
+            raise FleetError(str(error)) from None
         request = FleetRequest(self, goal.id)
         with self._changed:
             self._requests.append((request, on_done))
         try:
-            request.written = self._write(self._keys.key(records.GOALS, goal.id), records.encode(goal))
+            request.taken(self._write(self._keys.key(records.GOALS, goal.id), records.encode(goal)))
         except FleetError:
             with self._changed:
                 self._requests = [each for each in self._requests if each[0] is not request]
@@ -163,7 +171,7 @@ class FleetClient(Listener):
             request.cancel()
 
     def close(self) -> None:
-        """Ends the connection; goals go on."""
+        """Ends the connection; goals continue."""
         self._closed.set()
         self._hub.close()
 
@@ -172,7 +180,7 @@ class FleetClient(Listener):
     def request(self, goal: str) -> FleetRequest:
         """A goal that is in the fleet, of any sender.
 
-        :raises FleetError: there is none of this id.
+        :raises FleetError: when no goal has this id.
         """
         with self._changed:
             written = self._view.written.get(goal)
@@ -183,22 +191,22 @@ class FleetClient(Listener):
     def cancel(self, goal: str, sender: str = "") -> None:
         """Cancels a goal; one that has ended stays as it is.
 
-        :param sender: who cancels it, beside this machine and its user.
-        :raises FleetError: there is none of this id, or the hub did not take it.
+        :param sender: the client that cancels it, beside this machine and its user.
+        :raises FleetError: when no goal has this id, or the hub did not take the cancel.
         """
         with self._changed:
             known = any(request.id == goal for request, _ in self._requests)
         if not known:
             self.request(goal)
         news = self.news(goal)
-        if news is not None and (news.state in OVER or news.state is GoalState.CANCELLING):
+        if news is not None and (news.state in OVER or news.state is FleetGoalState.CANCELLING):
             return
         self._write(
             self._keys.key(records.CANCELS, goal), records.encode_cancel(self._named(sender), time.time()), ""
         )
 
     def remove_ended(self, keeper: Keeper) -> int:
-        """Removes goals that are not to be kept any more; returns how many.
+        """Removes goals that are no longer to be kept; returns how many.
 
         :raises FleetError: when the hub does not allow it.
         """
@@ -228,7 +236,7 @@ class FleetClient(Listener):
         for txn in left.removal(self._keys):
             try:
                 if not self._hub.transact(txn).done:
-                    raise FleetError(f"'{left.robot}' or its goals were heard of meanwhile; look again")
+                    raise FleetError(f"'{left.robot}' or its goals have reported meanwhile; look again")
             except HubError as error:
                 hint = "; use root's" if isinstance(error, HubRefuses) else "; repeat it"
                 raise FleetError(f"{error}{hint}") from None
@@ -244,6 +252,12 @@ class FleetClient(Listener):
         """Of the hub; what is known is of it, or later."""
         with self._changed:
             return self._view.revision
+
+    @property
+    def stores(self) -> int:
+        """How often the hub was another one than before, or one of before: what it had then may be gone."""
+        with self._changed:
+            return self._stores
 
     def goals(self) -> List[GoalNews]:
         """All goals, the oldest first."""
@@ -263,12 +277,22 @@ class FleetClient(Listener):
             return [(facts, lives.get(robot) == facts.life) for (robot, _), facts in known]
 
     def wait(self, holds: Callable[[], Any], timeout: Optional[float] = None) -> bool:
-        """Waits until something holds of what the hub tells.
+        """Waits until a condition holds of the hub's keys.
 
         :param timeout: s; None: as long as it takes.
         """
         with self._changed:
             return bool(self._changed.wait_for(holds, timeout))
+
+    def _check_clock(self) -> None:
+        """Compares the clock of this machine with the hub's, where the hub tells its time.
+
+        :raises FleetError: when it is so wrong that robots would take a deadline of it for another one.
+        """
+        with contextlib.suppress(HubError):
+            off = time.time() - self._hub.time()
+            if abs(off) > CLOCK_MARGIN:
+                raise FleetError(f"the clock of this machine is {difference(off)}: no deadline can be given")
 
     def _named(self, sender: str) -> str:
         return f"{sender} ({self._sender})" if sender else self._sender
@@ -276,16 +300,17 @@ class FleetClient(Listener):
     def _news(self, goal: Goal) -> GoalNews:
         view, state = self._view, self._view.state(goal.id)
         claim, report = view.claims.get(goal.id), view.ends.get(goal.id)
-        if state is GoalState.CANCELLED:
+        if state is FleetGoalState.CANCELLED:
             report = Report(goal.id, "", 0, CANCELLED, "no robot has it", 0.0)
-        refusals = _refusals(view, goal) if state is GoalState.OPEN else {}
-        return GoalNews(goal, state, claim.robot if claim else "", refusals, report)
+        if state is not FleetGoalState.OPEN:
+            return GoalNews(goal, state, claim.robot if claim else "", {}, report)
+        return GoalNews(goal, state, "", remarks(view, goal), report, hopeless(view, goal))
 
     def _write(self, key: str, text: str, taken: str = "another goal of this id is there already") -> int:
         """Writes a key once; an attempt whose answer was lost may have done it.
 
         :param taken: what is wrong when the key has another text; empty: nothing.
-        :return: a revision at which it was there.
+        :return: a revision at which the key existed.
         """
         txn = Txn((Compare(key, 0),), (Put(key, text),), (), (key,))
         end = time.monotonic() + LIMIT
@@ -301,18 +326,20 @@ class FleetClient(Listener):
             except HubError as error:
                 if time.monotonic() >= end:
                     raise FleetError(f"whether the hub has taken it is not known: {error}") from None
-                time.sleep(PAUSE)  # nothing tells that it is well again
+                time.sleep(PAUSE)  # no event says that the hub works again
                 continue
             if answer.done or not taken or any(item.value == text for item in answer.items):
                 return answer.revision
             raise FleetError(f"{taken}; send it again")
 
-    # --- what the hub tells
+    # --- changes of the hub
 
     def on_connected(self, snapshot: Snapshot) -> None:
         """All keys were read."""
+        view = FleetView.of(self._keys, snapshot)
         with self._changed:
-            self._view = FleetView.of(self._keys, snapshot)
+            self._stores += snapshot.another or not view.follows(self._view)
+            self._view = view
             self._heard = time.time()
             about = self._view.unreadable.get(self._keys.key(records.ABOUT), "")
             self._unusable = f"the fleet '{self.fleet}' of this hub cannot be used: {about}" if about else ""
@@ -343,7 +370,7 @@ class FleetClient(Listener):
             with self._changed:
                 connected = not self._said
             if connected:
-                with contextlib.suppress(HubError):  # it tells `on_disconnected` itself
+                with contextlib.suppress(HubError):  # it calls `on_disconnected` itself
                     self._hub.check()
                     with self._changed:
                         self._heard = time.time()
@@ -355,42 +382,15 @@ class FleetClient(Listener):
             self._requests = [each for each in self._requests if each not in ended]
         for request, on_done in ended:
             if on_done is not None:
-                on_done(request)
-        self._on_change()
+                _call_back(on_done, request)
+        _call_back(self._on_change)
 
 
-def _refusals(view: FleetView, goal: Goal) -> Dict[str, str]:
-    """Robot → why it does not bid for a goal, or what its bid lacks, of all that are joined."""
-    refusals = {}
-    for name in view.lives:
-        bids = view.offers.of(name) or Bids()
-        bid = bids.of.get(goal.id)
-        reason = bids.reason or (bid.reason if bid is not None else "")
-        if reason:
-            refusals[name] = reason
-    return refusals
-
-
-def _check(texts: Tuple[str, ...]) -> None:
-    if not texts:
-        raise FleetError("no goal is given")
+def _call_back(callback: Callable[..., None], *arguments: Any) -> None:
     try:
-        check_size(texts)
-        for text in texts:
-            if not read_expression(text, "goal"):
-                raise FleetError(f"'{text}' is an empty goal")
-    except (PddlError, ValueError) as error:
-        raise FleetError(str(error)) from None
-
-
-def _check_record(goal: Goal) -> None:
-    """Other clients and robots have to be able to read it."""
-    try:
-        records.decode(Goal, records.encode(goal))
-        if goal.robot:
-            records.checked_name(goal.robot, "the robot")
-    except RecordError as error:
-        raise FleetError(str(error)) from None
+        callback(*arguments)
+    except Exception:  # an application's mistake does not end the thread that hears of all other goals
+        traceback.print_exc()
 
 
 def _user() -> str:

@@ -1,15 +1,15 @@
-"""A goal that was sent to a fleet, as the one sees it who waits for its end."""
+"""A goal that was sent to a fleet, as its sender sees it."""
 
 from typing import TYPE_CHECKING, Dict, NamedTuple, Optional
 
 from merlin_fleet.core.records import Goal, Report
-from merlin_fleet.core.view import GoalState
+from merlin_fleet.core.view import FleetGoalState
 
 if TYPE_CHECKING:
     from merlin_fleet.fleet_client import FleetClient
 
 
-#: Outcome of a goal that the fleet does not keep any more, and whose end was not heard of here.
+#: Outcome of a goal that the fleet no longer keeps, and whose end was not received here.
 REMOVED = "REMOVED"
 
 
@@ -17,13 +17,15 @@ class GoalNews(NamedTuple):
     """A goal as the fleet sees it at one moment."""
 
     goal: Goal
-    state: GoalState
+    state: FleetGoalState
     owner: str
     """The robot that has it; empty: none."""
     refusals: Dict[str, str]
     """Robot → why it does not bid, or what its bid lacks; while it is open."""
     report: Optional[Report]
     """How it ended."""
+    hopeless: str = ""
+    """While it is open: why it stays so as the fleet is now; empty: a robot may take it."""
 
 
 class FleetRequest:
@@ -37,12 +39,19 @@ class FleetRequest:
     def __init__(self, client: "FleetClient", goal: str, written: int = 0) -> None:
         self._client = client
         self.id = goal
-        self.written = written
         self._result: Optional[Report] = None
+        self.taken(written)
+
+    def taken(self, written: int) -> None:
+        """The hub has the goal.
+
+        :param written: at this revision.
+        """
+        self._store, self.written = self._client.stores, written
 
     @property
     def news(self) -> Optional[GoalNews]:
-        """What the fleet says of it; None: not heard of yet."""
+        """The state of the goal in the fleet; None: not received yet."""
         return self._client.news(self.id)
 
     @property
@@ -52,12 +61,14 @@ class FleetRequest:
 
     @property
     def result(self) -> Optional[Report]:
-        """How it ended; None before. It stays known here when the fleet does not keep the goal any more."""
+        """How it ended; None before. It stays known here when the fleet no longer keeps the goal."""
+        # In this order: the goal may be heard of in between.
+        seen = self._client.revision if self._client.stores == self._store else self.written
         news = self.news
         if news is not None and news.report is not None:
             self._result = news.report
-        elif news is None and self._result is None and 0 < self.written <= self._client.revision:
-            self._result = Report(self.id, "", 0, REMOVED, "the fleet does not keep it any more", 0.0)
+        elif news is None and self._result is None and 0 < self.written <= seen:
+            self._result = Report(self.id, "", 0, REMOVED, "the fleet no longer keeps it", 0.0)
         return self._result
 
     def cancel(self) -> None:

@@ -1,12 +1,14 @@
 """A robot of a fleet, without ROS: runs the agent over a hub and a body.
 
-One thread decides and never waits for anything else; calls to the hub, renewals of the lease and costs have a
-thread each. So a hub that hangs cannot delay the stop of what the lease does not cover any more.
+One thread decides and never waits for anything else; calls to the hub, renewals of the lease, its time and
+costs have a thread each. So a hub that hangs cannot delay the stop of what the lease no longer covers.
 """
 
+import contextlib
 import queue
 import threading
 import time
+import traceback
 from typing import Callable, List, NamedTuple, Optional, Protocol, Tuple
 
 from merlin_fleet.certified import HubError
@@ -14,10 +16,11 @@ from merlin_fleet.core import events as ev
 from merlin_fleet.core.agent import Agent
 from merlin_fleet.core.records import Goal
 from merlin_fleet.core.store import Change, Snapshot
-from merlin_fleet.etcd_messages import HubFull, HubRefuses, LeaseUnknown
+from merlin_fleet.core.view import FleetView
+from merlin_fleet.etcd_messages import HubFails, HubFull, HubRefuses, LeaseUnknown
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
-from merlin_fleet.inbox import Inbox
+from merlin_fleet.inbox import EventInbox
 
 Stopped = Callable[[bool, str, str], None]
 
@@ -48,6 +51,8 @@ class FleetStatus(NamedTuple):
     """Ends that the hub does not have yet."""
     stale: Tuple[str, ...] = ()
     """Shared facts that are older than allowed, in words."""
+    clock: str = ""
+    """How far its clock is off, in words; empty: it is not."""
 
 
 def boot_time() -> float:
@@ -61,10 +66,11 @@ class FleetRobot(Listener):
     :param agent: is used by this object's thread alone.
     :param hub: is closed with this object.
     :param body: executes goals.
-    :param say: told what a person should know; from the deciding thread.
+    :param say: gets sentences for a person; from the deciding thread.
     :param note_fleet: keeps the fleet's id, when the robot has joined; returns why that failed.
     :param learn: takes all facts of a predicate that another robot writes; returns at once.
-    :param on_status: told how the robot stands in the fleet, when that has changed; from the deciding thread.
+    :param on_status: gets the robot's status in the fleet after each change; from the deciding thread.
+    :param on_failed: is called with the error when the deciding thread has failed; what ran is being stopped.
     """
 
     def __init__(
@@ -76,6 +82,7 @@ class FleetRobot(Listener):
         note_fleet: Callable[[str], str] = lambda fleet: "",
         on_status: Callable[[FleetStatus], None] = lambda status: None,
         learn: Callable[[str, Tuple[str, ...]], None] = lambda predicate, facts: None,
+        on_failed: Callable[[str], None] = lambda error: None,
     ) -> None:
         self._agent = agent
         self._hub = hub
@@ -84,15 +91,23 @@ class FleetRobot(Listener):
         self._note_fleet = note_fleet
         self._on_status = on_status
         self._learn = learn
+        self._on_failed = on_failed
         self._status = FleetStatus()
         self._noted = agent.fleet_id
-        self._events = Inbox(agent.rules.gather_changes)
+        self._events = EventInbox(agent.rules.gather_changes)
         self._marks = (f"/{agent.robot.name}", f'"{agent.robot.name}"')
         self._calls: queue.Queue[Optional[ev.Transact]] = queue.Queue()
         self._costs: queue.Queue[Optional[ev.AskCost]] = queue.Queue()
+        self._times: queue.Queue[Optional[ev.AskTime]] = queue.Queue()
         self._leases: queue.Queue[Optional[ev.AskLease]] = queue.Queue(maxsize=1)
         self._idle = threading.Event()
-        parts = {"decisions": self._decide, "calls": self._call, "costs": self._cost, "lease": self._lease}
+        parts = {
+            "decisions": self._decide,
+            "calls": self._call,
+            "costs": self._cost,
+            "lease": self._lease,
+            "time": self._time,
+        }
         self._threads = [
             threading.Thread(target=part, name=f"fleet {name}", daemon=True) for name, part in parts.items()
         ]
@@ -104,7 +119,7 @@ class FleetRobot(Listener):
         self._hub.follow(self)
 
     def close(self, limit: float = 10.0) -> None:
-        """Stops what runs, gives back what it owns, and ends.
+        """Stops the running execution, gives the owned goals back, and ends.
 
         :param limit: s for the stop. A goal that has not ended by then stays owned until its lease ends.
         """
@@ -115,7 +130,7 @@ class FleetRobot(Listener):
             except HubError as error:
                 self._say(f"what the robot owns is free when its lease ends: {error}")
         self._events.put("end")
-        for part in (self._calls, self._costs):
+        for part in (self._calls, self._costs, self._times):
             part.put(None)
         self._hub.close()
         self._threads[0].join(limit)
@@ -124,11 +139,12 @@ class FleetRobot(Listener):
         """The knowledge base has these facts of a predicate that this robot writes; None: no answer."""
         self._events.put(ev.Known(predicate, facts, version))
 
-    # --- what the hub tells
+    # --- changes of the hub
 
     def on_connected(self, snapshot: Snapshot) -> None:
-        """All keys were read."""
-        self._events.put(ev.Connected(snapshot))
+        """All keys were read. They are looked at here: the deciding thread has a lease to watch."""
+        view = FleetView.of(self._agent.keys, snapshot, self._agent.robot)
+        self._events.put(ev.Connected(snapshot, view))
 
     def on_resumed(self) -> None:
         """Changes come again."""
@@ -152,10 +168,20 @@ class FleetRobot(Listener):
     # --- threads
 
     def _decide(self) -> None:
+        try:
+            self._decide_all()
+        except Exception:  # whatever it is: without this thread nothing ends with its lease
+            error = traceback.format_exc()
+            for goal in self._agent.possession.queue():
+                with contextlib.suppress(Exception):  # the others are still to be stopped
+                    self._body.stop(goal.id, "the robot's part in the fleet has failed")
+            self._on_failed(error)
+        self._offer_end()
+
+    def _decide_all(self) -> None:
         while True:
             event = self._events.next(max(0.0, self._agent.next_moment() - boot_time()))
             if isinstance(event, str):
-                self._offer_end()
                 return
             if isinstance(event, ev.Disconnected):
                 self._say(f"without the hub: {event.reason}")
@@ -168,6 +194,7 @@ class FleetRobot(Listener):
                 if problem:
                     self._say(f"of which fleet it is will be forgotten: {problem}")
             self._tell_status()
+            self._events.took(boot_time() - now)
             if self._agent.leaving and not self._busy():
                 self._idle.set()
 
@@ -175,15 +202,16 @@ class FleetRobot(Listener):
         agent = self._agent
         owned = tuple(goal.id for goal in agent.possession.queue())
         waiting, stale = len(agent.reporting.waiting), agent.sharing.stale
+        refused = agent.refused or agent.denied or agent.full
         status = FleetStatus(
-            agent.connected, agent.refused or agent.denied or agent.full, agent.joined, owned, waiting, stale
+            agent.connected, refused, agent.joined, owned, waiting, stale, agent.clock.problem
         )
         if status != self._status:
             self._status = status
             self._on_status(status)
 
     def _busy(self) -> bool:
-        """Whether something runs, or was done and the hub can still be told so under the present lease."""
+        """Whether something runs, or was done and can be reported to the hub under the present lease."""
         agent = self._agent
         executing = any(owned.executing for owned in agent.possession.owned.values())
         return executing or (agent.usable and bool(agent.reporting.waiting))
@@ -192,12 +220,13 @@ class FleetRobot(Listener):
         try:
             self._leases.put_nowait(None)
         except queue.Full:
-            self._leases.get_nowait()
+            with contextlib.suppress(queue.Empty):  # the thread of the lease has just taken it
+                self._leases.get_nowait()
             self._leases.put_nowait(None)
 
     def _carry_out(self, decisions: List[ev.Decision]) -> None:
         for decision in decisions:
-            if isinstance(decision, ev.Stop):
+            if isinstance(decision, ev.StopExecution):
                 self._body.stop(decision.goal, decision.reason)
             elif isinstance(decision, ev.Begin):
                 self._body.begin(decision.goal, self._ended(decision.goal.id))
@@ -208,6 +237,8 @@ class FleetRobot(Listener):
                 self._calls.put(decision)
             elif isinstance(decision, ev.AskCost):
                 self._costs.put(decision)
+            elif isinstance(decision, ev.AskTime):
+                self._times.put(decision)
             elif isinstance(decision, ev.Learn):
                 self._learn(decision.predicate, decision.facts)
             elif isinstance(decision, ev.Say):
@@ -226,8 +257,11 @@ class FleetRobot(Listener):
             except HubFull as error:
                 result = None
                 self._events.put(ev.Full(str(error)))
+            except HubFails as error:
+                result = None
+                self._events.put(ev.Failed(str(error)))
             except HubError:
-                result = None  # it may have been done: the keys will tell
+                result = None  # it may have been done: the keys will show it
             self._events.put(ev.Answered(decision.tag, result))
 
     def _lease(self) -> None:
@@ -247,11 +281,18 @@ class FleetRobot(Listener):
                 continue  # asked again, soon
             self._events.put(ev.Leased(decision.lease, asked_at, lease if ttl else 0, ttl))
 
+    def _time(self) -> None:
+        for _ in iter(self._times.get, None):
+            wall: Optional[float] = None
+            with contextlib.suppress(HubError):
+                wall = self._hub.time()
+            self._events.put(ev.Timed(boot_time(), wall))
+
     def _cost(self) -> None:
         for decision in iter(self._costs.get, None):
             cost: Optional[float] = None
             try:
                 cost, reason = self._body.cost(decision.goal, decision.behind)
-            except Exception as error:  # a robot that cannot tell a cost does not bid, and says why
+            except Exception as error:  # a robot without a cost does not bid, and logs why
                 reason = f"its cost is not known: {error!r}"
             self._events.put(ev.Costed(decision.goal.id, decision.queue, cost, reason))

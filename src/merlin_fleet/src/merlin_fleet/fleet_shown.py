@@ -2,11 +2,11 @@
 
 from typing import Any, Dict, List
 
-from merlin_fleet.core.view import GoalState
+from merlin_fleet.core.view import FleetGoalState
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_request import GoalNews
 
-MOST = 40  # goals that are shown: those that go on first, then the last ones that have ended
+MOST = 40  # goals that are shown: those that continue first, then the last ones that have ended
 
 
 def shown(client: FleetClient, most: int = MOST) -> Dict[str, Any]:
@@ -46,7 +46,7 @@ def shown(client: FleetClient, most: int = MOST) -> Dict[str, Any]:
         },
         "missing": missing,
         "missing_since": (heard or None) if missing else None,
-        # Grey: what is shown is of the moment at which the hub was last heard of.
+        # Grey: the page shows the state at the last contact with the hub.
         "silent": silent if missing and heard else None,
     }
 
@@ -55,6 +55,7 @@ def _goal(news: GoalNews) -> Dict[str, Any]:
     report = news.report
     state = news.state.value if report is None else report.outcome.lower().replace("_", " ")
     refusals = [f"{robot}: {reason}" for robot, reason in sorted(news.refusals.items())]
+    open_because = [news.hopeless, *refusals] if news.hopeless else refusals
     return {
         "id": news.goal.id,
         "text": " ".join(news.goal.goals),
@@ -62,8 +63,8 @@ def _goal(news: GoalNews) -> Dict[str, Any]:
         "state": state,
         "over": report is not None,
         "robot": report.robot if report is not None else news.owner,
-        "finish": news.goal.finish and news.state in (GoalState.OWNED, GoalState.CANCELLING),
-        "why": report.reason if report is not None else "; ".join(refusals),
+        "finish": news.goal.finish and news.state in (FleetGoalState.OWNED, FleetGoalState.CANCELLING),
+        "why": report.reason if report is not None else "; ".join(open_because),
     }
 
 

@@ -1,22 +1,25 @@
 """The store of a fleet in etcd: transactions, leases, and the changes of all keys without a gap.
 
 One channel carries calls and watch. A call that is not answered in time ends the channel, so a watch over a
-dead connection ends with it; the next watch goes on behind the last revision that was seen.
+dead connection ends with it; the next watch continues behind the last revision that was seen.
 """
 
 import random
+import re
 import threading
+import traceback
 from typing import Any, Callable, List, Optional, Sequence, Tuple
 
 import etcd3.etcdrpc as rpc
 import grpc
 
-from merlin_fleet.certified import HubError, Tls, certificate_problem
+from merlin_fleet.certified import HubError, Tls, certificate_problem, time_of
 from merlin_fleet.core.store import Item, Snapshot, Txn, TxnResult
-from merlin_fleet.etcd_messages import behind, error_of, item_of, txn_message
-from merlin_fleet.hub_watch import Listener, Watch
+from merlin_fleet.etcd_messages import HubFails, behind, error_of, item_of, txn_message
+from merlin_fleet.hub_watch import ChannelClosed, Listener, Watch
 
 DEFAULT_ENDPOINT = "127.0.0.1:2379"
+ENDPOINT = re.compile(r"([\w.-]+|\[[0-9A-Fa-f:.]+\]):\d{1,5}\Z", re.ASCII)  # without a scheme
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 PAGE = 500  # keys that are read at once
 PAUSES = (0.2, 0.5, 1.0, 2.0)  # s between attempts to connect
@@ -25,7 +28,7 @@ OPTIONS = (
     (
         "grpc.use_local_subchannel_pool",
         1,
-    ),  # a new channel is a new connection, without the old one's back-off
+    ),  # a new channel is a new connection, without the back-off of the old one
     ("grpc.max_receive_message_length", LARGEST),
     ("grpc.enable_http_proxy", 0),
 )
@@ -39,7 +42,8 @@ class EtcdHub:
     :param endpoints: host:port of each member of the cluster.
     :param tls: None: without, and then only on this machine.
     :param timeout: s for a call.
-    :raises HubError: for endpoints on other machines without certificates, and files that cannot be read.
+    :raises HubError: for what is not an endpoint, one on another machine without certificates, and files
+        that cannot be read.
     """
 
     def __init__(
@@ -50,6 +54,9 @@ class EtcdHub:
         timeout: float = 2.0,
         end: str = "",
     ) -> None:
+        for each in endpoints:
+            if not ENDPOINT.match(each) or not 0 < int(each.rpartition(":")[2]) < 65536:
+                raise HubError(f"'{each}' is not the address of a hub; write hub.lab:2379")
         foreign = [each for each in endpoints if each.rpartition(":")[0] not in LOOPBACK]
         if tls is None and foreign:
             raise HubError(f"without certificates only an etcd on this machine is used, not {foreign[0]}")
@@ -59,7 +66,8 @@ class EtcdHub:
         self._end = end.encode() or behind(self._root)
         self._endpoints = list(endpoints)
         self._tls = tls
-        self._credentials = tls.credentials() if tls else None
+        if tls is not None:
+            tls.credentials()  # a mistake is told at the start
         self._timeout = timeout
         self._lock = threading.Lock()  # guards what follows
         self._channel: Optional[grpc.Channel] = None
@@ -94,7 +102,7 @@ class EtcdHub:
     def renew(self, lease: int) -> float:
         """Renews a lease.
 
-        :return: its time, s; 0: etcd does not know it any more.
+        :return: its time, s; 0: etcd no longer knows it.
         :raises HubError: when there was no answer in time, or etcd refuses.
         """
         request = rpc.LeaseKeepAliveRequest(ID=lease)
@@ -109,13 +117,22 @@ class EtcdHub:
         self._call("Lease", "LeaseRevoke", rpc.LeaseRevokeRequest(ID=lease))
 
     def check(self) -> None:
-        """Asks whether etcd is there. When it does not answer in time, the changes end, too.
+        """Asks whether etcd answers. When it does not answer in time, the changes end, too.
 
-        A watch alone waits for ever for a machine that is switched off, or behind a link that is cut.
+        A watch alone waits forever for a machine that is switched off, or behind a link that is cut.
 
         :raises HubError: when there was no answer in time, or etcd refuses.
         """
         self._where()
+
+    def time(self) -> float:
+        """The time of the hub's clock, s since 1970, right to 1 s.
+
+        :raises HubError: when there was no answer with a time.
+        """
+        with self._lock:
+            endpoint = self._endpoints[self._turn % len(self._endpoints)]
+        return time_of(endpoint, self._tls, self._timeout)
 
     def ask(self, stub: str, method: str, request: Any) -> Any:
         """Any call of etcd's, as an administrator needs it.
@@ -168,10 +185,10 @@ class EtcdHub:
             if self._channel is None:
                 self._dropped = ""
                 endpoint = self._endpoints[self._turn % len(self._endpoints)]
-                if self._credentials is None:
+                if self._tls is None:
                     self._channel = grpc.insecure_channel(endpoint, OPTIONS)
-                else:
-                    self._channel = grpc.secure_channel(endpoint, self._credentials, OPTIONS)
+                else:  # read anew: they are renewed while this runs
+                    self._channel = grpc.secure_channel(endpoint, self._tls.credentials(), OPTIONS)
             return self._channel
 
     def _drop(self, channel: grpc.Channel, reason: str) -> None:
@@ -186,7 +203,7 @@ class EtcdHub:
     # --- changes
 
     def follow(self, listener: Listener) -> None:
-        """Begins to tell of changes, from now until `close`."""
+        """Begins to report changes, from now until `close`."""
         assert self._thread is None
         self._thread = threading.Thread(
             target=self._follow, args=(listener,), name="fleet watch", daemon=True
@@ -210,21 +227,40 @@ class EtcdHub:
             told = watch.told
             try:
                 cluster, known = self._where()
-                if not watch.resumes(cluster, known):
-                    watch.restart(*self._read())
+                has = self._has(watch.last) if watch.resumes(cluster, known) else None
+                if not has:
+                    watch.restart(*self._read(), another=has is False)
                 watch.run(self._open(), self._timeout)
-            except HubError as error:
-                reason = self._reason(error) if watch.connected else str(error)
-            except (grpc.RpcError, ValueError) as error:
-                closed = "its connection was closed"
-                reason = str(error_of(error)) if isinstance(error, grpc.RpcError) else closed
+            except (grpc.RpcError, ChannelClosed) as error:
+                reason = str(error_of(error)) if isinstance(error, grpc.RpcError) else str(error)
                 with self._lock:  # a call that failed has ended it, and says more
                     reason = self._dropped or reason
+            except HubError as error:
+                reason = self._reason(error) if watch.connected else str(error)
+            except Exception as error:  # a listener's mistake: without this thread it would hear nothing more
+                traceback.print_exc()
+                watch.forget()
+                reason = f"the changes of the hub were not taken: {error!r}"
             failures = 0 if watch.told > told else failures + 1
             if not self._closed.is_set():
                 watch.lost(reason)
                 pause = PAUSES[min(failures, len(PAUSES) - 1)]
                 self._closed.wait(pause * random.uniform(0.7, 1.3))  # not all robots at once
+
+    def _has(self, last: Optional[Item]) -> Optional[bool]:
+        """Whether etcd has the last change that was delivered, at its revision; None: that cannot be seen.
+
+        One that was put back from a backup has the same id when its token is the same, and its revision may
+        have passed the delivered one since then.
+        """
+        if last is None:
+            return None  # nothing is left of a deletion
+        try:
+            request = rpc.RangeRequest(key=last.key.encode(), revision=last.modified)
+            found = list(map(item_of, self._call("KV", "Range", request).kvs))
+        except HubFails:
+            return None  # that revision was compacted
+        return found == [last]
 
     def _reason(self, error: HubError) -> str:
         """Why a call has failed; where certificates are used, grpc does not say whether it is for them."""

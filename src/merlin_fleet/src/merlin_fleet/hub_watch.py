@@ -1,4 +1,4 @@
-"""The stream of changes of a fleet's keys, and who is told of them."""
+"""The stream of changes of a fleet's keys, and its listeners."""
 
 import threading
 from typing import Any, Optional, Tuple
@@ -7,12 +7,12 @@ import etcd3.etcdrpc as rpc
 import grpc
 
 from merlin_fleet.certified import HubError
-from merlin_fleet.core.store import Change, Snapshot
+from merlin_fleet.core.store import Change, Item, Snapshot
 from merlin_fleet.etcd_messages import change_of
 
 
 class Listener:
-    """What a hub tells. Called from the hub's thread."""
+    """Takes the changes of a hub. Called from the hub's thread."""
 
     def on_connected(self, snapshot: Snapshot) -> None:
         """All keys were read; the changes after it come."""
@@ -27,6 +27,10 @@ class Listener:
         """No changes come until further notice."""
 
 
+class ChannelClosed(HubError):
+    """A call that failed has closed the connection."""
+
+
 class Watch:
     """Reads the stream of changes. For one thread."""
 
@@ -36,17 +40,29 @@ class Watch:
         self._cluster = 0
         self._revision = 0
         self._snapshot: Optional[Snapshot] = None
-        self.connected = True  # so that the first failure is told
+        self.last: Optional[Item] = None
+        """The last delivered key; None: there is none, or the last change was a deletion."""
+        self.connected = True  # so that the first failure is reported
         self.told = 0
         """How often something came."""
 
     def resumes(self, cluster: int, revision: int) -> bool:
-        """Whether the next changes follow on what was told."""
+        """Whether the next changes follow the delivered ones without a gap."""
         return bool(self._revision) and cluster == self._cluster and revision >= self._revision
 
-    def restart(self, cluster: int, snapshot: Snapshot) -> None:
-        """What was told before does not count any more."""
-        self._cluster, self._snapshot, self._revision = cluster, snapshot, snapshot.revision
+    def restart(self, cluster: int, snapshot: Snapshot, another: bool) -> None:
+        """Changes delivered before no longer count.
+
+        :param another: whether it is known that the store is not the one that they came from.
+        """
+        another = another or self._cluster not in (0, cluster)
+        self._cluster, self._revision = cluster, snapshot.revision
+        self.last = max(snapshot.items, key=lambda item: item.modified, default=None)
+        self._snapshot = snapshot._replace(another=another)
+
+    def forget(self) -> None:
+        """Everything is read again at the next start."""
+        self._revision = 0
 
     def lost(self, reason: str) -> None:
         """The stream has ended."""
@@ -55,19 +71,23 @@ class Watch:
             self._listener.on_disconnected(reason)
 
     def run(self, channel: grpc.Channel, timeout: float) -> None:
-        """Tells what comes, until the stream ends.
+        """Delivers the changes, until the stream ends.
 
         :raises grpc.RpcError: when it ends.
         :raises HubError: when etcd refuses it.
         """
-        create = rpc.WatchCreateRequest(
-            key=self._root, range_end=self._end, start_revision=self._revision + 1
-        )
+        begin = self._revision
+        if self._snapshot is None and self.last is not None:
+            begin = self.last.modified  # it is known to be there; what followed may be another store's
+        create = rpc.WatchCreateRequest(key=self._root, range_end=self._end, start_revision=begin + 1)
         ended = threading.Event()
-        stream = rpc.WatchStub(channel).Watch(_requests(rpc.WatchRequest(create_request=create), ended))
+        try:
+            stream = rpc.WatchStub(channel).Watch(_requests(rpc.WatchRequest(create_request=create), ended))
+        except ValueError:
+            raise ChannelClosed("its connection was closed") from None
         # A stream has no time-out of its own; it has to begin in time.
         alarm = threading.Timer(timeout, stream.cancel)
-        alarm.daemon = True
+        alarm.name, alarm.daemon = "fleet watch begins", True
         alarm.start()
         try:
             for response in stream:
@@ -91,6 +111,8 @@ class Watch:
         changes = tuple(map(change_of, response.events))
         if changes:
             self._revision = changes[-1].modified
+            key, value, modified = changes[-1]
+            self.last = Item(key, value, modified) if value is not None else None
             self._listener.on_changed(changes)
 
     def _begin(self) -> None:

@@ -10,19 +10,22 @@ from merlin_fleet.core.store import Change
 
 #: Events about the connection: the changes before them come before them.
 CONNECTION = (ev.Connected, ev.Resumed, ev.Disconnected)
+#: After a decision changes wait for so many times what it took: others need the processor, too.
+REST = 4.0
+LONGEST = 1.0  # s for which they wait in any case
 
 
-class Inbox:
+class EventInbox:
     """Events for one thread, from any. Changes that are not urgent wait, and come as one event.
 
     In a large fleet nearly all changes are about other robots; a decision after each one would cost more
     than all the rest. Other events may overtake changes: an answer of the hub says the same as its change.
 
-    :param gather: s for which changes wait at most.
+    :param gather: s for which changes wait at most, where decisions are quick.
     """
 
     def __init__(self, gather: float) -> None:
-        self._gather = gather
+        self._least = self._gather = gather
         self._changed = threading.Condition()  # guards the fields below
         self._events: Deque[Union[ev.Event, str]] = deque()
         self._batch: List[Change] = []
@@ -39,7 +42,7 @@ class Inbox:
     def put_changes(self, changes: Tuple[Change, ...], urgent: bool) -> None:
         """Keys changed.
 
-        :param urgent: whether all changes that wait are told at once.
+        :param urgent: whether all waiting changes are delivered at once.
         """
         with self._changed:
             if not self._batch:
@@ -50,8 +53,13 @@ class Inbox:
                 self._close()
                 self._changed.notify()
 
+    def took(self, seconds: float) -> None:
+        """Notes what a decision took, s: the slower they are, the more changes are looked at together."""
+        with self._changed:
+            self._gather = max(self._least, min(LONGEST, REST * seconds))
+
     def next(self, wait: float) -> Union[ev.Event, str]:
-        """The next event; None: in s there was none."""
+        """The next event; None: none came in time."""
         end = time.monotonic() + wait
         with self._changed:
             while not self._events:

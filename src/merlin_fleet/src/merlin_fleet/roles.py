@@ -59,9 +59,9 @@ class Roles:
         return set_
 
     def remove(self, name: str) -> None:
-        """Takes all rights from a user: its certificate is of no use any more.
+        """Takes all rights from a user: its certificate is no longer of use.
 
-        :raises HubError: when there is none, etcd does not answer, or refuses.
+        :raises HubError: when the user does not exist, or etcd does not answer or refuses.
         """
         self._ask("UserDelete", rpc.AuthUserDeleteRequest(name=name))
 

@@ -10,7 +10,8 @@ class AttentionClock:
     """Two clocks that advance while the guard pays attention.
 
     A process that is starved of its processor, or stopped, sees all its peers silent for just as long. So a
-    step between two events adds :data:`LONGEST_STEP` at the most: a guard that was away blames no peer.
+    step between two events adds :data:`LONGEST_STEP` at the most: a starved guard must not take a peer for
+    silent.
 
     :ivar wall: s of attention in wall time.
     :ivar world: s of attention in the time of the robot's world: it stands still while a simulator is paused,

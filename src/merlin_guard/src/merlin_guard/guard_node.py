@@ -1,10 +1,9 @@
 """The node ``merlin_guard``: velocities pass to the base only while an owned motion goal is active."""
 
 import math
-import signal
 import threading
 import time
-from typing import Any, List, Optional, Set
+from typing import Any, Optional, Set
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatusArray
@@ -15,21 +14,25 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_guard.goal_header import read_goal_header
 from merlin_guard.guard_parameters import GuardParameters, read_parameters
-from merlin_guard.motion_permit import MotionPermit, PermitDecision, Send, State, View
+from merlin_guard.motion_permit import GuardState, MotionPermit, PermitDecision, Send, View
 from merlin_guard.motion_server import GoalReport
-from merlin_guard.process_priority import raise_priority
 from merlin_guard.ros_graph import living_guard_of_this_name
 from merlin_guard.surroundings import Surroundings
 from merlin_ros.master.master_link import MasterSilent, get_param, set_param
+from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
+from merlin_ros.process_priority import raise_priority
 from merlin_ros.publishing import OnSubscriber
 
 NAME = "merlin_guard"
+#: Nice value: about nine times the share of a process at 0, and a short way to the processor. What stops the
+#: base must not queue behind what drives it.
+PRIORITY = -10
 SIM_STATUS_TOPIC = "/merlin_sim/status"
 TICK = 0.05  # s of wall time between two looks at the limits
 STATUS_PERIOD = 0.5  # s of wall time between two statuses without a change
 SLOWEST = 0.1  # factor of a simulation below which a slow one counts as this slow
-WARN_AFTER = 0.25  # s; an owner lets go of a goal some moments before the end of the goal is told
+WARN_AFTER = 0.25  # s; an owner releases a goal some moments before the end of the goal is published
 REMEMBER = 0.5  # s to wait for the master to keep a stop; one that hangs must not hold up its confirmation
 CANNOT_BEGIN = 2  # exit code that says: starting it again does not help
 FLUSH = 0.05  # s for the last zero velocity to leave the process
@@ -38,10 +41,10 @@ STOPPED_PARAM, SINCE_PARAM = "~stopped", "~stopped_since"  # keep a stop over a 
 LONGEST_TEXT = 100  # characters of the name of an operator, or of a reason
 
 _STATES = {
-    State.IDLE: GuardStatus.IDLE,
-    State.PASSING: GuardStatus.PASSING,
-    State.HOLDING: GuardStatus.HOLDING,
-    State.STOPPED: GuardStatus.STOPPED,
+    GuardState.IDLE: GuardStatus.IDLE,
+    GuardState.PASSING: GuardStatus.PASSING,
+    GuardState.HOLDING: GuardStatus.HOLDING,
+    GuardState.STOPPED: GuardStatus.STOPPED,
 }
 
 
@@ -61,12 +64,12 @@ class GuardNode:
         self._lock = threading.RLock()  # guards the fields below, and orders what is published
         self._memory = threading.Lock()  # orders the writers of the parameter that keeps a stop
         self._permit = MotionPermit(parameters.servers, parameters.settings, stopped)
-        self._state: Optional[State] = None
-        self._told: Optional[View] = None
-        self._keeping = 0  # stops that are being written; a state that is told outlives the guard
+        self._state: Optional[GuardState] = None
+        self._published: Optional[View] = None
+        self._keeping = 0  # stops that are being written; a published state outlives the guard
         self._since = rospy.Time.from_sec(float(get_param(SINCE_PARAM, 0.0)) if stopped else 0.0)
-        self._told_at = -math.inf
-        self._born = rospy.Time.now()
+        self._published_at = -math.inf
+        self._born = self._seen = rospy.Time.now()
         self._closing = False
         self._over = threading.Event()
         # A base that connects may have kept the last velocity of a guard that died.
@@ -102,8 +105,8 @@ class GuardNode:
         def listen(topic: str, message_class: Any, callback: Any, **options: Any) -> rospy.Subscriber:
             return rospy.Subscriber(topic, message_class, callback, tcp_nodelay=True, **options)
 
+        self._simulator = listen(SIM_STATUS_TOPIC, SimStatus, self._receive_simulation)
         self._subscribers = [
-            listen(SIM_STATUS_TOPIC, SimStatus, self._receive_simulation),
             listen("merlin/stop", Empty, lambda _: self._stop("stopped on the topic merlin/stop")),
             listen(
                 "merlin/stop_by",
@@ -145,9 +148,7 @@ class GuardNode:
 
     def _receive_status(self, message: GoalStatusArray, server: str) -> None:
         with self._lock:
-            now = rospy.Time.now()
-            if self._born.is_zero() or now < self._born:  # the clock has just begun, or begun anew
-                self._born = now
+            self._look_at_clock()
             born = self._born
             reports = [
                 GoalReport(
@@ -162,6 +163,15 @@ class GuardNode:
             self._apply(self._permit.status(server, reports, time.monotonic()))
         self._surroundings.heard(server)
 
+    def _look_at_clock(self) -> None:
+        """Notes that ROS time has begun, or has jumped back; called with the lock held."""
+        now = rospy.Time.now()
+        if self._born.is_zero() or now < self._born:
+            self._born = now
+        if now < self._seen:
+            self._apply(self._permit.clock_began_anew(time.monotonic()))
+        self._seen = now
+
     def _receive_goal(self, message: rospy.AnyMsg, server: str) -> None:
         try:
             goal = read_goal_header(message._buff)
@@ -169,6 +179,7 @@ class GuardNode:
             rospy.logerr_throttle(10.0, f"{server}/goal: {error}")
             return
         with self._lock:
+            self._look_at_clock()
             self._apply(self._permit.goal_sent(server, goal.id, goal.stamp, time.monotonic()))
 
     def _receive_cancel(self, message: GoalID, server: str) -> None:
@@ -187,7 +198,7 @@ class GuardNode:
 
     def _stop(self, reason: str) -> None:
         with self._lock:
-            fresh = self._permit.view.state is not State.STOPPED
+            fresh = self._permit.view.state is not GuardState.STOPPED
             self._keeping += fresh
             self._apply(self._permit.stop(reason, time.monotonic()))
         if fresh:
@@ -196,7 +207,7 @@ class GuardNode:
             with self._lock:
                 self._keeping -= 1
                 if not self._closing:
-                    self._tell(self._permit.view)
+                    self._publish_status(self._permit.view)
 
     def _brake(self, reason: str) -> None:
         with self._lock:
@@ -208,7 +219,7 @@ class GuardNode:
 
     def _serve_release(self, request: TriggerRequest) -> TriggerResponse:
         with self._lock:
-            stopped = self._permit.view.state is State.STOPPED
+            stopped = self._permit.view.state is GuardState.STOPPED
             self._apply(self._permit.release(time.monotonic()))
         if not stopped:
             return TriggerResponse(True, "it was not stopped")
@@ -223,7 +234,7 @@ class GuardNode:
         return TriggerResponse(True, f"halted; active goals: {', '.join(goals) or 'none'}")
 
     def _remember_stop(self) -> None:
-        """Keeps whether it is stopped where a restarted guard finds it."""
+        """Stores whether the base is stopped, for a restarted guard."""
         keeper = threading.Thread(target=self._write_stop, name="guard memory", daemon=True)
         keeper.start()
         keeper.join(REMEMBER)
@@ -234,12 +245,12 @@ class GuardNode:
                 view, since = self._permit.view, self._since  # now, so that of two writers the later is right
             try:
                 set_param(SINCE_PARAM, since.to_sec())
-                set_param(STOPPED_PARAM, view.reason if view.state is State.STOPPED else "")
+                set_param(STOPPED_PARAM, view.reason if view.state is GuardState.STOPPED else "")
             except MasterSilent as error:
                 rospy.logerr(f"{rospy.get_name()}: the master does not keep the stop for a restart: {error}")
 
     def _apply(self, decision: PermitDecision, velocity: Optional[Twist] = None) -> None:
-        """Does what was decided; called with the lock held."""
+        """Carries out a decision; called with the lock held."""
         if self._closing:
             return
         if decision.send is Send.ZERO or velocity is None:
@@ -252,18 +263,18 @@ class GuardNode:
                 rospy.logwarn(
                     f"{rospy.get_name()}: cancels {cancel.goal_id} of {cancel.server}: {cancel.reason}"
                 )
-        self._tell(self._permit.view)
+        self._publish_status(self._permit.view)
 
-    def _tell(self, view: View) -> None:
+    def _publish_status(self, view: View) -> None:
         """Publishes the state when it changed or is due; called with the lock held."""
         stamp = rospy.Time.now()
         if self._since.is_zero() or (self._state is not None and view.state is not self._state):
             self._since = stamp
         self._state = view.state
         now = time.monotonic()
-        if self._keeping or (view == self._told and now - self._told_at < STATUS_PERIOD):
+        if self._keeping or (view == self._published and now - self._published_at < STATUS_PERIOD):
             return
-        self._told, self._told_at = view, now
+        self._published, self._published_at = view, now
         status = GuardStatus(
             state=_STATES[view.state],
             reason=view.reason,
@@ -279,9 +290,10 @@ class GuardNode:
         while not self._over.wait(TICK):
             with self._lock:
                 clients = {server: _connected(topic) for server, topic in self._leases.items()}
-                self._apply(self._permit.tick(time.monotonic(), clients))
+                simulated = bool(_connected(self._simulator))
+                self._apply(self._permit.tick(time.monotonic(), clients, simulated))
                 view = self._permit.view
-            reason = view.reason if view.state is State.HOLDING else ""
+            reason = view.reason if view.state is GuardState.HOLDING else ""
             if reason != before:
                 before, since = reason, time.monotonic()
             elif reason != logged and time.monotonic() - since >= WARN_AFTER:
@@ -316,7 +328,7 @@ def _connected(subscriber: rospy.Subscriber) -> Set[str]:
 
 
 def _stop_button(index: int, stop: Any) -> rospy.Subscriber:
-    """Lets a button of `joy` stop the base.
+    """Stops the base by a button of `joy`.
 
     :raises ParameterError: the package sensor_msgs is missing.
     """
@@ -351,36 +363,9 @@ def _start() -> None:
 
 def main() -> int:
     """The executable ``guard``; returns its exit code."""
-    raise_priority()
+    raise_priority(PRIORITY)
     other = living_guard_of_this_name(NAME)
     if other:
         print(f"merlin_guard: a guard named {other} runs already; end it, or name this one differently")
         return CANNOT_BEGIN
-    try:
-        from merlin_ros.node import run_node
-    except ImportError:
-        return _run_alone()
-    # With MERLIN around it: a node that registers again when its master was lost.
     return run_node(NAME, _start, ParameterError)
-
-
-def _run_alone() -> int:
-    """Runs the node where MERLIN is not installed; returns its exit code."""
-    received: List[int] = []
-
-    def end(number: int, _: Any) -> None:
-        received.append(number)
-        # Not in the handler: rospy would wait for a lock that the interrupted thread may hold.
-        threading.Thread(target=rospy.signal_shutdown, args=(f"signal-{number}",), name="shutdown").start()
-
-    rospy.init_node(NAME, disable_signals=True)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
-    try:
-        _start()
-    except ParameterError as error:
-        rospy.logfatal(f"{rospy.get_name()}: {error}")
-        rospy.signal_shutdown(str(error))
-        return CANNOT_BEGIN
-    rospy.spin()
-    return 128 + signal.SIGTERM if signal.SIGTERM in received else 0

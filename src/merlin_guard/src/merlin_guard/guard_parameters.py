@@ -14,7 +14,7 @@ SERVER_WAIT = 30.0  # s; a simulator loads its world that long on a busy machine
 
 
 class GuardParameters(NamedTuple):
-    """What the node is told."""
+    """The node's parameters."""
 
     servers: List[str]
     """Resolved names of the actions that move the base."""

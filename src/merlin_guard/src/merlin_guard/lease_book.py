@@ -8,7 +8,7 @@ leases; it judges from them at each moment, and of several owners the best count
 
 from collections import OrderedDict
 from enum import Enum
-from typing import Collection, Dict, FrozenSet, Iterable, NamedTuple, Set, Tuple
+from typing import Collection, FrozenSet, NamedTuple, Sequence, Tuple
 
 from merlin_guard.settings import GuardSettings
 
@@ -16,6 +16,9 @@ LET_GO_GRACE = 0.2  # s in which a goal that was let go may end by itself; most 
 LOSE_GONE_AFTER = 0.9  # s of silence after which an owner whose connection is closed has lost its goals
 KEEP_OWNER = 60.0  # s of silence after which an owner is forgotten
 KEEP_FORMER = 256  # ids an owner let go of that are remembered
+KEEP_LIVES = 8  # earlier processes of an owner that are remembered
+NAMES = 1000  # of a lease that count: its last ones; what it names before them counts as let go
+OWNERS = 1000  # that are remembered at most; then the one that is silent for longest is forgotten
 
 
 class BaseOwnership(Enum):
@@ -25,11 +28,11 @@ class BaseOwnership(Enum):
     """No lease ever named it."""
     HELD = "held"
     SUSPENDED = "suspended"
-    """It must not move the base now, and may go on later."""
+    """The goal must not move the base now, and may continue later."""
     LOST = "lost"
 
 
-class Claim(NamedTuple):
+class LeaseClaim(NamedTuple):
     """The ownership of a goal and the reason, a clause about the owner; empty when it is foreign or held."""
 
     ownership: BaseOwnership
@@ -38,7 +41,7 @@ class Claim(NamedTuple):
     """When its owner was last heard, s."""
 
 
-FOREIGN = Claim(BaseOwnership.FOREIGN)
+FOREIGN = LeaseClaim(BaseOwnership.FOREIGN)
 _RANK = {BaseOwnership.FOREIGN: 0, BaseOwnership.LOST: 1, BaseOwnership.SUSPENDED: 2, BaseOwnership.HELD: 3}
 
 
@@ -47,7 +50,7 @@ class _Owner:
 
     def __init__(self, life: str) -> None:
         self.life = life
-        self.former_lives: Set[str] = set()
+        self.former_lives: Tuple[str, ...] = ()
         self.heard_at = 0.0
         self.gone = False  # whether its connection is closed
         self.held: FrozenSet[str] = frozenset()
@@ -63,48 +66,48 @@ class GuardLeases:
 
     def __init__(self, settings: GuardSettings) -> None:
         self._settings = settings
-        self._owners: Dict[str, _Owner] = {}
+        self._owners: OrderedDict[str, _Owner] = OrderedDict()  # the one that is silent for longest first
 
     def receive(
-        self, owner: str, life: str, held: Iterable[str], suspended: Iterable[str], now: float
+        self, owner: str, life: str, held: Sequence[str], suspended: Sequence[str], now: float
     ) -> None:
         """Takes a lease.
 
         :param owner: name of the client's node.
-        :param life: one life of its process.
+        :param life: names its process.
         :param held: ids of its goals.
         :param suspended: those of its goals whose own owner is silent.
         """
         known = self._owners.setdefault(owner, _Owner(life))
         if life in known.former_lives:
-            return  # a late word of a life that is over
+            return  # a late lease of a process that has ended
         named = known.held | known.suspended
         reborn = known.life != life
         if reborn:
-            known.former_lives.add(known.life)
+            known.former_lives = (*known.former_lives[-KEEP_LIVES + 1 :], known.life)
         known.life, known.heard_at, known.gone = life, now, False
-        known.suspended = frozenset(suspended)
-        known.held = frozenset(held) - known.suspended
+        known.suspended = frozenset(suspended[-NAMES:])
+        known.held = frozenset(held[-NAMES:]) - known.suspended
         for goal_id in named - known.held - known.suspended:
             if reborn:
-                known.former[goal_id] = (now, f"its owner {owner} has begun a new life")
+                known.former[goal_id] = (now, f"its owner {owner} has restarted")
             else:
                 known.former[goal_id] = (now + LET_GO_GRACE, f"its owner {owner} has let go of it")
         for goal_id in known.held | known.suspended:
             known.former.pop(goal_id, None)
         while len(known.former) > KEEP_FORMER:
             known.former.popitem(last=False)
-        for name, other in list(self._owners.items()):
-            if now - other.heard_at > KEEP_OWNER:
-                del self._owners[name]
+        self._owners.move_to_end(owner)
+        while len(self._owners) > OWNERS or now - next(iter(self._owners.values())).heard_at > KEEP_OWNER:
+            self._owners.popitem(last=False)
 
     def connected(self, owners: Collection[str]) -> None:
         """Takes the names of all clients whose connection is open."""
         for name, owner in self._owners.items():
             owner.gone = name not in owners
 
-    def claim(self, goal_id: str, now: float) -> Claim:
-        """What the leases say about a goal now. Of several owners the one that lets it do most counts."""
+    def claim(self, goal_id: str, now: float) -> LeaseClaim:
+        """The verdict of the leases on a goal now. Of several owners, the most permissive lease counts."""
         best = FOREIGN
         for name, owner in self._owners.items():
             claim = self._claim(name, owner, goal_id, now)
@@ -112,26 +115,28 @@ class GuardLeases:
                 best = claim
         return best
 
-    def _claim(self, name: str, owner: _Owner, goal_id: str, now: float) -> Claim:
+    def _claim(self, name: str, owner: _Owner, goal_id: str, now: float) -> LeaseClaim:
         former = owner.former.get(goal_id)
         if former is not None:
             lost_at, reason = former
             ownership = BaseOwnership.LOST if now >= lost_at else BaseOwnership.SUSPENDED
-            return Claim(ownership, reason, owner.heard_at)
+            return LeaseClaim(ownership, reason, owner.heard_at)
         suspended = goal_id in owner.suspended
         if not suspended and goal_id not in owner.held:
             return FOREIGN
         silent = now - owner.heard_at
         if owner.gone and silent > min(LOSE_GONE_AFTER, self._settings.lose_after):
-            return Claim(BaseOwnership.LOST, f"its owner {name} is gone", owner.heard_at)
+            return LeaseClaim(BaseOwnership.LOST, f"its owner {name} is gone", owner.heard_at)
         for ownership, limit in (
             (BaseOwnership.LOST, self._settings.lose_after),
             (BaseOwnership.SUSPENDED, self._settings.suspend_after),
         ):
             if silent > limit:
-                return Claim(ownership, f"its owner {name} has been silent for {limit:g} s", owner.heard_at)
+                return LeaseClaim(
+                    ownership, f"its owner {name} has been silent for {limit:g} s", owner.heard_at
+                )
         if suspended:
-            return Claim(
+            return LeaseClaim(
                 BaseOwnership.SUSPENDED, f"its owner {name} says that its own owner is silent", owner.heard_at
             )
-        return Claim(BaseOwnership.HELD, heard_at=owner.heard_at)
+        return LeaseClaim(BaseOwnership.HELD, heard_at=owner.heard_at)

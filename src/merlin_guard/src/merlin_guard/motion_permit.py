@@ -23,7 +23,7 @@ class Send(Enum):
     ZERO = "zero"
 
 
-class State(Enum):
+class GuardState(Enum):
     """What the guard does; named like the constants of merlin_msgs/GuardStatus."""
 
     IDLE = "IDLE"
@@ -35,11 +35,11 @@ class State(Enum):
 class PermitVerdict(NamedTuple):
     """A state and its reason, one sentence."""
 
-    state: State
+    state: GuardState
     reason: str
 
 
-class Cancel(NamedTuple):
+class GoalCancel(NamedTuple):
     """A goal that the guard asks its server to stop."""
 
     server: str
@@ -53,13 +53,13 @@ class PermitDecision(NamedTuple):
     """What has to happen because of an event."""
 
     send: Send
-    cancels: Tuple[Cancel, ...]
+    cancels: Tuple[GoalCancel, ...]
 
 
 class View(NamedTuple):
     """What is published; a view that equals the last one is not published again."""
 
-    state: State
+    state: GuardState
     reason: str
     moving: bool
     goals: Tuple[str, ...]
@@ -94,7 +94,7 @@ class MotionPermit:
         """The state after the last event."""
         goals = tuple(goal.id for server in self._servers.values() for goal in server.active_goals())
         state, reason = self._verdict
-        if state is State.PASSING and self._commanded_at is None:
+        if state is GuardState.PASSING and self._commanded_at is None:
             reason = "a motion goal may move the base, but no command comes"
         return View(state, reason, self._moving, goals)
 
@@ -116,8 +116,15 @@ class MotionPermit:
         self._servers[server].cancel(goal_id, stamp)
         return self._settle()
 
+    def clock_began_anew(self, now: float) -> PermitDecision:
+        """ROS time has jumped back: the stamps of before say nothing about further goals."""
+        self._clock.advance(now)
+        for server in self._servers.values():
+            server.forget_stamps()
+        return self._settle()
+
     def lease(
-        self, server: str, owner: str, life: str, held: Iterable[str], suspended: Iterable[str], now: float
+        self, server: str, owner: str, life: str, held: Sequence[str], suspended: Sequence[str], now: float
     ) -> PermitDecision:
         """A client of a motion server has published its lease."""
         self._clock.advance(now)
@@ -131,7 +138,7 @@ class MotionPermit:
         """
         self._clock.advance(now)
         settled = self._settle()
-        passes = self._verdict.state is State.PASSING
+        passes = self._verdict.state is GuardState.PASSING
         self._moving = moving and passes
         self._commanded_at = self._clock.world if passes else None
         return settled._replace(send=Send.COMMAND if passes or not moving else Send.ZERO)
@@ -171,12 +178,17 @@ class MotionPermit:
         self._clock.set_rate(rate)
         return self._settle()
 
-    def tick(self, now: float, clients: Optional[Mapping[str, Collection[str]]] = None) -> PermitDecision:
+    def tick(
+        self, now: float, clients: Optional[Mapping[str, Collection[str]]] = None, simulated: bool = True
+    ) -> PermitDecision:
         """Time has passed; to be called several times per second.
 
         :param clients: by motion server the nodes whose lease connection is open; None: not known.
+        :param simulated: whether a simulator is connected: one that is gone does not pause or slow the world.
         """
         self._clock.advance(now)
+        if not simulated:
+            self._clock.set_rate(1.0)
         for name, server in self._servers.items():
             if clients is not None:
                 server.leases.connected(clients[name])
@@ -192,7 +204,7 @@ class MotionPermit:
             if reason:
                 goal.refuse(reason)
         self._verdict = self._judge()
-        if self._verdict.state is not State.PASSING or self._command_is_old():
+        if self._verdict.state is not GuardState.PASSING or self._command_is_old():
             self._commanded_at = None
         send = Send.NOTHING
         if self._moving and self._commanded_at is None:
@@ -206,19 +218,19 @@ class MotionPermit:
 
     def _judge(self) -> PermitVerdict:
         if self._stopped:
-            return PermitVerdict(State.STOPPED, self._stopped)
+            return PermitVerdict(GuardState.STOPPED, self._stopped)
         active = [(server, goal) for server, goal in self._goals() if goal.active]
         if not active:
-            return PermitVerdict(State.IDLE, NO_GOAL)
+            return PermitVerdict(GuardState.IDLE, NO_GOAL)
         refused = [(server, goal.refused) for server, goal in active if goal.refused]
         for server, reason in refused or [
             (server, self._why_not_now(server, goal)) for server, goal in active
         ]:
             if reason:
                 return PermitVerdict(
-                    State.HOLDING, f"a goal of {server.name} must not move the base: {reason}"
+                    GuardState.HOLDING, f"a goal of {server.name} must not move the base: {reason}"
                 )
-        return PermitVerdict(State.PASSING, f"{active[0][0].name} drives")
+        return PermitVerdict(GuardState.PASSING, f"{active[0][0].name} drives")
 
     def _why_not_now(self, server: MotionServer, goal: MotionGoal) -> str:
         """Why an active goal must not move the base at the moment; empty when it may."""
@@ -235,7 +247,7 @@ class MotionPermit:
         return ""
 
     def _lost(self, server: MotionServer, goal: MotionGoal) -> str:
-        """Why a goal must not move the base any more, whatever comes; empty when it still may."""
+        """Why a goal must never move the base again; empty: it may."""
         if goal.refused:
             return goal.refused
         now = self._clock.wall
@@ -259,7 +271,7 @@ class MotionPermit:
         for _, goal in self._goals():
             goal.refuse(reason)
 
-    def _due_cancels(self) -> List[Cancel]:
+    def _due_cancels(self) -> List[GoalCancel]:
         now = self._clock.wall
         due = []
         for server, goal in self._goals():
@@ -267,7 +279,7 @@ class MotionPermit:
             if goal.refused and (goal.asked_at is None or now - goal.asked_at >= REPEAT_CANCEL):
                 goal.asked_at = now
                 goal.mark_cancelled(now)
-                due.append(Cancel(server.name, goal.id, goal.refused, first))
+                due.append(GoalCancel(server.name, goal.id, goal.refused, first))
         return due
 
     def _goals(self) -> List[Tuple[MotionServer, MotionGoal]]:

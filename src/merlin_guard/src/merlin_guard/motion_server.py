@@ -4,7 +4,7 @@ from collections import OrderedDict
 from typing import Dict, Iterable, List, NamedTuple, Optional
 
 from merlin_guard.attention_clock import AttentionClock
-from merlin_guard.lease_book import BaseOwnership, Claim, GuardLeases
+from merlin_guard.lease_book import BaseOwnership, GuardLeases, LeaseClaim
 from merlin_guard.settings import GuardSettings
 
 # Values of actionlib_msgs/GoalStatus; the core needs no ROS.
@@ -14,6 +14,8 @@ MOVING = frozenset((ACTIVE, PREEMPTING))  # states in which a server commands th
 CANCELLED = frozenset((PREEMPTING, RECALLING))
 KEEP_UNSEEN = 5.0  # s for which a goal may be missing from the status list after it was sent
 KEEP_CANCEL = 60.0  # s for which a cancel waits for the goal that it overtook
+UNSEEN = 1000  # goals of which no status list has told; then the oldest is forgotten until one does
+EARLY_CANCELS = 1000  # that wait at most; then the oldest is forgotten
 
 
 class GoalReport(NamedTuple):
@@ -78,7 +80,7 @@ class MotionGoal:
 
 
 class MotionServer:
-    """One motion server as far as the guard sees it.
+    """One motion server, as the guard sees it.
 
     :param name: resolved name of its action.
     :param settings: of the guard.
@@ -124,6 +126,7 @@ class MotionServer:
         """A client has sent a goal."""
         if goal_id and goal_id not in self.goals:
             self._add(goal_id, stamp, earlier=False)
+            _forget_unseen(self.goals)
 
     def cancel(self, goal_id: str, stamp: float) -> None:
         """A client has sent a cancel, with actionlib's rules.
@@ -137,23 +140,31 @@ class MotionServer:
                 goal.mark_cancelled(now)
         if goal_id and goal_id not in self.goals:
             self._early_cancels[goal_id] = now
+            self._early_cancels.move_to_end(goal_id)
+            if len(self._early_cancels) > EARLY_CANCELS:
+                self._early_cancels.popitem(last=False)
         self._cancelled_before = max(self._cancelled_before, stamp)
         while self._early_cancels and now - next(iter(self._early_cancels.values())) > KEEP_CANCEL:
             self._early_cancels.popitem(last=False)
+
+    def forget_stamps(self) -> None:
+        """Cancels of all goals up to a stamp do not count for further goals."""
+        self._cancelled_before = 0.0
 
     def forget_silent(self) -> None:
         """Counts all goals as ended once the server has been silent for long: it is dead."""
         if self.goals and self._silence() > self._settings.forget_after:
             self._forgotten.update(self.goals)
             self.goals.clear()
+            _forget_unseen(self._forgotten)
 
-    def claim(self, goal: MotionGoal) -> Claim:
+    def claim(self, goal: MotionGoal) -> LeaseClaim:
         """What the leases say about a goal; one that had an owner which is forgotten by now is lost."""
         claim = self.leases.claim(goal.id, self._clock.wall)
         if claim.ownership is not BaseOwnership.FOREIGN:
             goal.owned = True
         elif goal.owned:
-            return Claim(BaseOwnership.LOST, "its owner is gone")
+            return LeaseClaim(BaseOwnership.LOST, "its owner is gone")
         return claim
 
     def why_not_heard(self) -> str:
@@ -176,3 +187,10 @@ class MotionServer:
         if self._early_cancels.pop(goal_id, None) is not None or 0.0 < stamp <= self._cancelled_before:
             goal.mark_cancelled(self._clock.wall)
         return goal
+
+
+def _forget_unseen(goals: Dict[str, MotionGoal]) -> None:
+    """Removes the oldest goals of which no status list has told, where they are too many."""
+    unseen = [goal_id for goal_id, goal in goals.items() if goal.status is None]
+    for goal_id in unseen[:-UNSEEN]:
+        del goals[goal_id]

@@ -44,7 +44,7 @@ def publications(node_uri: str) -> Dict[str, str]:
     except ConnectionError as error:
         raise NodeGone(node_uri) from error
     except (xmlrpc.client.Error, http.client.HTTPException, ValueError) as error:
-        raise NodeGone(f"{node_uri} is not a node any more: {error}") from error
+        raise NodeGone(f"{node_uri} is no longer a node: {error}") from error
     return dict(topics)
 
 

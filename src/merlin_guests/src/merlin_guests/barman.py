@@ -2,12 +2,12 @@
 
 import re
 from random import Random
-from typing import Callable, Dict, List, Optional, Sequence
+from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 from merlin_msgs.msg import GuestEvent
 
 from merlin_guests.guest import Guest
-from merlin_guests.house import BAR, House, tray_of
+from merlin_guests.house import House, tray_of
 from merlin_guests.schedule import DISTURBANCES, MISSING, without_one, wrong_order
 from merlin_guests.stage import Stage
 from merlin_restaurant.menu import items_in
@@ -45,7 +45,7 @@ class Barman:
         self._random = Random(f"barman {seed}")
         self._wrong_share = wrong_share
         self._guest_of = guest_of
-        self._orders: Dict[str, List[str]] = {}
+        self._orders: Dict[str, Tuple[str, List[str]]] = {}  # place at the bar → table and what it ordered
 
     def play(self) -> None:
         """Works.
@@ -62,7 +62,7 @@ class Barman:
                 tables[robot] = found.group().replace(" ", "_")
             table = tables.get(robot, "")
             if "i am sorry" in said:
-                self._mend(table, robot)
+                self._mend(robot)
             elif found and "ordered" in said:
                 self._prepare(table, items_in(said[found.end() :]), robot)
             elif "put the order" in said:
@@ -71,18 +71,19 @@ class Barman:
                 self._house.take(tray_of(robot))
 
     def _prepare(self, table: str, items: Sequence[str], robot: str) -> None:
-        if self._orders.get(table) == list(items) and self._house.on(BAR):
+        counter = self._house.counter_of(robot)
+        if self._orders.get(counter) == (table, list(items)) and self._house.on(counter):
             self._stage.call(READY, NAME, robot)  # the robot did not hear that, and ordered again
             return
-        self._orders[table] = list(items)
-        self._house.take(BAR)
+        self._orders[counter] = table, list(items)
+        self._house.take(counter)
         self._stage.wait(PREPARES)
         guest = self._guest_of(table)
         missing = guest is not None and MISSING in guest.plan.disturbances
         if missing or self._random.random() < self._wrong_share:
             spoil = without_one if missing else wrong_order
             wrong = spoil(tuple(items), self._random)
-            self._stage.tell(
+            self._stage.publish(
                 GuestEvent.DISTURBED,
                 guest.plan.name if guest else "",
                 table,
@@ -90,20 +91,21 @@ class Barman:
                 f"{DISTURBANCES[MISSING] if missing else WRONG}: "
                 f"{' and '.join(wrong)} instead of {' and '.join(items)}",
             )
-            self._house.put(BAR, wrong)
+            self._house.put(counter, wrong)
         else:
-            self._house.put(BAR, items)
+            self._house.put(counter, items)
         self._stage.call(READY, NAME, robot)
 
-    def _mend(self, table: str, robot: str) -> None:
+    def _mend(self, robot: str) -> None:
+        counter = self._house.counter_of(robot)
         self._stage.wait(MENDS)
-        self._house.take(BAR)
-        self._house.put(BAR, self._orders.get(table, []))
+        self._house.take(counter)
+        self._house.put(counter, self._orders.get(counter, ("", []))[1])
         self._stage.call(READY, NAME, robot)
 
     def _load(self, table: str, robot: str) -> None:
         tray = tray_of(robot)
-        self._house.put(tray, self._house.take(BAR))
+        self._house.put(tray, self._house.take(self._house.counter_of(robot)))
         guest = self._guest_of(table)
         if guest is not None:
             guest.tray_is_loaded(self._house.on(tray))

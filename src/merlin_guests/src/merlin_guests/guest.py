@@ -51,7 +51,7 @@ class Guest:
         if self.table:
             seat, yaw = self._places.seat(self.table)
             self._stage.put_person(self._name, seat, yaw, sit=True)
-            self._tell(GuestEvent.CAME)
+            self._publish(GuestEvent.CAME)
             self._seat()
         else:
             self._stage.wait(self.plan.comes)
@@ -65,7 +65,7 @@ class Guest:
             if self.plan.cleared:
                 self._stage.wait(self.plan.cleared)
                 self._house.take(self.table)
-                self._stage.tell(GuestEvent.CLEARED, table=self.table)
+                self._stage.publish(GuestEvent.CLEARED, table=self.table)
 
     # --- coming --------------------------------------------------------------------------------------------
 
@@ -78,7 +78,7 @@ class Guest:
             except PlayError as error:
                 rospy.logwarn_throttle(SAID_AGAIN, f"players: {self._name} cannot come in yet: {error}")
             stage.wait(LOOK)
-        self._tell(GuestEvent.CAME)
+        self._publish(GuestEvent.CAME)
         self._go_to_waiting_place()
 
     def _go_to_waiting_place(self) -> None:
@@ -90,7 +90,7 @@ class Guest:
         while stage.now() - came < PATIENCE:
             stage.forget(self._name)
             if stage.call("good evening we would like a table", self._name):
-                self._tell(GuestEvent.CALLED)
+                self._publish(GuestEvent.CALLED)
             said = stage.hear(self._name, "follow me to", CALL_EVERY)
             if not said:
                 continue
@@ -167,7 +167,7 @@ class Guest:
 
     def _seat(self) -> None:
         self.seated = True
-        self._tell(GuestEvent.SEATED)
+        self._publish(GuestEvent.SEATED)
 
     # --- eating --------------------------------------------------------------------------------------------
 
@@ -191,7 +191,7 @@ class Guest:
         while stage.now() - begun < PATIENCE:
             said = stage.hear(self._name, (ASKED, repeated), quiet)
             if repeated in said:
-                self._tell(GuestEvent.ORDERED, items=self.plan.order)
+                self._publish(GuestEvent.ORDERED, items=self.plan.order)
                 return True
             if said:
                 quiet = TALKING
@@ -199,7 +199,7 @@ class Guest:
                     self._answers(answers.pop(0))
             else:
                 if stage.call(call_from(self.table), self._name):
-                    self._tell(GuestEvent.CALLED)
+                    self._publish(GuestEvent.CALLED)
                 quiet = CALL_EVERY
         self._leave("waited too long for the waiter")
         return False
@@ -219,7 +219,7 @@ class Guest:
             return False
         brought = self._house.take(tray_of(stage.speaker(self._name)))
         self._house.put(self.table, brought)
-        self._tell(GuestEvent.SERVED, items=brought)
+        self._publish(GuestEvent.SERVED, items=brought)
         return True
 
     def _block_the_way(self) -> None:
@@ -237,7 +237,7 @@ class Guest:
         stage, places = self._stage, self._places
         self.seated = False
         self._house.leave_queue(self._name)
-        self._tell(GuestEvent.LEFT, reason=reason)
+        self._publish(GuestEvent.LEFT, reason=reason)
         self._answers({})
         self._walk_to(places.door, 90.0)
         stage.remove(self._name)
@@ -272,12 +272,12 @@ class Guest:
         self._stage.answer(self._name, answers, then)
 
     def _disturb(self, kind: str) -> None:
-        self._tell(GuestEvent.DISTURBED, reason=DISTURBANCES[kind])
+        self._publish(GuestEvent.DISTURBED, reason=DISTURBANCES[kind])
 
-    def _tell(
+    def _publish(
         self, event: int, items: Sequence[str] = (), reason: str = "", table: Optional[str] = None
     ) -> None:
-        self._stage.tell(event, self._name, self.table if table is None else table, items, reason)
+        self._stage.publish(event, self._name, self.table if table is None else table, items, reason)
 
 
 def _not_yet_walked(steps: Sequence[Point], here: Point) -> List[Point]:

@@ -53,8 +53,12 @@ class House:
         with self._lock:
             self._queue = ["" if other == name else other for other in self._queue]
 
+    def counter_of(self, robot: str) -> str:
+        """The place at the bar at which a robot stands."""
+        return self._places.counter_near(self._stage.robot(robot))
+
     def on(self, where: str) -> List[str]:
-        """Kinds of what stands somewhere: a table, BAR or a tray."""
+        """Kinds of what stands somewhere: a table, a place at the bar or a tray."""
         with self._lock:
             return sorted(self._dishes.get(where, {}).values())
 
@@ -64,7 +68,8 @@ class House:
             dishes = self._dishes.setdefault(where, {})
             for kind in kinds:
                 name = f"{kind}_{next(self._numbers)}"
-                self._stage.put_thing(name, kind, where, self._spot(where, len(dishes)))
+                on = BAR if where in self._places.counters else where
+                self._stage.put_thing(name, kind, on, self._spot(where, len(dishes)))
                 dishes[name] = kind
 
     def take(self, where: str) -> List[str]:
@@ -76,13 +81,13 @@ class House:
             return sorted(dishes.values())
 
     def empty(self, table: str) -> None:
-        """Turns what stands on a table into what is left of it."""
+        """Replaces the dishes on a table by their empty plates and cups."""
         with self._lock:
             self.put(table, [EMPTIES.get(kind, kind) for kind in self.take(table)])
 
     def _spot(self, where: str, number: int) -> Point:
-        if where == BAR:
-            return self._places.on_bar(self._counter, number)
+        if where in self._places.counters:
+            return self._places.on_bar(self._counter, number, where)
         if where in self._places.tables:
             return self._places.plate(where, number)
         return (0.0, (0.08, -0.08)[number % 2])

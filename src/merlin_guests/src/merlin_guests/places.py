@@ -15,6 +15,7 @@ from merlin_sim.world.world_places import ROBOT_RADIUS
 Point = Tuple[float, float]
 
 ENTRANCE_DOOR = "entrance_door"
+BAR = "bar"  # point of interest; further ones are bar_2, bar_3
 BODY, ROOM = 0.25, 0.05  # m, radius of a walking person, and what it keeps free besides
 SEAT = 0.85  # m from the middle of a table, on the side away from its point of interest
 DOOR_STEP = 0.45  # m from the door's middle to where people come in
@@ -38,6 +39,7 @@ class Places:
     def __init__(self, world: World) -> None:
         self._pois = world.points_of_interest
         self.tables = {name for name in self._pois if name.startswith("table_")}
+        self.counters = sorted(name for name in self._pois if name == BAR or name.startswith(f"{BAR}_"))
         self._planner = PathPlanner(map_of(world), BODY, ROOM)
         door = next(door for door in world.doors if door.name == ENTRANCE_DOOR)
         middle = ((door.start[0] + door.end[0]) / 2, (door.start[1] + door.end[1]) / 2)
@@ -64,7 +66,7 @@ class Places:
         )
 
     def way(self, start: Point, goal: Point) -> List[Point]:
-        """A way round the furniture; straight when there is none (people squeeze through)."""
+        """A way round the furniture; straight when every way is blocked (people squeeze through)."""
         try:
             return self._planner.plan(start, goal)
         except NoPath:
@@ -75,7 +77,7 @@ class Places:
     ) -> List[Point]:
         """A way that also keeps clear of robots and of things that are not on the map.
 
-        If there is none, the way is as without them.
+        Without such a way, they are ignored.
         """
         outlines = [_circle(robot, ROBOT_RADIUS + FROM_ROBOT) for robot in robots]
         outlines += [_circle(thing, THING) for thing in things]
@@ -99,9 +101,16 @@ class Places:
         """
         return shortened([start, *self.way(start, goal)], distance)[1:] or [start]
 
-    def on_bar(self, counter: Point, number: int) -> Point:
-        """Where an item of an order is put on the bar: m from the middle of the counter."""
-        spot = self._ahead("bar", 0.68)
+    def counter_near(self, robot: Point) -> str:
+        """The place at the bar at which a robot stands: the nearest point of interest of those there."""
+        return min(self.counters, key=lambda name: math.dist(robot, self._pois[name].point))
+
+    def on_bar(self, counter: Point, number: int, place: str = BAR) -> Point:
+        """Where an item of an order is put on the bar: m from the middle of the counter.
+
+        :param place: the point of interest before which it is put.
+        """
+        spot = self._ahead(place, 0.68)
         return spot[0] - counter[0], spot[1] - counter[1] + (0.16, -0.16, 0.0)[number % 3]
 
     def _ahead(self, poi: str, distance: float, aside: float = 0.0) -> Point:

@@ -66,7 +66,7 @@ class Players:
             thread.join()
         if self._failure or rospy.is_shutdown():
             return 1 if self._failure else 0
-        self._stage.tell(GuestEvent.CLOSED)
+        self._stage.publish(GuestEvent.CLOSED)
         rospy.spin()
         self._stage.close()
         barman.join()
@@ -78,12 +78,12 @@ class Players:
                 player.play()
             except Closed:
                 pass
-            except Exception as error:  # a play that goes on without one of its players would never end well
+            except Exception as error:  # without one of its players a play would never end
                 if is_shutdown_requested():
                     return  # the shutdown takes services and topics away
                 self._failure = f"{name}: {error}"
                 why = error if isinstance(error, PlayError) else traceback.format_exc()
-                rospy.logfatal(f"players: {name} cannot go on: {why}")
+                rospy.logfatal(f"players: {name} cannot continue: {why}")
                 self._stage.close()
 
         thread = threading.Thread(target=play, name=name, daemon=True)

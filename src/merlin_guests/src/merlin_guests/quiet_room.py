@@ -1,4 +1,4 @@
-"""Tells when it is quiet enough to call across the room."""
+"""Decides when it is quiet enough to call across the room."""
 
 QUIET = 6.0  # s without speech
 ANSWER_DUE = 20.0  # s in which a person that was asked begins to answer
@@ -11,6 +11,11 @@ class QuietRoom:
         self._last_sound = 0.0
         self._robot_speaks = False
         self._answer_due = 0.0
+
+    @property
+    def robot_speaks(self) -> bool:
+        """Whether the robot has begun to speak and has not ended."""
+        return self._robot_speaks
 
     def sound(self, now: float) -> None:
         """A person in the room speaks: an answer that was due has begun."""

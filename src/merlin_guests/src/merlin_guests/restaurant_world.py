@@ -15,7 +15,7 @@ def restaurant_world(name: str) -> World:
     """Loads a world in which a restaurant can be played.
 
     :param name: a world file, or the name of one of merlin_sim.
-    :raises WorldError: when there is none, or it lacks what the players use.
+    :raises WorldError: when it cannot be read, or lacks what the players use.
     """
     path = find_world(name)
     world = load_world(path)

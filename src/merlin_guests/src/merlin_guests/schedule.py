@@ -64,10 +64,10 @@ def make_schedule(
     if not 1 <= guests <= len(NAMES):
         raise ScheduleError(f"{guests} guests cannot be; there may be 1 to {len(NAMES)}")
     if not 0.1 <= haste <= 100.0:
-        raise ScheduleError(f"a haste of {haste:g} cannot be; 0.1 to 100")
+        raise ScheduleError(f"haste is {haste:g}; give 0.1 to 100")
     random = Random(f"evening {guests} {seed}")
     kinds = _kinds(disturbances, guests, random)
-    # A guest that walks off has to be on the way to a table; guests who sit already are not.
+    # A guest that walks off has to be on the way to a table; guests that sit already are not.
     seated = min(max(1, guests // 3), guests - (WALKS_OFF in kinds))
     tables = random.sample(TABLES, seated)
     disturbed = _who_is_disturbed(kinds, guests, seated, random)

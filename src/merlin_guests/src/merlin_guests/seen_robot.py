@@ -1,8 +1,9 @@
-"""One robot as guests and barman notice it: where it is and was, and when it is quiet around it."""
+"""One robot as guests and barman perceive it: its poses, and when nobody speaks near it."""
 
 import math
 from typing import List, Optional, Tuple
 
+import rospy
 from nav_msgs.msg import Odometry
 
 from merlin_guests.places import Point
@@ -22,6 +23,7 @@ class SeenRobot:
         self.place: Optional[Point] = None
         self.trail: List[Point] = []
         self.quiet_room = QuietRoom()
+        self.voice: Optional[rospy.Subscriber] = None  # hears when it begins and ends to speak
 
     @property
     def prefix(self) -> str:
@@ -35,6 +37,20 @@ class SeenRobot:
         if not self.trail or math.dist(self.trail[-1], self.place) > TRAIL:
             self.trail.append(self.place)
 
+    def is_quiet(self, now: float) -> bool:
+        """Whether a guest may call; one that died while it spoke has ended to speak.
 
+        :param now: s of simulated time.
+        """
+        if self.quiet_room.robot_speaks and self.voice is not None and not _connected(self.voice):
+            self.quiet_room.robot(now, False)
+        return self.quiet_room.quiet(now)
+
+
+def _connected(subscriber: rospy.Subscriber) -> bool:
+    """Whether a publisher lives. rospy's own count keeps those that died for a while."""
+    return any(connection.socket is not None for connection in subscriber.impl.connections)
+
+
+#: A robot's name, and what it said.
 Said = Tuple[str, str]
-"""A robot's name, and what it said."""

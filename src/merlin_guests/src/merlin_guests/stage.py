@@ -50,7 +50,7 @@ class Closed(Exception):
 class Stage:
     """The simulated restaurant for its players. Safe to use from all their threads.
 
-    :param robots: their namespaces; an empty one: the only robot has none. Each hears, and is heard by, the
+    :param robots: their namespaces; empty: one robot without a namespace. Each hears, and is heard by, the
         persons beside it; a call across the room comes to all of them, and to the microphone of the room.
     """
 
@@ -89,9 +89,10 @@ class Stage:
                 ("audio/microphone", AudioData, self._listen, 50),
                 ("sound_play/is_speaking", Bool, self._notice, None),
             ):
-                rospy.Subscriber(
+                subscriber = rospy.Subscriber(
                     robot.prefix + topic, kind, receive, robot, queue_size=queue, tcp_nodelay=True
                 )
+            robot.voice = subscriber  # the last one
 
     # --- time ----------------------------------------------------------------------------------------------
 
@@ -120,7 +121,7 @@ class Stage:
         return rospy.get_time()
 
     def wait(self, seconds: float) -> None:
-        """Lets simulated time pass.
+        """Waits for simulated time.
 
         :raises Closed: the evening is over.
         """
@@ -161,9 +162,9 @@ class Stage:
         if not self.wait_until(lambda: name in self._people, APPEARS):
             raise PlayError(f"{name} was placed, but did not appear on /merlin_sim/people in {APPEARS:g} s")
 
-    def put_thing(self, name: str, kind: str, on: str, at: Point, yaw: float = 0.0) -> None:
+    def put_thing(self, name: str, kind: str, on: str, at: Point) -> None:
         """Puts an object on furniture or on the robot's tray; m from its middle."""
-        self._demand(self._place(name=name, kind=kind, on=on, x=at[0], y=at[1], yaw=yaw), name)
+        self._demand(self._place(name=name, kind=kind, on=on, x=at[0], y=at[1]), name)
 
     def move_furniture(self, name: str, to: Point) -> None:
         """Puts a movable piece of furniture on the floor somewhere."""
@@ -181,7 +182,7 @@ class Stage:
         sit: bool = False,
         yaw: Optional[float] = None,
     ) -> int:
-        """Lets a person walk; returns the number of the walk."""
+        """Starts a walk of a person; returns its number."""
         points = [PointMessage(x, y, 0.0) for x, y in path]
         answer = self._walk(
             name=name, path=points, speed=speed, sit=sit, turn=yaw is not None, yaw=yaw if yaw else 0.0
@@ -246,7 +247,7 @@ class Stage:
     def answer(self, name: str, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
         """Sets what a person answers: pattern of what a robot says → answer.
 
-        :param then: answers to the next questions, whatever they are.
+        :param then: answers to the next questions, to any question.
         """
         patterns, texts = list(answers), list(answers.values())
         for ask in self._answers:
@@ -299,7 +300,7 @@ class Stage:
             return bool(self._heard.get(name))
 
         def quiet() -> bool:
-            return all(robot.quiet_room.quiet(self.now()) for robot in around)
+            return all(robot.is_quiet(self.now()) for robot in around)
 
         end = self.now() + CALL_WAITS
         while self.wait_until(lambda: spoken_to() or quiet(), end - self.now()):
@@ -330,7 +331,7 @@ class Stage:
 
     # --- books ---------------------------------------------------------------------------------------------
 
-    def tell(
+    def publish(
         self, event: int, guest: str = "", table: str = "", items: Sequence[str] = (), reason: str = ""
     ) -> None:
         """Publishes what happened."""

@@ -93,7 +93,7 @@ class PanelBoard:
         return bool(added)
 
     def _describe(self) -> None:
-        """Tells the page which panels there are; an open one that shows others draws itself anew."""
+        """Sends the page the list of panels; an open page that shows others draws itself anew."""
         panels = sorted(self._panels, key=lambda panel: panel.place)
         self._state.tree.set("meta", "panels", [panel.described() for panel in panels])
 
@@ -110,7 +110,7 @@ class PanelBoard:
 class OfferedPanels:
     """Panels that other launch files name in parameters, while the monitor runs or before.
 
-    :param known: class paths of panels that are there anyway.
+    :param known: class paths of panels that the page has already.
     """
 
     def __init__(self, known: Iterable[str] = ()) -> None:
@@ -118,7 +118,7 @@ class OfferedPanels:
         self._seen: Set[str] = set(known)
 
     def new(self, names: Iterable[str]) -> List[Type[Panel]]:
-        """The panels that were not there at the last call; one that cannot be used is named in the log, once.
+        """The panels that are new since the last call; the log names each unusable one, once.
 
         :param names: of the panels that there are.
         """
@@ -160,7 +160,7 @@ def own_panels() -> List[Type[Panel]]:
 def foreign_panel(path: str) -> Type[Panel]:
     """A panel of another package, ``package.module:Class``.
 
-    :raises ParameterError: when there is none, or it cannot be used.
+    :raises ParameterError: when the parameter is missing or cannot be used.
     """
     try:
         kind = load_class(path)

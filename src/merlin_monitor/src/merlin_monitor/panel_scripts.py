@@ -12,7 +12,7 @@ def script_file(script: str) -> Path:
     """The file of a script.
 
     :param script: ``package://<package>/<path>.js``; it may come from a foreign recording.
-    :raises ValueError: it is something else, or there is no such file.
+    :raises ValueError: when it is something else, or the file does not exist.
     """
     match = _SCRIPT.match(script)
     if match is None or ".." in Path(match.group(2)).parts:

@@ -1,4 +1,4 @@
-// What every part of the robot tells about itself: what is not well in sight, the well ones folded.
+// What every part of the robot reports about itself: what is not well in sight, the well ones folded.
 import { byId, el, keyed, part, setHidden, setText } from "../dom.js";
 import { t } from "../texts.js";
 

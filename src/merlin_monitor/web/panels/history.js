@@ -6,7 +6,7 @@ import { momentLink } from "../past.js";
 const KINDS = ["mission", "goal", "plan", "action", "speech", "sight", "machine", "knowledge", "health", "guard", "control", "monitor"];
 const QUIET = new Set(["machine", "knowledge"]); // not shown until asked for
 const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", speech: "❝", sight: "◉", machine: "⬡", knowledge: "+", health: "♥", control: "✎", monitor: "·" };
-const WORDS = new Set(["knowledge", "speech", "sight"]); // words of others: they tell of no fault
+const WORDS = new Set(["knowledge", "speech", "sight"]); // words of others: they report no fault
 const BAD = /\b(failed|error|unsolvable|no plan|refused|timeout|crashed|invalid|internal|silent)\b/;
 const PAGE = 200; // events asked for at once
 const MOST = 3000; // events on the page; the export has them all

@@ -1,4 +1,4 @@
-// The robot on the map, with its way, its trail, what it sees, points of interest and people. Metres; y grows upwards,
+// Robots on the map, with their ways, their trails, what is seen, points of interest and people. Metres; y grows upwards,
 // so it is negated.
 import { byId, el, keyed, setHidden, setText, svg } from "../dom.js";
 import { pannable } from "../pan.js";
@@ -22,9 +22,10 @@ export function show(section, { store, control }) {
   const points = svg("g", {});
   const people = svg("g", {});
   const robots = svg("g", {}); // of one plan, with their names
+  const ways = svg("g", {}); // of those
   const goal = svg("path", { class: "map-goal", d: GOAL });
   const robot = svg("g", { class: "map-robot" }, svg("circle", { r: 0.27 }), svg("path", { d: ROBOT }));
-  const root = svg("svg", { role: "group", "aria-label": t("Map") }, image, trail, path, seen, goal, points, people, robots, robot);
+  const root = svg("svg", { role: "group", "aria-label": t("Map") }, image, trail, path, ways, seen, goal, points, people, robots, robot);
   const picture = el("div", { id: "map-picture", tabindex: 0, role: "group", "aria-label": t("Map") }, root);
   const button = (text, label, action) => el("button", { type: "button", class: "small", title: label, "aria-label": label, onclick: action }, text);
   section.append(
@@ -86,9 +87,10 @@ export function show(section, { store, control }) {
     root.setAttribute("viewBox", `${now.x} ${now.y} ${now.w} ${now.h}`);
     const px = scale();
     if (grid) place(image, { x: grid.x, y: -grid.y - grid.height, width: grid.width, height: grid.height });
-    const line = (way) => way.map(([x, y]) => `${x},${-y}`).join(" ");
-    place(path, { points: line(map.path || []), "stroke-width": 2.5 * px, "stroke-dasharray": `${9 * px} ${6 * px}` });
-    place(trail, { points: line(Object.keys(map.trail || {}).sort((a, b) => a - b).map((at) => map.trail[at])), "stroke-width": 2 * px });
+    drawWay(trail, path, goal, map, px);
+    keyed(ways, Object.entries(map.ways || {}), ([name]) => name,
+      () => svg("g", {}, svg("polyline", { class: "map-trail" }), svg("polyline", { class: "map-path" }), svg("path", { class: "map-goal", d: GOAL })),
+      (group, [, way]) => drawWay(...group.children, way, px));
     place(seen, { d: (map.seen || []).map(([x, y]) => `M${x} ${-y}h.001`).join(""), "stroke-width": 5 * px });
     drawPoints(map, px);
     keyed(people, (map.people || []).map((person, index) => [index, person]), ([index]) => index,
@@ -104,7 +106,6 @@ export function show(section, { store, control }) {
         setPlace(group.firstChild, pose, 0.03, Math.max(1, (9 * px) / 0.27));
         place(group.lastChild, { x: pose[0], y: -pose[1] - Math.max(0.35, 12 * px), "font-size": textSize() * px, "stroke-width": 3 * px });
       });
-    setPlace(goal, map.goal, Math.max(0.06, 3 * px), Math.max(1, (9 * px) / 0.16));
     setPlace(robot, map.robot, 0.03, Math.max(1, (9 * px) / 0.27));
     const others = Object.keys(map.robots || {}).length;
     setText(byId("map-note"), others && !map.robot ? t("{count} robots", { count: others }) : map.robot ? t("robot at {x}, {y} m", { x: map.robot[0].toFixed(1), y: map.robot[1].toFixed(1) }) : t("robot not located"));
@@ -125,7 +126,7 @@ export function show(section, { store, control }) {
       (group, [name, [x, y]]) => {
         place(group.firstChild, { cx: x, cy: -y, r: 5 * px, "stroke-width": 1.6 * px });
         place(group.lastChild, { x, y: -y - 10 * px, "font-size": textSize() * px, "stroke-width": 3.5 * px });
-        // Only an operator that may send goals is told that there are some.
+        // Only an operator that may send goals gets a hint that there are some.
         const possible = control.possible();
         place(group, possible ? { tabindex: 0, role: "button", "aria-label": t("Goals at {place}", { place: name.replace(/_/g, " ") }) } : { role: "presentation" });
         if (!possible) for (const attribute of ["tabindex", "aria-label"]) group.removeAttribute(attribute);
@@ -151,6 +152,15 @@ function legend() {
     sign(svg("path", { class: "map-seen", d: "M0 0h.001", "stroke-width": 0.25 }), t("seen, not on the map")),
     sign(svg("path", { class: "sign-person", d: PERSON, "stroke-width": 0.02 }), t("person")),
     sign(svg("g", { class: "map-point" }, svg("circle", { r: 0.2, "stroke-width": 0.06 })), t("point of interest")));
+}
+
+// Where a robot was, where it is going and which way.
+function drawWay(trail, path, goal, way, px) {
+  const line = (points) => points.map(([x, y]) => `${x},${-y}`).join(" ");
+  const was = way.trail || {};
+  place(trail, { points: line(Object.keys(was).sort((a, b) => a - b).map((at) => was[at])), "stroke-width": 2 * px });
+  place(path, { points: line(way.path || []), "stroke-width": 2.5 * px, "stroke-dasharray": `${9 * px} ${6 * px}` });
+  setPlace(goal, way.goal, Math.max(0.06, 3 * px), Math.max(1, (9 * px) / 0.16));
 }
 
 function place(element, attributes) {

@@ -1,4 +1,4 @@
-"""Breakpoints of whatever begins one after the other: what is held before it begins, step and continue.
+"""Breakpoints of actions, requests or states that begin one after the other: hold, step and continue.
 
 Pure. The dispatcher has one for its actions, the Executor one for its requests.
 """
@@ -16,7 +16,7 @@ Pattern = Tuple[str, ...]
 
 
 class BreakpointError(ValueError):
-    """A text that is no breakpoint; the message says why."""
+    """A text that is not a breakpoint; the message says why."""
 
 
 def read_pattern(text: str) -> Pattern:
@@ -32,7 +32,7 @@ def read_pattern(text: str) -> Pattern:
     valid = words and _WORD.match(words[0]) and all(word == ANY or _WORD.match(word) for word in words)
     if not valid or len(text) > LONGEST:
         raise BreakpointError(
-            f"'{shown}' is no breakpoint; write an action or a fact like (navigate * kitchen)"
+            f"'{shown}' is not a breakpoint; write an action or a fact like (navigate * kitchen)"
         )
     return words
 
@@ -66,7 +66,7 @@ class Breakpoints:
     def set(self, texts: Sequence[str]) -> None:
         """Replaces the breakpoints; what is held stays so.
 
-        :raises BreakpointError: one of them is none, or they are too many; those of before stay.
+        :raises BreakpointError: when one is not a breakpoint, or they are too many; the old ones stay.
         """
         if len(texts) > MOST:
             raise BreakpointError(f"there can be {MOST} breakpoints at most")
@@ -76,11 +76,11 @@ class Breakpoints:
             self._arm()
 
     def step(self) -> None:
-        """What is held begins; the next one is held."""
+        """Continues what is held; holds the next one."""
         self._release(True)
 
     def go_on(self) -> None:
-        """What is held begins, and what follows up to the next breakpoint."""
+        """Continues what is held, up to the next breakpoint."""
         self._release(False)
 
     def admit(self, asked: Sequence[str]) -> List[int]:
@@ -107,16 +107,16 @@ class Breakpoints:
             return admitted
 
     def began(self, text: str) -> None:
-        """It has begun: the same one is held the next time."""
+        """Notes that a held item has begun: the same one is held the next time."""
         with self._lock:
             if text == self._released:
                 self._released = ""
                 self._arm()
 
     def ended(self, stepping: bool) -> None:
-        """What was to begin is not wanted any more.
+        """Withdraws an item that waits to begin.
 
-        :param stepping: whether a step goes on with what comes next.
+        :param stepping: whether a step continues with what comes next.
         """
         with self._lock:
             self._held = self._released = ""

@@ -38,6 +38,8 @@ Bindings = Mapping[str, str]
 
 #: Derived atoms inside each other before the search starts afresh: keeps within Python's recursion limit.
 _MAX_OPEN = 20
+#: Combinations of objects that are looked at between two calls of ``between``.
+_STRIDE = 1024
 
 
 class WorldState:
@@ -62,14 +64,20 @@ class Evaluator:
     :param domain: knows which predicates are derived and how.
     :param state: what holds; must not change during a call.
     :param specials: values of ``?duration``, ``#t`` and so on; one that is missing has no value.
+    :param between: called now and then while a quantifier goes through the objects; what it raises ends that.
     """
 
     def __init__(
-        self, domain: Domain, state: WorldState, specials: Optional[Mapping[str, float]] = None
+        self,
+        domain: Domain,
+        state: WorldState,
+        specials: Optional[Mapping[str, float]] = None,
+        between: Callable[[], None] = lambda: None,
     ) -> None:
         self._domain = domain
         self._state = state
         self._specials: Mapping[str, float] = specials or {}
+        self._between = between
         self._proven: Set[Key] = set()
         self._refuted: Set[Key] = set()
         self._open: Set[Key] = set()
@@ -116,7 +124,9 @@ class Evaluator:
     def extend(self, variables: Sequence[Variable], bindings: Bindings) -> Iterator[Dict[str, str]]:
         """All bindings with every combination of objects for further variables."""
         choices = [self._objects_of(variable.types) for variable in variables]
-        for objects in itertools.product(*choices):
+        for number, objects in enumerate(itertools.product(*choices)):
+            if not number % _STRIDE:
+                self._between()
             yield {**bindings, **{v.name: obj for v, obj in zip(variables, objects)}}
 
     def _objects_of(self, types: Tuple[str, ...]) -> List[str]:

@@ -164,7 +164,7 @@ class Effect:
 
 def numeric_text(value: float) -> str:
     """A number as PDDL writes it: no exponent, no needless digits, exact when read back."""
-    if value == int(value) and abs(value) < 1e15:
+    if abs(value) < 1e15 and value == int(value):  # neither infinite nor no number at all
         return str(int(value))
     text = repr(float(value))
     if "e" not in text:

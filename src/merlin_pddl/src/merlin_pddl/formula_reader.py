@@ -95,7 +95,7 @@ def _types(node: Node, domain: Domain) -> Tuple[str, ...]:
 def parameters(node: Node, domain: Domain, what: str) -> Tuple[Variable, ...]:
     """Reads a list of typed variables in parentheses.
 
-    :raises PddlError: it is none, or a variable stands there twice.
+    :raises PddlError: when it is not a list of variables, or one stands there twice.
     """
     if not isinstance(node, Expression):
         raise node.error(f"expected the parameters of {what} in parentheses, found '{node}'")

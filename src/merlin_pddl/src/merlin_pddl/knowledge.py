@@ -7,7 +7,7 @@ Times are nanoseconds of ROS time.
 from dataclasses import dataclass
 from typing import Any, List, Optional, Tuple, Union
 
-from merlin_pddl.formula import And, Atom, Comparison, Condition, Equal, Not, Numeric, to_pddl
+from merlin_pddl.formula import And, Atom, Comparison, Condition, Not, Numeric, to_pddl
 
 #: Lower-case name and arguments of a fact or function value.
 Key = Tuple[str, ...]
@@ -33,7 +33,7 @@ class Row:
 
     @property
     def key(self) -> Any:
-        """What identifies it in its table."""
+        """Its key in the table."""
         raise NotImplementedError
 
 
@@ -49,11 +49,11 @@ class Instance(Row):
 
     @property
     def key(self) -> Key:
-        """What identifies it in its table."""
+        """Its key in the table."""
         return (self.type_name.lower(), self.name.lower())
 
     def text(self) -> str:
-        """As PDDL declares it."""
+        """The instance as PDDL declares it."""
         return f"{self.name} - {self.type_name}"
 
 
@@ -79,17 +79,17 @@ class Fact(Row):
 
     @property
     def key(self) -> Key:
-        """What identifies it in its table."""
+        """Its key in the table."""
         return (self.name.lower(), *[arg.lower() for arg in self.args])
 
     def text(self) -> str:
-        """As PDDL."""
+        """The row as PDDL."""
         atom = f"({' '.join((self.name, *self.args))})"
         return f"(not {atom})" if self.negative else atom
 
 
 class FunctionValue(Row):
-    """The value of a numeric function. `op` is how it changes a value that is there (in updates only)."""
+    """The value of a numeric function. `op` is how it changes the stored value (in updates only)."""
 
     __slots__ = ("name", "args", "value", "since", "op", "labels")
 
@@ -112,7 +112,7 @@ class FunctionValue(Row):
 
     @property
     def key(self) -> Key:
-        """What identifies it in its table."""
+        """Its key in the table."""
         return (self.name.lower(), *[arg.lower() for arg in self.args])
 
     def text(self) -> str:
@@ -132,11 +132,11 @@ class Timed(Row):
 
     @property
     def key(self) -> int:
-        """What identifies it in its table."""
+        """Its key in the table."""
         return self.order
 
 
-class Goal(Row):
+class StoredGoal(Row):
     """What is to become true: a condition, or that an instance exists."""
 
     __slots__ = ("condition", "instance", "since")
@@ -154,7 +154,7 @@ class Goal(Row):
 
     @property
     def key(self) -> str:
-        """What identifies it in its table."""
+        """Its key in the table."""
         return self.text().lower()
 
     def text(self) -> str:
@@ -196,8 +196,3 @@ def conjuncts(condition: Condition) -> List[Condition]:
     if isinstance(condition, And):
         return [found for part in condition.parts for found in conjuncts(part)]
     return [condition]
-
-
-def equal_terms(condition: Equal) -> bool:
-    """Whether two ground terms name the same object."""
-    return condition.left.lower() == condition.right.lower()

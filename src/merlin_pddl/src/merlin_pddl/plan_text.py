@@ -47,10 +47,10 @@ def is_action_line(line: str) -> bool:
     return all(sign in line for sign in "[]():") and not line.lstrip().startswith(";")
 
 
-def parse_line(line: str, number: int = 0) -> Optional[PlanStep]:
-    """The action of one line, or None when it is none or cannot be read."""
+def parse_line(line: str) -> Optional[PlanStep]:
+    """The action of one line, or None when the line is not an action or cannot be read."""
     try:
-        return _step(line, number)
+        return _step(line, 0)
     except PlanTextError:
         return None
 

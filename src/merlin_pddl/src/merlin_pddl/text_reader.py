@@ -149,7 +149,7 @@ def is_name(text: str) -> bool:
 def name_of(node: Node, what: str) -> Word:
     """The node as a name.
 
-    :raises PddlError: it is none; `what` says what was expected.
+    :raises PddlError: when it is something else; `what` says what was expected.
     """
     if not isinstance(node, Word):
         raise node.error(f"expected {what}, found '{node.text()[:40]}'")

@@ -26,7 +26,7 @@ class OccupancyGrid:
         column = (point[0] - self.origin[0]) / self.resolution
         row = (point[1] - self.origin[1]) / self.resolution
         rows, columns = self.cells.shape
-        # Compared before rounding: a number that is none, or too large for a whole one, is outside too.
+        # Compared before rounding: NaN and numbers too large for an integer are outside, too.
         return (int(row), int(column)) if 0 <= row < rows and 0 <= column < columns else None
 
     def point(self, row: float, column: float) -> Point:

@@ -26,7 +26,7 @@ class PromptPublisher(rospy.Publisher):
         for connection in list(self.impl.connections):
             sock = getattr(connection, "socket", None)
             if sock is not None:
-                # A connection that is closing has no options any more.
+                # A connection that is closing no longer has options.
                 with contextlib.suppress(OSError):
                     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 

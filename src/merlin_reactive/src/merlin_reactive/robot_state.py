@@ -87,7 +87,7 @@ class RobotState:
         return ""
 
     def wake(self) -> None:
-        """Lets a wait look at its stop event."""
+        """Wakes a wait, so that it re-checks its stop event."""
         with self.changed:
             self.changed.notify_all()
 

@@ -32,7 +32,7 @@ class RosClock:
         return not stop.is_set()
 
     def wake(self) -> None:
-        """Lets every wait look at its stop event."""
+        """Wakes every wait, so that it re-checks its stop event."""
         with self._ticked:
             self._ticked.notify_all()
 

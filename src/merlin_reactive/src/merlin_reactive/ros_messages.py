@@ -21,7 +21,7 @@ def samples_of(message: AudioData) -> np.ndarray:
 
 
 def bad_rotation(rotation: Quaternion) -> str:
-    """Why a rotation is none about the vertical; empty when it is one."""
+    """Why a rotation is not about the vertical axis; empty when it is."""
     values = (rotation.x, rotation.y, rotation.z, rotation.w)
     text = "({:g}, {:g}, {:g}, {:g})".format(*values)
     if not all(map(math.isfinite, values)):

@@ -3,11 +3,13 @@
 from collections import Counter
 from typing import Any, Callable, Dict, List, Optional, Sequence, Union
 
+from merlin_actions.robot_places import RobotPlaces
 from merlin_executor.mission import NOTHING, RESEND, GoalState, MissionSM
 from merlin_executor.mission.readiness import NotReady
 from merlin_restaurant.menu import CALL, table_called
 from merlin_restaurant.table_state import remember_state
 from merlin_restaurant.until_known import UntilKnown
+from merlin_restaurant.waiting_clients import add_client
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.function_state import FunctionState
@@ -15,11 +17,14 @@ from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.speech import ListenState
 from merlin_sm.states.while_state import WhileSM
 
+#: Priority of what a guest waits for; it interrupts the round of the tables, which continues afterwards.
 URGENT = 10
-"""Priority of what a guest waits for; it interrupts the round of the tables, which goes on afterwards."""
+#: Priority of what guests wait for with several robots; a robot that guides a client finishes that first.
 AT_ONCE = 11
-"""Priority of what guests wait for with several robots; whom a robot leads is not left on the way for it."""
+LOOKS = 3  # at tables or the entrance, by each of several robots that has no guest while others have
 TRIES = 2  # of several robots, to serve a guest in one round: what one fails at ends the plan of all
+BAR = "bar"  # all of its counters
+ENTRANCE = "(entrance_checked)"
 CLOSING_ROUNDS = 3  # at most, when a table could not be looked at after the restaurant had closed
 REST = 5.0  # s of running time after a round of several robots in which nothing could be looked at
 LISTEN = 30.0  # s of ROS time after which the robot begins to listen anew
@@ -49,11 +54,10 @@ class Evening(MissionSM):
         self._table = ""
         self._last_round = False
         self._closing_rounds = 0
-        self._tried: Counter = Counter()
+        self._tried: Counter[str] = Counter()
         self._asked: List[str] = []  # the goals of guests that several robots serve now
-        self._looks = False  # whether one of them looks at the entrance
-        self._client_called = False
         self._waits: List[UntilKnown] = []
+        self._places = RobotPlaces()
         super().__init__(name, on_lost)
 
     def wait_for_robot(self, timeout: float) -> None:
@@ -77,17 +81,15 @@ class Evening(MissionSM):
         rounds = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
         with rounds:
             rounds.add("BEGIN", FunctionState(self._begin_round), {SUCCEEDED: "CHECK_TABLES"})
-            self.add_goal_state("CHECK_TABLES", self._tables, then("SERVE", NOTHING))
-            if self._robots:  # the other branch serves
-                served = self._until(lambda: not self._waiting_goals())
-                rounds.add("SERVE", served, then("TIDY"))
-            else:
+            follows = "LOOK" if self._robots else "SERVE"
+            self.add_goal_state("CHECK_TABLES", self._tables, then(follows, NOTHING))
+            if not self._robots:
                 serve = {**then("SERVE"), NOTHING: "TIDY"}
                 self.add_goal_state("SERVE", self._to_serve, serve, priority=URGENT)
-            self.add_goal_state("TIDY", self._to_bring_back, then("LOOK", NOTHING), priority=URGENT)
+                self.add_goal_state("TIDY", self._to_bring_back, then("LOOK", NOTHING), priority=URGENT)
             self.add_goal_state("LOOK", lambda _: self._entrance(), then("GUIDE", NOTHING))
-            if self._robots:
-                rounds.add("GUIDE", self._until(lambda: not self._waiting_goals()), then("END"))
+            if self._robots:  # the other branch serves and guides
+                rounds.add("GUIDE", self._until(self._all_served), then("END"))
             else:
                 self.add_goal_state("GUIDE", self._to_guide, then("END", NOTHING), priority=URGENT)
             rounds.add("END", FunctionState(self._end_round, outcomes=["open"]), {"open": "REST"})
@@ -109,7 +111,7 @@ class Evening(MissionSM):
             self.add_goal_state("SERVE", self._called, then("TIDY", NOTHING), priority=URGENT)
             self.add_goal_state("TIDY", self._to_bring_back, then("LISTEN", NOTHING), priority=URGENT)
             look = {SUCCEEDED: "GUIDE", ABORTED: "LISTEN"}
-            self.add_goal_state("LOOK", "(entrance_checked)", look, priority=URGENT)
+            self.add_goal_state("LOOK", ENTRANCE, look, priority=URGENT)
             self.add_goal_state("GUIDE", self._to_guide, then("LISTEN", NOTHING), priority=URGENT)
         return calls
 
@@ -129,7 +131,7 @@ class Evening(MissionSM):
         with serving:
             serving.add("WAIT", self._until(self._is_new), {SUCCEEDED: "SERVE", ABORTED: "WAIT"})
             serve = GoalState(self._all_that_waits, client=self.client, pause=self._pause, priority=AT_ONCE)
-            planned = WhileSM(serve, self._until(self._is_new), seen="news")
+            planned = self._serve = WhileSM(serve, self._until(self._is_new), seen="news")
             serving.add("SERVE", planned, {**then("DONE", NOTHING), "news": "SERVE"})
             serving.add("DONE", FunctionState(self._note_end), then("WAIT"))
         return serving
@@ -150,7 +152,7 @@ class Evening(MissionSM):
         self._narrate(
             "closed: looks once more at what is not ready" if self._last_round else "checks all tables"
         )
-        self.remove_facts([*self.facts("checked"), "(entrance_checked)"])
+        self.remove_facts([*self.facts("checked"), ENTRANCE])
 
     def _tables(self, userdata: Any) -> List[str]:
         """All tables; in the last round those that are not known to be ready.
@@ -163,13 +165,22 @@ class Evening(MissionSM):
         return [*tables, *self._entrance()] if self._robots and tables else tables
 
     def _entrance(self) -> List[str]:
-        return [] if "entrance" in self._kept() else ["(entrance_checked)"]
+        looked = bool(self._robots) and self.holds(ENTRANCE)
+        return [] if looked or "entrance" in self._kept() else [ENTRANCE]
 
     def _kept(self) -> List[str]:
         """Places where a robot stands that takes no actions: no other one can go there."""
-        if not self._robots:
+        gone = [robot for robot in self._robots if not self.holds(f"(available {robot})")]
+        if not gone:
             return []
-        return [fact.strip("()").split()[2] for fact in self.facts("robot_at") if self.out_of_reach(fact)]
+        known = [fact.strip("()").split()[2] for fact in self.facts("robot_at") if self.out_of_reach(fact)]
+        return [*known, *(point for robot in gone for point in self._places.points_at(robot))]
+
+    def _blocked(self, kept: Sequence[str]) -> List[str]:
+        """The kept places at which no action is possible; the bar when all of its counters are kept."""
+        counters = self.objects("counter") if kept else []
+        left = [counter for counter in counters if counter not in kept]
+        return [place for place in kept if place not in counters] + [BAR] * (not left and bool(counters))
 
     def _to_serve(self, userdata: Any) -> List[str]:
         """The next table that needs serving, each once in a round."""
@@ -183,45 +194,81 @@ class Evening(MissionSM):
         tables = [table for table in named_in(self.facts("needs_serving")) if table not in kept]
         return [table for table in tables if self._tried[table] < tries]
 
-    def _waiting_goals(self) -> List[str]:
-        """What guests wait for: each client for whom a table is ready, and the tables that need serving."""
-        waiting = [client for client in named_in(self.facts("waiting")) if self._tried[client] < TRIES]
-        seated = [f"(seated {client})" for client in waiting[: len(self.facts("ready"))]]
-        return [*seated, *(f"(already_served {table})" for table in self._waiting_tables())]
+    def _urgent(self) -> List[str]:
+        """What waits for several robots, each a chain of actions for one of them.
+
+        Clients for whom a table is ready, tables that need serving, and orders whose guests have left.
+        """
+        kept = self._kept()
+        ready = [table for table in named_in(self.facts("ready")) if table not in kept]
+        known = named_in(self.facts("waiting"))
+        seated = [f"(seated {client})" for client in known[: len(ready)] if self._tried[client] < TRIES]
+        tables = self._waiting_tables() if BAR not in self._blocked(kept) else []
+        carried = [fact.strip("()").split()[1:] for fact in self._carried()]
+        back = [robot for robot, table in carried if table not in tables and self._tried[robot] < TRIES]
+        back = back if BAR not in self._blocked(kept) else []
+        return [
+            *seated,
+            *(f"(already_served {table})" for table in tables),
+            *(f"(tray_free {robot})" for robot in dict.fromkeys(back)),
+        ]
+
+    def _present(self) -> List[str]:
+        return [robot for robot in self._robots if self.holds(f"(available {robot})")]
+
+    def _all_served(self) -> bool:
+        """Whether no waiting guest can be served now."""
+        return not self._urgent() or not self._present()
 
     def _is_new(self) -> bool:
-        """Whether more waits than is served now, and no conversation would be broken off for it."""
-        more = [goal for goal in self._waiting_goals() if goal not in self._asked]
-        called = self._client_called and not self._looks
-        return bool(more or called) and all(
-            self.holds(f"(quiet {robot})") for robot in self._robots if self.holds(f"(available {robot})")
+        """Whether a robot without a guest could serve more that waits, and no conversation is under way."""
+        urgent, present = self._urgent(), self._present()
+        under_way = [goal for goal in self._asked if goal in urgent]
+        return (
+            len(under_way) < min(len(urgent), len(present))
+            and all(self.holds(f"(quiet {robot})") for robot in present)
+            and not self._greeted()
         )
 
+    def _greeted(self) -> bool:
+        """Whether a client was greeted and is led next: that is one conversation."""
+        greeted = [fact.strip("()").split()[2] for fact in self.facts("greeted")]
+        waiting = [client for client in named_in(self.facts("waiting")) if client in greeted]
+        return any(f"(seated {client})" in self._asked for client in waiting)
+
     def _all_that_waits(self, userdata: Any) -> List[str]:
-        """What several robots do: serve each guest that waits, and meanwhile what is left of the round."""
-        self._client_called = False
-        self._asked = self._waiting_goals()
-        left = self._left_of_the_round()
-        self._looks = "(entrance_checked)" in left
-        return [*self._asked, *self._to_bring_back(userdata), *left]
+        """What several robots do: serve each guest that waits, and meanwhile a part of the round.
+
+        Only robots that have no guest look around, and not at more than what a guest takes: what is in the
+        plan is done in any order, and guests come first.
+        """
+        self._asked = self._urgent()
+        spare = max(0, len(self._present()) - len(self._asked))
+        looks = dict.fromkeys([*self._tables(userdata), *self._entrance()])
+        left = [goal for goal in looks if goal not in self._asked and not self.holds(goal)]
+        return [*self._asked, *self._out_of_the_way(), *left[: spare * LOOKS]]
+
+    def _out_of_the_way(self) -> List[str]:
+        """Robots that were stopped between two places go to one: they would stand in the way of guests."""
+        goals = [f"(in_position {robot})" for robot in self._present()]
+        return [goal for goal in goals if self._tried[goal] < TRIES and not self.holds(goal)]
 
     def _note_end(self, userdata: Any) -> None:
-        """A plan that has ended was one try for each of its guests that still waits."""
-        asked, self._asked, self._looks = self._asked, [], False
-        self._tried.update(named_in([goal for goal in asked if goal in self._waiting_goals()]))
+        """Counts an ended plan as one try for its guests that still wait, or for those at whom it failed."""
+        asked, self._asked = self._asked, []
+        left = named_in([goal for goal in asked if goal in self._urgent()])
+        failed_at = [name for name in left if name in self._serve.reason]
+        self._tried.update(failed_at or left)
+        moved = [goal for goal in self._out_of_the_way() if goal.split()[1].strip(")") in self._serve.reason]
+        self._tried.update(moved)
         self._wake()
 
-    def _left_of_the_round(self) -> List[str]:
-        """What a robot that is not needed for anything urgent looks at meanwhile."""
-        looks = dict.fromkeys([*self._tables(None), *self._entrance()])
-        return [goal for goal in looks if not self.holds(goal)]
+    def _carried(self) -> List[str]:
+        return [fact for fact in self.facts("carrying") if not self.out_of_reach(fact)]
 
     def _to_bring_back(self, userdata: Any) -> List[str]:
         """What is still on the tray: its guests have left."""
-        carried = [fact for fact in self.facts("carrying") if not self.out_of_reach(fact)]
-        if self._robots:
-            return [f"(tray_free {robot})" for robot in dict.fromkeys(named_in(carried))]
-        return ["(tray_free)"] if carried else []
+        return ["(tray_free)"] if self._carried() else []
 
     def out_of_reach(self, fact: str) -> bool:
         """Whether a fact is about a robot that takes no actions: nothing can be done about it."""
@@ -244,9 +291,10 @@ class Evening(MissionSM):
         table = self._table = table_called(userdata.heard)
         if not table:
             self._narrate("a client at the entrance calls")
-            self.remove_facts("(entrance_checked)")
-            self._client_called = True
-            self._wake()
+            if self._robots:
+                self._note_client()
+            else:
+                self.remove_facts(ENTRANCE)
             return "entrance"
         self._narrate(f"{table} calls")
         self._tried.pop(table, None)
@@ -254,6 +302,11 @@ class Evening(MissionSM):
             remember_state(self, table, "needs_serving")
         self._wake()
         return None
+
+    def _note_client(self) -> None:
+        """A client who calls several robots waits; a second one calls again when the first one is led."""
+        if not self.facts("waiting"):
+            add_client(self)
 
     def _called(self, userdata: Any) -> List[str]:
         return [f"(already_served {self._table})"]
@@ -273,7 +326,7 @@ class Evening(MissionSM):
 
 
 def then(label: str, *further: str) -> Dict[str, str]:
-    """However a state ends, the mission goes on with this one.
+    """The mission continues with this state, however the last one ended.
 
     :param further: outcomes of that state besides succeeded and aborted.
     """

@@ -6,10 +6,11 @@ from typing import Dict, Iterable, List, Optional, Sequence, Tuple
 
 from merlin_restaurant.menu import listed
 
+#: Kinds of events, as in merlin_msgs/GuestEvent.
 CAME, SEATED, CALLED, ORDERED, SERVED, LEFT, CLEARED, DISTURBED, CLOSED = range(9)
-"""Kinds of events, as in merlin_msgs/GuestEvent."""
+#: Reasons to leave that begin so are the robot's fault.
 WAITED = "waited too long"
-"""Reasons to leave that begin so are the robot's fault."""
+#: Of the table per guest.
 COLUMNS = (
     "guest",
     "table",
@@ -23,21 +24,19 @@ COLUMNS = (
     "outcome",
     "errors",
 )
-"""Of the table per guest."""
 
 Items = Tuple[str, ...]
 
 
 @dataclass
 class GuestAccount:
-    """What is known about one guest. Times are s since the beginning; None: it did not happen.
+    """The record of one guest. Times are s since the beginning; None: it did not happen.
 
-    Attributes:
-        ordered_items: what the guest ordered.
-        served_items: what the guest got.
-        reason: why the guest left.
-        calls: how often the guest called for the robot.
-        errors: what went wrong, on purpose or not.
+    :ivar ordered_items: what the guest ordered.
+    :ivar served_items: what the guest got.
+    :ivar reason: why the guest left.
+    :ivar calls: how often the guest called for the robot.
+    :ivar errors: what went wrong, on purpose or not.
     """
 
     name: str
@@ -71,6 +70,7 @@ class EveningRecord:
         self._tables: Dict[str, str] = {}
         self._knowledge: Dict[str, str] = {}
         self._held: List[str] = []
+        self._blocked: Sequence[str] = ()
 
     def guest_event(
         self, time: float, event: int, guest: str, table: str, items: Sequence[str], reason: str
@@ -115,13 +115,23 @@ class EveningRecord:
             if account.table == table and account.left is None:
                 account.errors.append(sentence)
 
-    def close(self, states: Dict[str, str], held: Sequence[str]) -> None:
+    def close(self, states: Dict[str, str], held: Sequence[str], blocked: Sequence[str] = ()) -> None:
         """Enters what the robot knows at the end.
 
         :param states: of the tables.
         :param held: facts about orders under way.
+        :param blocked: tables, ``bar`` or ``entrance`` where a robot stands that takes no actions: what waits
+            there cannot be served, and a state of such a table cannot be known.
         """
-        self._knowledge, self._held = dict(states), list(held)
+        self._knowledge, self._held, self._blocked = dict(states), list(held), list(blocked)
+        for account in self.guests.values():
+            if self._in_vain(account):
+                account.errors.append("a robot that takes no actions stands in the way")
+
+    def _in_vain(self, account: GuestAccount) -> bool:
+        """Whether a guest waited for what no robot could do."""
+        needed = ("bar", account.table) if account.table else ("entrance",)
+        return account.reason.startswith(WAITED) and any(place in self._blocked for place in needed)
 
     def truth(self, table: str) -> str:
         """The state that a table is in."""
@@ -131,7 +141,7 @@ class EveningRecord:
         """Why the books do not balance; empty: they do."""
         found = [] if self.closed is not None else ["the evening did not come to its end"]
         for account in self.guests.values():
-            found += _account_problems(account)
+            found += _account_problems(account) if not self._in_vain(account) else []
         given = Counter(
             (account.table, account.served_items)
             for account in self.guests.values()
@@ -145,7 +155,7 @@ class EveningRecord:
         for (table, items), count in (given - believed).items():
             found.append(f"{_named(items)} came to {table} {count} time(s) more than the robot knows")
         for table, state in sorted(self._knowledge.items()):
-            if state != self.truth(table):
+            if state != self.truth(table) and table not in self._blocked:
                 found.append(
                     f"the robot knows {table} as {state or 'nothing'}, but it is {self.truth(table)}"
                 )

@@ -29,13 +29,13 @@ COLORS = {
     "greet_client": "#9467bd",
     "guide_client": "#6a3d9a",
 }
+#: Of a guest: from, until, colour, what it is.
 PHASES = (
     ("came", "seated", "#d8c7e8", "waits for a table"),
     ("seated", "ordered", "#f1d9a7", "waits for the waiter"),
     ("ordered", "served", "#f0b4a0", "waits for the order"),
     ("served", "left", "#b9dcb9", "eats"),
 )
-"""Of a guest: from, until, colour, what it is."""
 FAILED = "#c02020"
 LEGEND = {"loc": "upper left", "frameon": False, "fontsize": 8, "alignment": "left"}
 

@@ -2,7 +2,7 @@
 
 import math
 import threading
-from typing import Any, Callable, Optional, Tuple
+from typing import Any, Callable, List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -13,7 +13,7 @@ from merlin_restaurant.person_tracker import PersonTracker
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 BEHIND = 1.9  # m of distance at which the robot waits
-CLOSE = 1.4  # m at which it goes on
+CLOSE = 1.4  # m at which it continues
 GONE = 3.6  # m: a follower is never that far away
 UNSEEN = 3.0  # s of scans without the person after which the person counts as lost
 SILENT = 10.0  # s without a scan after which the same holds; more, because a busy computer's scans come late
@@ -28,7 +28,7 @@ class FollowerWatch:
         self._tracker = PersonTracker()
         self._pose: Optional[Tuple[float, float, float]] = None
         self._now = self._begun = 0.0  # times of the last scan that was used, and of the beginning, s
-        self._subscribers: list = []
+        self._subscribers: List[rospy.Subscriber] = []
 
     def begin(self, *_: Any) -> None:
         """Forgets the last person and looks for one in front of the robot."""
@@ -67,7 +67,7 @@ class FollowerWatch:
 
     @property
     def close(self) -> bool:
-        """Whether the person is so near that the robot can go on."""
+        """Whether the person is so near that the robot can continue."""
         return not self.lost and self.distance < CLOSE
 
     def _move(self, odometry: Odometry) -> None:
@@ -92,7 +92,7 @@ class FollowerWatch:
 class WatchState(MerlinState):
     """Waits until something holds of the follower; further outcome with a limit: lost.
 
-    :param watch: it.
+    :param watch: notices when the person is too far behind.
     :param until: returns True when the wait is over.
     :param limit: s of ROS time after which the follower counts as lost; 0: none.
     """

@@ -3,11 +3,11 @@
 import re
 from typing import List, Sequence
 
+#: Objects of the PDDL type item; the camera knows them by the same names.
 MENU = ("coffee", "water", "juice", "sandwich", "cake")
-"""Objects of the PDDL type item; the camera knows them by the same names."""
 
+#: Everything on a table that belongs to a guest, full or empty.
 DISHES = (*MENU, "cup", "glass", "plate", "dirty_plate", "bottle", "can")
-"""Everything on a table that belongs to a guest, full or empty."""
 
 _HEADER = "#JSGF V1.0; grammar g; "
 ORDER = _HEADER + (

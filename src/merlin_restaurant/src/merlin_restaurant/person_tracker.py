@@ -19,10 +19,9 @@ Point = Tuple[float, float]
 class PersonTracker:
     """Follows one person from scan to scan, in a frame that does not move with the robot.
 
-    Attributes:
-        place: of the person, m in the frame of the poses given; None: not found yet.
-        distance: from the robot at the last scan in which the person was seen, m.
-        seen: time of that scan, s.
+    :ivar place: of the person, m in the frame of the poses given; None: not found yet.
+    :ivar distance: from the robot at the last scan in which the person was seen, m.
+    :ivar seen: time of that scan, s.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,6 @@
 """The evening in the restaurant as a node: the mission with its live log, its record and its timeline.
 
-Exit code: 0 when the books balance, 1 when they do not, 2 when the evening could not begin or go on or its
+Exit code: 0 when the books balance, 1 when they do not, 2 when the evening could not begin or continue or its
 results not be written, 130 when it was interrupted.
 """
 
@@ -14,13 +14,13 @@ from merlin_msgs.msg import GuestEvent
 from merlin_executor.mission import RESEND, MissionError, results_folder
 from merlin_restaurant.evening import Evening
 from merlin_restaurant.evening_record import EveningRecord
-from merlin_restaurant.robot_watch import RobotWatch
+from merlin_restaurant.robot_watch import DeliveryLog
 from merlin_restaurant.robots_account import robot_rows, robot_table, write_robots
 from merlin_restaurant.table_state import STATES
 from merlin_sm.states.merlin_state import SUCCEEDED
 
-#: Predicates of which no fact may be left at the end.
-UNDER_WAY = ("carrying", "prepared", "waiting")
+#: Predicates of which no fact may be left at the end, and the place where that is done.
+UNDER_WAY = {"carrying": "bar", "prepared": "bar", "waiting": "entrance"}
 
 BALANCED = (
     "the books balance: every guest was served or there is a reason, what was delivered was ordered,\n"
@@ -40,7 +40,7 @@ class RecordedEvening(Evening):
 
     servers: Sequence[str] = ("move_base", "sound_play", "listen", "recognize", "calls/listen")
     startup_timeout = 90.0
-    tells = False  # it does so itself, with the guests
+    tells = False  # it prints that itself, with the guests
 
     def __init__(
         self, results: Path = Path("results/restaurant"), on_lost: str = RESEND, robots: Sequence[str] = ()
@@ -56,7 +56,7 @@ class RecordedEvening(Evening):
             here = [f"{robot}/{server}" for robot in robots for server in self.servers[:-1]]
             self.servers = (*here, self.servers[-1])
         self._results = results_folder(results)
-        self._watch = RobotWatch(
+        self._watch = DeliveryLog(
             lambda text: self._line("robot", text), self._delivered, self._failed, self._names
         )
         rospy.Subscriber("restaurant/guests", GuestEvent, self._guest, queue_size=100)
@@ -77,12 +77,18 @@ class RecordedEvening(Evening):
             table: next((state for state in STATES if self.holds(f"({state} {table})")), "")
             for table in self.objects("table")
         }
+        kept = self._kept()
+        blocked = self._blocked(kept)
+        in_vain = [predicate for predicate, place in UNDER_WAY.items() if place in blocked]
         held = [
-            fact for predicate in UNDER_WAY for fact in self.facts(predicate) if not self.out_of_reach(fact)
+            fact
+            for predicate in UNDER_WAY
+            for fact in self.facts(predicate)
+            if not self.out_of_reach(fact) and predicate not in in_vain and not _stands_at(fact, kept)
         ]
         problems = [] if succeeded else [f"the mission ended with {self._outcome}: {self.reason}"]
         with self._record_lock:
-            self._record.close(states, held)
+            self._record.close(states, held, blocked)
         return self._written(problems)
 
     def _written(self, problems: List[str]) -> bool:
@@ -137,6 +143,12 @@ class RecordedEvening(Evening):
         time = rospy.get_time() - self._begun
         with self._print:
             print(f"{time:7.1f} s  {speaker:<7} {text}", flush=True)
+
+
+def _stands_at(fact: str, kept: Sequence[str]) -> bool:
+    """Whether an order stands on a counter to which no robot can come."""
+    predicate, *places = fact.strip("()").split()
+    return predicate == "prepared" and places[0] in kept
 
 
 def _told(event: GuestEvent) -> str:

@@ -13,13 +13,13 @@ from merlin_restaurant.robots_account import Mileage
 from merlin_sm.knowledge_text import to_pddl
 
 
-class RobotWatch(RobotLog):
+class DeliveryLog(RobotLog):
     """Listens to the planning system and to the robots' speech, and counts their metres.
 
     :param log: takes a line of what happens.
     :param on_delivery: called with a table and its items when the robot has delivered them.
     :param on_failure: called with an action as PDDL and the reason.
-    :param robots: the namespaces of several; an empty one: the only robot has none.
+    :param robots: the namespaces of several robots; empty: one robot without a namespace.
     """
 
     def __init__(
@@ -69,6 +69,7 @@ class RobotWatch(RobotLog):
             self._heard(result, "")
 
 
+#: Predicates whose new facts are worth a line.
 TOLD = (
     "needs_serving",
     "already_served",
@@ -79,7 +80,6 @@ TOLD = (
     "carrying",
     "seated",
 )
-"""Predicates whose new facts are worth a line."""
 
 
 def _facts(items: List[KnowledgeItem]) -> List[str]:

@@ -10,6 +10,7 @@ from nav_msgs.msg import Odometry
 
 from merlin_executor.core.robot_story import Deed
 
+#: Of the table per robot.
 COLUMNS = (
     "robot",
     "orders",
@@ -21,7 +22,6 @@ COLUMNS = (
     "busy_s",
     "driven_m",
 )
-"""Of the table per robot."""
 COUNTED = {
     "orders": "take_order",
     "delivered": "deliver_order",

@@ -11,7 +11,7 @@ from merlin_sm.states.recognition import Recognized
 STATES = ("needs_serving", "already_served", "needs_cleaning", "ready")
 AHEAD = 0.9  # m from a table's point of interest, straight ahead, to the middle of the table
 REACH = 0.55  # m from the middle within which a thing stands on the table
-SEAT = 1.15  # m from the middle within which somebody sits at the table
+SEAT = 1.15  # m from the middle within which a person sits at the table
 
 
 def spot(name: str, ahead: float = AHEAD) -> Tuple[float, float]:
@@ -44,7 +44,7 @@ def decide(people: int, dishes: Sequence[str]) -> str:
 
 
 def remember_state(robot: MerlinROSPlanAssistant, table: str, state: str) -> None:
-    """Makes one of the four states true and the others false; an order of guests who left is forgotten.
+    """Makes one of the four states true and the others false; an order of guests that left is forgotten.
 
     Where the domain has waiters, the next guest gets a new one.
     """

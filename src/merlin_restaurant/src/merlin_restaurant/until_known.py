@@ -31,7 +31,7 @@ class UntilKnown(MerlinState):
         )
 
     def wake(self) -> None:
-        """Has it look again; from any thread, never blocks."""
+        """Requests another look; from any thread, never blocks."""
         self._woken.set()
 
     def run(self, userdata: Any) -> str:

@@ -7,6 +7,8 @@ import threading
 from contextlib import contextmanager
 from typing import Any, Callable, Iterator, List, Optional
 
+from merlin_ros.alarms import Alarm, call_later
+
 Wake = Callable[[], None]
 
 
@@ -20,7 +22,7 @@ class CallScope:
         self._limit = limit
         self._lock = threading.Lock()  # guards the fields below
         self._wake: Optional[Wake] = None
-        self._timers: List[threading.Timer] = []
+        self._alarms: List[Alarm] = []
         self._left = False
         self._outer: Optional[CallScope] = None
         self.ended = False
@@ -39,22 +41,18 @@ class CallScope:
         _current.scope = self._outer
         with self._lock:
             self._left = True
-            timers, self._timers = self._timers, []
-        for timer in timers:
-            timer.cancel()
+            alarms, self._alarms = self._alarms, []
+        for alarm in alarms:
+            alarm.cancel()
 
     def end(self, after: float = 0.0) -> None:
         """Ends the calls; from any thread, never blocks.
 
         :param after: s of wall time that a call under way still gets.
         """
-        timer = threading.Timer(after, self._end)
-        timer.name, timer.daemon = "end of calls", True
         with self._lock:
-            if self._left or self.ended:
-                return
-            self._timers.append(timer)
-            timer.start()
+            if not (self._left or self.ended):
+                self._alarms.append(call_later(after, self._end))
 
     @contextmanager
     def calling(self, wake: Wake) -> Iterator["CallScope"]:
@@ -83,7 +81,7 @@ class CallScope:
 
 
 class _Unlimited(CallScope):
-    """Of threads that are in no scope."""
+    """The scope of threads that are in no other one."""
 
     @contextmanager
     def calling(self, wake: Wake) -> Iterator[CallScope]:

@@ -7,7 +7,7 @@ waits for software count *running time*, the monotonic time less the time spent 
 import math
 import threading
 import time
-from typing import Callable, Optional
+from typing import Any, Callable, Optional
 
 import rospy
 from merlin_msgs.msg import SimStatus
@@ -36,7 +36,12 @@ class _PauseWatch:
             self._start()
         with self._lock:
             now = time.monotonic()
-            return self._paused_before + (now - self._paused_since if self._paused_since is not None else 0.0)
+            if self._paused_since is None:
+                return self._paused_before
+            if self._gone():  # a simulator that ended while it was paused does not stop the time forever
+                self._resume(now)
+                return self._paused_before
+            return self._paused_before + now - self._paused_since
 
     def _start(self) -> None:
         if not (rospy.core.is_initialized() and rospy.rostime.is_rostime_initialized()) or lost.is_set():
@@ -54,9 +59,21 @@ class _PauseWatch:
             now = time.monotonic()
             if status.paused and self._paused_since is None:
                 self._paused_since = now
-            elif not status.paused and self._paused_since is not None:
-                self._paused_before += now - self._paused_since
-                self._paused_since = None
+            elif not status.paused:
+                self._resume(now)
+
+    def _resume(self, now: float) -> None:
+        """Called with the lock held."""
+        if self._paused_since is not None:
+            self._paused_before += now - self._paused_since
+            self._paused_since = None
+
+    def _gone(self) -> bool:
+        """Whether no connection to a simulator is open; rospy counts one that died for a while."""
+        connections: Any = getattr(getattr(self._subscriber, "impl", None), "connections", None)
+        return connections is not None and not any(
+            getattr(connection, "socket", None) for connection in connections
+        )
 
 
 _pause_watch = _PauseWatch()

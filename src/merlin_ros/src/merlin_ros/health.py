@@ -19,7 +19,7 @@ ERROR = DiagnosticStatus.ERROR
 
 
 class Health(NamedTuple):
-    """How a part does: `OK`, `WARN` or `ERROR`, a sentence, and figures for diagnosis."""
+    """State of a part: `OK`, `WARN` or `ERROR`, a sentence, and figures for diagnosis."""
 
     level: int = OK
     message: str = "ready"
@@ -53,10 +53,11 @@ class HealthReporter:
         while not self._stopped.is_set():
             try:
                 self._updater.force_update()
-            except rospy.ROSException:
+            except Exception as error:
+                # A part may have said what no message can carry; its next text may be another.
                 if is_shutdown_requested():
                     return
-                raise
+                rospy.logerr_throttle(60.0, f"the health of this node cannot be published: {error!r}")
             self._stopped.wait(PERIOD)
 
 
@@ -64,11 +65,16 @@ def _task(check: Callable[[], Health]) -> Callable[[DiagnosticStatusWrapper], Di
     def fill(status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
         try:
             health = check()
-        except Exception as error:  # a part that cannot tell is ill, and the others are still asked
-            health = Health(ERROR, f"cannot tell: {type(error).__name__}: {error}")
-        status.summary(health.level, health.message)
+        except Exception as error:  # a part that raises is ill, and the others are still asked
+            health = Health(ERROR, f"no report: {type(error).__name__}: {error}")
+        status.summary(health.level, _writable(health.message))
         for key, value in health.values.items():
-            status.add(key, str(value))
+            status.add(key, _writable(value))
         return status
 
     return fill
+
+
+def _writable(value: object) -> str:
+    """As text, with ``?`` for half of a character, as in the name of a file that is not UTF-8."""
+    return str(value).encode("utf-8", "replace").decode()

@@ -1,4 +1,4 @@
-"""Subscribing while the robot works: rospy waits for ever for a master that is lost, and so does its process.
+"""Subscribing while the robot works: rospy waits forever for a master that is lost, and so does its process.
 
 What a node subscribes at its start needs none of this: it does not begin without a master.
 """

@@ -1,8 +1,6 @@
 """Begins a node and ends it: in order, at any moment of its life, with an exit code that says how it went."""
 
-import atexit
 import contextlib
-import gc
 import os
 import signal
 import sys
@@ -21,23 +19,29 @@ from rospy.impl.paramserver import get_param_server_cache
 from rospy.names import get_caller_id
 
 from merlin_ros.deadline import running_time
+from merlin_ros.lean_start import end_lightly
 from merlin_ros.master import master_link, publisher_updates
 from merlin_ros.master.master_keeper import MasterKeeper
 from merlin_ros.master.namesake import living_namesake
 from merlin_ros.parameters import ParameterError
+from merlin_ros.prompt_sending import send_promptly
 
 #: Exit code of a node that could not begin: starting it again as it is will not help.
 CANNOT_BEGIN = 2
-#: Exit code of a node that may begin at another try: another node that it needs was not there in time.
+#: Exit code of a node that may begin at another try: another node that it needs did not run in time.
 NOT_YET = 1
-#: Between two attempts to reach a master that is not there yet, s of wall time.
+#: Between two attempts to reach a master that does not run yet, s of wall time.
 MASTER_PERIOD = 0.3
-#: Longest end of a node that was told to end while rospy begins it, s of wall time.
+#: Longest end of a node that gets a signal while rospy starts it, s of wall time.
 BEGIN_LIMIT = 1.5
 #: Longest end of a node, s of wall time; a launch would wait longer before it kills.
 END_LIMIT = 10.0
 #: Longest time in which the main thread has to return when everything is closed, s of wall time.
 RETURN_LIMIT = 3.0
+
+#: Longest time for which a thread that computes keeps the interpreter from one that a message has woken, s.
+#: Python's own 5 ms are longer than most hops from node to node.
+SWITCH_INTERVAL = 0.0005
 
 _ROSOUT_PARAM = "/rosout_disable_topics_generation"
 
@@ -47,7 +51,7 @@ class _Ending:
 
     def __init__(self) -> None:
         # Not an Event: a second signal within the handler of the first would take its lock twice.
-        self.told = False
+        self.requested = False
         self.number = 0  # of the first signal
         self._in_rospy = False
         self._begun = False
@@ -55,7 +59,7 @@ class _Ending:
 
     @property
     def code(self) -> int:
-        """Exit code of a node that was told to end.
+        """Exit code of a node that was ended by a signal.
 
         A launch that stops its nodes sends SIGINT: a SIGTERM meant this node alone, which is to come back.
         """
@@ -66,16 +70,16 @@ class _Ending:
             signal.signal(number, self._handle)
 
     def enter_rospy(self) -> None:
-        """From now on rospy begins the node, and is not interrupted."""
+        """Marks that rospy starts the node; a signal does not interrupt that."""
         self._in_rospy = True
-        if self.told:
+        if self.requested:
             raise SystemExit(self.code)
 
     def begun(self) -> None:
         """rospy has begun the node."""
         self._begun = True
-        if self.told:
-            rospy.signal_shutdown("told to end while it began")
+        if self.requested:
+            rospy.signal_shutdown("ended by a signal while it began")
             raise SystemExit(self.code)
 
     @contextlib.contextmanager
@@ -95,7 +99,7 @@ class _Ending:
         _limit(RETURN_LIMIT, 1)
 
     def _handle(self, number: int, _: Any) -> None:
-        first, self.told = not self.told, True
+        first, self.requested = not self.requested, True
         self.number = self.number or number
         if self._begun:
             if first:
@@ -104,7 +108,7 @@ class _Ending:
         elif not self._in_rospy:
             raise SystemExit(self.code)
         elif first:
-            # rospy itself waits for a master that has gone away in this moment for ever.
+            # rospy itself waits for a master that has gone away in this moment forever.
             _limit(BEGIN_LIMIT, self.code)
 
 
@@ -123,9 +127,9 @@ def init_node(name: str, **options: Any) -> None:
 
     :param name: unless ``__name`` is given on the command line.
     :param options: of `rospy.init_node`.
-    :raises SystemExit: with :data:`CANNOT_BEGIN`, after saying why, when the master's address is none,
+    :raises SystemExit: with :data:`CANNOT_BEGIN`, after saying why, when the master's address is invalid,
         parameters are given and no master takes them, or a node of this name lives; with the code of
-        :func:`run_node` when the node is told to end before it has begun.
+        :func:`run_node` when a signal ends the node before it has begun.
     """
     global _keeper
     try:
@@ -137,7 +141,9 @@ def init_node(name: str, **options: Any) -> None:
     _ending.install()
     end_lightly()
     master_link.bound_rospy()
+    master_link.hasten_registration()
     publisher_updates.keep_all()
+    hand_over_promptly()
     _wait_for_master(name)
     if not options.get("anonymous"):
         _refuse_second(name)
@@ -145,7 +151,7 @@ def init_node(name: str, **options: Any) -> None:
     try:
         rospy.init_node(name, disable_signals=True, **options)
     except (OSError, rospy.ROSInitException) as error:
-        if _ending.told:
+        if _ending.requested:
             raise SystemExit(_ending.code) from None
         _refuse(name, f"no master at {rosgraph.get_master_uri()}: {error}; is roscore running?")
     _settle_rosout()
@@ -156,13 +162,10 @@ def init_node(name: str, **options: Any) -> None:
     _ending.begun()
 
 
-def end_lightly() -> None:
-    """Spares this process the search for garbage when it ends.
-
-    Python looks through all objects of a node several times before it lets go of them: 0.15 s of computing
-    that a launch of 15 nodes pays 15 times, all at once.
-    """
-    atexit.register(gc.freeze)
+def hand_over_promptly() -> None:
+    """Lets messages leave and reach their threads at once, whatever else this process computes."""
+    send_promptly()
+    sys.setswitchinterval(SWITCH_INTERVAL)
 
 
 def run_node(
@@ -171,14 +174,14 @@ def run_node(
     *errors: Type[Exception],
     missing: Tuple[Type[Exception], ...] = (),
 ) -> int:
-    """Runs a node until it is told to end.
+    """Runs a node until a signal or rospy ends it.
 
     :param name: as in :func:`init_node`.
     :param start: makes what the node consists of. It may return what the main thread is to do, which has to
         end when ROS shuts down.
     :param errors: what `start` raises when the node cannot begin, with a text for its user; besides
         ParameterError.
-    :param missing: what `start` raises when another node was not there in time; looked at before `errors`. A
+    :param missing: what `start` raises when another node did not run in time; tested before `errors`. A
         master that goes away meanwhile counts as that.
 
     Returns the exit code, for the script ``respawn`` of the package merlin: 0, 143 after a SIGTERM, or
@@ -264,7 +267,7 @@ def keep_params(name: str) -> None:
 def keep_foreign_nodes() -> None:
     """Registers the nodes that are not MERLIN's, too, at a master that was started anew.
 
-    One node of a robot does it for all. What they have registered is looked at every 5 s.
+    One node of a robot does it for all. What they have registered is looked at now and every 5 s.
     """
     if _keeper is not None:
         _keeper.keep_foreign_nodes()

@@ -1,8 +1,9 @@
-"""Publishing: whether there are subscribers, and publishing while the node goes down."""
+"""Publishing: whether there are subscribers, while the node goes down, and what cannot be written."""
 
 import threading
 from typing import Any, Callable
 
+import genpy
 import rospy
 from rospy.core import is_shutdown_requested
 
@@ -40,12 +41,56 @@ class OnSubscriber(rospy.SubscribeListener):
 def publish(publisher: rospy.Publisher, message: Any) -> None:
     """Publishes a message; drops it when the node is going down and has closed the topic.
 
-    rospy closes topics before ``rospy.is_shutdown()`` says so: asking first does not help.
+    rospy closes topics before ``rospy.is_shutdown()`` says so: asking first does not help. It sends the half
+    of a message that it cannot write in front of the next one, and subscribers lose both.
 
+    :param message: half of a character in its texts, as of a file's name that is not UTF-8, becomes ``?``.
     :raises rospy.ROSException: the topic is closed though the node is not going down.
+    :raises Exception: what the message's code raises for a field of a wrong type; nothing is sent then.
     """
+    impl = getattr(publisher, "impl", None)
+    if impl is None:
+        _publish(publisher, message)
+        return
+    impl.acquire()  # no other message comes between what failed and its removal
+    try:
+        latched = impl.latch
+        try:
+            _publish(publisher, message)
+        except UnicodeEncodeError:
+            _forget_half(impl, latched)
+            _publish(publisher, _writable(message))
+        except Exception:
+            _forget_half(impl, latched)
+            raise
+    finally:
+        impl.release()
+
+
+def _publish(publisher: rospy.Publisher, message: Any) -> None:
     try:
         publisher.publish(message)
+    except rospy.ROSSerializationException:
+        raise
     except rospy.ROSException:
         if not is_shutdown_requested():
             raise
+
+
+def _forget_half(impl: Any, latched: Any) -> None:
+    if impl.buff is not None:  # otherwise the topic was closed
+        impl.buff.seek(0)
+        impl.buff.truncate(0)
+        impl.latch = latched
+
+
+def _writable(value: Any) -> Any:
+    """A value without half characters; of a message itself."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode()
+    if isinstance(value, list):
+        return [_writable(part) for part in value]
+    if isinstance(value, genpy.Message):
+        for name in value.__slots__:
+            setattr(value, name, _writable(getattr(value, name)))
+    return value

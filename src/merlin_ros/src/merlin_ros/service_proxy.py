@@ -14,6 +14,7 @@ from rosgraph.network import write_ros_handshake_header
 from rospy.exceptions import ROSException, TransportException
 from rospy.impl.tcpros_base import TCPROSTransport
 
+from merlin_ros.alarms import call_later
 from merlin_ros.call_scope import CallScope, current_scope
 from merlin_ros.master.master_link import ERRORS, bounded_master, lost
 
@@ -26,7 +27,7 @@ class ServiceError(rospy.ServiceException):
 
 
 class ServiceUnavailable(ServiceError):
-    """There was no answer at all: the service is not there, or its process died. It may return."""
+    """No answer came: the service does not exist, or its process died. It may return."""
 
 
 class _Client(rospy.ServiceProxy):
@@ -35,6 +36,7 @@ class _Client(rospy.ServiceProxy):
     connect_limit = CONNECT_LIMIT
     connecting: Optional[TCPROSTransport] = None
     scope: CallScope = current_scope()
+    given_up = False  # the call's time limit has passed, maybe before there was a socket to wake
     transport: Any
 
     def call(self, *args: Any, **fields: Any) -> Any:
@@ -44,12 +46,10 @@ class _Client(rospy.ServiceProxy):
             transport = TCPROSTransport(self.protocol, self.resolved_name)
             transport.buff_size = self.buff_size
             # rospy takes the socket's timeout away before it reads the server's header.
-            limit = threading.Timer(self.connect_limit, _wake, [transport])
-            limit.daemon = True
-            limit.start()
+            limit = call_later(self.connect_limit, lambda: _wake(transport))
             self.connecting = transport
             try:
-                if self.scope.ended:  # while it was looked up
+                if self.scope.ended or self.given_up:  # while it was looked up
                     raise TransportException("given up")
                 transport.connect(host, port, self.uri, timeout=self.connect_limit)
             except TransportException:
@@ -58,7 +58,7 @@ class _Client(rospy.ServiceProxy):
             finally:
                 limit.cancel()
             self.transport, self.connecting = transport, None
-            if self.scope.ended:  # before there was a socket that its end could have woken
+            if self.scope.ended or self.given_up:  # before there was a socket to wake
                 raise TransportException("given up")
         return super().call(*args, **fields)
 
@@ -122,13 +122,11 @@ class ServiceProxy:
         begin = time.monotonic()
         try:
             proxy = self._connection()
-            proxy.scope = scope
+            proxy.scope, proxy.given_up = scope, False
             if scope.ended:
                 raise TransportException("given up")
             if self._timeout is not None:
-                limit = threading.Timer(self._timeout, self._give_up, [proxy])
-                limit.daemon = True
-                limit.start()
+                limit = call_later(self._timeout, lambda: self._give_up(proxy))
             return proxy(*args, **fields)
         except (rospy.ServiceException, ROSException, TransportException, OSError) as error:
             self._close()
@@ -137,6 +135,9 @@ class ServiceProxy:
             waited = time.monotonic() - begin
             why = f"given up after {waited:.1f} s" if scope.ended else self._why(error, waited)
             raise ServiceUnavailable(f"service {self.name} does not answer: {why}") from error
+        except BaseException:  # a request that cannot be written: half of it would go in front of the next
+            self._close()
+            raise
         finally:
             if limit is not None:
                 limit.cancel()
@@ -182,8 +183,9 @@ class ServiceProxy:
             return False
 
     def close(self) -> None:
-        """Closes the connection; the next call opens another."""
-        self._occupy(current_scope())
+        """Closes the connection; the next call opens another. Waits for a call under way."""
+        scope = CallScope()  # of its own: one that has ended would not wait
+        self._occupy(scope)
         self._close()
         self._leave()
 
@@ -209,7 +211,7 @@ class ServiceProxy:
                 self._give_up(self._proxy)
 
     def _why(self, error: Exception, waited: float) -> str:
-        """What a failed call means, in words: `[Errno 111]` names nothing that a person can start again."""
+        """A sentence for a failed call: `[Errno 111]` does not name the node to restart."""
         if self._timeout is not None and waited >= self._timeout:
             return f"no answer within {self._timeout:g} s"
         text = str(error)
@@ -236,6 +238,7 @@ class ServiceProxy:
 
     @staticmethod
     def _give_up(proxy: _Client) -> None:
+        proxy.given_up = True
         connecting = proxy.connecting  # first: what is connected meanwhile is found in the other one
         transport = proxy.transport or connecting
         if transport is not None:

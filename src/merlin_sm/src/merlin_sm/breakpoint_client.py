@@ -1,4 +1,4 @@
-"""Sets the breakpoints of Executor, dispatcher and machines, and lets go on what they hold."""
+"""Sets the breakpoints of Executor, dispatcher and machines, and continues what they hold."""
 
 from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
 
@@ -57,7 +57,7 @@ class MachineNodes:
         return list(texts), [answer.held for answer in answers if answer.held]
 
     def release(self, what: int) -> str:
-        """Lets what is held before a state go on.
+        """Continues machines that are held before a state.
 
         :param what: of a request: STEP, CONTINUE or CLEAR.
         :return: what was held; empty: nothing.
@@ -65,7 +65,7 @@ class MachineNodes:
         return ", ".join(answer.held for answer in self._ask(what) if answer.held)
 
     def leave(self, state: str, outcome: str, by: str, within: str = "") -> str:
-        """Has a state that runs, is held or waits left with an outcome.
+        """Makes a state that runs, is held or waits end with an outcome.
 
         :param state: ``NAVIGATE/DRIVE``.
         :param outcome: one of the state; empty: the one with which it waits is confirmed.
@@ -172,7 +172,7 @@ class BreakpointClient:
         return of_actions, [text for text in texts if heads[text] in facts]
 
     def step(self) -> Stepped:
-        """What is held begins, and the next one is held: a state where a machine is held, else an action."""
+        """Steps: the held state or action begins, and the next one is held."""
         state = self.states.release(BreakpointsRequest.STEP)
         if state:
             return Stepped(f"{state} begins, and the next state is held.", state)
@@ -184,7 +184,7 @@ class BreakpointClient:
         return self._ask(BreakpointsRequest.CONTINUE)
 
     def clear(self) -> str:
-        """There are no breakpoints any more, and nothing is held."""
+        """Removes all breakpoints, and continues."""
         return self._ask(BreakpointsRequest.CLEAR)
 
     def _ask(self, what: int, actions: Sequence[str] = (), goals: Sequence[str] = ()) -> str:

@@ -1,4 +1,4 @@
-"""The service over which breakpoints are set, and over which what is held goes on."""
+"""The service over which breakpoints are set, and over which what is held continues."""
 
 from typing import Callable, List, Protocol, Sequence
 
@@ -46,7 +46,7 @@ class BreakpointService:
         return rospy.Service(name, BreakpointsSrv, self.answer)
 
     def answer(self, request: BreakpointsRequest) -> BreakpointsResponse:
-        """Does what is asked for."""
+        """Carries out a request of the service."""
         breakpoints = self._breakpoints
         held = breakpoints.held
         try:

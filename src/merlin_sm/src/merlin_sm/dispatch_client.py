@@ -1,8 +1,8 @@
-"""Has a plan dispatched, follows its actions, and cancels it, over our dispatchers and ROSPlan's own."""
+"""Dispatches a plan, follows its actions, and cancels it, over our dispatchers and ROSPlan's own."""
 
 import itertools
 import threading
-from typing import Callable, List, Optional, Sequence, Set
+from typing import Callable, Dict, List, Optional, Sequence
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, Lease, RunningAction
@@ -12,39 +12,31 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from rospy.core import is_shutdown_requested
 from std_srvs.srv import Empty
 
+from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
+from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.deadline import Deadline, limit, running_time
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_sm.dispatching.action_messages import CANCEL_ACTION, answer_in, cancel_of, dispatched_action
 from merlin_sm.dispatching.kinds import DispatcherKind, Hold, ReportingDispatcher, SilentDispatcher
 from merlin_sm.dispatching.owners import DispatchOwners
-from merlin_sm.dispatching.progress import (
-    PART,
-    Action,
-    DispatchAnswer,
-    DispatchProgress,
-    DispatchResult,
-    ground,
-)
+from merlin_sm.dispatching.progress import PART, Action, DispatchProgress, DispatchResult, ground
 from merlin_sm.dispatching.reply import reply_of
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
 from merlin_sm.planning_client import Interruptible
 
-CANCEL_ACTION = "cancel_action"
 INTERFACE_WAIT = 3.0  # s of running time for the action interfaces of a plan to announce themselves
 STATUS_GRACE = 0.5  # s of running time for the dispatcher's status behind its answer
 ANSWER_GRACE = 0.3  # s of running time for an interface's answer behind the end of the dispatch
 ORPHAN_GRACE = 1.0  # s of running time for the actions of a dispatcher that is gone to end
 SLACK = 1.0  # s that a dispatcher gets beyond its own cancel deadline
+FOREIGN_WAIT = 6.0  # s of running time for the plan of another client to end, where a cancel has no limit
 OWNER_LOOK = 0.5  # s between two looks whether the owner of a foreign dispatch still lives
-LISTEN = 1.0  # s of a client's life after which it would have heard the owner of a foreign dispatch
+ANNOUNCED = 1000  # operators whose interfaces are remembered; any node may announce some
+LISTEN = 1.0  # s after which a client has received the lease of any other owner of the dispatch
+INTERRUPTED = "cancelled while another plan was carried out"
 _BUSY = "is being dispatched already"
-_DISPATCHER = "dispatcher"  # key in the information of feedback that a dispatcher published itself
-_ANSWERS = {
-    ActionFeedback.ACTION_ENABLED: DispatchAnswer.TAKEN,
-    ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE: DispatchAnswer.SUCCEEDED,
-    ActionFeedback.ACTION_FAILED: DispatchAnswer.FAILED,
-}
 
 
 class DispatchClient:
@@ -75,16 +67,14 @@ class DispatchClient:
         self._begun = running_time()
         self._changed = threading.Condition()  # guards the fields below
         self._progress = DispatchProgress()
-        self._active = False
-        self._cancelling = False
-        self._requested = False
-        self._cancel_sent = False
+        self._active = self._cancelling = self._requested = self._cancel_sent = False
         self._ended = True
-        self._announced: Set[str] = set()
+        self._silent = False  # whether the dispatcher no longer renews the lease of what it carries out
+        self._announced: Dict[str, None] = {}  # operators, the one that is silent for longest first
         self._kind: DispatcherKind = SilentDispatcher()
         self._owners = DispatchOwners(rospy.get_name())
         self._cancel_publisher = rospy.Publisher(
-            f"{dispatcher}/action_dispatch", ActionDispatch, queue_size=10
+            f"{dispatcher}/action_dispatch", ActionDispatch, queue_size=1000
         )
         for topic, message_class, callback in (
             ("action_dispatch", ActionDispatch, self._receive_dispatch),
@@ -93,8 +83,9 @@ class DispatchClient:
             ("dispatch_plan/lease", Lease, self._receive_lease),
         ):
             rospy.Subscriber(f"{dispatcher}/{topic}", message_class, callback, tcp_nodelay=True)
-        announcements = f"{rospy.resolve_name(knowledge_base)}/pddl_action_parameters"
-        rospy.Subscriber(announcements, DomainFormula, self._receive_interface)
+        self._watch = LeaseWatch(f"{dispatcher}/lease", self._dispatcher_changed)
+        name = rospy.resolve_name(knowledge_base)
+        rospy.Subscriber(f"{name}/pddl_action_parameters", DomainFormula, self._receive_interface)
 
     def available(self) -> bool:
         """Whether the dispatcher is there now."""
@@ -118,7 +109,7 @@ class DispatchClient:
 
     @property
     def hold(self) -> Hold:
-        """Where it is held, and where it will be."""
+        """Before which actions the dispatcher holds, and before which it will hold."""
         return self._kind.hold
 
     @property
@@ -127,13 +118,14 @@ class DispatchClient:
         with self._changed:
             return self._busy()
 
-    def free(self, interruptible: Interruptible, reason: str = "it has no owner") -> str:
-        """Waits for the end of a dispatch that another client, or a former life of this one, has left.
+    def free(self, interruptible: Interruptible, longest: Optional[float] = None) -> str:
+        """Waits for the end of a dispatch that another client, or an earlier process of this one, has left.
 
-        It is cancelled, unless its owner lives. The interruption ends the wait.
+        It is cancelled, unless its owner lives. The interruption ends the wait. Without a cancel deadline, an
+        owner that lives still has an end to be waited for; only a dispatcher that took the cancel has none.
 
-        :param reason: why it is cancelled, for the log.
-        :return: why the dispatcher is still busy, as a sentence; empty when it is free.
+        :param longest: s of running time for that one to stop; None: no limit.
+        :return: why the dispatcher is still busy, as a sentence, or INTERRUPTED; empty when it is free.
         """
         if not self.busy:
             return ""
@@ -147,24 +139,28 @@ class DispatchClient:
                 self._changed.notify_all()
 
         patience = limit(self.cancel_deadline)
-        deadline = Deadline(None if patience is None else patience + SLACK)
-        asked = False
+        deadline = Deadline(FOREIGN_WAIT if patience is None else patience + SLACK)
+        asked = gone = False
         interruptible(interrupt)
         try:
-            while self.busy and not deadline.expired and not interrupted.is_set():
+            while self.busy and not gone and not deadline.expired and not interrupted.is_set():
                 if not asked and self._abandoned():
                     asked = True
-                    rospy.logwarn(f"{self.name} carries out a plan: {reason}; it is cancelled")
-                    self._call_cancel()
+                    rospy.logwarn(f"{self.name} carries out a plan that has no owner; it is cancelled")
+                    if self._call_cancel() and patience is None:
+                        deadline = Deadline(longest)
+                gone = asked and not self._there()
                 with self._changed:
                     look = Deadline(min(OWNER_LOOK, deadline.remaining()))
                     look.wait(self._changed, lambda: interrupted.is_set() or not self._busy())
         finally:
             interruptible(None)
         if interrupted.is_set() or not self.busy:
-            return ""
+            return INTERRUPTED if interrupted.is_set() else ""
         with self._changed:
             owner = self._owners.living
+        if gone:
+            return f"{PART} {self.name} is gone"
         if owner:
             return f"{PART} {self.name} carries out a plan of {owner}"
         return f"{PART} {self.name} carries out an earlier plan and does not stop"
@@ -192,7 +188,7 @@ class DispatchClient:
         return result
 
     def cancel(self) -> None:
-        """Has the running dispatch cancelled; before it runs, as soon as it does. Never blocks.
+        """Cancels the running dispatch; before it runs, as soon as it does. Never blocks.
 
         The thread that waits for the dispatch sends the cancel: a hung dispatcher costs its caller no time.
         """
@@ -203,7 +199,8 @@ class DispatchClient:
                 self._changed.notify_all()
 
     def _refused(self, reason: str) -> DispatchResult:
-        return DispatchResult(False, reason=reason, gone=not self.available())
+        cancelled = reason == INTERRUPTED
+        return DispatchResult(False, cancelled, reason=reason, gone=not cancelled and not self.available())
 
     # --- one dispatch ---------------------------------------------------------------------------------
 
@@ -215,10 +212,10 @@ class DispatchClient:
             self._progress = DispatchProgress(first)
             self._kind.begin()
             self._active = True
-            self._ended = self._cancelling = self._cancel_sent = self._requested = False
+            self._ended = self._cancelling = self._cancel_sent = self._requested = self._silent = False
             if self._kind.needs_interfaces:
                 operators = {action.name.lower() for action in plan}
-                Deadline(INTERFACE_WAIT).wait(self._changed, lambda: operators <= self._announced)
+                Deadline(INTERFACE_WAIT).wait(self._changed, lambda: operators <= self._announced.keys())
         answers: List[object] = []
         dispatch, number = self._dispatch, f"{LIFE}-dispatch-{next(self._numbers)}"
         self._lease.hold(number, owner)
@@ -252,14 +249,20 @@ class DispatchClient:
             self._on_change()
 
     def _wait_for_end(self) -> bool:
-        """False when a dispatch that is cancelled, or whose action failed, does not end in time."""
+        """False when a dispatch that is cancelled, or whose action failed, does not end in time.
+
+        A dispatcher that is silent is cancelled: it may hang, and then nothing else would end this wait.
+        """
         patience = limit(self.cancel_deadline)
         # The dispatcher keeps the same deadline and names what did not answer; it gets a moment longer.
         slack = None if patience is None else patience + SLACK
         with self._changed:
             Deadline(None).wait(
-                self._changed, lambda: self._ended or self._cancelling or bool(self._progress.failed)
+                self._changed,
+                lambda: self._ended or self._cancelling or self._silent or bool(self._progress.failed),
             )
+            if self._silent:
+                self._cancelling = True
             if not self._ended and not self._cancelling:
                 grace = Deadline(self._kind.failure_grace(slack))
                 grace.wait(self._changed, lambda: self._ended or self._cancelling)
@@ -293,19 +296,20 @@ class DispatchClient:
 
     def _cancel_actions(self, actions: Sequence[Action]) -> None:
         for action in actions:
-            cancel = ActionDispatch(
-                action_id=action.id,
-                plan_id=action.plan_id,
-                name=CANCEL_ACTION,
-                parameters=action.message.parameters,
-            )
-            publish(self._cancel_publisher, cancel)
+            publish(self._cancel_publisher, cancel_of(action))
 
-    def _call_cancel(self) -> None:
+    def _call_cancel(self) -> bool:
+        """Whether the dispatcher took the cancel."""
         try:
             self._cancel()
         except ServiceError as error:
             rospy.logwarn(f"cancel of {self.name}: {error}")
+            return False
+        return True
+
+    def _there(self) -> bool:
+        """Whether the dispatcher that was cancelled still is; a master that hangs does not matter."""
+        return self._cancel.connected or self.available()
 
     def _stop_orphans(self) -> None:
         """Ends the actions of a dispatcher that is gone; they would run on until they miss it."""
@@ -345,40 +349,27 @@ class DispatchClient:
             if not self._active or dispatch.name == CANCEL_ACTION:
                 return
             first = not self._progress.begun
-            message = RunningAction(
-                action_id=dispatch.action_id,
-                plan_id=dispatch.plan_id,
-                name=dispatch.name,
-                parameters=dispatch.parameters,
-                dispatched=rospy.Time.now(),
-            )
-            arguments = tuple(entry.value for entry in dispatch.parameters)
-            self._progress.dispatched(
-                Action(dispatch.action_id, dispatch.plan_id, dispatch.name, arguments, message)
-            )
+            self._progress.dispatched(dispatched_action(dispatch))
             if first and self._kind.may_hold_old_plan and self._progress.other_plan:
                 self._cancelling = True
             self._changed.notify_all()
         self._on_change()
 
     def _receive_feedback(self, feedback: ActionFeedback) -> None:
-        answer = _ANSWERS.get(feedback.status)
-        if answer is None:
+        found = answer_in(feedback)
+        if found is None:
             return
         with self._changed:
-            if not self._active:
-                return
-            information = {entry.key: entry.value for entry in feedback.information}
-            if _DISPATCHER in information:
-                return
-            if not self._progress.answered(feedback.action_id, feedback.plan_id, answer, information):
+            if not self._active or not self._progress.answered(feedback.action_id, feedback.plan_id, *found):
                 return
             self._changed.notify_all()
         self._on_change()
 
     def _receive_interface(self, formula: DomainFormula) -> None:
+        name = formula.name.lower()
         with self._changed:
-            self._announced.add(formula.name.lower())
+            others = [other for other in self._announced if other != name]
+            self._announced = dict.fromkeys([*others, name][-ANNOUNCED:])
             self._changed.notify_all()
 
     def _receive_status(self, status: DispatchStatus) -> None:
@@ -391,6 +382,15 @@ class DispatchClient:
             self._changed.notify_all()
         if before != self._kind.hold:
             self._on_change()
+
+    def _dispatcher_changed(self, change: LeaseChange) -> None:
+        if change.state is not LeaseState.LOST or change.let_go:
+            return
+        # A restarted dispatcher may lose what it held before while it carries out this plan.
+        if not self._watch.goals_of(self._watch.owner(change.goal)):
+            with self._changed:
+                self._silent = self._active
+                self._changed.notify_all()
 
     def _receive_lease(self, lease: Lease) -> None:
         with self._changed:

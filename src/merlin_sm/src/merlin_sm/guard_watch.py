@@ -28,12 +28,12 @@ class GuardWatch:
         self._subscriber = rospy.Subscriber(STATUS_TOPIC, GuardStatus, self._receive, tcp_nodelay=True)
 
     def wake(self) -> None:
-        """Lets a :meth:`why_not` look anew at what interrupts it."""
+        """Wakes a :meth:`why_not`, so that it re-checks its interruption."""
         with self._changed:
             self._changed.notify_all()
 
     def why_not(self, interrupted: Callable[[], bool] = lambda: False) -> str:
-        """Why nothing may begin to drive now; empty when it may. Waits up to 4 s for a guard that is silent.
+        """Why no drive may begin now; empty: it may. Waits up to 4 s for a guard that is silent.
 
         :param interrupted: ends the wait when it is true; call :meth:`wake` when that changes.
         """

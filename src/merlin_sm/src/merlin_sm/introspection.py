@@ -12,7 +12,7 @@ def machine_path(name: str) -> str:
     return f"/{namespace}_{name}" if namespace else f"/{name}"
 
 
-def show(name: str, machine: smach.State) -> smach_ros.IntrospectionServer:
+def start_introspection(name: str, machine: smach.State) -> smach_ros.IntrospectionServer:
     """Starts the introspection of a machine.
 
     :param name: in capitals by convention; lower-cased it names the topics, relative to the namespace.

@@ -19,16 +19,18 @@ from rosplan_knowledge_msgs.msg import (
 from merlin_pddl.text_reader import Node, PddlError, Word, is_name, read_expression
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\Z")
-_COMPARISONS = {
+#: Comparison in PDDL → its number in messages.
+COMPARISONS = {
     ">": DomainInequality.GREATER,
     ">=": DomainInequality.GREATEREQ,
     "<": DomainInequality.LESS,
     "<=": DomainInequality.LESSEQ,
     "=": DomainInequality.EQUALS,
 }
-_OPERATORS = {"+": ExprBase.ADD, "-": ExprBase.SUB, "*": ExprBase.MUL, "/": ExprBase.DIV}
-_COMPARISON_TEXT = {value: text for text, value in _COMPARISONS.items()}
-_OPERATOR_TEXT = {value: text for text, value in _OPERATORS.items()}
+#: Arithmetic operation in PDDL → its number in messages.
+OPERATORS = {"+": ExprBase.ADD, "-": ExprBase.SUB, "*": ExprBase.MUL, "/": ExprBase.DIV}
+_COMPARISON_TEXT = {value: text for text, value in COMPARISONS.items()}
+_OPERATOR_TEXT = {value: text for text, value in OPERATORS.items()}
 _SPECIAL_TEXT = {ExprBase.HASHT: "#t", ExprBase.TOTAL_TIME: "total-time", ExprBase.DURATION: "?duration"}
 
 _SHOWN = 80  # characters of a text that a message repeats
@@ -131,11 +133,11 @@ def _goals(expression: Node) -> Iterator[KnowledgeItem]:
                 raise head.error("only a plain fact can be negated")
             item.is_negative = True
             yield item
-    elif word in _COMPARISONS:
+    elif word in COMPARISONS:
         if len(rest) != 2:
             raise head.error(f"{word!r} compares two expressions")
         ineq = DomainInequality(
-            comparison_type=_COMPARISONS[word],
+            comparison_type=COMPARISONS[word],
             LHS=ExprComposite(tokens=list(_tokens(rest[0]))),
             RHS=ExprComposite(tokens=list(_tokens(rest[1]))),
         )
@@ -168,8 +170,8 @@ def _tokens(expression: Node) -> Iterator[ExprBase]:
         yield ExprBase(expr_type=ExprBase.CONSTANT, constant=float(expression))
         return
     head = _head(expression)
-    if head in _OPERATORS and len(expression) == 3:
-        yield ExprBase(expr_type=ExprBase.OPERATOR, op=_OPERATORS[head])
+    if head in OPERATORS and len(expression) == 3:
+        yield ExprBase(expr_type=ExprBase.OPERATOR, op=OPERATORS[head])
         for part in _rest(expression):
             yield from _tokens(part)
     elif head == "-" and len(expression) == 2:

@@ -4,7 +4,7 @@ from typing import Any, List, Mapping, Optional, Sequence
 
 import rospy
 
-from merlin_sm.holding.autonomy import read_levels
+from merlin_sm.autonomy import read_levels
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from smach import State, StateMachine
 
@@ -16,7 +16,7 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
 
     After a run, :attr:`reason` is the sentence that the last state left (states of MERLIN have a ``reason``),
     also out of nested machines. A state that is aborted is logged with its reason, wherever its transition
-    leads: a machine that goes on after a failure does not hide it.
+    leads: a machine that continues after a failure does not hide it.
     """
 
     def __init__(
@@ -29,6 +29,15 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         self.register_start_cb(self.__begin)  # a name that subclasses, users' code, do not override by chance
         self.register_transition_cb(self.__left)
         self.register_termination_cb(self._take_reason)
+
+    def close(self) -> None:
+        """Ends the construction.
+
+        :raises smach.SmachError: the machine is not complete or contradicts itself. SMACH only logs that, and
+            a robot would learn of it when it runs the machine.
+        """
+        super().close()
+        self.check_consistency()
 
     @staticmethod
     def add(

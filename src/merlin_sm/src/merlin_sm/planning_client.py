@@ -4,6 +4,7 @@ Every stage hands its product to the next one by a latched topic. A stage counts
 seen on that topic; services that answer earlier do not mislead (design rules for the original ROSPlan).
 """
 
+import contextlib
 import threading
 import time
 from enum import Enum
@@ -95,12 +96,17 @@ class _Params:
     """Parameters that are being read in a thread of their own."""
 
     def __init__(self, name: str) -> None:
-        self.begun = time.monotonic()
+        self._begun = time.monotonic()
         self._name = name
         self._values: Any = None
         self._error: Optional[MasterSilent] = None
         self._thread = threading.Thread(target=self._read, name=f"parameters {name}", daemon=True)
         self._thread.start()
+
+    @property
+    def fresh(self) -> bool:
+        """Whether they count as the present ones."""
+        return time.monotonic() - self._begun <= READ_AHEAD
 
     def get(self) -> Any:
         """Waits for them.
@@ -143,7 +149,7 @@ class PlanningClient:
         self._output = TopicWatch(f"{planner}/planner_output", String)
         self._plan: Optional[TopicWatch] = None
         self._params: Optional[_Params] = None  # of the planner, read while the problem is written
-        self._told = threading.Condition()  # guards the field below
+        self._changed = threading.Condition()  # guards the field below
         self._status: Optional[PlannerStatus] = None
         self._status_subscriber = rospy.Subscriber(
             f"{planner}/planner_status", PlannerStatus, self._receive_status, tcp_nodelay=True
@@ -163,6 +169,9 @@ class PlanningClient:
             raise StageError(
                 f"{PLANNER} is not there: no action server {self._client.name} after {timeout:g} s"
             )
+        # A plan that is latched from before arrives now, and is not taken for the first one that is parsed.
+        with contextlib.suppress(StageError):
+            self._plan_watch()
 
     def missing(self) -> str:
         """The first part that is not there, in words; empty when all are."""
@@ -193,19 +202,24 @@ class PlanningClient:
                 return part
             cancelled.wait(LOOK)
 
+    def read_ahead(self) -> None:
+        """Begins to read the planner's parameters for a planning that is about to be asked for."""
+        self._params = _Params(self._planner)
+
     def generate_problem(self) -> None:
-        """Has the problem written.
+        """Calls the problem generation.
 
         :raises StageError: when that fails.
         """
         count = self._problem.count
-        self._params = _Params(self._planner)
+        if self._params is None or not self._params.fresh:
+            self.read_ahead()
         self._call(PROBLEM, self._generate)
         if self._problem.wait_newer(count, HAND_OVER) is None:
             raise StageError(f"{PROBLEM} answered, but no problem appeared on {self._problem.topic}")
 
     def plan(self, interruptible: Interruptible, without: Sequence[str] = ()) -> PlanningResult:
-        """Has a plan made. The interruption cancels the planner.
+        """Calls the planner. The interruption cancels the planner.
 
         :param without: actions that it has to do without, as PDDL text with ``*`` for any argument. ROSPlan's
             own planner interface knows no such wish: ERROR.
@@ -217,7 +231,7 @@ class PlanningClient:
             reason = f"{PLANNER} is not there: no action server {client.name}"
             return PlanningResult(Planned.ERROR, reason, gone=True)
         count = self._output.count
-        with self._told:
+        with self._changed:
             self._status = None
         ended = threading.Event()
         goal: Any = self._goal()
@@ -250,9 +264,9 @@ class PlanningClient:
         return self._without
 
     def parse_plan(self) -> List[ActionDispatch]:
-        """Has the plan parsed and returns its actions in order.
+        """Calls the parser and returns the plan's actions in order.
 
-        :raises StageError: when there is none.
+        :raises StageError: when no message came.
         """
         watch = self._plan_watch()
         count = watch.count
@@ -265,7 +279,7 @@ class PlanningClient:
 
     def _goal(self) -> PlanGoal:
         ahead, self._params = self._params, None
-        if ahead is None or time.monotonic() - ahead.begun > READ_AHEAD:
+        if ahead is None or not ahead.fresh:
             ahead = _Params(self._planner)
         try:
             params = ahead.get()
@@ -280,11 +294,11 @@ class PlanningClient:
         )
 
     def _failure(self, text: str, status: int) -> PlanningResult:
-        with self._told:
+        with self._changed:
             if status != GoalStatus.LOST and self._status_subscriber.get_num_connections():
-                # It is told before the end of the goal, but on a connection of its own.
-                Deadline(HAND_OVER).wait(self._told, self._is_told)
-            known = self._status if self._is_told() else None
+                # It is published before the end of the goal, but on another connection.
+                Deadline(HAND_OVER).wait(self._changed, self._is_reported)
+            known = self._status if self._is_reported() else None
         if known is not None:
             return PlanningResult(_VERDICTS[known.state], known.reason or text)
         if status == GoalStatus.LOST:
@@ -292,13 +306,13 @@ class PlanningClient:
         # The original planner interface does not distinguish a failure from an unsolvable problem.
         return PlanningResult(Planned.ERROR, text or "the planner found no plan")
 
-    def _is_told(self) -> bool:
+    def _is_reported(self) -> bool:
         return self._status is not None and self._status.state in _VERDICTS
 
     def _receive_status(self, status: PlannerStatus) -> None:
-        with self._told:
+        with self._changed:
             self._status = status
-            self._told.notify_all()
+            self._changed.notify_all()
 
     def _plan_watch(self) -> TopicWatch:
         if self._plan is None:

@@ -34,7 +34,7 @@ SPEED, TURNING = 0.3, 3.0
 _SENTENCE = 70  # characters of what a new action says
 
 
-class Refused(ValueError):
+class ApplicationRefused(ValueError):
     """The application cannot be written; the text says why and what to do."""
 
 
@@ -77,7 +77,7 @@ class NewAction:
 
     @property
     def sentence(self) -> str:
-        """What it says until its author has written it."""
+        """The sentence of the generated state, until the author replaces it."""
         text = self.operator.replace("_", " ").replace("-", " ").capitalize()
         for name in self.parameters:
             if len(text) + len(name) < _SENTENCE:
@@ -86,12 +86,12 @@ class NewAction:
 
     @property
     def effect(self) -> str:
-        """What it makes true, with its variables."""
+        """Its effect, with its variables."""
         return f"({' '.join([self.done, *(f'?{name}' for name in self.parameters)])})"
 
 
 @dataclass
-class Application:
+class NewApplication:
     """A new application; the templates read its fields.
 
     :param domain_text: a domain that exists; empty: one is written. Likewise `problem_text`.
@@ -148,13 +148,13 @@ class Application:
         ]
 
 
-def new_application(package: str, specs: Sequence[str], kinds: Sequence[str] = ()) -> Application:
+def new_application(package: str, specs: Sequence[str], kinds: Sequence[str] = ()) -> NewApplication:
     """An application with a domain of its own.
 
     :param specs: the actions, ``fetch ?o - object ?from ?to - place`` each.
     :param kinds: further types, ``box tray - object`` each.
     :raises NameRefused: for names that cannot be used.
-    :raises Refused: for text that is not an action or a list of types.
+    :raises ApplicationRefused: for text that is not an action or a list of types.
     """
     domain = Domain(package)
     for name, parent in TYPES.items():
@@ -162,18 +162,18 @@ def new_application(package: str, specs: Sequence[str], kinds: Sequence[str] = (
     types = _new_types(domain, kinds)
     actions = [_read_action(spec, domain) for spec in specs or [DEFAULT_ACTION]]
     _check_modules(actions)
-    application = Application(package, actions, types=types)
+    application = NewApplication(package, actions, types=types)
     _add_objects(application, domain)
     application.goals = [_goal(action, application, domain) for action in actions]
     return application
 
 
-def application_of(package: str, domain_file: Path, problem_file: Path) -> Application:
+def application_of(package: str, domain_file: Path, problem_file: Path) -> NewApplication:
     """An application around a domain and a problem that exist; its goals are those of the problem.
 
     :raises PddlError: when one of the files is not PDDL.
     :raises NameRefused: when an operator cannot be a class.
-    :raises Refused: when the problem has no goals that a mission can send.
+    :raises ApplicationRefused: when the problem has no goals that a mission can send.
     """
     domain = read_domain(domain_file)
     problem = read_problem(problem_file, domain)
@@ -187,12 +187,12 @@ def application_of(package: str, domain_file: Path, problem_file: Path) -> Appli
         variables = tuple(parameter.label for parameter in operator.parameters)
         actions.append(NewAction(operator.name, variables, ()))
     _check_modules(actions)
-    application = Application(package, actions, navigates=navigates)
+    application = NewApplication(package, actions, navigates=navigates)
     application.domain_text = domain_file.read_text(encoding="utf-8-sig")
     application.problem_text = problem_file.read_text(encoding="utf-8-sig")
     application.goals = [_sendable(goal, problem_file) for goal in problem.goals]
     if not application.goals:
-        raise Refused(f"{problem_file} has no goal; write the one that the mission shall send")
+        raise ApplicationRefused(f"{problem_file} has no goal; write the one that the mission shall send")
     if navigates and navigate is not None:
         wanted = navigate.parameters[1].types
         application.points = [
@@ -213,7 +213,7 @@ def _sendable(goal: object, file: Path) -> str:
     inner = goal.part if isinstance(goal, Not) else goal
     text = to_pddl(goal)  # type: ignore[arg-type]
     if not isinstance(inner, (Atom, Comparison)):
-        raise Refused(f"{file}: a mission sends facts and comparisons; the goal {text} is neither")
+        raise ApplicationRefused(f"{file}: a mission sends facts and comparisons; the goal {text} is neither")
     return text
 
 
@@ -223,13 +223,17 @@ def _new_types(domain: Domain, kinds: Sequence[str]) -> Dict[str, str]:
         try:
             listed = typed_list(read_text(text.lower(), "--type"), domain, variables=False)
         except PddlError as error:
-            raise Refused(f"--type '{text}': {error.message}; write e.g. 'box tray - object'") from error
+            raise ApplicationRefused(
+                f"--type '{text}': {error.message}; write e.g. 'box tray - object'"
+            ) from error
         for word, parents in listed:
             check_symbol("type", word)
             if word in domain.types:
-                raise Refused(f"--type '{text}': there is a type '{word}' already")
+                raise ApplicationRefused(f"--type '{text}': there is a type '{word}' already")
             if "place" in parents or len(parents) > 1:
-                raise Refused(f"--type '{text}': a place that the robot can drive to is a poi; write '- poi'")
+                raise ApplicationRefused(
+                    f"--type '{text}': a place that the robot can drive to is a poi; write '- poi'"
+                )
             domain.types.declare(str(word), parents)
             found[str(word)] = parents[0]
     return found
@@ -239,7 +243,7 @@ def _read_action(spec: str, domain: Domain) -> NewAction:
     """Reads ``fetch ?o - object ?from ?to - place``, in parentheses or not.
 
     :raises NameRefused: for names that cannot be used.
-    :raises Refused: when it is something else.
+    :raises ApplicationRefused: when it is something else.
     """
     text = spec.strip()
     try:
@@ -252,7 +256,7 @@ def _read_action(spec: str, domain: Domain) -> NewAction:
         variables = parameters(listed, domain, operator)
     except PddlError as error:
         hint = "" if "unknown type" not in error.message else "; --type 'box - object' declares one"
-        raise Refused(f"--action '{spec}': {error.message}{hint}") from error
+        raise ApplicationRefused(f"--action '{spec}': {error.message}{hint}") from error
     check_operator(operator)
     if len(variables) > MOST_PARAMETERS:
         raise NameRefused(
@@ -261,7 +265,7 @@ def _read_action(spec: str, domain: Domain) -> NewAction:
     for variable in variables:
         check_symbol("parameter", variable.label)
         if len(variable.types) > 1:
-            raise Refused(f"--action '{spec}': give {variable.name} one type, not (either …)")
+            raise ApplicationRefused(f"--action '{spec}': give {variable.name} one type, not (either …)")
     places = [v.name for v in variables if domain.types.is_a(v.types[0], "place")]
     return NewAction(
         operator,
@@ -281,8 +285,8 @@ def _check_modules(actions: Sequence[NewAction]) -> None:
             raise NameRefused(f"action '{action.done}': the predicate of '{action.operator}' has this name")
 
 
-def _add_objects(application: Application, domain: Domain) -> None:
-    """As many objects of each type as one action asks for at once; the points of interest are there."""
+def _add_objects(application: NewApplication, domain: Domain) -> None:
+    """Adds as many objects of each type as one action needs at once, besides the points of interest."""
     for action in application.actions:
         for kind in action.types:
             if kind in TYPES:
@@ -293,7 +297,7 @@ def _add_objects(application: Application, domain: Domain) -> None:
                 application.points.extend(name for name in names if name not in application.points)
 
 
-def _goal(action: NewAction, application: Application, domain: Domain) -> str:
+def _goal(action: NewAction, application: NewApplication, domain: Domain) -> str:
     """The action done with the objects of the problem; the places differ where they can."""
     used: List[str] = []
     for kind in action.types:

@@ -7,7 +7,13 @@ from typing import Collection, List, Optional
 
 import jinja2
 
-from merlin.new.application import DEFAULT_ACTION, Application, Refused, application_of, new_application
+from merlin.new.application import (
+    DEFAULT_ACTION,
+    ApplicationRefused,
+    NewApplication,
+    application_of,
+    new_application,
+)
 from merlin.new.names import NameRefused, check_package
 from merlin.new.package_writer import write_application
 from merlin_pddl.text_reader import PddlError
@@ -26,7 +32,7 @@ def main(arguments: Optional[List[str]] = None, known: Collection[str] = ()) -> 
         application = _application(options)
         workspace = Path(options.workspace or f"{options.name}_ws").absolute()
         folder = write_application(application, workspace)
-    except (NameRefused, Refused, PddlError, OSError, jinja2.TemplateError) as error:
+    except (NameRefused, ApplicationRefused, PddlError, OSError, jinja2.TemplateError) as error:
         print(f"merlin new: {error}", file=sys.stderr)
         return EXIT_REFUSED
     print(f"{folder}: the package {application.package}, its mission and a test. Next:")
@@ -61,13 +67,15 @@ def _options(arguments: Optional[List[str]]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def _application(options: argparse.Namespace) -> Application:
+def _application(options: argparse.Namespace) -> NewApplication:
     if options.from_domain is None:
         if options.problem is not None:
-            raise Refused("--problem belongs to --from-domain; name the domain, too")
+            raise ApplicationRefused("--problem belongs to --from-domain; name the domain, too")
         return new_application(options.name, options.action, options.type)
     if options.action or options.type:
-        raise Refused("--from-domain has actions and types of its own; leave --action and --type out")
+        raise ApplicationRefused(
+            "--from-domain has actions and types of its own; leave --action and --type out"
+        )
     if options.problem is None:
-        raise Refused("--from-domain needs --problem FILE too: the mission sends its goals")
+        raise ApplicationRefused("--from-domain needs --problem FILE too: the mission sends its goals")
     return application_of(options.name, options.from_domain, options.problem)

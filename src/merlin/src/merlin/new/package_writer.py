@@ -12,7 +12,7 @@ from typing import Any, Dict, List, Sequence, Tuple
 
 import jinja2
 
-from merlin.new.application import Application, Refused
+from merlin.new.application import ApplicationRefused, NewApplication
 
 TEMPLATES = Path(__file__).parent / "templates"
 #: Characters of a line of the written Python.
@@ -41,7 +41,7 @@ FILES = {
 EXECUTABLE = ("test/mission_test.py",)
 
 
-def files_of(application: Application, python: str = sys.executable) -> Dict[str, str]:
+def files_of(application: NewApplication, python: str = sys.executable) -> Dict[str, str]:
     """The files of a package: path → text.
 
     :param python: the interpreter for which it is built.
@@ -77,26 +77,26 @@ def files_of(application: Application, python: str = sys.executable) -> Dict[str
     return found
 
 
-def write_application(application: Application, workspace: Path, python: str = sys.executable) -> Path:
+def write_application(application: NewApplication, workspace: Path, python: str = sys.executable) -> Path:
     """Writes a package into a workspace, which is made when it does not exist.
 
     Everything is written into a temporary folder first and renamed at the end: nothing is ever overwritten,
     and nothing is left when a step fails.
 
     :return: the folder of the package.
-    :raises Refused: when something is in the way.
+    :raises ApplicationRefused: when something is in the way.
     :raises OSError: when the folder cannot be written.
     """
     target = workspace / "src" / application.package
     new = not workspace.exists()
     if not new and not (workspace / "src").is_dir():
-        raise Refused(
+        raise ApplicationRefused(
             f"{workspace} exists and is not a catkin workspace (no folder src); take another folder"
         )
     if target.exists() or target.is_symlink():
-        raise Refused(f"{target} exists already; nothing is overwritten")
+        raise ApplicationRefused(f"{target} exists already; nothing is overwritten")
     if not workspace.parent.is_dir():
-        raise Refused(f"there is no folder {workspace.parent}")
+        raise ApplicationRefused(f"there is no folder {workspace.parent}")
     folder = Path(tempfile.mkdtemp(prefix=".merlin_new_", dir=str(workspace.parent if new else workspace)))
     try:
         package = folder / "src" / application.package
@@ -114,7 +114,7 @@ def write_application(application: Application, workspace: Path, python: str = s
     return target
 
 
-def _classes(application: Application) -> str:
+def _classes(application: NewApplication) -> str:
     """The action classes as a YAML list over as few lines as are needed."""
     ready = ["merlin_actions.actions.navigate:Navigate"] if application.navigates else []
     paths = [f"{application.package}.actions.{a.module}:{a.class_name}" for a in application.actions]
@@ -122,7 +122,7 @@ def _classes(application: Application) -> str:
     return "\n      ".join(lines)
 
 
-def _imports(application: Application) -> List[str]:
+def _imports(application: NewApplication) -> List[str]:
     """The imports of the action classes, sorted and folded as ruff does it."""
     lines = []
     for action in sorted(application.actions, key=lambda action: _natural(action.module)):

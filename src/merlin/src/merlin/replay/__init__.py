@@ -1,1 +1,1 @@
-"""What a recording keeps beside its topics, and how it is shown again."""
+"""Records more than topics, and plays a recording again."""

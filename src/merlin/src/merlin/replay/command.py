@@ -11,8 +11,8 @@ import yaml
 
 from merlin.launch_request import LaunchError, LaunchRequest, launch_folder
 from merlin.launch_runner import EXIT_REFUSED, LaunchRun
-from merlin_monitor.bag.recording import Recording, RecordingError, parameter_tree
-from merlin_ros.node import end_lightly
+from merlin_monitor.bag.recording import BagRecording, RecordingError, parameter_tree
+from merlin_ros.lean_start import end_lightly
 
 LAUNCH_FILE = "include/replay.launch"
 #: Ends of the topics that the monitor follows, of those that are recorded.
@@ -48,8 +48,8 @@ def main() -> int:
     given = _arguments(sys.argv[1:])
     end_lightly()
     try:
-        recording = Recording(given.bag)
-        # Beside the bag may be no room, and no right to write.
+        recording = BagRecording(given.bag)
+        # The bag's folder may be full or read-only.
         with tempfile.TemporaryDirectory(prefix="merlin-replay-") as folder:
             recording.write(Path(folder) / "replay.bag", given.start)
             (Path(folder) / "parameters.yaml").write_text(
@@ -93,7 +93,7 @@ def _rate(text: str) -> float:
     return rate
 
 
-def _request(recording: Recording, folder: Path, given: argparse.Namespace) -> LaunchRequest:
+def _request(recording: BagRecording, folder: Path, given: argparse.Namespace) -> LaunchRequest:
     followed = [name for name in recording.topics if name.endswith(FOLLOWED)]
     options = f"--rate={given.rate:g}" + (" --keep-alive" if given.keep else "")
     if not sys.stdout.isatty():  # its line of time, many times per second, is for a screen

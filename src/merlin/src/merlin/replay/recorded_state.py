@@ -1,4 +1,4 @@
-"""Node: tells on latched topics what a recording needs besides: the knowledge at its begin, and parameters.
+"""Node: publishes on latched topics what a recording needs besides: the first knowledge, and parameters.
 
 It begins together with ``rosbag record``; see ``record.launch``.
 """
@@ -18,7 +18,7 @@ from merlin_sm.knowledge_client import KnowledgeClient
 
 #: Parameters that the page and rviz read, below the robot's namespace.
 READ = ("world", "robot_description")
-#: Parameters of the monitor that tell what it shows; its address and its operators are its own.
+#: Parameters of the monitor that say what it shows; its address and its operators are its own.
 MONITOR = ("panels", "map_topic", "people_topic", "global_frame", "base_frame")
 #: Named as the client that made what was known when the recording began.
 BEGIN = "the begin of the recording"
@@ -35,7 +35,7 @@ def _start() -> Any:
     publisher = rospy.Publisher(KNOWLEDGE, KnowledgeChanges, queue_size=1, latch=True)
     client = KnowledgeClient(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
 
-    def tell() -> None:
+    def publish() -> None:
         if client.wait():
             try:
                 publisher.publish(everything(client))
@@ -43,7 +43,7 @@ def _start() -> Any:
                 rospy.logwarn(f"the recording begins without the knowledge: {error}")
         rospy.spin()
 
-    return tell
+    return publish
 
 
 def everything(client: KnowledgeClient) -> KnowledgeChanges:

@@ -2,7 +2,7 @@
 
 import contextlib
 import time
-from typing import Any, List, Set
+from typing import Any, Set
 
 import rospy
 from std_srvs.srv import SetBool
@@ -12,7 +12,7 @@ from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
-PERIOD = 0.1  # s of wall time between two looks; neither master nor player tells of connections
+PERIOD = 0.1  # s of wall time between two looks; neither master nor player reports connections
 LIMIT = 30.0  # s of wall time
 
 
@@ -49,8 +49,8 @@ def _wait(player: str, monitor: str, followed: Set[str]) -> Set[str]:
     while missing and time.monotonic() < until and not rospy.is_shutdown():
         with contextlib.suppress(*ERRORS):
             node = bounded_proxy(bounded_master().lookupNode(player), MASTER_TIMEOUT)
-            connections: List[Any] = node.getBusInfo(rospy.get_name())[2]
-            missing = followed - {entry[4] for entry in connections if entry[1] == monitor}
+            answer: Any = node.getBusInfo(rospy.get_name())
+            missing = followed - {entry[4] for entry in answer[2] if entry[1] == monitor}
         if missing:
             time.sleep(PERIOD)
     return missing

@@ -16,7 +16,7 @@ from merlin_executor.mission.readiness import NotReady, wait_for_robot
 from merlin_sm.knowledge_client import ADD, REMOVE, Update, knowledge_client
 from merlin_sm.knowledge_text import parse_goal, to_pddl
 
-#: What a launch file is given, as far as it takes it: the test is the robot and the mission.
+#: Arguments for a launch file, where it has them: the test is the robot and the mission.
 ARGUMENTS = {"on": "robot", "mission": "false", "monitor": "false", "guard": "false", "state_file": "run"}
 READY = 60.0  # s for each part to be there
 END = 20.0  # s for all of it to end

@@ -2,7 +2,7 @@
 
 import threading
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Type, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Type, Union
 
 import rospy
 import yaml
@@ -88,7 +88,7 @@ class SimulatedRobot:
 
     def __init__(self) -> None:
         self.said: List[str] = []
-        self.drives: List[tuple] = []
+        self.drives: List[Tuple[float, float]] = []
         self._folder = Path()
         self._drive_began = threading.Event()
         notes = {"move_base": self._note_drive, "sound_play": self._note_speech}

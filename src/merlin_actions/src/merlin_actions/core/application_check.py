@@ -1,4 +1,4 @@
-"""Compares an application's parts with each other before the robot moves. Pure, as far as its caller is.
+"""Compares an application's parts with each other before the robot moves. Imports no ROS.
 
 Each mistake is one sentence: where it is, what is wrong, what to do.
 """
@@ -8,6 +8,8 @@ import traceback
 from pathlib import Path
 from types import MappingProxyType
 from typing import Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from merlin_actions.core.names import DECLARED, HERE
 
 Parameters = Sequence[Tuple[str, str]]  # variable without '?', type
 
@@ -31,7 +33,7 @@ class Needs(NamedTuple):
     concurrent: int = 1
     """How many of it run at once."""
     declared: Tuple[str, ...] = ()
-    """What it declares with `while_running` and `if_interrupted`."""
+    """What it declares with `while_running`, `if_interrupted` and `if_stopped_at`."""
 
 
 class ApplicationWorld(NamedTuple):
@@ -113,9 +115,16 @@ def _operator(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
 def _declared(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
     if needs.operator in world.operators:
         for text in needs.declared:
-            fault = world.declared_fault(text, needs.operator)
-            if fault:
-                yield f"{needs.name} declares {text!r}: {fault}; correct its while_running or if_interrupted"
+            # A point of interest need not be an object of the problem; one of the points has to fit.
+            points = sorted(world.points) if HERE in text else [""]
+            faults = [
+                world.declared_fault(text.replace(HERE, point), needs.operator) for point in points
+            ] or [f"there is no point of interest for {HERE}"]
+            if all(faults):
+                yield (
+                    f"{needs.name} declares {text!r}: {faults[0]}; "
+                    f"correct its {', '.join(DECLARED[:-1])} or {DECLARED[-1]}"
+                )
 
 
 def _points(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
@@ -145,7 +154,7 @@ def _servers(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
 
 
 def cannot_be_made(path: str, error: Exception) -> str:
-    """Why a class of actions cannot be made, and at which line of it, where one of its lines is to blame.
+    """Why a class of actions cannot be instantiated, with the line of the class that raised the error.
 
     :param path: ``package.module:Class``.
     :param error: which its constructor or its ``build`` has raised.

@@ -14,8 +14,8 @@ _GENERATED = ("msg", "srv")
 class ApplicationModules:
     """What was imported for an application, in a process that is not its own.
 
-    Make one before the first import of the application: what is there already belongs to the process. Then
-    import, and call :meth:`note`.
+    Make one before the first import of the application: a module that is already imported belongs to the
+    process. Then import, and call :meth:`note`.
     """
 
     def __init__(self) -> None:

@@ -53,7 +53,7 @@ class EffectChanges:
     ) -> List[FactChange]:
         """An execution has ended.
 
-        :param if_interrupted: what holds after an interruption; none: what held before.
+        :param if_interrupted: literals that hold after an interruption; none: the start effects are undone.
         """
         undo, changes = self._undo.pop(token, []), self._take_back.pop(token, [])
         if closing is Closing.END:

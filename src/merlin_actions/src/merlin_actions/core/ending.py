@@ -16,11 +16,11 @@ class Ending(NamedTuple):
     in_vain: str = ""
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
     robot: str = ""
-    """The robot that takes no actions any more, which is why this one failed; those of other robots go on."""
+    """The robot that no longer takes actions; other robots continue theirs. Empty: that is not the cause."""
 
 
 def information_of(ending: Ending) -> Dict[str, str]:
-    """What a dispatcher is told beside success or failure: ``ActionFeedback.information``."""
+    """What the feedback to a dispatcher holds beside success or failure: ``ActionFeedback.information``."""
     if ending.succeeded:
         return {}
     said = {
@@ -32,14 +32,14 @@ def information_of(ending: Ending) -> Dict[str, str]:
     return {key: value for key, value in said.items() if value}
 
 
+#: Outcome of a machine, one of whose states gave up: another try cannot help.
 GIVEN_UP = "given_up"
-"""Outcome of a machine, one of whose states gave up: another try cannot help."""
+#: The same, and nothing was done before.
 NOT_BEGUN = "not_begun"
-"""The same, and nothing was done before."""
 
 
 def in_vain(operator: str, arguments: Sequence[str], about: str) -> str:
-    """The actions that cannot help any more after one was given up.
+    """The actions that can no longer help after one was given up.
 
     :param arguments: of that action.
     :param about: the argument on account of which it was; empty or another word: all of them.
@@ -55,9 +55,9 @@ class Closing(Enum):
     END = "end"
     """The effects came true."""
     INTERRUPT = "interrupt"
-    """It was stopped while it ran: what the action declares for this case holds, else what held before."""
+    """Stopped while it ran: the facts that the action declares for this case hold, else the earlier ones."""
     ROLLBACK = "rollback"
-    """It never began: the facts of before hold."""
+    """Never began: the earlier facts hold."""
 
 
 def closing_of(ending: Ending) -> Closing:

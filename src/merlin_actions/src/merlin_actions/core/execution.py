@@ -1,12 +1,14 @@
 """One dispatched action, from its dispatch to its answer."""
 
 import itertools
+import logging
 import threading
-from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence
+from typing import Callable, Dict, NamedTuple, Optional, Protocol, Sequence
 
 from merlin_actions.core.execution_queue import Key
 from merlin_pddl.formula import call_text
 
+_log = logging.getLogger(__name__)
 _numbers = itertools.count(1)
 
 
@@ -16,16 +18,16 @@ class Token(NamedTuple):
     key: Optional[Key]
     """None in a token that another program has made."""
     life: str
-    """Names the life of the process that runs it."""
+    """Names the process that runs it."""
     number: str = ""
-    """Different for each execution of that life."""
+    """Different for each execution of that process."""
 
     def __str__(self) -> str:
         plan, action = self.key or ("", "")
         return f"{plan}/{action}/{self.life}/{self.number}"
 
     def left_by_earlier(self, life: str) -> bool:
-        """Whether another process than the one of this life has begun it: an earlier one of the same node.
+        """Whether an earlier process of the same node has begun it.
 
         :param life: of this process.
         """
@@ -39,15 +41,34 @@ class Token(NamedTuple):
         return Token(key, life, number)
 
 
+class ParameterMessage(Protocol):
+    """The fields of diagnostic_msgs/KeyValue."""
+
+    key: str
+    value: str
+
+
+class ActionMessage(Protocol):
+    """The fields of rosplan_dispatch_msgs/ActionDispatch that an execution has."""
+
+    name: str
+    plan_id: int
+    action_id: int
+    duration: float
+    parameters: Sequence[ParameterMessage]
+
+
 class Execution:
-    """A ground action that an interface was told to run.
+    """A ground action that was dispatched to an interface.
 
     :param dispatch: the ``ActionDispatch`` that came.
     :param parameters: ``KeyValue`` for each variable of the operator, in its order.
-    :param life: names the life of this process.
+    :param life: names this process.
     """
 
-    def __init__(self, dispatch: Any, parameters: Sequence[Any], life: str = "") -> None:
+    def __init__(
+        self, dispatch: ActionMessage, parameters: Sequence[ParameterMessage], life: str = ""
+    ) -> None:
         self.dispatch = dispatch
         self.parameters = list(parameters)
         self.cancelled = threading.Event()
@@ -71,6 +92,11 @@ class Execution:
         return self.dispatch.plan_id, self.dispatch.action_id
 
     @property
+    def lease(self) -> str:
+        """What names it in the lease of its dispatcher."""
+        return f"{self.key[0]}/{self.key[1]}"
+
+    @property
     def binding(self) -> Dict[str, str]:
         """Operator variable → object."""
         return {parameter.key: parameter.value for parameter in self.parameters}
@@ -80,21 +106,25 @@ class Execution:
         """The ground action as PDDL."""
         return call_text(self.dispatch.name, tuple(parameter.value for parameter in self.parameters))
 
-    def matches(self, cancel: Any) -> bool:
+    def matches(self, cancel: ActionMessage) -> bool:
         """Whether a ``cancel_action`` means this execution: ids and parameters have to be the same."""
         return (cancel.plan_id, cancel.action_id) == self.key and [
             (parameter.key, parameter.value) for parameter in cancel.parameters
         ] == [(parameter.key, parameter.value) for parameter in self.dispatch.parameters]
 
     def cancel(self, reason: str = "cancelled") -> None:
-        """Stops it, in the caller's thread."""
+        """Stops it, in the caller's thread; what users' code raises is logged: others have to stop too."""
         with self._lock:
             if not self.cancelled.is_set():
                 self.cancel_reason = reason
             self.cancelled.set()
             interrupt = self._interrupt
-        if interrupt is not None:
+        if interrupt is None:
+            return
+        try:
             interrupt()
+        except Exception:
+            _log.exception("the cancel of %s", self.text)
 
     def interruptible(self, interrupt: Optional[Callable[[], None]]) -> None:
         """Announces what stops it from now on; a cancel that came before is passed on at once."""

@@ -3,8 +3,10 @@
 from enum import Enum
 from typing import Dict, List, NamedTuple, Tuple, Union
 
+#: Plan id and action id.
 Key = Tuple[int, int]
-"""Plan id and action id."""
+#: Executions that wait at most.
+WAITING = 1000
 
 
 class QueueStep(Enum):
@@ -15,7 +17,7 @@ class QueueStep(Enum):
     """Report to the queue when the execution has waited too long."""
     INTERRUPT = "interrupt"
     REFUSE = "refuse"
-    """It ends without having begun."""
+    """The execution ends without having begun."""
 
 
 class QueueDecision(NamedTuple):
@@ -68,16 +70,18 @@ class ExecutionQueue:
         return not self._running and not self._waiting
 
     def allow(self, limit: int) -> List[QueueDecision]:
-        """From now on as many executions of one lane run at once; what runs already goes on."""
+        """Sets how many executions of one lane run at once; running ones continue."""
         self._limit = limit
         return self._promote()
 
     def arrive(self, key: Key, lane: str = "") -> List[QueueDecision]:
-        """An execution is dispatched. None when it is there already: it runs once."""
+        """An execution is dispatched. None for one that is already in the queue: it runs once."""
         if key in self._running or key in [waiting.key for waiting in self._waiting]:
             return []
         if self._free(lane) and all(waiting.lane != lane for waiting in self._waiting):
             return [self._run(key, lane)]
+        if len(self._waiting) >= WAITING:
+            return [QueueDecision(QueueStep.REFUSE, key, f"{WAITING} wait already; no more may")]
         self._waiting.append(_Waiting(key, lane))
         decisions = [QueueDecision(QueueStep.WAIT, key)]
         for other, run in self._running.items():

@@ -6,10 +6,10 @@ from typing import NamedTuple, Optional
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending, in_vain
 from merlin_actions.core.execution import Execution
 
+#: Outcome of a machine that has done its work.
 SUCCEEDED = "succeeded"
-"""Outcome of a machine that has done its work."""
+#: Outcome of a machine that was stopped.
 PREEMPTED = "preempted"
-"""Outcome of a machine that was stopped."""
 
 
 class GoalEnd(Enum):
@@ -17,9 +17,9 @@ class GoalEnd(Enum):
 
     SUCCEEDED = "succeeded"
     PREEMPTED = "preempted"
-    """It was cancelled while it ran."""
+    """Cancelled while it ran."""
     RECALLED = "recalled"
-    """It was cancelled before it ran."""
+    """Cancelled before it ran."""
     REJECTED = "rejected"
     ABORTED = "aborted"
     LOST = "lost"
@@ -35,7 +35,7 @@ class MachineEnd(NamedTuple):
     """The result of a machine's goal."""
 
     outcome: str = ""
-    """Of the machine; ``given_up`` and ``not_begun`` when a state gave up."""
+    """Outcome of the machine; ``given_up`` and ``not_begun`` when a state gave up."""
     reason: str = ""
     unstopped: str = ""
     """What did not stop after a cancel; empty when everything has ended."""
@@ -71,7 +71,7 @@ def ending_of(how: GoalEnd, end: MachineEnd, execution: Execution, text: str = "
     """What the end of its goal means for an execution.
 
     :param how: how the goal ended.
-    :param end: its result; empty when there is none.
+    :param end: its result; empty when it has none.
     :param text: of the goal's status, for a result without a reason.
     """
     if how is GoalEnd.SUCCEEDED:

@@ -1,7 +1,7 @@
 """Which goals have the state machines of an operator: events in, decisions out.
 
 A machine has one set of states, so it runs one goal at a time. Where no machine is free, a newer goal means
-that the oldest one is not wanted any more. A run that does not stop in time is abandoned, with its machine:
+that the oldest one is no longer wanted. A run that does not stop in time is abandoned, with its machine:
 another instance takes its place, so that "runs already" is not a lasting state.
 """
 
@@ -18,7 +18,7 @@ class SlotStep(Enum):
     ABANDON = "abandon"
     """Answer it, replace the machine."""
     RECALL = "recall"
-    """It never began."""
+    """The execution never began."""
 
 
 class SlotDecision(NamedTuple):
@@ -37,7 +37,7 @@ class MachineSlot:
 
     def __init__(self, machines: int = 1) -> None:
         self._machines = machines
-        self._running: Dict[str, bool] = {}  # goal -> whether it was told to stop, the oldest first
+        self._running: Dict[str, bool] = {}  # goal -> whether its stop was requested, the oldest first
         self._waiting: Optional[str] = None
 
     @property
@@ -46,7 +46,7 @@ class MachineSlot:
         return list(self._running)
 
     def resize(self, machines: int) -> List[SlotDecision]:
-        """There are as many machines from now on; what runs goes on."""
+        """Sets the number of machines; running ones continue."""
         self._machines = machines
         return self._next()
 
@@ -70,8 +70,9 @@ class MachineSlot:
         return self._preempt(goal, reason)
 
     def cancel_all(self, reason: str) -> List[SlotDecision]:
-        """All that run have to stop."""
-        return [decision for goal in self.running for decision in self._preempt(goal, reason)]
+        """All have to stop, also the one that waits: it would begin when the others have."""
+        waiting = [self._waiting] if self._waiting is not None else []
+        return [decision for goal in [*waiting, *self.running] for decision in self.cancel(goal, reason)]
 
     def end(self, goal: str) -> List[SlotDecision]:
         """The run of a goal has ended."""

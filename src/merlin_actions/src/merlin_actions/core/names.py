@@ -4,7 +4,9 @@ import re
 from typing import Dict, Iterable
 
 #: What the class of an action declares for its bridge: attributes of the class, and parameters of its action.
-WHILE_RUNNING, IF_INTERRUPTED = DECLARED = ("while_running", "if_interrupted")
+WHILE_RUNNING, IF_INTERRUPTED, IF_STOPPED_AT = DECLARED = ("while_running", "if_interrupted", "if_stopped_at")
+#: In `if_stopped_at`: the point of interest at which the robot stands.
+HERE = "?here"
 #: Likewise: how many of it run at once.
 CONCURRENT = "concurrent"
 

@@ -14,6 +14,10 @@ WORD_PERIOD = 0.25
 GONE_AFTER = 2.0
 #: Lives of hosts of a robot that are remembered when they are over.
 KEEP_LIVES = 8
+#: Hosts that are remembered while they say that they are one robot.
+HOSTS = 8
+#: Operators of a message that count.
+OPERATORS = 1000
 
 
 class HostWord(NamedTuple):
@@ -38,6 +42,8 @@ class RobotChange(NamedTuple):
     """Why it takes none, as a sentence without a full stop."""
     answers: bool = False
     """Whether a host lives that answers a cancel."""
+    forgotten: bool = False
+    """Whether it is forgotten for another one: it has been silent for long."""
 
 
 class _Host:
@@ -52,7 +58,8 @@ class _Robot:
         self.hosts: Dict[str, _Host] = {}  # by node
         self.namespace = ""  # of the host that was heard last
         self.lives: List[str] = []  # that are over
-        self.told = RobotChange("", False)
+        self.parameters: Dict[str, str] = {}  # operator -> the variable that names the robot
+        self.reported = RobotChange("", False)
         self.gone = ""
 
 
@@ -60,33 +67,37 @@ class RobotBook:
     """The robots of one planning system. Not thread-safe."""
 
     def __init__(self) -> None:
-        self._robots: Dict[str, _Robot] = {}
-        self._parameters: Dict[str, str] = {}  # operator -> the variable that names the robot
+        self._robots: Dict[str, _Robot] = {}  # the one that was heard last comes last
 
     @property
     def robots(self) -> List[str]:
-        """The robots that were ever heard of."""
+        """The robots that have sent a message."""
         return sorted(self._robots)
 
     def available(self, robot: str) -> bool:
         """Whether actions can be sent to it."""
-        return robot in self._robots and self._robots[robot].told.available
+        return robot in self._robots and self._robots[robot].reported.available
 
     def why_not(self, robot: str) -> str:
-        """Why a robot takes no actions; empty when it does, or was never heard of."""
-        return self._robots[robot].told.reason if robot in self._robots else ""
+        """Why a robot takes no actions; empty when it does, or has sent no message."""
+        return self._robots[robot].reported.reason if robot in self._robots else ""
 
     def namespace(self, robot: str) -> str:
-        """Where its actions are, with a slash at the end; empty: it was never heard of."""
+        """Where its actions are, with a slash at the end; empty: it has sent no message."""
         return self._robots[robot].namespace if robot in self._robots else ""
 
     def parameter(self, operator: str) -> str:
         """The variable of an operator that names the robot, as hosts declare it; empty: none has said."""
-        return self._parameters.get(operator.lower(), "")
+        name = operator.lower()
+        said = (
+            robot.parameters[name] for robot in reversed(self._robots.values()) if name in robot.parameters
+        )
+        return next(said, "")
 
     def hear(self, word: HostWord) -> List[RobotChange]:
         """A host says that it lives, or that it leaves."""
-        robot = self._robots.setdefault(word.robot, _Robot())
+        robot = self._robots.pop(word.robot, None) or _Robot()
+        self._robots[word.robot] = robot
         if word.life in robot.lives:
             return []  # a late word
         known = robot.hosts.get(word.node)
@@ -95,10 +106,19 @@ class RobotBook:
             changes += self._leave(word.robot, word.node, f"the host of robot {word.robot} was restarted")
         if word.leaving:
             return changes + self._leave(word.robot, word.node, f"the host of robot {word.robot} has ended")
+        if word.node not in robot.hosts and len(robot.hosts) >= HOSTS:
+            return changes
         robot.hosts[word.node] = _Host(word)
         robot.namespace = word.node.rpartition("/")[0] + "/"
-        self._parameters.update({operator.lower(): variable for operator, variable in word.parameters})
-        return changes + self._tell(word.robot)
+        said = {operator.lower(): variable for operator, variable in word.parameters[:OPERATORS]}
+        if not said.items() <= robot.parameters.items():
+            robot.parameters = dict([*robot.parameters.items(), *said.items()][-OPERATORS:])
+        return changes + self._report(word.robot)
+
+    def forget(self, robot: str) -> RobotChange:
+        """Forgets a robot that is gone."""
+        self._robots.pop(robot, None)
+        return RobotChange(robot, False, f"robot {robot} is forgotten", forgotten=True)
 
     def pass_time(self, seconds: float) -> List[RobotChange]:
         """Time passes, as the watcher counts it."""
@@ -107,17 +127,17 @@ class RobotBook:
             for node, host in list(robot.hosts.items()):
                 host.silence += seconds
                 if host.silence > GONE_AFTER:
-                    # It may come back in the same life: a host that was stopped goes on.
+                    # The same process may come back: a host that got SIGSTOP gets SIGCONT.
                     del robot.hosts[node]
                     robot.gone = f"robot {name} is gone: its host {node} is silent"
-                    changes += self._tell(name)
+                    changes += self._report(name)
         return changes
 
     def suspect(self, robot: str, reason: str) -> List[RobotChange]:
         """An action was lost with its host. The next word of that host proves that it lives."""
         for host in self._robots[robot].hosts.values() if robot in self._robots else ():
             host.suspected = reason
-        return self._tell(robot) if robot in self._robots else []
+        return self._report(robot) if robot in self._robots else []
 
     def _leave(self, name: str, node: str, reason: str) -> List[RobotChange]:
         robot = self._robots[name]
@@ -125,14 +145,14 @@ class RobotBook:
         if host is not None:
             robot.lives = [*robot.lives[-KEEP_LIVES:], host.word.life]
             robot.gone = reason
-        return self._tell(name)
+        return self._report(name)
 
-    def _tell(self, name: str) -> List[RobotChange]:
+    def _report(self, name: str) -> List[RobotChange]:
         """The change since the last one, if there is one."""
         robot = self._robots[name]
         now = self._now(name, robot)
-        changed = (now.available, now.reason) != (robot.told.available, robot.told.reason)
-        robot.told = now
+        changed = (now.available, now.reason) != (robot.reported.available, robot.reported.reason)
+        robot.reported = now
         return [now] if changed else []
 
     @staticmethod

@@ -1,9 +1,12 @@
-"""Whether an application fits its robots. Pure, as far as its caller is; one sentence for each mistake."""
+"""Whether an application fits its robots. Without ROS; one sentence for each mistake."""
 
 from typing import Dict, Iterator, List, Sequence
 
 from merlin_actions.core.application_check import ApplicationWorld, Needs
+from merlin_actions.core.robot_book import AVAILABLE
 from merlin_actions.core.robot_parameter import robot_parameter
+from merlin_pddl.domain import Domain, used_predicates
+from merlin_pddl.problem import Problem
 
 
 def robot_parameters(classes: Sequence[Needs], world: ApplicationWorld) -> Dict[str, str]:
@@ -22,7 +25,7 @@ def robot_parameters(classes: Sequence[Needs], world: ApplicationWorld) -> Dict[
 def check_robots(classes: Sequence[Needs], world: ApplicationWorld, robots: Sequence[str]) -> List[str]:
     """The mistakes, empty when everything fits.
 
-    :param robots: their names; none: the application has one robot, which has no name.
+    :param robots: their names; empty: the application has one robot without a name.
     """
     found: List[str] = []
     for needs in classes:
@@ -42,6 +45,27 @@ def check_robots(classes: Sequence[Needs], world: ApplicationWorld, robots: Sequ
         )
     names = [robot for robot in sorted(set(robots)) if list(robots).count(robot) > 1]
     return [*(f"robot {name} is named twice" for name in names), *dict.fromkeys(found)]
+
+
+def unnamed_robots(domain: Domain, problem: Problem) -> List[str]:
+    """What is wrong with an application that names no robots: nothing makes `available` true then."""
+    predicate = domain.predicates.get(AVAILABLE)
+    said = any(fact.name == AVAILABLE for fact in problem.facts)
+    if predicate is None or len(predicate.parameters) != 1 or said:
+        return []
+    effects = [effect for operator in domain.operators.values() for effect in operator.effects]
+    if any(effect.atom is not None and effect.atom.name == AVAILABLE for effect in effects):
+        return []
+    (variable,) = predicate.parameters
+    known = {**domain.constants, **problem.objects}
+    robots = ",".join(name for name, types in known.items() if domain.accepts(variable.types, types))
+    for operator in domain.operators.values():
+        if any((AVAILABLE, False) in used_predicates(each.condition) for each in operator.conditions):
+            return [
+                f"{operator.name} needs ({AVAILABLE} {variable.name}) of its robot, and no robot is named: "
+                f"start it with robots:={robots}"
+            ]
+    return []
 
 
 def _parameter(needs: Needs, world: ApplicationWorld) -> str:

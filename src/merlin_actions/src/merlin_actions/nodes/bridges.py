@@ -9,7 +9,9 @@ import rospy
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.names import by_ros_name
 from merlin_actions.merlin_action import MerlinAction
+from merlin_actions.robot_places import RobotPlaces
 from merlin_actions.robot_watch import RobotWatch
+from merlin_actions.stopped_robots import StoppedRobots
 from merlin_ros.health import OK, WARN, Health, HealthReporter
 from merlin_ros.node import on_master_lost, run_node
 from merlin_ros.parameters import number
@@ -43,6 +45,9 @@ def make_bridges(
     for key in ("server_wait", "cancel_limit", "run_limit"):
         if rospy.has_param(f"~{key}"):
             options[key] = number(f"~{key}", 0.0, -math.inf)
+    if robots is not None:
+        places = RobotPlaces()
+        options["stopped"] = StoppedRobots(knowledge_client(knowledge_base), places.points_at)
     return [MerlinAction(name, knowledge_base=knowledge_base, robots=robots, **options) for name in names]
 
 

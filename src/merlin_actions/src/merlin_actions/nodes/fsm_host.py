@@ -42,7 +42,7 @@ def check_machines(
     """Compares machines with domain, objects and points of interest.
 
     :param complete: every operator has to have a class.
-    :param robot: that this host serves; empty: there is one, which has no name.
+    :param robot: that this host serves; empty: the only robot, which has no name.
     :return: operator -> the variable that names its robot, for those that need one.
     :raises ApplicationError: when they do not fit; it names all mistakes.
     """
@@ -181,7 +181,7 @@ def main() -> int:
 
 
 def _start() -> None:
-    usual_level()  # a wrong one is told before the knowledge base is waited for
+    usual_level()  # a wrong one is reported before the wait for the knowledge base
     host = MachineHost()
     host.start()
     keep_params(rospy.resolve_name("actions"))  # what the machines declare to their bridges

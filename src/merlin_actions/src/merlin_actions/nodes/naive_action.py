@@ -19,7 +19,7 @@ from merlin_actions.merlin_action_server import SHUTDOWN_WAIT
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.node import on_master_lost, run_node
 from merlin_ros.parameters import number
-from merlin_sm.introspection import show
+from merlin_sm.introspection import start_introspection
 from merlin_sm.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeBaseMissing,
@@ -32,7 +32,7 @@ from merlin_sm.states.merlin_state import SUCCEEDED
 class NaiveAction(ActionInterface):
     """Runs a machine inside the callback of the dispatch topic.
 
-    :param machine: it.
+    :param machine: the state machine of the action.
 
     Further parameters are those of :class:`ActionInterface`.
     """
@@ -40,7 +40,7 @@ class NaiveAction(ActionInterface):
     def __init__(self, machine: MerlinActionSM, **options: Any) -> None:
         super().__init__(machine.operator_name(), **options)
         self.machine = machine
-        self._running = threading.Lock()  # held while an action is carried out
+        self._turn = threading.Lock()  # held while an action is carried out
         machine.check_signature([parameter.key for parameter in self.formula.typed_parameters])
 
     def run(self, execution: Execution) -> Ending:
@@ -54,12 +54,12 @@ class NaiveAction(ActionInterface):
         """Preempts what runs, waits until it has stopped, at most ``SHUTDOWN_WAIT``, and stops serving."""
         self.machine.cancel()
         super().shutdown()
-        if self._running.acquire(timeout=SHUTDOWN_WAIT):
-            self._running.release()
+        if self._turn.acquire(timeout=SHUTDOWN_WAIT):
+            self._turn.release()
 
     def _spawn(self, execution: Execution) -> None:
         execution.left_queue.set()
-        with self._running:
+        with self._turn:
             self._live(execution)
 
     def _declared(self, execution: Execution) -> Dict[str, Any]:
@@ -81,5 +81,5 @@ def _start() -> None:
         action.start()
         rospy.on_shutdown(action.shutdown)
         on_master_lost(action.machine.cancel)
-        rospy.on_shutdown(show(ros_name(action.operator).upper(), action.machine).stop)
+        rospy.on_shutdown(start_introspection(ros_name(action.operator).upper(), action.machine).stop)
     rospy.loginfo(f"naive actions: {', '.join(action.operator for action in actions)}")

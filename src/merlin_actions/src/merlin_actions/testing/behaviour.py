@@ -2,7 +2,7 @@
 
 import random
 from enum import Enum
-from typing import NamedTuple
+from typing import NamedTuple, Union
 
 
 class Act(Enum):
@@ -41,7 +41,7 @@ class Behaviour:
         fail: float = 0.0,
         hang: float = 0.0,
         crash: float = 0.0,
-        seed: int = 0,
+        seed: Union[int, str] = 0,
     ) -> None:
         shares = {Act.FAIL: fail, Act.HANG: hang, Act.CRASH: crash}
         if any(not 0.0 <= share <= 1.0 for share in shares.values()) or sum(shares.values()) > 1.0:

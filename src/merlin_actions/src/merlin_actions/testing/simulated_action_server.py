@@ -12,6 +12,7 @@ from merlin_actions.testing.scripted_results import ScriptedResults
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.node import run_node
+from merlin_ros.ros_alarm import call_after
 
 
 class SimulatedActionServer:
@@ -62,7 +63,7 @@ class SimulatedActionServer:
         return self._held
 
     def hold(self, held: bool) -> None:
-        """Lets the next goal last until it is cancelled; False holds none. Either ends one that is held.
+        """Makes the next goal last until it is cancelled; False: none. Ends a goal that is held now.
 
         A test that acts on a goal while it runs needs that: any duration is too short on a busy machine.
         """
@@ -88,9 +89,9 @@ class SimulatedActionServer:
         if self._held:
             self._over.wait()
             return
-        timer = rospy.Timer(rospy.Duration(max(duration, 1e-4)), lambda _: self._over.set(), oneshot=True)
+        alarm = call_after(duration, self._over.set, "simulated goal")
         self._over.wait()
-        timer.shutdown()
+        alarm.shutdown()
 
     def _execute(self, goal: ServerGoal) -> None:
         self._on_goal(goal.goal)
@@ -119,17 +120,20 @@ class SimulatedActionServer:
             goal.succeed(result, text="done")
 
 
-def behaviour_from_params(prefix: str = "~") -> Behaviour:
-    """A behaviour from the parameters duration, spread, fail, hang, crash, seed.
+def behaviour_from_params() -> Behaviour:
+    """A behaviour from the private parameters duration, spread, fail, hang, crash, seed.
+
+    Robots with the same seed, each in its namespace, have streams of their own.
 
     :raises ValueError: for values that make no sense.
     """
     values = {
-        key: float(rospy.get_param(prefix + key))
+        key: float(rospy.get_param(f"~{key}"))
         for key in ("duration", "spread", "fail", "hang", "crash")
-        if rospy.has_param(prefix + key)
+        if rospy.has_param(f"~{key}")
     }
-    return Behaviour(seed=int(rospy.get_param(prefix + "seed", 0)), **values)
+    seed, robot = int(rospy.get_param("~seed", 0)), rospy.get_namespace().strip("/")
+    return Behaviour(seed=f"{seed}/{robot}" if robot else str(seed), **values)
 
 
 def main() -> int:

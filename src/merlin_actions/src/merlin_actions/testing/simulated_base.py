@@ -2,7 +2,7 @@
 
 ``~hold`` (std_srvs/SetBool): whether the next drive lasts until it is cancelled. One that is held now ends.
 The answer's message is the velocity of that drive, m/s: no other has it, so a late command of another drive
-is told apart.
+is known.
 """
 
 import threading

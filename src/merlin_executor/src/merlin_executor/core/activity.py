@@ -8,7 +8,7 @@ from merlin_executor.core.outcome import Verdict
 LONGEST_REASON = 2000  # characters of the last reason
 
 
-class Report(NamedTuple):
+class ActivityReport(NamedTuple):
     """The health of an Executor."""
 
     ill: bool
@@ -37,7 +37,7 @@ class Activity:
             self._reason = f"{', '.join(goals)}: {verdict.reason or 'done'}"[:LONGEST_REASON]
             return self._reason
 
-    def report(self, running: Sequence[str], waiting: int) -> Report:
+    def report(self, running: Sequence[str], waiting: int) -> ActivityReport:
         """The health now; ill when the last request has failed for a reason that is not the world's.
 
         :param running: goals of the request that runs.
@@ -47,4 +47,4 @@ class Activity:
             reason, ill = self._reason, self._ill
         doing = f"running {', '.join(running)}" if running else "idle"
         values: Dict[str, Union[int, str]] = {"waiting requests": waiting, "last request": reason}
-        return Report(ill, f"{doing}; last: {reason}" if ill else doing, values)
+        return ActivityReport(ill, f"{doing}; last: {reason}" if ill else doing, values)

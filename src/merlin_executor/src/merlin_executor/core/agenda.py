@@ -8,6 +8,7 @@ from enum import Enum
 from typing import Generic, List, NamedTuple, Optional, Tuple, TypeVar, Union
 
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_executor.core.request_limits import why_full
 from merlin_pddl.breakpoints import Breakpoints
 
 CANCELLED = Stop(StopKind.CANCELLED)
@@ -16,7 +17,7 @@ NOT_RESUMED = "cancelled before it went on"
 
 
 class Client(Enum):
-    """How the client of a request does."""
+    """State of a request's client."""
 
     ALIVE = "alive"
     SILENT = "silent"
@@ -29,14 +30,23 @@ class Ticket:
     :param order: number of arrival; equal priorities run in this order.
     :param priority: higher is more urgent.
     :param resumes: whether it runs again after an interruption; otherwise it is dropped.
-    :param goes_on: whether it goes on without its client.
+    :param goes_on: whether it continues without its client.
+    :param sender: the node of its client; empty: not known.
     """
 
-    def __init__(self, order: int, priority: int = 0, resumes: bool = True, goes_on: bool = True) -> None:
+    def __init__(
+        self,
+        order: int,
+        priority: int = 0,
+        resumes: bool = True,
+        goes_on: bool = True,
+        sender: str = "",
+    ) -> None:
         self.order = order
         self.priority = priority
         self.resumes = resumes
         self.goes_on = goes_on
+        self.sender = sender
         self.interrupted = False
         self.client = Client.ALIVE
         self.stop: Optional[Stop] = None
@@ -53,7 +63,7 @@ class Ticket:
 
     @property
     def may_run(self) -> bool:
-        """Whether it may begin: nothing is begun for a client that is silent."""
+        """Whether it may begin: no request of a silent client begins."""
         return self.goes_on or self.client is Client.ALIVE
 
 
@@ -118,11 +128,14 @@ class Agenda(Generic[T]):
             return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, StopKind.SHUTDOWN.value))]
         if cancelled:
             return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, NOT_BEGUN))]
+        full = why_full([other.sender for other in self._waiting], ticket.sender)
+        if full:
+            return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, full))]
         self._queue(ticket)
         return self._interrupt()
 
     def cancel(self, ticket: T, stop: Stop = CANCELLED) -> List[Decision]:
-        """A request is not wanted any more."""
+        """A request is no longer wanted."""
         if ticket is self._running:
             return self._stop(stop)
         if ticket not in self._waiting:
@@ -145,7 +158,7 @@ class Agenda(Generic[T]):
         return self._interrupt()
 
     def pause(self, paused: bool) -> List[Decision]:
-        """No further request begins, or the next one may; what runs goes on."""
+        """Sets or ends the pause, in which no further request begins. The running request continues."""
         self._paused = paused
         return self._interrupt()
 
@@ -189,7 +202,7 @@ class Agenda(Generic[T]):
         return []
 
     def close(self) -> List[Decision]:
-        """The Executor ends: nothing begins any more, what runs stops."""
+        """The Executor ends: no further request begins, and the running one stops."""
         self._closing = True
         left, self._waiting = self._waiting, []
         reason = StopKind.SHUTDOWN.value

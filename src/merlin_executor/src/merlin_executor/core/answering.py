@@ -18,7 +18,7 @@ class ClientAnswer(Enum):
 def answer_for(outcome: Outcome, accepted: bool) -> ClientAnswer:
     """The verb for an outcome.
 
-    :param accepted: whether the client was told that its request runs; such a request cannot be rejected.
+    :param accepted: whether the client got the state ACTIVE; such a request cannot be rejected.
     """
     if outcome.achieved:
         return ClientAnswer.SUCCEED

@@ -1,4 +1,4 @@
-"""Names that have to be heard of before something begins. Without ROS."""
+"""Names that have to be announced before something begins. Without ROS."""
 
 import threading
 from typing import Callable, Iterable, List, Protocol
@@ -14,7 +14,7 @@ class Waiting(Protocol):
 class Awaited:
     """The names that are still missing. Thread-safe.
 
-    :param names: that have to be heard of.
+    :param names: that have to be announced.
     """
 
     def __init__(self, names: Iterable[str]) -> None:
@@ -22,7 +22,7 @@ class Awaited:
         self._missing = list(dict.fromkeys(names))
 
     def heard(self, name: str) -> None:
-        """A name was heard of; others than the awaited ones do not count."""
+        """Notes that a name was announced; only awaited ones count."""
         with self._changed:
             if name in self._missing:
                 self._missing.remove(name)

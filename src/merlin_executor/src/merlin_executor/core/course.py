@@ -12,6 +12,7 @@ DISPATCH_PLAN = "DISPATCH_PLAN"
 PREEMPTED = "cancelled"  #: What a stage says that was preempted and has nothing to add.
 ACHIEVED_MEANWHILE = "the goal holds"
 
+#: Outcome of a stage → outcome of the request; aborted depends on the stage.
 _VERDICTS = {
     "succeeded": Outcome.SUCCEEDED,
     "already_true": Outcome.ALREADY_TRUE,
@@ -22,7 +23,6 @@ _VERDICTS = {
     "failed": Outcome.ACTION_FAILED,
     "cancel_timeout": Outcome.CANCEL_TIMEOUT,
 }
-"""Outcome of a stage → outcome of the request; aborted depends on the stage."""
 
 
 _NO_PLAN = ("unsolvable", "no_plan", "timeout", "aborted")
@@ -154,5 +154,5 @@ def _without_plan(given_up: Sequence[Failure], reason: str) -> str:
 
     :param reason: the planner's.
     """
-    told = "; ".join(dict.fromkeys(failure.reason for failure in given_up))
-    return f"{told}; no plan without {'it' if len(given_up) == 1 else 'these'}: {reason}"
+    reasons = "; ".join(dict.fromkeys(failure.reason for failure in given_up))
+    return f"{reasons}; no plan without {'it' if len(given_up) == 1 else 'these'}: {reason}"

@@ -1,6 +1,7 @@
 """Runs requests by their agenda: one worker, events from any thread, one answer for each. Without ROS.
 
-What nothing foresaw, in a run or an answer, ends that request with the reason; the worker goes on.
+An unexpected exception in a run ends that request with the reason. What fails while something is published,
+answered or tidied up is logged: each other request gets its answer, and the worker continues.
 """
 
 import logging
@@ -34,14 +35,14 @@ J = TypeVar("J", bound=Job)
 
 
 class Stages(Generic[J]):
-    """What carries a request out."""
+    """The stages that execute a request."""
 
     def prepare(self) -> None:
         """Forgets earlier cancels; called before each run."""
         raise NotImplementedError
 
     def cancel(self) -> None:
-        """Stops the run, also one that is prepared and has not begun; from any thread, never blocks."""
+        """Stops the run, also one that is prepared and has not begun; from any thread, in milliseconds."""
         raise NotImplementedError
 
     def run_request(self, request: J) -> Verdict:
@@ -49,7 +50,7 @@ class Stages(Generic[J]):
         raise NotImplementedError
 
     def clean_up(self) -> None:
-        """Removes what a run has left, as far as that is possible now."""
+        """Removes the goals that a run has left, where that is possible now."""
         raise NotImplementedError
 
     @property
@@ -64,7 +65,9 @@ class Engine(Generic[J]):
     :param stages: carry them out.
     :param on_status: called when what runs has changed, without a lock.
     :param on_queue: called when what waits has changed, without a lock.
-    :param on_end: called with each request whose run has ended, the verdict, and the traceback if it crashed.
+    :param on_end: called with the verdict on each run that has ended, before it is published.
+    :param on_answered: called likewise behind the answer: with the request, the verdict, and the error if it
+        crashed.
     """
 
     def __init__(
@@ -72,12 +75,14 @@ class Engine(Generic[J]):
         stages: Stages[J],
         on_status: Callable[[], None],
         on_queue: Callable[[], None],
-        on_end: Callable[[J, Verdict, Optional[BaseException]], None],
+        on_end: Callable[[J, Verdict], None],
+        on_answered: Callable[[J, Verdict, Optional[BaseException]], None],
     ) -> None:
         self._stages = stages
         self._on_status = on_status
         self._on_queue = on_queue
         self._on_end = on_end
+        self._on_answered = on_answered
         self._changed = threading.Condition()  # guards the agenda
         self._agenda: Agenda[J] = Agenda()
         self._worker = threading.Thread(target=self._work, name="executor", daemon=True)
@@ -120,12 +125,12 @@ class Engine(Generic[J]):
         with self._changed:
             decisions = event(self._agenda)
             if any(isinstance(decision, StopRun) for decision in decisions):
-                self._stages.cancel()
+                self._tell(self._stages.cancel)
             self._changed.notify_all()
-        self._on_queue()
+        self._tell(self._on_queue)
         for decision in decisions:
             if isinstance(decision, AgendaAnswer):
-                cast(J, decision.ticket).end(decision.verdict)
+                self._answer(cast(J, decision.ticket), decision.verdict)
 
     def decide_on(self, wanted: Callable[[J], bool], event: Callable[[Agenda[J], J], List[Decision]]) -> None:
         """Likewise, for an event on one request; without effect when no such request waits or runs."""
@@ -138,43 +143,53 @@ class Engine(Generic[J]):
         self.decide(decide)
 
     def _work(self) -> None:
-        told = ""  # what was told to be held
+        reported = ""  # the hold that was reported last
         while True:
             with self._changed:
                 request = self._agenda.begin()
                 held = self._agenda.breakpoints.held
-                if request is None and held == told:
+                if request is None and held == reported:
                     if self._agenda.closing:
                         return
                     left = self._stages.left
                     if self._changed.wait(TIDY_PERIOD if left else None) or not left:
                         continue
-                elif request is not None:
-                    request.begin()
-                    self._stages.prepare()
-            if held != told:
-                told = held
-                self._on_status()
+                unprepared = self._prepare(request) if request is not None else None
+            if held != reported:
+                reported = held
+                self._tell(self._on_status)
                 if request is None:
                     continue
             if request is None:
                 self._tidy()
                 continue
-            verdict, error = self._run(request)
+            verdict, error = (crashed(unprepared), unprepared) if unprepared else self._run(request)
             self._finish(request, verdict, error)
+
+    def _prepare(self, request: J) -> Optional[BaseException]:
+        """Prepares a run, before a cancel can reach it; called with the lock held.
+
+        Returns what that raised.
+        """
+        try:
+            request.begin()
+            self._stages.prepare()
+        except BaseException as error:  # the client gets its answer, and the worker continues
+            return error
+        return None
 
     def _tidy(self) -> None:
         try:
             self._stages.clean_up()
-        except Exception:  # the worker goes on, and tries again
+        except Exception:  # the worker continues, and tries again
             _log.exception("what a request has left could not be removed")
 
     def _run(self, request: J) -> Tuple[Verdict, Optional[BaseException]]:
         try:
             request.accept()
-            self._on_queue()
+            self._tell(self._on_queue)
             return self._stages.run_request(request), None
-        except BaseException as error:  # the client gets its answer, and the worker goes on
+        except BaseException as error:  # the client gets its answer, and the worker continues
             try:
                 self._stages.clean_up()
             except Exception as second:
@@ -187,13 +202,22 @@ class Engine(Generic[J]):
             decisions = self._agenda.ended(verdict)
             self._changed.notify_all()
         final = next((answer.verdict for answer in decisions if isinstance(answer, AgendaAnswer)), None)
-        try:
-            shown = final or Verdict(Outcome.CANCELLED, StopKind.INTERRUPTED.value)
-            self._on_end(request, shown, error)
-            # Idle is published before the answer: a client that has the answer may rely on it.
-            self._on_status()
-            self._on_queue()
-        except BaseException:  # what cannot be published must not keep the answer, nor the next request
-            _log.exception("the end of a request could not be published")
+        shown = final or Verdict(Outcome.CANCELLED, StopKind.INTERRUPTED.value)
+        self._tell(lambda: self._on_end(request, shown))
+        # Idle is published before the answer: a client that has the answer may rely on it.
+        self._tell(self._on_status)
+        self._tell(self._on_queue)
         if final is not None:
-            request.end(final)
+            self._answer(request, final)
+        self._tell(lambda: self._on_answered(request, shown, error))
+
+    def _answer(self, request: J, verdict: Verdict) -> None:
+        self._tell(lambda: request.end(verdict))
+
+    @staticmethod
+    def _tell(callback: Callable[[], object]) -> None:
+        """Calls a callback; when it fails, the request is answered and the next one begins all the same."""
+        try:
+            callback()
+        except BaseException:  # SMACH's states and users' code may raise anything
+            _log.exception("the executor continues")

@@ -1,4 +1,4 @@
-"""What an execution that nothing carries on any more leaves behind, and when it is put right. Pure.
+"""Settles executions whose bridge has ended: which, and when. Pure.
 
 An execution that is open in the knowledge base's journal while no plan is dispatched belongs to a bridge that
 was ended. The bridge that comes back settles it (docs/reliability.md); where none comes, the Executor does.
@@ -29,15 +29,9 @@ class Look(NamedTuple):
 
 
 class Leftovers:
-    """Decides about the open executions in one recovery.
+    """Decides about the open executions in one recovery."""
 
-    :param grace: s for the bridges.
-    :param attempts: how often one is settled before it is given up.
-    """
-
-    def __init__(self, grace: float = BRIDGE_GRACE, attempts: int = ATTEMPTS) -> None:
-        self._grace = grace
-        self._attempts = attempts
+    def __init__(self) -> None:
         self._since: Dict[str, float] = {}
         self._tried: Dict[str, int] = {}
 
@@ -48,10 +42,10 @@ class Leftovers:
         :param open_tokens: of the executions that are open now, oldest first.
         """
         self._since = {token: self._since.get(token, now) for token in open_tokens}
-        due = [token for token in open_tokens if now - self._since[token] >= self._grace]
-        settle = [token for token in due if self._tried.get(token, 0) < self._attempts]
+        due = [token for token in open_tokens if now - self._since[token] >= BRIDGE_GRACE]
+        settle = [token for token in due if self._tried.get(token, 0) < ATTEMPTS]
         stuck = [token for token in due if token not in settle]
         for token in settle:
             self._tried[token] = self._tried.get(token, 0) + 1
-        waiting = [self._grace - (now - self._since[token]) for token in open_tokens if token not in due]
+        waiting = [BRIDGE_GRACE - (now - self._since[token]) for token in open_tokens if token not in due]
         return Look(settle, min(waiting, default=0.0), stuck)

@@ -61,7 +61,7 @@ class Stop(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """As a sentence."""
+        """The reason as a sentence."""
         return self.text or self.kind.value
 
     @property
@@ -79,5 +79,5 @@ def outcome_name(outcome: int) -> str:
 
 
 def crashed(error: BaseException) -> Verdict:
-    """The verdict on a request whose run raised what nothing foresaw."""
+    """The verdict on a request whose run raised an unexpected exception."""
     return Verdict(Outcome.INTERNAL, f"the executor failed: {type(error).__name__}: {str(error)[:500]}")

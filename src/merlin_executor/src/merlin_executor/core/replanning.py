@@ -10,7 +10,7 @@ SAME_FAILURE = 2
 
 
 class Failure(NamedTuple):
-    """Why a run did not go on."""
+    """Why a run did not continue."""
 
     reason: str
     """A sentence."""

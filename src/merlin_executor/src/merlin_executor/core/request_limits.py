@@ -1,10 +1,15 @@
-"""How large a request may be: what one client sends must not keep the Executor from the others. Pure."""
+"""How large a request may be, and how many may wait: one client must not keep the Executor from the others.
+
+Pure.
+"""
 
 from typing import Sequence
 
 MAX_GOALS = 1000  #: Goals of a request, texts and items.
 MAX_TEXT = 65536  #: Characters of all goal texts of a request together.
 MAX_TOKENS = 1000  #: Tokens of an expression in a knowledge item.
+MAX_OF_CLIENT = 100  #: Requests of one client that wait.
+MAX_WAITING = 1000  #: Requests of all clients that wait.
 
 
 class RequestTooLarge(ValueError):
@@ -27,3 +32,17 @@ def check_size(texts: Sequence[str], items: int = 0, tokens: int = 0) -> None:
         raise RequestTooLarge(f"the goals of the request have {length} characters; they may have {MAX_TEXT}")
     if tokens > MAX_TOKENS:
         raise RequestTooLarge(f"an expression of the request has {tokens} tokens; it may have {MAX_TOKENS}")
+
+
+def why_full(waiting: Sequence[str], client: str) -> str:
+    """Why no further request of a client may wait, as a sentence; empty: it may.
+
+    :param waiting: the client of each request that waits.
+    :param client: its node; those of clients that are not known are counted together.
+    """
+    if len(waiting) >= MAX_WAITING:
+        return f"{len(waiting)} requests wait already; no more may"
+    own = sum(other == client for other in waiting)
+    if own >= MAX_OF_CLIENT:
+        return f"{own} requests of {client or 'clients without a name'} wait already; no more may"
+    return ""

@@ -1,17 +1,20 @@
 """What a robot does, says, hears and sees, one line each: what was received goes in, lines come out."""
 
 import threading
-from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
+from collections import deque
+from typing import Any, Callable, Deque, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 CANCELLED = "cancelled"
+
+#: Requests, actions that run and actions that have ended, each, that are remembered.
+REMEMBERED = 10000
 
 
 class Deed(NamedTuple):
     """One action that the robot carried out, s of ROS time.
 
-    Attributes:
-        text: as PDDL.
-        reason: why it failed; empty: it succeeded.
+    :ivar text: as PDDL.
+    :ivar reason: why it failed; empty: it succeeded.
     """
 
     text: str
@@ -31,14 +34,20 @@ class RobotStory:
         self._log = log
         self._on_failure = on_failure
         self._lock = threading.Lock()  # guards the two below
-        self._running: Dict[Tuple[int, int], Tuple[str, float]] = {}
-        self.deeds: List[Deed] = []
+        self._running: Dict[Tuple[int, int], Tuple[str, float]] = {}  # the oldest first
+        self._deeds: Deque[Deed] = deque(maxlen=REMEMBERED)
         self._request = ""
         self._goal = ""
-        self._known_requests: Set[str] = set()
+        self._known_requests: Dict[str, None] = {}  # the oldest first
+
+    @property
+    def deeds(self) -> List[Deed]:
+        """The actions that have ended, in their order; the last ones of a long mission."""
+        with self._lock:
+            return list(self._deeds)
 
     def pursue(self, request: str, goals: Sequence[str], priority: int, reason: str) -> None:
-        """The Executor works on a request; one line when it is another one than before.
+        """The Executor works on a request. Prints one line when the request differs from the last one.
 
         :param request: its id; empty: on none.
         :param reason: why the last one ended, ``goals: reason``.
@@ -51,7 +60,8 @@ class RobotStory:
         if request:
             self._goal = goal_text(goals, priority)
             again = "goes on with" if request in self._known_requests else "goal"
-            self._known_requests.add(request)
+            self._known_requests[request] = None
+            _forget_oldest(self._known_requests)
             self._log(f"{again} {self._goal}")
 
     def begin(self, key: Tuple[int, int], text: str, at: float) -> None:
@@ -62,6 +72,7 @@ class RobotStory:
         """
         with self._lock:
             self._running[key] = (text, at)
+            _forget_oldest(self._running)  # one that was never answered
         self._log(text)
 
     def end(self, key: Tuple[int, int], at: float, failure: Optional[str]) -> None:
@@ -73,7 +84,7 @@ class RobotStory:
         with self._lock:
             text, begun = self._running.pop(key, ("", 0.0))
             if text:
-                self.deeds.append(Deed(text, begun, at, reason))
+                self._deeds.append(Deed(text, begun, at, reason))
         if text and failure is not None:
             self._log(f"{text}: {reason}")
             if reason != CANCELLED:
@@ -82,7 +93,7 @@ class RobotStory:
     def speak(self, text: str, robot: str = "") -> None:
         """A robot says something.
 
-        :param robot: its name; empty: the only one. So of the two below.
+        :param robot: its name; empty: the only robot. The two methods below have the same parameter.
         """
         self._log(_by(robot, f'says "{text}"'))
 
@@ -123,6 +134,11 @@ class Screen:
             now = self._clock()
             self._begin = now if self._begin is None else self._begin
             print(f"{now - self._begin:7.1f} s  {speaker:<7} {text}", flush=True)
+
+
+def _forget_oldest(remembered: Dict[Any, Any]) -> None:
+    if len(remembered) > REMEMBERED:
+        del remembered[next(iter(remembered))]
 
 
 def _by(robot: str, text: str) -> str:

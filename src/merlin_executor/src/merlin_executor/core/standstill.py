@@ -15,15 +15,15 @@ class Halt(NamedTuple):
     guard: bool
     """A guard exists."""
     halted: bool = False
-    """It has halted the base."""
+    """The guard has halted the base."""
     message: str = ""
     """Its own words, or why it did not answer."""
 
     @property
     def words(self) -> str:
-        """As part of a sentence."""
+        """The text as part of a sentence."""
         if not self.guard:
-            return "no guard is there to halt the base"
+            return "no guard runs that could halt the base"
         if self.halted:
             return "the guard has halted the base"
         return f"the guard could not halt the base: {self.message or 'it gave no reason'}"

@@ -13,18 +13,19 @@ class GoalLedger(Generic[Item]):
     """The goals that were added and are not removed, each once.
 
     :param text: a goal as PDDL text.
-    :param life: names this life of the process; begins its leases.
+    :param life: names this process; begins its leases.
     """
 
     def __init__(self, text: Callable[[Item], str], life: str) -> None:
         self._text = text
         self._life = life
         self._numbers = itertools.count(1)
-        self._open = False  # whether an addition has had no answer yet
+        self._added: List[Item] = []  # by the last addition
+        self._open = False  # whether an addition is still unanswered
         self.items: List[Item] = []
         """The goals, the oldest first."""
         self.lease = ""
-        """Names them; empty: there are none."""
+        """Names the goals that are left; empty: all were removed."""
 
     @property
     def texts(self) -> List[str]:
@@ -40,17 +41,24 @@ class GoalLedger(Generic[Item]):
 
         The lease is a new one: the old one may be lost for good.
         """
-        self.items += self._new(items)
+        self._added = self._new(items)
+        self.items += self._added
         self._open = True
-        goals = " ".join(self.texts)
-        self.lease = f"{self._life}-{next(self._numbers)} (and {goals})" if goals else ""
+        self._name()
 
     def answered(self) -> None:
-        """The addition was carried out, or refused."""
+        """The addition was carried out."""
         self._open = False
 
+    def refused(self) -> None:
+        """The addition was refused as a whole: its goals are not stored, and may not be removable either."""
+        self._open = False
+        kept = len(self.items) - len(self._added)
+        self.items, self._added = self.items[:kept], []
+        self._name()
+
     def inherit(self, items: Sequence[Item]) -> None:
-        """Goals that a former life has added; its lease is not this one's."""
+        """Goals that an earlier process of this node has added, under its own lease."""
         self.items += self._new(items)
 
     def removed(self) -> bool:
@@ -70,6 +78,10 @@ class GoalLedger(Generic[Item]):
         """Whether all of the goals are among others; names do not depend on case."""
         present = {text.lower() for text in texts}
         return all(text.lower() in present for text in self.texts)
+
+    def _name(self) -> None:
+        goals = " ".join(self.texts)
+        self.lease = f"{self._life}-{next(self._numbers)} (and {goals})" if goals else ""
 
     def _new(self, items: Sequence[Item]) -> List[Item]:
         known = set(self.texts)

@@ -1,4 +1,4 @@
-"""A file that notes goals, for the next life of the process. Without ROS."""
+"""A file that notes goals, for the next process of this node. Without ROS."""
 
 import json
 import os
@@ -23,16 +23,30 @@ class GoalNotes:
         self.path.touch()
 
     def write(self, texts: Sequence[str]) -> None:
-        """Notes these goals and no others.
+        """Notes these goals and no others. They are on the disk when this returns: the knowledge base, to
+        which they go next, keeps them over a power cut. That no goal is left need not be there.
 
         :raises OSError: when the file cannot be written.
         """
         new = self.path.with_name(self.path.name + ".new")
-        new.write_text(json.dumps(list(texts)))
+        with new.open("w") as file:
+            file.write(json.dumps(list(texts)))
+            file.flush()
+            if texts:
+                os.fsync(file.fileno())
         os.replace(new, self.path)
+        if texts:
+            self._sync_name()
+
+    def _sync_name(self) -> None:
+        folder = os.open(self.path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
     def read(self) -> List[str]:
-        """The goals noted last; empty when there are none.
+        """The goals noted last; empty when no goal is noted.
 
         :raises OSError: when the file cannot be read.
         :raises NotesError: when it holds something else.

@@ -11,7 +11,7 @@ class LateWriter(Generic[_Value]):
 
     :param name: of the thread.
     :param write: writes one value; called by one thread at a time.
-    :param failed: called with what `write` raised in the thread; the writer goes on with the next value.
+    :param failed: called with what `write` raised in the thread; the writer continues with the next value.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class LateWriter(Generic[_Value]):
             self._write(value)
 
     def write_soon(self, value: _Value) -> None:
-        """Has a value written in another thread."""
+        """Writes a value in another thread."""
         with self._changed:
             self._next = value
             if self._thread is None:
@@ -55,5 +55,5 @@ class LateWriter(Generic[_Value]):
                     continue
                 try:
                     self._write(value)
-                except Exception as error:  # of whatever stores the value
+                except Exception as error:  # of the function that stores the value
                     self._failed(error)

@@ -30,9 +30,10 @@ from merlin_executor.mission.mission_node import MissionNode
 from merlin_executor.mission.mission_pause import MissionPause
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.resending import RESEND
+from merlin_ros.ros_alarm import call_after
 from merlin_sm.holding.gate import gate
 from merlin_sm.holding.node_holds import node_holds
-from merlin_sm.introspection import show
+from merlin_sm.introspection import start_introspection
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
@@ -62,7 +63,7 @@ class GoalDispatcher(MissionNode):
     :param name: of the mission; the class name when empty.
     :param tasks: number of goals, for the status; 0: not known.
     :param on_lost: RESEND: a goal during which the Executor is lost is sent again when it is back, and the
-        mission goes on; END: the mission ends with the reason.
+        mission continues; END: the mission ends with the reason.
     """
 
     def __init__(self, name: str = "", tasks: int = 0, on_lost: str = RESEND) -> None:
@@ -127,7 +128,7 @@ class GoalDispatcher(MissionNode):
         text = goals if isinstance(goals, str) else " ".join(map(str, goals))
         self._pause.wait(lambda: self._cancelled)
         request = self.send(goals, **options)
-        patience = None if timeout is None else _cancel_after(request, timeout)
+        patience = None if timeout is None else call_after(timeout, request.cancel, f"timeout of {text}")
         request.wait()
         if patience is not None:
             patience.shutdown()
@@ -163,11 +164,6 @@ class GoalDispatcher(MissionNode):
         self._cancelled = True
         self._pause.wake()
         self.client.cancel_all()
-
-
-def _cancel_after(request: ExecutorRequest, seconds: float) -> rospy.Timer:
-    """Cancels a request after some ROS time, the time of the robot's world; returns what prevents that."""
-    return rospy.Timer(rospy.Duration(max(seconds, 1e-4)), lambda _: request.cancel(), oneshot=True)
 
 
 class MissionSM(MissionNode, MerlinSM):
@@ -222,7 +218,7 @@ class MissionSM(MissionNode, MerlinSM):
 
     def run(self) -> str:
         """Shows the machine to smach_viewer, runs it and reports its end; returns its outcome."""
-        server = show(self._label, self)
+        server = start_introspection(self._label, self)
         rospy.on_shutdown(self.cancel)  # also before the run has begun
         try:
             node_holds.offer()

@@ -1,6 +1,6 @@
 """Node `mission`: runs the mission that is named ``package.module:Class``.
 
-Exit code: 0 when the mission succeeded, 1 when it failed, 2 when it could not begin, go on or keep its
+Exit code: 0 when the mission succeeded, 1 when it failed, 2 when it could not begin, continue or keep its
 results, 130 when it was interrupted.
 """
 

@@ -27,7 +27,7 @@ INTERRUPTED = 130
 
 
 class MissionError(RuntimeError):
-    """The mission cannot begin, go on or keep its results; the text says why. Exit code CANNOT_BEGIN."""
+    """The mission cannot begin, continue or keep its results; the text says why. Exit code CANNOT_BEGIN."""
 
 
 class MissionNode(MerlinROSPlanAssistant, ABC):
@@ -98,7 +98,7 @@ def run_mission(mission_class: Type[MissionNode]) -> int:
     mission = None
     try:
         timeout = number("~startup_timeout", mission_class.startup_timeout, 1.0)
-        usual_level()  # a wrong one is told before the robot is waited for
+        usual_level()  # a wrong one is reported before the wait for the robot
         mission = _made(mission_class)
         mission.wait_for_robot(timeout)
         succeeded = mission.carry_out()

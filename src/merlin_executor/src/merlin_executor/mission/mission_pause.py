@@ -1,4 +1,4 @@
-"""Lets a mission be paused: the services ``merlin/mission/pause`` and ``merlin/mission/resume``."""
+"""Pauses and resumes a mission: the services ``merlin/mission/pause`` and ``merlin/mission/resume``."""
 
 import threading
 from typing import Callable, List
@@ -11,9 +11,9 @@ from merlin_ros.deadline import Deadline
 
 
 class MissionPause:
-    """A paused mission sends no further goal; the one under way goes on to its end.
+    """A paused mission sends no further goal; the one under way continues to its end.
 
-    Use it as a context manager around the mission: the services are there that long.
+    Use it as a context manager around the mission: the services exist that long.
 
     :param on_change: called with whether the mission is paused now, in the service's thread and in the order
         of the changes; never after the context has ended. It must not block.

@@ -39,7 +39,7 @@ class MissionProgress:
     def task(self, description: str) -> bool:
         """A next task begins.
 
-        :return: whether that is to be published now: a paused mission says so when it goes on.
+        :return: whether that is to be published now: a paused mission says so when it continues.
         """
         self._task += 1
         self._doing = description
@@ -48,7 +48,7 @@ class MissionProgress:
         return not self._paused
 
     def pause(self, paused: bool) -> None:
-        """The mission was paused, or goes on."""
+        """The mission was paused, or continues."""
         self._paused = paused
         state = MissionState.PAUSED if paused else MissionState.RUNNING
         self.now = MissionPoint(state, self._task, PAUSED_TEXT if paused else self._doing)
@@ -82,11 +82,11 @@ class PauseSwitch:
         self._over = True
 
     def set(self, paused: bool) -> Switched:
-        """The mission is to pause, or to go on."""
+        """The mission is to pause, or to continue."""
         if self._over:
             return Switched(False, "The mission has ended.")
         if self.paused == paused:
             refused = "The mission is paused already." if paused else "The mission is not paused."
             return Switched(False, refused)
         self.paused = paused
-        return Switched(True, "Paused: no further goal is sent." if paused else "The mission goes on.")
+        return Switched(True, "Paused: no further goal is sent." if paused else "The mission continues.")

@@ -26,13 +26,13 @@ class MissionReporter:
             self._publish()
 
     def task(self, description: str) -> None:
-        """A next task begins; for a paused mission that is published when it goes on."""
+        """A next task begins; for a paused mission that is published when it continues."""
         with self._lock:
             if self._progress.task(description):
                 self._publish()
 
     def paused(self, paused: bool) -> None:
-        """The mission was paused, or goes on."""
+        """The mission was paused, or continues."""
         with self._lock:
             self._progress.pause(paused)
             self._publish()

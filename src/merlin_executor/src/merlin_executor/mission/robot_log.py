@@ -19,7 +19,7 @@ class RobotLog:
 
     :param log: takes a line of what happens.
     :param on_failure: called with an action as PDDL and the reason.
-    :param robots: the namespaces of several; an empty one: the only robot has none.
+    :param robots: the namespaces of several robots; empty: one robot without a namespace.
     """
 
     def __init__(

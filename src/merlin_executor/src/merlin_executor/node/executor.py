@@ -18,7 +18,7 @@ from merlin_msgs.msg import (
     GoalQueue,
 )
 
-from merlin_executor.core.activity import Activity
+from merlin_executor.core.activity import LONGEST_REASON, Activity
 from merlin_executor.core.agenda import Agenda, Client, Decision
 from merlin_executor.core.answering import unreadable
 from merlin_executor.core.engine import Engine
@@ -33,6 +33,7 @@ from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.pause_services import PauseServices
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
+from merlin_pddl.text_reader import shortened
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.lease_holder import LeaseHolder
@@ -42,7 +43,7 @@ from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.breakpoint_service import BreakpointService
 from merlin_sm.dispatch_client import DispatchClient
-from merlin_sm.introspection import show
+from merlin_sm.introspection import start_introspection
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_sm.knowledge_text import PDDLSyntaxError
 from merlin_sm.planning_client import PlanningClient
@@ -50,6 +51,7 @@ from merlin_sm.states.planning import CALL_GRACE
 
 STATUS_WAIT = 1.0  # s of running time at start for the dispatcher's status; ROSPlan's own publish none
 CHECK_LIMIT = 5.0  # s of wall time to check the goals of a request; others wait behind it
+START_REST = 6.0  # s of running time at start for a plan to stop that is cancelled without a limit
 END_WAIT = 1.5  # s of wall time for the running request to end when the node does
 _CLIENTS = {LeaseState.SUSPENDED: Client.SILENT, LeaseState.LOST: Client.GONE}
 
@@ -81,7 +83,7 @@ class Executor:
     ) -> None:
         self._knowledge = knowledge
         self._max_replans = max_replans
-        self._told = threading.Event()  # statuses are published from now on
+        self._told = threading.Event()  # set when statuses may be published
         self._own = OwnGoals(knowledge, goals_file, LeaseHolder(f"{knowledge.name}/goals/lease"))
         self._dispatcher = DispatchClient(dispatcher, knowledge.name, cancel_deadline, self._dispatch_changed)
         self._recovery = Recovery(knowledge, self._dispatcher)
@@ -90,7 +92,7 @@ class Executor:
         self._machine = ExecutorSM(system, self._own, self._publish_status)
         self._server = ActionServer("merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner)
         self._engine: Engine[Request] = Engine(
-            self._machine, self._publish_status, self._publish_queue, self._ended
+            self._machine, self._publish_status, self._publish_queue, self._ended, self._log
         )
         self._activity = Activity()
         self._lock = threading.Lock()  # guards the field below
@@ -104,7 +106,7 @@ class Executor:
         self._recover()
         self._status_publisher = rospy.Publisher("merlin/status", ExecutorStatus, latch=True, queue_size=10)
         self._queue_publisher = rospy.Publisher("merlin/queue", GoalQueue, latch=True, queue_size=10)
-        self._introspection = show("EXECUTOR", self._machine)
+        self._introspection = start_introspection("EXECUTOR", self._machine)
         self._told.set()
         self._publish_status()
         self._publish_queue()
@@ -180,6 +182,9 @@ class Executor:
         )
 
     def _owner(self, goal: ServerGoal, state: LeaseState, reason: str) -> Optional[bool]:
+        with self._lock:
+            if goal.id in self._checks:
+                return False  # what it says of its client is not read yet; the server asks again then
         client = _CLIENTS.get(state, Client.ALIVE)
         goes_on = False
 
@@ -193,20 +198,25 @@ class Executor:
 
     @staticmethod
     def _refuse(goal: ServerGoal, reason: str) -> None:
-        verdict = unreadable(reason, goal.cancel_requested)
+        # A client may send names without end; the log, and all that listen to it, need not have them.
+        verdict = unreadable(shortened(reason, LONGEST_REASON), goal.cancel_requested)
         rospy.logwarn(f"{verdict.outcome.name}: {verdict.reason}")
         result = ExecuteResult(outcome=int(verdict.outcome), reason=verdict.reason)
         end = goal.cancelled if verdict.outcome is Outcome.CANCELLED else goal.reject
         end(result, verdict.reason)
 
-    # --- what is told -------------------------------------------------------------------------------------
+    # --- what is published ---------------------------------------------------------------------------------
 
-    def _ended(self, request: Request, verdict: Verdict, error: Optional[BaseException]) -> None:
+    def _ended(self, request: Request, verdict: Verdict) -> None:
+        self._activity.ended(request.texts, verdict)
+
+    def _log(self, request: Request, verdict: Verdict, error: Optional[BaseException]) -> None:
+        """Behind the answer: a line of a log costs half a millisecond."""
         if error is not None:
             rospy.logerr(
                 "executor: " + "".join(traceback.format_exception(type(error), error, error.__traceback__))
             )
-        rospy.loginfo(self._activity.ended(request.texts, verdict))
+        rospy.loginfo(self._activity.reason)
 
     def _publish_status(self) -> None:
         with self._publishing:
@@ -245,12 +255,12 @@ class Executor:
             message.header.stamp = rospy.Time.now()
             publish(self._queue_publisher, message)
 
-    # --- a former life ------------------------------------------------------------------------------------
+    # --- an earlier process of this node --------------------------------------------------------------------
 
     def _recover(self) -> None:
         """Ends what an Executor that was killed has left: its dispatch, its executions, its goals."""
         try:
-            trouble = self._recovery.rest(lambda interrupt: None)
+            trouble = self._recovery.rest(lambda interrupt: None, START_REST)
             if trouble:
                 rospy.logerr(f"what an earlier executor left is not settled yet: {trouble}")
             texts = self._own.remove_left()

@@ -35,7 +35,7 @@ def _start() -> None:
     )
     if not knowledge.wait(wait):
         raise StageError(
-            f"the planning system's knowledge base {knowledge.name} is not there after {wait:g} s; "
+            f"the planning system's knowledge base {knowledge.name} does not run after {wait:g} s; "
             "is it launched?"
         )
     planning.wait(wait)

@@ -78,11 +78,16 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         return self._verdict
 
     def cancel(self) -> None:
-        """Stops the run, also one that is prepared and has not begun; from any thread, never blocks."""
+        """Stops the run, also one that is prepared and has not begun; from any thread.
+
+        With several guards it waits for them, at most ``guard_client.BRAKE_WAIT``.
+        """
         request = self._request
-        if request is not None and request.course.may_move:
-            self._system.guard.brake(f"{rospy.get_name()} cancels its action")
-        super().cancel()
+        try:
+            if request is not None and request.course.may_move:
+                self._system.guard.brake(f"{rospy.get_name()} cancels its action")
+        finally:  # the brake only gains time
+            super().cancel()
 
     @property
     def request(self) -> Request:
@@ -92,7 +97,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
 
     @property
     def course(self) -> Course:
-        """Of the request that runs."""
+        """Id of the running request."""
         return self.request.course
 
     def _add_stages(self) -> None:
@@ -103,7 +108,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         system, planning = self._system, self._system.planning
         dispatch = Dispatch(system, self._own, self)
         stage("SETTLE", Settle(system.recovery, system.dispatcher), "ADD_GOALS")
-        stage("ADD_GOALS", AddGoals(system.knowledge, self._own, self), "GENERATE_PROBLEM")
+        stage("ADD_GOALS", AddGoals(system, self._own, self), "GENERATE_PROBLEM")
         stage("GENERATE_PROBLEM", GenerateProblemState(planning), "PLAN")
         stage("PLAN", PlanState(planning, lambda: self.course.without), "PARSE_PLAN")
         stage("PARSE_PLAN", ParsePlanState(planning, self._take_plan), "DISPATCH_PLAN")

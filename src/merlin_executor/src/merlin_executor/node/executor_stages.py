@@ -30,7 +30,7 @@ ALREADY_TRUE = "already_true"
 EXHAUSTED = "exhausted"
 KNOWLEDGE_BASE = "the planning system's knowledge base"
 GOALS_GONE = "its goals were removed from the knowledge base: this executor was silent, or another client did"
-LOOK_LIMIT = 2.0  # s of wall time to see whether the goals were there until the end of a dispatch
+LOOK_LIMIT = 2.0  # s of wall time to see whether the goals stayed stored until the end of a dispatch
 
 
 class PlanningSystem(NamedTuple):
@@ -45,7 +45,7 @@ class PlanningSystem(NamedTuple):
     """s of running time for a part that was ended to return."""
 
 
-class Run(Protocol):
+class RunningRequest(Protocol):
     """The request that runs, as its stages see it."""
 
     @property
@@ -65,7 +65,7 @@ def _of_knowledge_base(error: ServiceError) -> StageError:
 
 
 class Settle(PlanningState):
-    """Brings the planning system to rest: nothing is planned on what something still changes."""
+    """Waits until the planning system is idle: no plan is made on knowledge that still changes."""
 
     def __init__(self, recovery: Recovery, dispatcher: DispatchClient) -> None:
         super().__init__()
@@ -87,17 +87,19 @@ class Settle(PlanningState):
 
 
 class AddGoals(PlanningState):
-    """Adds the goals that are not there yet; ends with already_true when all of them hold."""
+    """Adds the goals that are not stored yet; ends with already_true when all of them hold."""
 
-    def __init__(self, knowledge: KnowledgeClient, own: OwnGoals, run: Run) -> None:
+    def __init__(self, system: PlanningSystem, own: OwnGoals, run: RunningRequest) -> None:
         super().__init__([ALREADY_TRUE])
-        self._knowledge = knowledge
+        self._planning = system.planning
+        self._knowledge = system.knowledge
         self._own = own
         self._run = run
 
     def run(self, userdata: Any) -> str:
         """Adds them."""
         items = self._run.request.items
+        self._planning.read_ahead()
         try:
             if not self._run.course.is_replan:
                 self._own.remove()  # what an earlier request could not remove
@@ -114,9 +116,9 @@ class AddGoals(PlanningState):
 
 
 class Dispatch(DispatchPlanState):
-    """Has the plan dispatched. A goal that the knowledge base has no more would count as achieved."""
+    """Dispatches the plan. A goal that was removed from the knowledge base would count as achieved."""
 
-    def __init__(self, system: PlanningSystem, own: OwnGoals, run: Run) -> None:
+    def __init__(self, system: PlanningSystem, own: OwnGoals, run: RunningRequest) -> None:
         super().__init__(
             system.dispatcher,
             run.take_result,
@@ -128,7 +130,7 @@ class Dispatch(DispatchPlanState):
         self._run = run
 
     def run(self, userdata: Any) -> str:
-        """Dispatches, and looks whether the goals were there until the end."""
+        """Dispatches, and checks that the goals stayed stored until the end."""
         outcome = super().run(userdata)
         if outcome != SUCCEEDED:
             return outcome
@@ -143,9 +145,9 @@ class Dispatch(DispatchPlanState):
 
 
 class Replan(PlanningState):
-    """Has the goal planned again where that may help; waits for a planning system that was ended."""
+    """Plans the goal again where that may help; waits for a planning system that was ended."""
 
-    def __init__(self, system: PlanningSystem, run: Run) -> None:
+    def __init__(self, system: PlanningSystem, run: RunningRequest) -> None:
         super().__init__([EXHAUSTED])
         self._system = system
         self._run = run
@@ -171,7 +173,7 @@ class Replan(PlanningState):
         return SUCCEEDED
 
     def _back(self, cancelled: threading.Event) -> bool:
-        """Whether all parts of the planning system are there, or return in time."""
+        """Whether all parts of the planning system run, or return in time."""
         dispatcher, wait = self._system.dispatcher, self._system.return_wait
         rospy.logwarn(f"{self.reason}; waits {wait:g} s for its return")
         part = self._system.planning.wait_back(

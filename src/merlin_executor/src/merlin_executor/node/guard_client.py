@@ -2,7 +2,7 @@
 
 import threading
 import time
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Set
 
 import rospy
 from merlin_msgs.msg import GuardStatus, RobotHost
@@ -13,9 +13,11 @@ from merlin_executor.core.standstill import STAND_WAIT, Halt, together
 from merlin_ros.deadline import Deadline
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_sm.robot_roster import RobotRoster, is_node, sender_of
 
 HALT_LIMIT = 1.0  # s of wall time for the guard to answer
 FRESH = 1.5  # s of wall time for which the word of another robot's guard counts; it sends one every 0.5 s
+BRAKE_WAIT = 0.02  # s of wall time for several guards to say that their bases are braked
 
 
 class GuardClient:
@@ -29,13 +31,15 @@ class GuardClient:
     def __init__(self, knowledge_base: str, stand_wait: float = STAND_WAIT, brakes: bool = True) -> None:
         self._stand_wait = stand_wait
         self._brakes = brakes
-        self._changed = threading.Condition()  # guards the field below, and what the guards say
+        self._roster = RobotRoster()  # of namespaces: a guard is that of a base
+        self._changed = threading.Condition()  # guards the fields below, and what the guards say
         self._guards: Dict[str, _Guard] = {}
+        self._coming: Set[str] = set()  # namespaces whose guard is being made
         self._add("")
         self._robots = rospy.Subscriber(f"{knowledge_base}/robots", RobotHost, self._meet, tcp_nodelay=True)
 
     def wait_standing(self) -> bool:
-        """Waits until the bases stand, as far as guards say.
+        """Waits until each guard reports that its base stands.
 
         :return: False when one still moves; True also without a guard.
         """
@@ -45,12 +49,20 @@ class GuardClient:
             )
 
     def brake(self, reason: str) -> None:
-        """Has the guards hold their bases while a cancel comes down to the motion goals. Never blocks."""
+        """Asks the guards to hold their bases until a cancel has reached the motion goals.
+
+        With one guard it never blocks. Several guards share the processors with the work of the cancel: they
+        come first, for at most ``BRAKE_WAIT``.
+        """
+        moving = [guard for guard in self._all() if guard.moves()] if self._brakes else []
         for guard in self._all() if self._brakes else ():
             guard.brake(reason)
+        if len(moving) > 1:
+            with self._changed:
+                self._changed.wait_for(lambda: not any(guard.moves() for guard in moving), BRAKE_WAIT)
 
     def halt(self) -> Halt:
-        """Has the guards hold their bases, and cancel all motion goals of this moment."""
+        """Asks the guards to hold their bases, and to cancel all present motion goals."""
         return together([guard.halt() for guard in self._all()])
 
     def _all(self) -> List["_Guard"]:
@@ -58,13 +70,35 @@ class GuardClient:
             return list(self._guards.values())
 
     def _meet(self, word: RobotHost) -> None:
+        if not is_node(word.node):
+            return
         namespace = word.node.rpartition("/")[0] + "/"
-        if namespace not in self._guards:
+        admission = self._roster.admit(namespace, sender_of(word), time.monotonic())
+        if admission.refusal:
+            rospy.logwarn(admission.refusal)
+        if admission.forgotten:
+            self._remove(admission.forgotten)
+        with self._changed:
+            if not admission.counts or namespace in self._guards or namespace in self._coming:
+                return
+            self._coming.add(namespace)
+        try:
             self._add(namespace)
+        finally:
+            with self._changed:
+                self._coming.discard(namespace)
 
     def _add(self, namespace: str) -> None:
+        # Without the lock: it registers at the master, which may hang.
+        guard = _Guard(namespace, self._changed)
         with self._changed:
-            self._guards[namespace] = _Guard(namespace, self._changed)
+            self._guards[namespace] = guard
+
+    def _remove(self, namespace: str) -> None:
+        with self._changed:
+            guard = self._guards.pop(namespace, None)
+        if guard is not None:
+            guard.shutdown()
 
 
 class _Guard:
@@ -86,17 +120,17 @@ class _Guard:
         )
 
     def moves(self) -> bool:
-        """Whether the base moves. The last word of a robot that is gone does not count for ever."""
+        """Whether the base moves. The last status of a robot that is gone counts for a limited time."""
         if self._status is None or (self._far and time.monotonic() - self._heard > FRESH):
             return False
         return bool(self._status.moving)
 
     def brake(self, reason: str) -> None:
-        """Has the guard hold its base for now."""
+        """Asks the guard to hold its base for now."""
         publish(self._brake, String(reason))
 
     def halt(self) -> Halt:
-        """Has the guard hold its base, and cancel what moves it."""
+        """Asks the guard to hold its base, and to cancel its motion goals."""
         if not self._halt.available():
             with self._changed:
                 known = self._status is not None
@@ -106,6 +140,12 @@ class _Guard:
         except ServiceError as error:
             return Halt(True, message=str(error))
         return Halt(True, bool(answer.success), str(answer.message))
+
+    def shutdown(self) -> None:
+        """Ends its topics."""
+        for topic in (self._brake, self._subscriber):
+            topic.unregister()
+        self._halt.close()
 
     def _receive(self, status: GuardStatus) -> None:
         with self._changed:

@@ -18,7 +18,7 @@ PARAMETER = "~added_goals"
 class OwnGoals:
     """Adds goals to the knowledge base and removes exactly those again.
 
-    A lease on ``<kb>/goals/lease`` names them while they are there: our knowledge base removes them when this
+    A lease on ``<kb>/goals/lease`` names them meanwhile: our knowledge base removes them when this
     process dies or hangs. They are noted, too, for a knowledge base that does not watch leases or dies with
     this process: on the parameter server, or in a file, which outlives the master too. Used by one thread.
 
@@ -57,7 +57,9 @@ class OwnGoals:
         try:
             self._knowledge.update([Update(ADD_GOAL, item) for item in items])
         except KnowledgeError:
-            self._ledger.answered()
+            self._ledger.refused()
+            self._hold()
+            self._note(self._ledger.texts)
             raise
         self._ledger.answered()
 
@@ -96,7 +98,7 @@ class OwnGoals:
             try:
                 self._ledger.inherit(parse_goal(text))
             except PDDLSyntaxError as error:
-                rospy.logerr(f"noted as a goal, but none: {error}")
+                rospy.logerr(f"a noted goal cannot be read: {error}")
             else:
                 texts.append(text)
         self.remove()

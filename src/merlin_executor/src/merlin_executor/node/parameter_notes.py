@@ -1,4 +1,4 @@
-"""Notes goals on the parameter server, for the next life of the process."""
+"""Notes goals on the parameter server, for the next process of this node."""
 
 from typing import List, Sequence
 
@@ -32,7 +32,7 @@ class ParameterNotes:
         self._writer.write_soon(list(texts))
 
     def read(self) -> List[str]:
-        """The goals noted last; empty when there are none.
+        """The goals noted last; empty when no goal is noted.
 
         :raises MasterSilent: the master does not answer.
         """

@@ -14,7 +14,7 @@ PAUSED_PARAM = "~paused"
 class PauseServices:
     """Serves them from its making on.
 
-    :param switch: called with whether no further request begins; at once when the last life was paused.
+    :param switch: called with whether no further request begins; at once when the last process was paused.
     """
 
     def __init__(self, switch: Callable[[bool], None]) -> None:
@@ -29,7 +29,7 @@ class PauseServices:
         ]
 
     def _pause(self, _: TriggerRequest) -> TriggerResponse:
-        return self._set(True, "Paused: no further request begins; the running one goes on.")
+        return self._set(True, "Paused: no further request begins; the running one continues.")
 
     def _resume(self, _: TriggerRequest) -> TriggerResponse:
         return self._set(False, "The next request may begin.")
@@ -38,7 +38,7 @@ class PauseServices:
         with self._lock:
             self._switch(paused)
             try:
-                # It is in effect already; a master that hangs only costs its memory of it.
+                # It is in effect already; when the master hangs, only the parameter is missing.
                 bounded_master().setParam(rospy.resolve_name(PAUSED_PARAM), paused)
             except ERRORS as error:
                 rospy.logerr(f"executor: the master does not keep the pause for a restart: {error}")

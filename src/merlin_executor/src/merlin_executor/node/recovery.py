@@ -1,18 +1,18 @@
 """Brings the planning system to rest before anything is planned: no dispatch runs, no execution is open."""
 
 import threading
-from typing import List, Optional
+from typing import Optional
 
 import rospy
 from merlin_msgs.msg import KnowledgeChanges, OpenExecution
-from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 
 from merlin_executor.core.leftovers import Leftovers
 from merlin_ros.deadline import running_time
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import MasterSilent
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.service_proxy import ServiceError
 from merlin_sm.dispatch_client import DispatchClient
+from merlin_sm.execution_journal import ExecutionJournal
 from merlin_sm.knowledge_client import KnowledgeClient
 from merlin_sm.knowledge_text import action_text
 from merlin_sm.planning_client import Interruptible
@@ -33,20 +33,20 @@ class Recovery:
     def __init__(self, knowledge: KnowledgeClient, dispatcher: DispatchClient) -> None:
         self._knowledge = knowledge
         self._dispatcher = dispatcher
-        self._list = ServiceProxy(f"{knowledge.name}/executions", ListExecutions, timeout=CALL_LIMIT)
-        self._apply = ServiceProxy(f"{knowledge.name}/apply_effects", ApplyEffects, timeout=CALL_LIMIT)
-        self._journal: Optional[bool] = None  # whether there is one; None: not known yet
+        self._journal = ExecutionJournal(knowledge.name, CALL_LIMIT)
+        self._has: Optional[bool] = None  # whether there is a journal; None: not known yet
 
-    def rest(self, interruptible: Interruptible) -> str:
+    def rest(self, interruptible: Interruptible, longest: Optional[float] = None) -> str:
         """Waits until the planning system is at rest. The interruption ends the wait.
 
+        :param longest: s of running time for a plan to stop that is cancelled without a limit; None: none.
         :return: why it is not, as a sentence; empty when it is.
         :raises ServiceError: when the journal does not answer.
         """
-        busy = self._dispatcher.free(interruptible)
+        busy = self._dispatcher.free(interruptible, longest)
         if busy or not self._has_journal():
             return busy
-        if not self._open():  # as always but after a fault
+        if not self._journal.open():  # as always but after a fault
             return ""
         woken, interrupted = threading.Event(), threading.Event()
 
@@ -73,7 +73,7 @@ class Recovery:
         why = ""
         while not interrupted.is_set() and not rospy.is_shutdown():
             woken.clear()
-            found = {execution.token: execution for execution in self._open()}
+            found = {execution.token: execution for execution in self._journal.open()}
             look = leftovers.look(running_time(), found)
             for token in look.settle:
                 why = self._interrupt(found[token])
@@ -88,26 +88,17 @@ class Recovery:
         """Settles one execution; returns why that failed."""
         rospy.logwarn(f"{_text(execution)} of {execution.owner} was left open; it is settled as interrupted")
         try:
-            answer = self._apply(
-                operator_name=execution.operator_name,
-                parameters=execution.parameters,
-                phase=ApplyEffectsRequest.INTERRUPT,
-                token=execution.token,
-            )
+            return self._journal.interrupt(execution)
         except ServiceError as error:
             return str(error)
-        return "" if answer.success else str(answer.message)
-
-    def _open(self) -> List[OpenExecution]:
-        return list(self._list().executions)
 
     def _has_journal(self) -> bool:
-        if self._journal is None:
-            there = self._list.available()
+        if self._has is None:
+            there = self._journal.available()
             if there or self._knowledge.wait(0.0):  # a knowledge base that is gone says nothing about it
-                self._journal = there
+                self._has = there
             return there
-        return self._journal
+        return self._has
 
 
 def _text(execution: OpenExecution) -> str:

@@ -34,6 +34,7 @@ class Request(Job):
             wanted.priority,
             resumes=wanted.on_interrupt == ExecuteGoal.RESUME,
             goes_on=wanted.on_client_lost == ExecuteGoal.GO_ON,
+            sender=goal.sender,
         )
         self.goal = goal
         tokens = [len(side.tokens) for item in wanted.items for side in (item.ineq.LHS, item.ineq.RHS)]
@@ -72,7 +73,7 @@ class Request(Job):
         return verbs[answer_for(verdict.outcome, accepted)](self._result(verdict), verdict.reason)
 
     def queued_goal(self) -> QueuedGoal:
-        """How it stands in the queue."""
+        """Its state in the queue."""
         return QueuedGoal(
             request=self.goal.id,
             goals=self.texts,

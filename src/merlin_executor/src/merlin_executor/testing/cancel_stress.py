@@ -7,7 +7,7 @@ shows the effect.
 import random
 import threading
 import time
-from typing import Callable, List, NamedTuple, Optional, Sequence
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
@@ -18,30 +18,12 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient
 from merlin_executor.testing.idle_rules import IdleRobot, violations
+from merlin_executor.testing.stress_cycles import CycleTimes, Violation
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.navigation import POINTS_PARAM
 
 LIMIT = 60.0  # s for anything to happen; exceeding it is a violation
 CANCEL_ACTION = "cancel_action"
-
-
-class CycleTimes(NamedTuple):
-    """Latencies of one cycle, ms; None where the cycle had nothing of the kind."""
-
-    stop: Optional[float]
-    """Cancel → first zero velocity command; only when the robot was driving."""
-    idle: Optional[float]
-    """Cancel → the Executor is ready for the next goal; None when it was so before."""
-    dispatch: Optional[float]
-    """Goal sent → its first action dispatched; None when it was cancelled before."""
-    urgent: Optional[float]
-    """Urgent request → its first action dispatched."""
-    stage: str
-    """Of the Executor at the moment of the cancel."""
-
-
-class Violation(AssertionError):
-    """Something that must not happen did; the text says what and in which cycle."""
 
 
 class CancelStress:
@@ -128,7 +110,7 @@ class CancelStress:
             idle = (self._idle_at - begin) * 1e3 if self._idle_at >= begin else None
         return CycleTimes(stop, idle, dispatch, urgent_ms, stage)
 
-    def _interrupt(self, present: str) -> tuple:
+    def _interrupt(self, present: str) -> Tuple[ExecutorRequest, Optional[float]]:
         others = [goal for goal in self._goals if goal != present] or self._goals
         goal = self._random.choice(others)
         self._knowledge.remove_facts(goal)

@@ -3,8 +3,8 @@
 import math
 from typing import Iterator, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+#: m within which the robot is at a point of interest.
 NEAR = 0.5
-"""m within which the robot is at a point of interest."""
 
 
 class IdleRobot(NamedTuple):

@@ -1,18 +1,12 @@
 """Threads and memory of the nodes on a master."""
 
 import xmlrpc.client
-from pathlib import Path
-from typing import Any, Dict, NamedTuple
+from typing import Any, Dict
 
 import rosgraph
 import rosnode
 
-
-class Usage(NamedTuple):
-    """What a node's process holds."""
-
-    threads: int
-    memory_mb: float
+from merlin_executor.testing.process_status import Usage, usage_of
 
 
 def usage_of_nodes() -> Dict[str, Usage]:
@@ -23,10 +17,7 @@ def usage_of_nodes() -> Dict[str, Usage]:
         try:
             uri = master.lookupNode(name)
             answer: Any = xmlrpc.client.ServerProxy(uri).getPid("/process_usage")
-            lines = Path(f"/proc/{answer[2]}/status").read_text().splitlines()
+            usage[name] = usage_of(answer[2])
         except (OSError, rosgraph.MasterException, xmlrpc.client.Error):
             continue
-        fields = dict(line.split(":", 1) for line in lines if ":" in line)
-        memory = float(fields.get("VmRSS", "0").split()[0]) / 1024
-        usage[name] = Usage(int(fields["Threads"]), memory)
     return usage

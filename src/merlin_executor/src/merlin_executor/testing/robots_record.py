@@ -1,4 +1,5 @@
-"""What the robots of one plan were seen to do, and what contradicts it. Without ROS. Not thread-safe."""
+"""Records what the robots of one plan do, and finds contradictions in the knowledge. Without ROS.
+Not thread-safe."""
 
 from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set
 
@@ -48,7 +49,7 @@ class RobotsRecord:
     def rest(self, at: float) -> None:
         """No robot may move from now on.
 
-        :param at: s of ROS time; a goal that was sent before may still be heard of.
+        :param at: s of ROS time; messages about an earlier goal may still come.
         """
         self._planned = False
         self._rested = at
@@ -88,7 +89,7 @@ class RobotsRecord:
 
     @property
     def restless(self) -> List[str]:
-        """What still goes on, in words."""
+        """The actions that still run, in words."""
         found = [f"{action} runs" for action in self._running]
         for robot, seen in self._robots.items():
             found += [f"the base of {robot} has a goal"] if seen.driving else []
@@ -96,7 +97,7 @@ class RobotsRecord:
         return found
 
     def contradictions(self, positions: Mapping[str, Sequence[str]], visited: Sequence[str]) -> Iterator[str]:
-        """What the knowledge says and is not so, while nothing goes on.
+        """Statements of the knowledge that are false, while no action runs.
 
         :param positions: robot -> the places where the knowledge says that it is.
         :param visited: places that a robot is said to have been to since :meth:`begin`.

@@ -9,7 +9,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Set
+from typing import Any, Callable, Dict, List, Sequence, Set
 from xmlrpc.client import ServerProxy
 
 import rosgraph
@@ -22,37 +22,13 @@ from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseActionResult
 from std_srvs.srv import SetBool
 
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
-from merlin_executor.testing.cancel_stress import Violation
 from merlin_executor.testing.robots_record import ANYWHERE, RobotsRecord
+from merlin_executor.testing.stress_cycles import Cycle, Violation, arguments_of, draw, places_of, twice
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.navigation import POINTS_PARAM
 
 LIMIT = 60.0  # s for anything to happen; exceeding it is a violation
 DISPATCHER = "rosplan_plan_dispatcher"
-
-
-class Cycle(NamedTuple):
-    """What was done in one cycle; the same for the same seed."""
-
-    goals: Sequence[str]
-    pauses: Sequence[float]
-    """s of wall time before the robot leaves, and before the cancel."""
-    victim: str
-    """Robot that leaves; empty: none does."""
-    how: str
-    """``kill``, ``stop`` (its host hangs) or ``out`` (its operator takes it out)."""
-    cancel: bool
-
-
-def draw(chance: random.Random, robots: Sequence[str], places: Sequence[str], longest: float) -> Cycle:
-    """The next cycle.
-
-    :param longest: s between two events at the most.
-    """
-    goals = chance.sample(list(places), chance.randint(1, min(3, len(places))))
-    pauses = [chance.uniform(0.0, chance.choice((0.1, longest))) for _ in range(2)]
-    how = chance.choice(("kill", "stop", "out", "out", "", "", "", ""))
-    return Cycle(goals, pauses, chance.choice(list(robots)) if how else "", how, chance.random() < 0.9)
 
 
 class RobotsStress:
@@ -83,7 +59,7 @@ class RobotsStress:
         self._record = RobotsRecord(robots)
         self._idle = False
         self.done: Counter[str] = Counter()
-        """How often what was done."""
+        """Counts of events and outcomes."""
         self._knowledge = MerlinROSPlanAssistant()
         self._executions = rospy.ServiceProxy("rosplan_knowledge_base/executions", ListExecutions)
         self._client = MerlinExecutorClient()
@@ -160,12 +136,12 @@ class RobotsStress:
         self._until("an idle executor", lambda: [] if self._idle else ["it is busy"])
         self._until("the end of everything", lambda: self._record.restless)
         with self._changed:
-            self._record.rest(rospy.get_time())  # also when a host that hung goes on
+            self._record.rest(rospy.get_time())  # also when a host that hung continues
         back()
         self._check()
 
     def _let_leave(self, cycle: Cycle) -> Callable[[], None]:
-        """Lets a robot leave; returns what brings it back, which its launch does when it was killed."""
+        """Makes a robot leave; returns a function that brings it back (after a kill, its launch does)."""
         if cycle.how:
             self.done[cycle.how] += 1
         if cycle.how == "out":
@@ -204,9 +180,9 @@ class RobotsStress:
 
     def _look_at_executions(self) -> None:
         robots = [execution.parameters[0].value for execution in self._executions("").executions]
-        twice = [robot for robot in set(robots) if robots.count(robot) > 1]
-        if twice:
-            raise Violation(f"two executions are open on {', '.join(twice)}")
+        doubled = twice(robots)
+        if doubled:
+            raise Violation(f"two executions are open on {', '.join(doubled)}")
 
     def _check(self) -> None:
         """Everything is as the knowledge says, and the robots come back."""
@@ -218,10 +194,7 @@ class RobotsStress:
             raise Violation("; ".join(wrong))
 
     def _contradictions(self) -> List[str]:
-        positions: Dict[str, List[str]] = {}
-        for fact in self._knowledge.facts("robot_at"):
-            _, robot, place = fact.strip("()").split()
-            positions.setdefault(robot, []).append(place)
+        positions = places_of(self._knowledge.facts("robot_at"))
         visited = self._visited()
         found = [f"{execution.operator_name} is open" for execution in self._executions("").executions]
         found += [f"the goal {goal} is left" for goal in self._knowledge.goals()]
@@ -229,11 +202,11 @@ class RobotsStress:
             return [*found, *self._record.contradictions(positions, visited)]
 
     def _visited(self) -> List[str]:
-        return [fact.strip("()").split()[1] for fact in self._knowledge.facts("visited")]
+        return arguments_of(self._knowledge.facts("visited"))
 
     def _missing(self) -> List[str]:
         """Robots that take no actions as the knowledge says, or whose host was killed and is not back."""
-        there = {fact.strip("()").split()[1] for fact in self._knowledge.facts("available")}
+        there = set(arguments_of(self._knowledge.facts("available")))
         with self._changed:
             there &= {robot for robot, life in self._lives.items() if life not in self._killed}
         return sorted(set(self._robots) - there)

@@ -11,6 +11,7 @@ from merlin_executor.resending import END
 from merlin_experiment.mission.measured_mission import MissionStopped, RequestEnding
 from merlin_experiment.records.trajectory import Trajectory
 from merlin_ros.deadline import Deadline
+from merlin_ros.ros_alarm import call_after
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 #: Running time within which the Executor is idle after it has answered, s.
@@ -74,8 +75,7 @@ class ExecutorRobot(MerlinROSPlanAssistant):
 
     def call_after(self, seconds: float, action: Callable[[], None]) -> Callable[[], None]:
         """Calls a function after some ROS time, in a thread of its own; returns what prevents that."""
-        timer = rospy.Timer(rospy.Duration(seconds), lambda _: action(), oneshot=True)
-        return timer.shutdown
+        return call_after(seconds, action, "measured mission").shutdown
 
     def wait_idle(self) -> None:
         """Waits until the Executor says that it is idle.

@@ -2,13 +2,15 @@
 
 import math
 import threading
-from typing import Any, Callable, List, Tuple
+from typing import TYPE_CHECKING, Any, Callable, List, Tuple
 
-import numpy as np
 import rospy
 from nav_msgs.msg import OccupancyGrid, Odometry
 
 from merlin_experiment.records.trajectory import Sample, Trajectory
+
+if TYPE_CHECKING:
+    import numpy as np
 
 #: Occupancy (%) from which a cell counts as an obstacle.
 OCCUPIED = 50
@@ -56,8 +58,10 @@ def receive_one(topic: str, message_class: Any, timeout: float) -> Any:
     return messages[0] if messages else None
 
 
-def grid_of(message: OccupancyGrid) -> Tuple[np.ndarray, float, Tuple[float, float]]:
+def grid_of(message: OccupancyGrid) -> Tuple["np.ndarray", float, Tuple[float, float]]:
     """The cells that are obstacles or unknown (row = y, column = x), the resolution and the origin (m)."""
+    import numpy as np  # wanted with the results only: the start does not wait for it
+
     cells = np.asarray(message.data, dtype=np.int8).reshape(message.info.height, message.info.width)
     origin = message.info.origin.position
     return (cells < 0) | (cells >= OCCUPIED), message.info.resolution, (origin.x, origin.y)

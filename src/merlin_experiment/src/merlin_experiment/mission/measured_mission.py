@@ -67,7 +67,7 @@ class MissionRobot(Protocol):
 
 
 class MissionStopped(Exception):
-    """The mission cannot go on; the text says why."""
+    """The mission cannot continue; the text says why."""
 
 
 class MeasuredMission:

@@ -1,7 +1,7 @@
-"""Node `mission`: runs one of the paper's missions and writes what came of it.
+"""Node `mission`: runs one of the paper's missions and writes its results.
 
 Exit code: 0 when every task ended as the list says, 1 when one did not, 2 when the mission could not begin or
-go on, 130 when it was interrupted.
+continue, 130 when it was interrupted.
 """
 
 import math
@@ -25,11 +25,9 @@ from merlin_experiment.mission.measured_mission import MeasuredMission, MissionS
 from merlin_experiment.mission.mission_settings import MissionSettings
 from merlin_experiment.mission.progress_view import ProgressView, closing_lines, ended_line, live_line
 from merlin_experiment.mission.real_time_factor import ARRIVAL_AHEAD, CANCEL_AHEAD, RealTimeFactor
-from merlin_experiment.mission.speech_length import SpeechLengthError, speech_length
 from merlin_experiment.records.result_files import write_run
 from merlin_experiment.records.task_record import RunRecord, TaskRecord
 from merlin_experiment.records.trajectory import Sample, Trajectory
-from merlin_experiment.records.versions import versions
 from merlin_ros.node import init_node
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import KnowledgeError
@@ -104,11 +102,11 @@ class MeasuredMissionNode(MissionNode):
     def carry_out(self) -> bool:
         """Runs the mission and writes its results; True when every task ended as the list says.
 
-        :raises MissionError: when the mission could not go on.
+        :raises MissionError: when the mission could not continue.
         """
         settings = self._settings
         rospy.on_shutdown(self._stop)
-        run = RunRecord(settings.columns(), self._mission.records, versions=versions())
+        run = RunRecord(settings.columns(), self._mission.records)
         self._view.line(self._headline())
         if settings.policy == "adaptive":
             self._speech = self._length_of_question()
@@ -133,11 +131,15 @@ class MeasuredMissionNode(MissionNode):
         self._pause.wake()
 
     def _write(self, run: RunRecord) -> None:
+        # What it imports is not wanted before: the first goal does not wait for it.
+        from merlin_experiment.records.versions import versions
+
         start, grid = self._mission.start, None if run.ended == "interrupted" else self._grid
         assert start is not None
         if grid is not None:
             self._trajectory.wait_until(rospy.get_time() + AFTERWARDS, SETTLE)
         self._mission.measure_stops()
+        run.versions = versions()
         if grid is not None:
             # matplotlib and SciPy take seconds to import: neither a start nor an interruption waits for them.
             from merlin_experiment.mission.mission_results import MissionResults
@@ -195,6 +197,9 @@ class MeasuredMissionNode(MissionNode):
             self.reporter.task(f"check {record.task.poi}")
 
     def _length_of_question(self) -> float:
+        # It imports numpy, which the other policy does without.
+        from merlin_experiment.mission.speech_length import SpeechLengthError, speech_length
+
         try:
             return self._settings.speech_length or speech_length()
         except SpeechLengthError:

@@ -4,7 +4,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Iterable, List, Optional, Sequence, TextIO
+from typing import Iterable, List, Optional, Sequence
 
 from merlin_experiment.records.task_record import RunRecord, TaskRecord, efficiency, total
 
@@ -13,12 +13,11 @@ REFRESH = 0.25
 
 
 class ProgressView:
-    """Writes to a stream; safe for several threads."""
+    """Writes to standard output; safe for several threads."""
 
-    def __init__(self, stream: Optional[TextIO] = None) -> None:
-        self._stream = stream or sys.stdout
-        self._terminal = self._stream.isatty()
-        self._lock = threading.Lock()  # guards the stream and the fields below
+    def __init__(self) -> None:
+        self._terminal = sys.stdout.isatty()
+        self._lock = threading.Lock()  # guards standard output and the fields below
         self._shown = ""
         self._refreshed = 0.0
 
@@ -28,20 +27,20 @@ class ProgressView:
             if not self._terminal:
                 if now and text != self._shown:
                     self._shown = text
-                    print(text, file=self._stream, flush=True)
+                    print(text, flush=True)
                 return
             moment = time.monotonic()
             if text == self._shown or (not now and moment - self._refreshed < REFRESH):
                 return
             self._shown, self._refreshed = text, moment
-            print(f"\r\x1b[K{text}", end="", file=self._stream, flush=True)
+            print(f"\r\x1b[K{text}", end="", flush=True)
 
     def line(self, text: str) -> None:
         """Writes a line that stays."""
         with self._lock:
             start = "\r\x1b[K" if self._terminal and self._shown else ""
             self._shown = ""
-            print(f"{start}{text}", file=self._stream, flush=True)
+            print(f"{start}{text}", flush=True)
 
 
 def task_head(record: TaskRecord, count: int) -> str:

@@ -1,23 +1,26 @@
 """How fast the simulation runs during a mission.
 
 Thinking takes wall time, so a simulation at factor 5 makes it look five times as long. Under the `adaptive`
-policy the factor is 1 whenever the robot waits for software: from a goal until a second after its first
-action was dispatched (the path has been planned by then), from shortly before the robot arrives until a
-second after the next dispatch (the question has been synthesised), from shortly before the question ends, and
-from a second before a cancel until the Executor is idle. Otherwise it is the requested one, as far as the
-machine keeps up with it: one that does not is lowered, because a simulation that outruns its robot distorts
-what the robot does.
+policy the factor is 1 whenever the robot waits for software:
+
+- from a goal until a second after its first dispatch (the path has been planned by then);
+- from shortly before the robot arrives until a second after the next dispatch (the question is synthesised);
+- from shortly before the question ends;
+- from a second before a cancel until the Executor is idle.
+
+Otherwise the factor is the requested one. It is lowered on a machine that cannot keep up: a simulation
+that outruns its robot distorts the results.
 """
 
 import threading
 from typing import Callable
 
 POLICIES = ("constant", "adaptive")
-#: ROS time before a cancel from which on the factor is 1, s.
+#: ROS time before a cancel from when the factor is 1, s.
 CANCEL_AHEAD = 1.0
-#: Distance to the point of interest from which on the factor is 1, m.
+#: Distance to the point of interest from when the factor is 1, m.
 ARRIVAL_AHEAD = 0.5
-#: ROS time before the end of the question from which on the factor is 1, s.
+#: ROS time before the end of the question from when the factor is 1, s.
 SPEECH_AHEAD = 0.7
 #: ROS time after a dispatch in which the factor is 1, s.
 REACTION = 1.0
@@ -31,7 +34,7 @@ CallAfter = Callable[[float, Callable[[], None]], Callable[[], None]]
 
 
 class RealTimeFactor:
-    """Sets the simulator's factor at the moments of a task; any thread may tell of them.
+    """Sets the simulator's factor at the moments of a task; any thread may call it.
 
     :ivar lowest: the lowest factor that the machine forced upon the fast parts of the mission.
     """
@@ -49,7 +52,7 @@ class RealTimeFactor:
         if policy not in POLICIES:
             raise ValueError(f"rtf_policy '{policy}' is not one of {', '.join(POLICIES)}")
         if not 0.0 <= factor < float("inf"):
-            raise ValueError(f"a real-time factor of {factor} is none; give 0 (fast) or more")
+            raise ValueError(f"a real-time factor of {factor} is not allowed; give 0 (fast) or more")
         self.lowest = factor
         self._adaptive = policy == "adaptive" and factor != 1.0
         self._factor = factor

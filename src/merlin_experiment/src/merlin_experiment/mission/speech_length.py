@@ -8,12 +8,12 @@ class SpeechLengthError(RuntimeError):
     """The length cannot be measured; the text says why and what to do."""
 
 
-def speech_length(text: str = QUESTION) -> float:
-    """Length of a sentence, s, measured on the sound that the simulated robot plays.
+def speech_length() -> float:
+    """Length of the question, s, measured on the sound that the simulated robot plays.
 
     :raises SpeechLengthError: it cannot be synthesised.
     """
     try:
-        return SpeechSynthesizer().say(text).duration
+        return SpeechSynthesizer().say(QUESTION).duration
     except SoundError as error:
         raise SpeechLengthError(f"{error}; or set ~speech_length") from error

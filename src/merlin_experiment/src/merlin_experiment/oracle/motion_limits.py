@@ -10,7 +10,7 @@ from typing import Tuple
 
 
 @dataclass(frozen=True)
-class Profile:
+class SpeedProfile:
     """Fastest motion from rest to rest.
 
     :ivar way: length, m or rad.
@@ -72,13 +72,13 @@ class MotionLimits:
     turn_acceleration: float = 2.0
     radius: float = 0.25
 
-    def drive(self, distance: float) -> Profile:
+    def drive(self, distance: float) -> SpeedProfile:
         """The fastest straight drive of a distance (m)."""
-        return Profile(distance, self.speed, self.acceleration)
+        return SpeedProfile(distance, self.speed, self.acceleration)
 
-    def turn(self, angle: float) -> Profile:
+    def turn(self, angle: float) -> SpeedProfile:
         """The fastest turn on the spot by an angle (rad, either direction)."""
-        return Profile(abs(angle), self.turn_rate, self.turn_acceleration)
+        return SpeedProfile(abs(angle), self.turn_rate, self.turn_acceleration)
 
     def set_off(self, angle: float, distance: float, motion: Tuple[float, float] = (0.0, 0.0)) -> "SetOff":
         """The fastest drive of a distance (m) in a direction that is off the heading by an angle (rad).

@@ -60,7 +60,7 @@ class Oracle:
         :param cancel_after: when the task is cancelled, s after sending; infinite: never.
         :param motion: speed (m/s) and turning speed (rad/s) that it still has there; a robot sent on while it
             brakes does not begin from rest.
-        :raises NoPathError: there is no way.
+        :raises NoPathError: when no path exists.
         """
         route = self._paths.path(start, goal)
         length = max(0.0, route.length - self._tolerance)

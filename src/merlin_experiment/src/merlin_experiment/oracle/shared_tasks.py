@@ -39,7 +39,7 @@ class SharedTasks:
 
         :param robots: where they are; one or more.
         :param points: where the tasks are, frame map, m.
-        :raises NoPathError: there is no way.
+        :raises NoPathError: when no path exists.
         """
         first = {
             (robot, point): self._oracle.task((robot.x, robot.y), robot.yaw, point).time

@@ -36,7 +36,7 @@ class Route(NamedTuple):
 
     @property
     def direction(self) -> float:
-        """In which it sets off, rad; 0 for one of no length."""
+        """The heading of its first segment, rad; 0 for a path without length."""
         (x, y) = self.points[0]
         for next_x, next_y in self.points[1:]:
             if math.hypot(next_x - x, next_y - y) > 1e-6:
@@ -87,7 +87,7 @@ class ShortestPaths:
 
         :param start: m.
         :param goal: m.
-        :raises NoPathError: there is none.
+        :raises NoPathError: when no path exists.
         """
         begin, end = (
             self._outside(np.asarray(start, dtype=float)),
@@ -134,7 +134,7 @@ class ShortestPaths:
             both = np.concatenate([here, here + size])
             rows_of.append(np.full(len(both), source if circle == count else target))
             columns_of.append(both)
-            weights.append(np.full(len(both), 1e-12))  # an edge of no weight is none to the library
+            weights.append(np.full(len(both), 1e-12))  # the library drops edges of weight zero
         graph = coo_matrix(
             (np.maximum(np.concatenate(weights), 1e-12), (np.concatenate(rows), np.concatenate(columns))),
             shape=(2 * size + 2, 2 * size + 2),

@@ -135,7 +135,7 @@ class TaskRecord:
 
     @property
     def deliberating(self) -> float:
-        """From sending to the first action, s; all of it when there was none."""
+        """From sending to the first action, s; the whole task when no action began."""
         return (self.idle if self.first_dispatch is None else self.first_dispatch) - self.sent
 
     @property

@@ -48,12 +48,10 @@ class Trajectory:
             self._ways.append(way)
             self._changed.notify_all()
 
-    def samples(self, start: float = -math.inf, end: float = math.inf) -> List[Sample]:
-        """The samples of a span of time, both ends included."""
+    def samples(self, start: float) -> List[Sample]:
+        """The samples at and after a time."""
         with self._changed:
-            return self._samples[
-                bisect.bisect_left(self._times, start) : bisect.bisect_right(self._times, end)
-            ]
+            return self._samples[bisect.bisect_left(self._times, start) :]
 
     def last(self) -> Optional[Sample]:
         """The newest sample; None: none yet."""

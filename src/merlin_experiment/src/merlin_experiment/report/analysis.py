@@ -28,7 +28,7 @@ class Analysis:
         return sorted({int(row["mission"]) for row in self.runs})
 
     def summaries(self, column: str) -> Dict[Key, Summary]:
-        """Of a column of the runs, by mission and approach; runs without a value are left out."""
+        """Values of a column of the runs, by mission and approach; runs without a value are left out."""
         values: Dict[Key, List[float]] = defaultdict(list)
         for row in self.runs:
             if row[column] is not None:

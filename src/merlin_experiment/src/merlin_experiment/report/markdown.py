@@ -21,7 +21,7 @@ def section(title: str, *parts: str) -> str:
 
 
 def number(value: Optional[float], decimals: int) -> str:
-    """A number; a dash where there is none."""
+    """A number; a dash for None."""
     return "-" if value is None else f"{value:.{decimals}f}"
 
 

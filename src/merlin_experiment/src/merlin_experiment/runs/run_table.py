@@ -14,7 +14,7 @@ Row = Dict[str, Any]
 def read_table(path: Path) -> List[Row]:
     """Rows of a table; numbers as float, empty cells as None.
 
-    :raises OSError: there is no such file.
+    :raises OSError: when the file does not exist.
     """
     with path.open(newline="") as file:
         return [{name: _value(text) for name, text in row.items()} for row in csv.DictReader(file)]

@@ -12,7 +12,6 @@ from merlin_fleet.certified import Tls
 from merlin_fleet.commands import forget_command, keep_command
 from merlin_fleet.core.auction import unsuited
 from merlin_fleet.core.records import Goal, Profile, Report
-from merlin_fleet.core.view import GoalState
 from merlin_fleet.fleet_client import ACHIEVED, DEFAULT_FLEET, OVER, FleetClient, FleetError
 from merlin_fleet.fleet_request import FleetRequest, GoalNews
 from merlin_fleet.hub import DEFAULT_ENDPOINT
@@ -24,7 +23,7 @@ LIMIT = 10.0  # s for the hub to answer
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Does what is asked; returns the exit code: 0, 1 not achieved, 2 a mistake, 130 after Ctrl-C."""
+    """Runs the command; returns the exit code: 0, 1 not achieved, 2 a mistake, 130 after Ctrl-C."""
     given = _parser().parse_args(arguments)
     client = None
     try:
@@ -106,7 +105,7 @@ def _add_page(page: argparse.ArgumentParser) -> None:
         type=_file,
         metavar="FILE",
         default=Path("~/.ros/merlin/operators.yaml").expanduser(),
-        help="of those who may send and cancel goals (%(default)s); none: the page only shows",
+        help="of the operators that may send and cancel goals (%(default)s); without it the page only shows",
     )
     page.add_argument(
         "--allowed-host", action="append", default=[], metavar="NAME", help="further name of the page"
@@ -134,7 +133,10 @@ def _port(text: str) -> int:
 
 
 def _number(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"{text} is not a number")
     return value
@@ -143,7 +145,7 @@ def _number(text: str) -> float:
 def _seconds(text: str) -> float:
     value = _number(text)
     if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"{text} is not a time to come")
+        raise argparse.ArgumentTypeError(f"{text} is not a time in the future")
     return value
 
 
@@ -179,9 +181,7 @@ def _list(client: FleetClient, _: argparse.Namespace) -> int:
     for news in client.goals():
         print(f"{news.goal.id}  {words(news)}  {' '.join(news.goal.goals)}")
     for robot, joined in client.robots():
-        print(
-            f"robot {robot.name}  {'joined' if joined else f'not joined, last heard of at {_moment(robot)}'}"
-        )
+        print(f"robot {robot.name}  {'joined' if joined else f'not joined, last seen at {_moment(robot)}'}")
     return 0
 
 
@@ -189,7 +189,7 @@ def _facts(client: FleetClient, _: argparse.Namespace) -> int:
     robots = {robot.name: robot for robot, _ in client.robots()}
     for known, current in client.facts():
         robot = robots.get(known.robot)
-        old = f"old: last heard of at {_moment(robot)}" if robot else "old"
+        old = f"old: last seen at {_moment(robot)}" if robot else "old"
         print(f"{known.predicate} of {known.robot}, version {known.version}  {'current' if current else old}")
         for arguments in known.facts:
             print(f"  ({' '.join([known.predicate, *arguments.split()])})")
@@ -242,7 +242,8 @@ def words(news: GoalNews) -> str:
     if news.owner:
         return f"{news.state.value} by {news.owner}"
     why = "; ".join(f"{robot}: {reason}" for robot, reason in sorted(news.refusals.items()))
-    return f"{GoalState.OPEN.value} ({why})" if why else news.state.value
+    state = f"{news.state.value}, {news.hopeless}" if news.hopeless else news.state.value
+    return f"{state} ({why})" if why else state
 
 
 def _end_words(report: Report) -> str:

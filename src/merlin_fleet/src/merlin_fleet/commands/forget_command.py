@@ -5,8 +5,8 @@ import sys
 import time
 from typing import Iterable
 
-from merlin_fleet.core.forgetting import Leavings
 from merlin_fleet.fleet_client import FleetClient, FleetError
+from merlin_fleet.forgetting import Leavings
 
 VOUCH = "never-comes-back"
 
@@ -30,7 +30,7 @@ def forget(client: FleetClient, given: argparse.Namespace) -> int:
     if left.joined:
         raise FleetError(f"the robot '{left.robot}' is in the fleet '{client.fleet}'; nothing was removed")
     if not left.known:
-        raise FleetError(f"no robot '{left.robot}' was ever heard of in the fleet '{client.fleet}'")
+        raise FleetError(f"no robot '{left.robot}' has ever joined the fleet '{client.fleet}'")
     if left.owned and not given.never_comes_back:
         raise FleetError(
             f"{left.robot} owns goals to finish, and may still execute them: {_list(left.owned)}. "
@@ -52,7 +52,7 @@ def forget(client: FleetClient, given: argparse.Namespace) -> int:
 
 def _removed(left: Leavings) -> Iterable[str]:
     heard = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(left.heard)) if left.heard else "not known when"
-    yield f"{left.robot} is forgotten (last heard of: {heard})"
+    yield f"{left.robot} is forgotten (last seen: {heard})"
     opened = [goal for goal in left.owned if goal not in left.cancelled]
     if opened:
         yield f"open again: {_list(opened)}"

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--hours", type=_amount, default=KEPT.hours, help="kept after a goal's end (%(default)g); 0: any time"
     )
     parser.add_argument(
-        "--goals", type=_amount, default=KEPT.goals, help="the last ones kept (%(default)d); 0: any number"
+        "--goals", type=_count, default=KEPT.goals, help="the last ones kept (%(default)d); 0: any number"
     )
 
 
@@ -32,7 +32,7 @@ def keep(client: FleetClient, given: argparse.Namespace) -> int:
     """
     if not (given.hours or given.goals):
         raise FleetError("with --hours 0 and --goals 0 every goal is kept")
-    keeper = Keeper(KEPT._replace(hours=given.hours, goals=int(given.goals)))
+    keeper = Keeper(KEPT._replace(hours=given.hours, goals=given.goals))
     said = ""
     try:
         with _signals() as signals:
@@ -65,9 +65,15 @@ def _signals() -> Iterator[int]:
 
 
 def _pause(signals: int, seconds: float) -> None:
-    """It is time alone that makes a goal old."""
+    """Waits for a time or a signal: goals get old without an event."""
     if select.select([signals], [], [], seconds)[0]:
         os.read(signals, 64)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 0 on")
+    return int(text)
 
 
 def _amount(text: str) -> float:

@@ -24,7 +24,7 @@ TIMEOUT = 20.0  # s for each answer of etcd, which writes all of this to its dis
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Does what is asked; returns the exit code: 0, 2 for a mistake or no hub."""
+    """Runs the command; returns the exit code: 0, 2 for a mistake or no hub."""
     given = _parser().parse_args(arguments)
     try:
         given.do(given)
@@ -79,7 +79,7 @@ def _allow(given: argparse.Namespace) -> None:
 def _remove(given: argparse.Namespace) -> None:
     with _roles(given) as roles:
         roles.remove(given.name)
-    print(f"{given.name} has no rights any more")
+    print(f"{given.name} no longer has rights")
 
 
 class _roles:

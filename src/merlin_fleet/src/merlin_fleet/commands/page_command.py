@@ -1,6 +1,7 @@
 """`rosrun merlin_fleet fleet page`: serves the fleet's page until Ctrl-C."""
 
 import argparse
+import re
 import sys
 from pathlib import Path
 
@@ -25,7 +26,9 @@ def serve(client: FleetClient, given: argparse.Namespace) -> int:
     try:
         _serve(client, given)
     except (ServerError, OperatorsError, TlsError, ValueError) as error:
-        raise FleetError(str(error)) from error
+        # The monitor names arguments of its launch file; those of this command are options.
+        text = re.sub(r"\b(certificate|key):=", r"page-\1:=", str(error))
+        raise FleetError(re.sub(r"\b([a-z-]+):=", r"--\1 ", text)) from error
     return 0
 
 

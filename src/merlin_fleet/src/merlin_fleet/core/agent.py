@@ -11,6 +11,8 @@ from merlin_fleet.core import records
 from merlin_fleet.core.auction import AuctionTimes
 from merlin_fleet.core.bidding import Bidding
 from merlin_fleet.core.cleaning import FORGET, REMOVE, Cleaning
+from merlin_fleet.core.clock import CLOCK_MARGIN, ClockCheck
+from merlin_fleet.core.lag import Lag
 from merlin_fleet.core.possession import Possession
 from merlin_fleet.core.records import Claim, Keys, Profile
 from merlin_fleet.core.reporting import Outbox, Reporting
@@ -20,9 +22,13 @@ from merlin_fleet.core.store import Compare, Put, Txn, TxnResult, Unwritten
 from merlin_fleet.core.tenure import LeaseTimes, Tenure
 from merlin_fleet.core.view import FleetView
 
+#: Transactions that write keys which robots follow.
+FOLLOWED = ("life", "bids", "claim", "report", "missed")
+REPLACED = "the hub is another one, or was put back from a backup: what it does not have any more is gone"
+
 
 class Rules(NamedTuple):
-    """How an agent behaves."""
+    """Settings of an agent."""
 
     lease: LeaseTimes = LeaseTimes()
     auction: AuctionTimes = AuctionTimes()
@@ -35,7 +41,7 @@ class Rules(NamedTuple):
     ask_again: float = 10.0
     """s after which a cost is asked again: battery, Executor and knowledge may have changed."""
     heard_every: float = 10.0
-    """s between its signs of life, which tell others since when it was not heard of."""
+    """s between its signs of life, from which others know since when it is silent."""
     gather: float = 0.2
     """s for which bids wait for the costs that were asked for, to be written together."""
     gather_changes: float = 0.1
@@ -46,7 +52,11 @@ class Rules(NamedTuple):
     """s: a fact that may be older is not planned with in silence."""
     keep: Retention = Retention()
     clean_every: float = 60.0
-    """s between two looks at what is not kept any more."""
+    """s between two looks at what is no longer kept."""
+    clock_margin: float = CLOCK_MARGIN
+    """s by which the robot's clock may differ from the hub's, before it leaves deadlines alone."""
+    clock_every: float = 30.0
+    """s between two questions for the hub's time."""
 
 
 class Agent:
@@ -84,11 +94,12 @@ class Agent:
         self.refused = ""
         """Why it does not join this hub."""
         self.denied = ""
-        """What the hub does not allow it."""
+        """What the hub forbids to this robot; empty: nothing."""
         self.full = ""
         """Why the hub takes no changes."""
         self.leaving = False
         self.tenure = Tenure(rules.lease)
+        self.lag = Lag()
         self.decided: List[ev.Decision] = []
         self._flying: Dict[str, bool] = {}
         self._not_before: Dict[str, float] = {}
@@ -100,12 +111,13 @@ class Agent:
         self.bidding = Bidding(self)
         self.sharing = Sharing(self)
         self.cleaning = Cleaning(self)
+        self.clock = ClockCheck(self)
 
     # --- what the parts use
 
     @property
     def joined(self) -> bool:
-        """Whether the store has this life as the robot's one, and its lease runs."""
+        """Whether the store names this process as the robot, and its lease runs."""
         mine = self.view.lives.get(self.robot.name)
         return self.usable and self.tenure.holds(self.now) and mine is not None and mine.life == self.life
 
@@ -148,6 +160,7 @@ class Agent:
         self.decided = []
         self._take(event)
         self._join()
+        self.clock.decide()
         self.possession.decide()
         self.reporting.decide()
         self.sharing.decide()
@@ -166,12 +179,12 @@ class Agent:
 
     def _take(self, event: ev.Event) -> None:
         if isinstance(event, ev.Connected):
-            self.view = FleetView.of(self.keys, event.snapshot, self.robot)
-            self.connected, self._heard_at = True, None
+            self._connected(event)
         elif isinstance(event, ev.Resumed):
             self.connected = True
         elif isinstance(event, ev.Changed):
             self.view.apply(event.changes)
+            self.lag.saw(self.view.revision, self.now)
         elif isinstance(event, ev.Disconnected):
             self.connected = False
         elif isinstance(event, ev.Leased):
@@ -190,18 +203,33 @@ class Agent:
             if not self.full:
                 self.decided.append(ev.Say(event.reason))
             self.full = event.reason
+        elif isinstance(event, ev.Failed):
+            self.say(event.reason)
         elif isinstance(event, ev.Costed):
             self.bidding.costed(event)
         elif isinstance(event, ev.Ended):
             self.possession.ended(event)
         elif isinstance(event, ev.Known):
             self.sharing.known(event)
+        elif isinstance(event, ev.Timed):
+            self.clock.timed(event)
         elif isinstance(event, ev.Leaving):
             self.leaving = True
 
+    def _connected(self, event: ev.Connected) -> None:
+        view = event.view or FleetView.of(self.keys, event.snapshot, self.robot)
+        replaced = event.snapshot.another or not view.follows(self.view)
+        self.view = view
+        if replaced:
+            self.possession.count_anew()
+            self.decided.append(ev.Say(REPLACED))
+        self.connected, self._heard_at = True, None
+        self.lag.forget()
+        self.clock.ask_anew()
+
     def _leased(self, event: ev.Leased) -> None:
         if event.asked != self.tenure.lease:
-            return  # of a lease that is not ours any more, or a second new one: it ends by itself
+            return  # of a lease that is no longer ours, or a second new one: it ends by itself
         if event.lease:
             self.tenure.renew(event.lease, event.asked_at, event.ttl)
         elif event.asked:
@@ -215,6 +243,8 @@ class Agent:
         if result is not None and result.done:
             self.denied = ""
             self._not_before.pop(tag, None)
+            if kind in FOLLOWED:
+                self.lag.wrote(result.revision, self.view.revision, self.now)
             if self.full and kind not in (REMOVE, FORGET):  # they only delete
                 self.full = ""
                 self.decided.append(ev.Say("the hub takes changes again"))
@@ -276,7 +306,7 @@ class Agent:
                 self.say(f"{key} is left alone: {reason}")
 
     def _take_life(self) -> None:
-        """Makes this process the robot's only one: it waits until the lease of an earlier one has ended."""
+        """Joins as the robot's only process: waits until the lease of an earlier process has ended."""
         name = self.robot.name
         key = self.keys.key(records.LIVES, name)
         seen = self.view.lives.get(name)

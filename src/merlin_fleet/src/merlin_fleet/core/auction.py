@@ -1,6 +1,7 @@
-"""Which robot takes an open goal: the cheapest bid, and the next ones where it does not come."""
+"""Which robot takes an open goal: that of the cheapest bid; the next one when it does not claim."""
 
 import bisect
+import functools
 import zlib
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
@@ -15,10 +16,10 @@ class AuctionTimes(NamedTuple):
     step: float = 2.0
     """For which the second best waits for the best, the third for the second, and so on."""
     crowd: int = 8
-    """So many robots with room bid at once. Where there are more, their bids are spread over `spread`."""
+    """Most robots that bid at once; with more, the bids are spread over `spread`."""
     spread: float = 0.9
     enough: int = 4
-    """In a crowd a robot does not bid when so many cheaper bids are there."""
+    """With many robots, a robot does not bid when there are so many cheaper bids."""
 
 
 def unsuited(goal: Goal, robot: Profile) -> str:
@@ -33,7 +34,7 @@ def unsuited(goal: Goal, robot: Profile) -> str:
     return f"it needs {', '.join(missing)}" if missing else ""
 
 
-def order(goal: Goal) -> tuple:
+def order(goal: Goal) -> Tuple[float, float, float, str]:
     """Sorts goals: the greatest value, the earliest deadline, the oldest first."""
     return (-goal.value, goal.deadline if goal.deadline is not None else float("inf"), goal.sent, goal.id)
 
@@ -59,25 +60,28 @@ class Offers:
     def put(self, robot: str, bids: Bids) -> None:
         """A robot has written its bids."""
         before = self._of.get(robot, Bids())
-        for goal, bid in before.of.items():
-            if bids.of.get(goal) != bid:
-                self._withdraw(goal, robot, bid)
-        for goal, bid in bids.of.items():
-            if before.of.get(goal) != bid:
-                self._answers[goal] = self._answers.get(goal, 0) + 1
-                if bid.cost is not None:
-                    bisect.insort(self._ranked.setdefault(goal, []), _offer(goal, robot, bid.cost))
+        old, new = before.of.items(), bids.of.items()
+        for goal, bid in old - new:
+            self._withdraw(goal, robot, bid)
+        for goal, bid in new - old:
+            self._answers[goal] = self._answers.get(goal, 0) + 1
+            if bid.cost is not None:
+                bisect.insort(self._ranked.setdefault(goal, []), _offer(goal, robot, bid.cost))
         self._closed += bool(bids.reason) - bool(before.reason)
         self._of[robot] = bids
 
     def remove(self, robot: str) -> None:
-        """A robot is not joined any more."""
+        """A robot is no longer joined."""
         self.put(robot, Bids())
         del self._of[robot]
 
     def cheaper(self, goal: str, robot: str, cost: float) -> int:
         """How many bids for a goal are cheaper than that of a robot with this cost."""
         return bisect.bisect_left(self._ranked.get(goal, ()), _offer(goal, robot, cost))
+
+    def offered(self, goal: str) -> bool:
+        """Whether a robot offers to do a goal."""
+        return goal in self._ranked
 
     def answers(self, goal: str) -> int:
         """How many robots have answered: with a bid, with a refusal, or that they bid for no goal."""
@@ -110,10 +114,15 @@ def take_at(
 
 
 def lot(goal: str, robot: str) -> int:
-    """A number that is different for each pair, and the same for all who ask."""
+    """A number that differs for each pair, and is the same on every robot."""
     return zlib.crc32(f"{goal} {robot}".encode())
 
 
 def _offer(goal: str, robot: str, cost: float) -> Tuple[float, int, str]:
     """Sorts bids; the lot decides between equal costs, differently for each goal."""
-    return cost, lot(goal, robot), robot
+    return cost, _lot_of_a_bid(goal, robot), robot
+
+
+@functools.lru_cache(maxsize=4096)
+def _lot_of_a_bid(goal: str, robot: str) -> int:
+    return lot(goal, robot)

@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
 
 from merlin_fleet.core import events as ev
 from merlin_fleet.core import records
-from merlin_fleet.core.auction import lot, order, take_at, unsuited
+from merlin_fleet.core.auction import AuctionTimes, lot, order, take_at, unsuited
 from merlin_fleet.core.possession import MISSED
 from merlin_fleet.core.records import Bid, Bids, Goal, Report
 from merlin_fleet.core.store import Compare, Put, Txn, TxnResult
-from merlin_fleet.core.view import GoalState
+from merlin_fleet.core.view import FleetGoalState
 
 if TYPE_CHECKING:
     from merlin_fleet.core.agent import Agent
@@ -34,8 +34,12 @@ class Bidding:
         self._moments: List[float] = []
         self._overdue = 0
         self._refusals = 0
-        self._seen: tuple = ()
+        self._seen: Tuple[object, ...] = ()
         self._considered: List[Goal] = []
+        self._first = ("", 0.0)  # the first goal that it could do, and since when it is
+        self._lots: Dict[str, int] = {}
+        self._times = agent.rules.auction
+        self._turn = lot(agent.robot.name, "") % LOTS / LOTS
 
     def moments(self) -> List[float]:
         """When something has to be decided."""
@@ -47,7 +51,7 @@ class Bidding:
         if event.queue == self._queue:
             before = self._costs.get(event.goal)
             old = "; ".join(self._agent.sharing.stale) if event.cost is not None else ""
-            self._costs[event.goal] = bid = Bid(event.cost, event.reason or old)
+            self._costs[event.goal] = bid = Bid(event.cost, records.reason_text(event.reason or old))
             self._costed_at[event.goal] = self._agent.now
             self._refusals += _refuses(before) is not _refuses(bid)
 
@@ -58,14 +62,14 @@ class Bidding:
     def decide(self) -> None:
         """Ends what is overdue, asks for costs, writes bids, takes goals."""
         agent = self._agent
-        self._moments = []
+        self._moments, self._times = [], self._timed()
         if not agent.joined or agent.leaving:
             self._opened, self._written = {}, None
             return
         self._end_overdue()
         if self._queue != agent.possession.version:
             self._queue, self._costs, self._costed_at = agent.possession.version, {}, {}
-        full = len(agent.possession.owned) >= agent.rules.most_owned  # a claim under way may be in vain
+        full = len(agent.possession.owned) >= agent.rules.most_owned  # a claim under way may be lost
         considered = [] if full else self._consider()
         self._opened = {goal.id: self._opened.get(goal.id, agent.now) for goal in considered}
         self._write(Bids({}, FULL) if full else Bids(self._bids(considered)))
@@ -73,19 +77,24 @@ class Bidding:
             self._take(goal)
 
     def _consider(self) -> List[Goal]:
-        """The goals for which it bids; behind them those that it refuses."""
+        """The goals for which it bids, then the goals that it refuses."""
         view, pool = self._agent.view, self._agent.rules.most_bids
         while pool < self._with_room():
             pool *= 2  # about as many goals as will have an owner soon
-        seen = (id(view), view.version, pool, self._overdue, self._queue, self._refusals)
+        left = self._left()
+        counts = (self._overdue, self._queue, self._refusals)
+        seen = (id(view), view.version, pool, *counts, left, self._agent.clock.refusal)
         if seen != self._seen:
             self._seen = seen
             self._costs = {
-                name: bid for name, bid in self._costs.items() if view.state(name) is GoalState.OPEN
+                name: bid for name, bid in self._costs.items() if view.state(name) is FleetGoalState.OPEN
             }
             self._costed_at = {name: self._costed_at[name] for name in self._costs}
             suited, refused = self._choose(pool)
-            self._considered = self._keep(suited, self._share(suited)) + refused
+            first = suited[0].id if suited else ""
+            if first != self._first[0]:
+                self._first, left = (first, self._agent.now), ""
+            self._considered = self._keep(suited, self._share(suited, left)) + refused
         return self._considered
 
     def _keep(self, all_goals: List[Goal], goals: List[Goal]) -> List[Goal]:
@@ -102,12 +111,15 @@ class Bidding:
         view, most = agent.view, agent.rules.most_bids
         suited: List[Goal] = []
         refused: List[Goal] = []
+        wrong = bool(agent.clock.refusal)
         for *_, name in view.open:
             goal = view.goals[name]
-            if name in agent.possession.owned or (goal.deadline is not None and goal.deadline <= agent.wall):
+            timeless = wrong and goal.deadline is not None
+            past = goal.deadline is not None and not wrong and goal.deadline <= agent.wall
+            if name in agent.possession.owned or past:
                 continue
             cost = self._costs.get(name)
-            if _refuses(cost):
+            if timeless or (cost is not None and cost.cost is None):
                 refused.append(goal)
             else:
                 suited.append(goal)
@@ -116,15 +128,34 @@ class Bidding:
         refused += [view.goals[name] for *_, name in view.unsuited[:most]]
         return suited, refused[:most]
 
-    def _share(self, goals: List[Goal]) -> List[Goal]:
+    def _left(self) -> str:
+        """The first goal, when the robots in whose share it is do not take it."""
+        agent, times = self._agent, self._times
+        first, since = self._first
+        moment = since + times.window
+        if agent.view.offers.offered(first):
+            moment += times.enough * times.step
+        if agent.now >= moment:
+            return first
+        self._moments.append(moment)
+        return ""
+
+    def _share(self, goals: List[Goal], left: str) -> List[Goal]:
         """Where many robots and many goals are free, a robot bids for some: each goal has some bids.
 
-        All robots bid for the first goal, so none is left for ever.
+        A goal for this robot alone is always in its share, and so is the first goal that is left: no goal is
+        left forever.
         """
         robot, parts = self._agent.robot.name, 1
         while len(goals) > parts * self._agent.rules.most_bids:
             parts *= 2  # so a share stays what it is, or is halved, when the number of goals changes
-        return [goal for goal in goals if goal is goals[0] or lot(goal.id, robot) % parts == 0]
+        if parts == 1:
+            return goals
+        lots = self._lots
+        self._lots = lots = {
+            goal.id: lots[goal.id] if goal.id in lots else lot(goal.id, robot) for goal in goals
+        }
+        return [goal for goal in goals if lots[goal.id] % parts == 0 or goal.robot or goal.id == left]
 
     def _with_room(self) -> int:
         view = self._agent.view
@@ -134,12 +165,18 @@ class Bidding:
         agent = self._agent
         bids = {}
         for goal in considered:
-            reason = unsuited(goal, agent.robot)
+            reason = unsuited(goal, agent.robot) or self._timeless(goal)
             bid = Bid(None, reason) if reason else self._costs.get(goal.id)
             if bid is not None and self._useful(goal, bid):
                 bids[goal.id] = bid
-        self._ask([goal for goal in considered if not unsuited(goal, agent.robot)])
+        self._ask(
+            [goal for goal in considered if not unsuited(goal, agent.robot) and not self._timeless(goal)]
+        )
         return bids
+
+    def _timeless(self, goal: Goal) -> str:
+        """Why it does not take a goal with a deadline: a wrong clock does not show whether it has passed."""
+        return self._agent.clock.refusal if goal.deadline is not None else ""
 
     def _ask(self, goals: List[Goal]) -> None:
         """Asks for one cost: of a goal that has none, or for the oldest, as much may have changed."""
@@ -157,7 +194,7 @@ class Bidding:
 
     def _useful(self, goal: Goal, bid: Bid) -> bool:
         """Whether a bid is written: in a crowd not all bid, and not at once."""
-        agent, times = self._agent, self._agent.rules.auction
+        agent, times = self._agent, self._times
         if (self._written is not None and goal.id in self._written.of) or self._with_room() <= times.crowd:
             return True
         name, offers = agent.robot.name, agent.view.offers
@@ -166,20 +203,20 @@ class Bidding:
         else:
             before = offers.cheaper(goal.id, name, bid.cost)
         opened = self._opened[goal.id]
-        turn = times.spread * (lot(name, "") % LOTS) / LOTS  # so a robot writes at most once in `spread`
+        turn = times.spread * self._turn  # so a robot writes at most once in `spread`
         moment = opened + (turn - opened) % times.spread
         if before < times.enough and agent.now < moment:
             self._moments.append(moment)
         return before < times.enough and agent.now >= moment
 
     def _write(self, bids: Bids) -> None:
-        """Writes what is new. Bids for goals that are not open any more do no harm: they go out then."""
+        """Writes what is new. Bids for goals that are no longer open do no harm: they go out then."""
         agent, before = self._agent, self._written
         if before is not None and bids.reason == before.reason and bids.of.items() <= before.of.items():
             self._gathering_since = None
             if agent.view.offers.of(agent.robot.name) == before or self._on_their_way():
                 return
-        elif not bids.reason and self._gathers():
+        elif not bids.reason and (self._is_behind() or self._gathers()):
             return
         key = agent.keys.key(records.BIDS, agent.robot.name)
         put = Put(key, records.encode_bids(bids), agent.tenure.lease)
@@ -196,6 +233,21 @@ class Bidding:
             return self._agent.view.revision < self._written_in
         return self._agent.now < self._written_at + 3 * self._agent.rules.retry
 
+    def _is_behind(self) -> bool:
+        """Whether it should not bid now: its bids would be late, and put all robots further behind."""
+        agent = self._agent
+        self._moments.append(agent.lag.until)
+        return agent.lag.blind(agent.now) or agent.now < agent.lag.until
+
+    def _timed(self) -> AuctionTimes:
+        """Times of an auction; a robot that is behind sees bids and claims later, and waits for them."""
+        times, late = self._agent.rules.auction, self._agent.lag.seconds(self._agent.now)
+        if not late:
+            return times
+        return times._replace(
+            window=times.window + late, step=times.step + 2 * late, spread=times.spread + 2 * late
+        )
+
     def _gathers(self) -> bool:
         """Whether the costs that were asked for are awaited, to be written together."""
         agent = self._agent
@@ -211,11 +263,12 @@ class Bidding:
     def _take(self, goal: Goal) -> None:
         agent = self._agent
         own = agent.view.offers.of(agent.robot.name)
-        if own is None or own.of.get(goal.id) != self._costs.get(goal.id) or agent.possession.full():
+        if self._timeless(goal) or agent.possession.full():
+            return
+        if own is None or own.of.get(goal.id) != self._costs.get(goal.id):
             return  # what the others see is not up to date
         opened, joined = self._opened[goal.id], len(agent.view.lives)
-        times = agent.rules.auction
-        moment = take_at(goal.id, agent.robot.name, agent.view.offers, joined, opened, times)
+        moment = take_at(goal.id, agent.robot.name, agent.view.offers, joined, opened, self._times)
         if moment is None:
             return
         if agent.now >= moment:
@@ -228,6 +281,8 @@ class Bidding:
         agent = self._agent
         robots: List[str] = []
         self._overdue = 0
+        if agent.clock.refusal:
+            return
         for deadline, name in agent.view.due:
             if deadline > agent.wall:
                 self._moments.append(agent.now + deadline - agent.wall)

@@ -89,7 +89,7 @@ class Cleaning:
         return orphans
 
     def _old_late(self) -> Dict[str, Report]:
-        """Late reports of this robot that have been there long enough: nothing else tells of them."""
+        """Late reports of this robot that are old enough to be removed; no other key refers to them."""
         agent, keep = self._agent, self._agent.rules.keep
         own = {name: each for name, each in agent.view.late.items() if each.robot == agent.robot.name}
         self._late_since = {name: self._late_since.get(name, agent.now) for name in own}

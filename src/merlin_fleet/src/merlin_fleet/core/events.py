@@ -4,6 +4,7 @@ from typing import NamedTuple, Optional, Tuple, Union
 
 from merlin_fleet.core.records import Goal
 from merlin_fleet.core.store import Change, Snapshot, Txn, TxnResult
+from merlin_fleet.core.view import FleetView
 
 # --- events -----------------------------------------------------------------------------------------
 
@@ -12,10 +13,12 @@ class Connected(NamedTuple):
     """The store was read; from now on its changes come."""
 
     snapshot: Snapshot
+    view: Optional[FleetView] = None
+    """What the robot sees; None: the agent reads it from the snapshot, which takes long with many keys."""
 
 
 class Resumed(NamedTuple):
-    """Changes come again, the next one after the last that was told."""
+    """Changes come again; the next one follows the last one delivered."""
 
 
 class Changed(NamedTuple):
@@ -37,7 +40,7 @@ class Leased(NamedTuple):
     """The lease of the question; 0: for a new one."""
     asked_at: float
     lease: int
-    """0: the store does not know that lease any more."""
+    """0: the store no longer knows that lease."""
     ttl: float
 
 
@@ -46,7 +49,7 @@ class Answered(NamedTuple):
 
     tag: str
     result: Optional[TxnResult]
-    """None: there was no answer; it may have been done, or may yet be."""
+    """None: no answer came; it may have been done, or may still be done."""
 
 
 class Refused(NamedTuple):
@@ -59,6 +62,12 @@ class Refused(NamedTuple):
 
 class Full(NamedTuple):
     """The store takes no changes at present. Leases are renewed, and keys removed."""
+
+    reason: str
+
+
+class Failed(NamedTuple):
+    """The store is there, and does not do what was asked; it is asked again."""
 
     reason: str
 
@@ -90,8 +99,17 @@ class Known(NamedTuple):
     version: int
 
 
+class Timed(NamedTuple):
+    """The answer to AskTime."""
+
+    at: float
+    """When, by the clock that is never set."""
+    wall: Optional[float]
+    """s since 1970, by the store's clock; None: no answer came."""
+
+
 class Leaving(NamedTuple):
-    """The robot leaves the fleet: it takes no goals any more."""
+    """The robot leaves the fleet: it no longer takes goals."""
 
 
 Event = Union[
@@ -103,9 +121,11 @@ Event = Union[
     Answered,
     Refused,
     Full,
+    Failed,
     Costed,
     Ended,
     Known,
+    Timed,
     Leaving,
     None,
 ]
@@ -136,13 +156,17 @@ class AskCost(NamedTuple):
     """Is returned with the answer."""
 
 
+class AskTime(NamedTuple):
+    """Ask the store for its time."""
+
+
 class Begin(NamedTuple):
     """Execute a goal."""
 
     goal: Goal
 
 
-class Stop(NamedTuple):
+class StopExecution(NamedTuple):
     """Stop the execution of a goal. Its end is reported as always."""
 
     goal: str
@@ -157,9 +181,9 @@ class Learn(NamedTuple):
 
 
 class Say(NamedTuple):
-    """Tell a person something, once."""
+    """Log a sentence for a person, once."""
 
     text: str
 
 
-Decision = Union[AskLease, Transact, AskCost, Begin, Stop, Learn, Say]
+Decision = Union[AskLease, Transact, AskCost, AskTime, Begin, StopExecution, Learn, Say]

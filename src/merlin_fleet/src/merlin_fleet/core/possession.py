@@ -1,7 +1,7 @@
 """The goals that a robot owns: taken, begun, stopped by its own clock, ended, given up."""
 
 from enum import Enum
-from typing import TYPE_CHECKING, Dict, List, Optional, Set
+from typing import TYPE_CHECKING, Dict, List, Optional, Set, Tuple
 
 from merlin_fleet.core import events as ev
 from merlin_fleet.core import records
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 CANCELLED = "CANCELLED"
 MISSED = "MISSED"
-MOST_TURNS = 4  # a claim that was in vain so often in a row is tried again each 16 times as late
+REMEMBERED = 100  # goals of before: when there are twice as many as needed, those that are gone are forgotten
+MOST_TURNS = 4  # after so many lost claims in a row the wait before the next one grows to 16 times
 
 
 class Phase(Enum):
@@ -26,7 +27,7 @@ class Phase(Enum):
     """The lease is about to end; the goal stays ours if it is renewed."""
     CANCELLING = "cancelling"
     LOST = "lost"
-    """It is not ours any more, and its execution has not ended yet."""
+    """No longer owned, while its execution here continues."""
 
 
 class Owned:
@@ -54,12 +55,13 @@ class Possession:
         """Changes with the queue."""
         self._settled: Dict[str, int] = {}
         """Goal → the last epoch of it that is over for this robot."""
+        self._most_settled = REMEMBERED
         self._claiming: Set[str] = set()
         """Goals whose claim is under way."""
         self._behind = (0, 0.0)
-        """Revision of the last claim that was in vain, and until when it is awaited."""
+        """Revision of the last claim that was lost, and until when that revision is awaited."""
         self._in_vain = 0
-        """How many claims were in vain, one after the other, without that it was seen."""
+        """How many claims in a row were lost before this robot saw the other claim."""
 
     # --- what the others ask
 
@@ -68,15 +70,17 @@ class Possession:
         return len(self._claiming.union(self.owned)) >= self._agent.rules.most_owned
 
     def queue(self) -> List[Goal]:
-        """What it owns, in the order in which it runs."""
+        """The goals that it owns, in the order of execution."""
         return [each.goal for each in sorted(self.owned.values(), key=_running_first)]
 
     def claim(self, goal: Goal) -> None:
         """Takes an open goal, if the store still has it as open when the transaction arrives."""
         agent, keys = self._agent, self._agent.keys
+        if agent.lag.blind(agent.now):
+            return  # others may have claimed it since then
         revision, until = self._behind
         if agent.view.revision < revision and agent.now < until:
-            return  # it would be in vain again: what this robot knows is older than another claim
+            return  # it would be lost again: this robot has not yet seen the other claim
         if agent.view.revision >= revision:
             self._in_vain = 0
         claim = records.encode(Claim(agent.robot.name, agent.life))
@@ -98,13 +102,31 @@ class Possession:
         name = tag.split(" ")[1]
         self._claiming.discard(name)
         if result is not None and not result.done:
-            # The revision may be of a key that no robot follows, so it is not awaited for ever; and by
+            # The revision may be of a key that no robot follows, so it is not awaited forever; and by
             # each turn longer, or robots that are behind would keep the hub and themselves busy with it.
             self._behind = (result.revision, self._agent.now + self._agent.rules.retry * 2**self._in_vain)
             self._in_vain = min(self._in_vain + 1, MOST_TURNS)
         goal = self._agent.view.goals.get(name)
         if goal is not None and result is not None and result.done:
             self._own(goal, result.revision)
+
+    def count_anew(self) -> None:
+        """The store is another one, or one of before: epochs of until now say nothing of it."""
+        agent = self._agent
+        for owned in list(self.owned.values()):
+            claim = agent.view.claims.get(owned.goal.id)
+            mine = claim is not None and claim.life == agent.life
+            owned.epoch = claim.epoch if claim is not None and mine else 0
+            if not mine:
+                self._lose(owned)
+        self._settled.clear()
+        self._behind, self._in_vain = (0, 0.0), 0
+
+    def _forget(self) -> None:
+        """Forgets goals that the store does not have any more: no answer or change makes them ours again."""
+        goals = self._agent.view.goals.keys() | self.owned.keys() | self._claiming
+        self._settled = {goal: epoch for goal, epoch in self._settled.items() if goal in goals}
+        self._most_settled = 2 * len(self._settled) + REMEMBERED
 
     def _reconcile(self) -> None:
         """Compares what is owned with what the store says of it."""
@@ -161,6 +183,7 @@ class Possession:
 
     def _end(self, owned: Owned, achieved: bool, outcome: str, reason: str, final: bool = False) -> None:
         agent = self._agent
+        reason = records.reason_text(reason)
         report = Report(owned.goal.id, agent.robot.name, owned.epoch, outcome, reason, agent.wall)
         tries = len(agent.view.failures.get(owned.goal.id, {})) + 1
         final = final or achieved or tries >= owned.goal.tries or owned.phase is Phase.CANCELLING
@@ -178,6 +201,8 @@ class Possession:
         """Stops, begins and takes over."""
         agent = self._agent
         self._reconcile()
+        if len(self._settled) > self._most_settled:
+            self._forget()
         for owned in list(self.owned.values()):
             deadline = owned.goal.deadline
             if owned.goal.id in agent.view.cancels:
@@ -187,7 +212,7 @@ class Possession:
                 owned.phase = Phase.STOPPING
             elif owned.phase is Phase.WAITING and agent.leaving:
                 self._drop(owned)
-            elif not owned.begun and deadline is not None and agent.wall >= deadline:
+            elif not owned.begun and deadline is not None and self._passed(deadline):
                 self._end(owned, False, MISSED, "its robot did not begin it by its deadline", final=True)
         if agent.leaving:
             for owned in self.owned.values():
@@ -198,6 +223,9 @@ class Possession:
         self._begin()
         if agent.joined:
             self._take_over()
+
+    def _passed(self, deadline: float) -> bool:
+        return not self._agent.clock.refusal and self._agent.wall >= deadline
 
     def _may_run(self, owned: Owned) -> bool:
         return owned.goal.finish or self._agent.tenure.holds(self._agent.now)
@@ -222,10 +250,10 @@ class Possession:
             owned.phase = Phase.CANCELLING
 
     def _stop(self, owned: Owned, reason: str) -> None:
-        self._agent.decided.append(ev.Stop(owned.goal.id, reason))
+        self._agent.decided.append(ev.StopExecution(owned.goal.id, reason))
 
     def _take_over(self) -> None:
-        """Goals that an earlier life of this robot has to finish."""
+        """Goals that an earlier process of this robot has to finish."""
         agent = self._agent
         for goal_id in agent.view.owned_by.get(agent.robot.name, ()):
             claim, goal = agent.view.claims[goal_id], agent.view.goals.get(goal_id)
@@ -242,5 +270,5 @@ class Possession:
                 self._claiming.add(goal_id)
 
 
-def _running_first(owned: Owned) -> tuple:
+def _running_first(owned: Owned) -> Tuple[bool, float, float, float, str]:
     return (not owned.executing, *order(owned.goal))

@@ -1,13 +1,18 @@
 """What the keys of a fleet hold: JSON objects, each with one writer or written once."""
 
+import functools
 import json
 import math
 import re
 import zlib
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 #: Version of keys and records. A hub with another one is not joined.
 PROTOCOL = 3
+#: Texts of a kind that are kept parsed: with many robots in a process the slowest one is that far behind.
+ONCE = 4096
+#: Characters of a reason: etcd takes 1.5 MB at once.
+LONGEST_REASON = 2000
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z")
 
 #: Kinds of keys. Each key has one kind of writer (`Keys.of_robot`, `Keys.of_clients`); ABOUT is one key.
@@ -96,7 +101,7 @@ class Goal(NamedTuple):
     """s since 1970, by the sender's clock."""
     sender: str = ""
     domain: str = ""
-    """Name of the PDDL domain, or its name and hash as a robot tells them; empty: of any."""
+    """Name of the PDDL domain, or its name and hash as a robot writes them; empty: any domain."""
     deadline: Optional[float] = None
     """s since 1970; a goal that is not begun by then ends as MISSED."""
     value: float = 0.0
@@ -104,7 +109,7 @@ class Goal(NamedTuple):
     robot: str = ""
     """The only robot that may execute it."""
     groups: Tuple[str, ...] = ()
-    """It is for a robot of one of these; empty: for any."""
+    """Groups of robots that may do it; empty: any."""
     needs: Tuple[str, ...] = ()
     """Capabilities of which the robot has all."""
     finish: bool = False
@@ -172,7 +177,12 @@ class Facts(NamedTuple):
     version: int
     """Of the robot's knowledge base."""
     life: str
-    """That vouches for them, while the store has it; empty: the knowledge base cannot be read."""
+    """Lease that keeps them valid; empty: the knowledge base cannot be read."""
+
+
+def reason_text(text: str) -> str:
+    """A reason as a record can hold it: of characters that can be printed, and not too long."""
+    return text[:LONGEST_REASON].encode(errors="replace").decode()
 
 
 def encode(record: Any) -> str:
@@ -198,22 +208,26 @@ def encode_cancel(by: str, at: float) -> str:
 def decode_cancel(text: str) -> float:
     """When a goal was cancelled, s since 1970; 0: not known. A cancel is one whatever it says."""
     try:
-        at = json.loads(text).get("at")
-    except (ValueError, AttributeError):
+        at = _json(text).get("at")
+    except (RecordError, AttributeError):
         return 0.0
-    return float(at) if _fits(float, at) else 0.0
+    return float(at) if _is_number(at) else 0.0
 
 
 def encode_about(fleet_id: str) -> str:
-    """What the key `about` holds: it tells fleets of the same name apart."""
+    """The value of the key `about`: it distinguishes fleets of the same name."""
     return json.dumps({"protocol": PROTOCOL, "id": fleet_id})
 
 
-def _object(text: str) -> Dict[str, Any]:
+def _json(text: str) -> Any:
     try:
-        found = json.loads(text)
-    except ValueError as error:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
         raise RecordError(f"it is not JSON ({error})") from None
+
+
+def _object(text: str) -> Dict[str, Any]:
+    found = _json(text)
     if not isinstance(found, dict):
         raise RecordError("it is not a JSON object")
     version = found.pop("protocol", None)
@@ -229,29 +243,57 @@ def decode(kind: Any, text: str) -> Any:
     :raises RecordError: for what is not one.
     """
     found = _object(text)
-    types = kind.__annotations__
+    checks = _checks(kind)
     for name, value in found.items():
-        if name not in types:
+        if name not in checks:
             raise RecordError(f"a {kind.__name__} has no '{name}'")
-        if types[name] == Tuple[str, ...]:
-            if not isinstance(value, list) or not all(isinstance(part, str) for part in value):
-                raise RecordError(f"'{name}' is not a list of texts")
+        if not checks[name](value):
+            what = "not a list of texts" if checks[name] is _is_texts else repr(value)
+            raise RecordError(f"'{name}' is {what}")
+        if checks[name] is _is_texts:
             found[name] = tuple(value)
-        elif not _fits(types[name], value):
-            raise RecordError(f"'{name}' is {value!r}")
     try:
         return kind(**found)
     except TypeError as error:
         raise RecordError(str(error)) from None
 
 
-def _fits(kind: Any, value: Any) -> bool:
-    if kind in (float, Optional[float]):
-        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-        return number or (value is None and kind is not float)
-    if kind is int:
-        return isinstance(value, int) and not isinstance(value, bool)
-    return isinstance(value, kind)
+@functools.lru_cache(maxsize=None)
+def _checks(kind: Any) -> Dict[str, Callable[[Any], bool]]:
+    """Field of a record → whether a value fits it."""
+    of_types = {
+        float: _is_number,
+        Optional[float]: lambda value: value is None or _is_number(value),
+        int: lambda value: isinstance(value, int) and not isinstance(value, bool),
+        bool: lambda value: isinstance(value, bool),
+        str: _is_text,
+        Tuple[str, ...]: _is_texts,
+    }
+    return {name: of_types[type_] for name, type_ in kind.__annotations__.items()}
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it is one that a float can hold."""
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def _is_text(value: Any) -> bool:
+    """Whether it is a text that can be printed: JSON can hold halves of characters."""
+    if not isinstance(value, str):
+        return False
+    try:
+        return value.isascii() or bool(value.encode())
+    except UnicodeEncodeError:
+        return False
+
+
+def _is_texts(value: Any) -> bool:
+    return isinstance(value, list) and all(map(_is_text, value))
 
 
 def decode_bids(text: str) -> Bids:
@@ -261,16 +303,15 @@ def decode_bids(text: str) -> Bids:
     """
     found = _object(text)
     bids, reason = found.get("bids"), found.get("reason", "")
-    if not isinstance(bids, dict) or not isinstance(reason, str):
+    if not isinstance(bids, dict) or not _is_text(reason):
         raise RecordError("these are not bids")
     read = {}
     for goal, bid in bids.items():
         try:
             cost, why = bid
-            fits = isinstance(why, str) and (cost is None or math.isfinite(cost))
         except (TypeError, ValueError):
-            fits = False
-        if not fits or isinstance(cost, bool):
+            cost = why = None
+        if not _is_text(why) or not (cost is None or _is_number(cost)):
             raise RecordError(f"this is not a bid: {bid!r}")
         read[goal] = Bid(cost, why)
     return Bids(read, reason)
@@ -285,3 +326,21 @@ def decode_about(text: str) -> str:
     if not isinstance(found, str):
         raise RecordError("it has no id")
     return found
+
+
+@functools.lru_cache(maxsize=ONCE)
+def decode_once(kind: Any, text: str) -> Any:
+    """Decodes the small records that each robot of a process reads: a text is parsed once for all of them.
+
+    :raises RecordError: for what is not one.
+    """
+    return decode(kind, text)
+
+
+@functools.lru_cache(maxsize=ONCE)
+def decode_bids_once(text: str) -> Bids:
+    """Decodes bids, a text once for all robots of a process. The bids are not to be changed.
+
+    :raises RecordError: for what is not bids.
+    """
+    return decode_bids(text)

@@ -1,6 +1,6 @@
 """How long goals that have ended are kept, and how they are removed from the store.
 
-An end is final: while the goal's key is there, a goal that has ended stays so, and so does one that was
+An end is final: while the goal's key exists, a goal that has ended stays so, and so does one that was
 cancelled and that no robot owns, as a claim compares both. So a removal that was right once stays right,
 whenever it arrives and however many robots and clients send it. It takes the keys of clients, goal and
 cancel, in one transaction. What robots have written of the goal is left to them: each takes its own keys
@@ -25,11 +25,11 @@ class Retention(NamedTuple):
     goals: int = 5000
     """The last ones. 0: any number."""
     grace: float = 600.0
-    """s for which it was seen here as ended, whatever the clocks of others say: clients have heard of it."""
+    """s for which it was seen here as ended, whatever the clocks of others say: clients have received it."""
 
 
 class Keeper:
-    """Knows which goals are not to be kept any more.
+    """Knows which goals are no longer to be kept.
 
     :param retention: what is kept.
     """
@@ -45,13 +45,14 @@ class Keeper:
         :param wall: s since 1970.
         """
         keep = self.retention
-        # A cancel may come when its goal is gone already.
-        ended = {name: view.over_since(name) for name in {*view.goals, *view.cancels}}
-        over = {name: at for name, at in ended.items() if at is not None}
-        self._seen = {name: self._seen.get(name, now) for name in over}
-        oldest = sorted(over, key=lambda name: (over[name], name))
-        too_many = len(oldest) - keep.goals if keep.goals else 0
+        over = view.over
+        if over.keys() != self._seen.keys():
+            self._seen = {name: self._seen.get(name, now) for name in over}
+        too_many = len(over) - keep.goals if keep.goals else 0
         limit = wall - keep.hours * HOUR if keep.hours else float("-inf")
+        if too_many <= 0 and min(over.values(), default=limit) >= limit:
+            return []
+        oldest = sorted(over, key=lambda name: (over[name], name))
         return [
             name
             for place, name in enumerate(oldest)

@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from merlin_fleet.core.agent import Agent
 
 MOST_FACTS = 2000  # of a predicate: etcd takes at most 1.5 MB
-GRACE = 5.0  # s for the hub and the writer to be heard of at the start
+GRACE = 5.0  # s for the first contact with the hub and the writer
 
 
 class Sharing:
-    """Writes the predicates of this robot; tells what others write, and when it is older than allowed.
+    """Writes the predicates of this robot; reports what others write, and when it is older than allowed.
 
     A writer vouches for its facts by its life: as long as the store has that life, its lease runs, and the
     facts are those of its knowledge base. So no key is written only to say that nothing has changed.
@@ -64,7 +64,7 @@ class Sharing:
         self._own[event.predicate] = now
 
     def decide(self) -> None:
-        """Writes what is new here, tells what is new elsewhere, and what has become too old."""
+        """Writes new facts of this robot; reports new facts of other robots, and facts that are too old."""
         agent = self._agent
         if self._began is None:
             self._began = agent.now
@@ -103,7 +103,7 @@ class Sharing:
         if agent.now < self._due(predicate):
             self._stale.pop(predicate, None)
             if before:
-                agent.decided.append(ev.Say(f"'{predicate}' of {writer} is heard of again"))
+                agent.decided.append(ev.Say(f"'{predicate}' of {writer} is received again"))
         elif not before:
             limit = agent.rules.fact_limit
             self._stale[predicate] = text = f"'{predicate}' of {writer} may be older than {limit:g} s"

@@ -72,3 +72,5 @@ class Snapshot(NamedTuple):
 
     revision: int
     items: Tuple[Item, ...]
+    another: bool = False
+    """Whether it is another store than the one that was followed before."""

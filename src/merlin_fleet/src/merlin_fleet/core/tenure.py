@@ -49,7 +49,7 @@ class Tenure:
     def __init__(self, times: LeaseTimes) -> None:
         self._times = times.checked()
         self.lease = 0
-        """0: there is none."""
+        """0: no lease."""
         self.renewed_at = 0.0
         """When the last renewal that the store answered was sent."""
         self.stop_at = 0.0
@@ -68,7 +68,7 @@ class Tenure:
             self.stop_at = asked_at + self._times._replace(ttl=min(ttl, self._times.ttl)).runs
 
     def lose(self) -> None:
-        """The store does not know the lease any more."""
+        """The store no longer knows the lease."""
         self.lease, self.stop_at = 0, 0.0
 
     def holds(self, now: float) -> bool:

@@ -2,7 +2,7 @@
 
 import bisect
 from enum import Enum
-from typing import Dict, Iterable, List, NamedTuple, Optional, Set, Tuple
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Set, Tuple
 
 from merlin_fleet.core import records
 from merlin_fleet.core.auction import Offers, order, unsuited
@@ -29,15 +29,15 @@ GOAL_AT = {
 }
 
 
-class GoalState(Enum):
+class FleetGoalState(Enum):
     """Where a goal is."""
 
     OPEN = "open"
     OWNED = "owned"
     CANCELLING = "cancelling"
-    """It is owned, and its owner was asked to stop it."""
+    """Owned, and its owner was asked to stop it."""
     CANCELLED = "cancelled"
-    """It was cancelled before a robot owned it, or its owner was lost afterwards."""
+    """Cancelled before a robot owned it, or its owner was lost afterwards."""
     ENDED = "ended"
     UNKNOWN = "unknown"
 
@@ -87,15 +87,17 @@ class FleetView:
         """Key → why it cannot be read."""
         self._unclear: Dict[str, str] = {}
         """Key of a claim or an end that cannot be read → its goal."""
-        self.open: List[tuple] = []
+        self.open: List[Tuple[float, float, float, str]] = []
         """Open goals that the robot can do and has not tried: how they are sorted, with the id at the end."""
-        self.unsuited: List[tuple] = []
+        self.unsuited: List[Tuple[float, float, float, str]] = []
         """Open goals that the robot cannot do."""
         self.due: List[Tuple[float, str]] = []
         """Open goals with a deadline, the earliest first."""
+        self.over: Dict[str, float] = {}
+        """Goals that are over, with `over_since`."""
         self.owned_by: Dict[str, Set[str]] = {}
         """Robot → the goals that it owns."""
-        self._places: Dict[str, List[Tuple[List, tuple]]] = {}
+        self._places: Dict[str, List[Tuple[List[Any], Tuple[Any, ...]]]] = {}
 
     @classmethod
     def of(cls, keys: Keys, snapshot: Snapshot, robot: Optional[Profile] = None) -> "FleetView":
@@ -129,6 +131,8 @@ class FleetView:
         try:
             if len(parts) != PARTS.get(parts[0], 2):
                 raise RecordError("this version does not know such keys")
+            if parts[0] in (records.GOALS, records.CANCELS):
+                records.checked_name(parts[1], "the goal")  # it is part of other keys, and of tags
             self._put(item, *parts)
         except RecordError as error:
             self._forget(*parts)
@@ -136,29 +140,51 @@ class FleetView:
             if parts[0] in (records.CLAIMS, records.ENDS) and parts[-1] not in self.claims:
                 self._unclear[item.key] = parts[-1]
 
-    def state(self, goal: str) -> GoalState:
+    def follows(self, before: "FleetView") -> bool:
+        """Whether the store may have gone on from an earlier view to this one.
+
+        One that was put back from a backup has less than before, or its keys have other revisions, which
+        may be greater than those of before.
+        """
+        if self.revision < before.revision:
+            return False
+        pairs = zip(self._revisions(), before._revisions())
+        return all(
+            old.get(name) == revision
+            for new, old in pairs
+            for name, revision in new.items()
+            if revision <= before.revision
+        )
+
+    def _revisions(self) -> Tuple[Dict[str, int], ...]:
+        """When the keys of each kind were written."""
+        claims, lives = ({name: it.epoch for name, it in each.items()} for each in (self.claims, self.lives))
+        cancels = {name: cancel.revision for name, cancel in self.cancels.items()}
+        return self.written, self.ended_at, claims, lives, cancels
+
+    def state(self, goal: str) -> FleetGoalState:
         """The state of a goal."""
         if goal in self.ends:
-            return GoalState.ENDED
+            return FleetGoalState.ENDED
         if goal in self._unclear.values():
-            return GoalState.UNKNOWN
+            return FleetGoalState.UNKNOWN
         if goal in self.claims:
-            return GoalState.CANCELLING if goal in self.cancels else GoalState.OWNED
+            return FleetGoalState.CANCELLING if goal in self.cancels else FleetGoalState.OWNED
         if goal in self.cancels:
-            return GoalState.CANCELLED
-        return GoalState.OPEN if goal in self.goals else GoalState.UNKNOWN
+            return FleetGoalState.CANCELLED
+        return FleetGoalState.OPEN if goal in self.goals else FleetGoalState.UNKNOWN
 
     def over_since(self, goal: str) -> Optional[float]:
-        """When a goal has ended, or was cancelled before a robot had it, s since 1970; None: it goes on.
+        """When a goal has ended, or was cancelled before a robot had it, s since 1970; None: it continues.
 
-        A goal that a robot still owns goes on, whatever else is written of it.
+        A goal that a robot still owns continues, whatever else is written of it.
         """
         if goal in self.claims:
             return None
         state = self.state(goal)
-        if state is GoalState.ENDED:
+        if state is FleetGoalState.ENDED:
             return self.ends[goal].at
-        if state is GoalState.CANCELLED:
+        if state is FleetGoalState.CANCELLED:
             sent = self.goals[goal].sent if goal in self.goals else 0.0
             return self.cancels[goal].at or sent
         return None
@@ -168,11 +194,16 @@ class FleetView:
         for place, entry in self._places.pop(name, ()):
             del place[bisect.bisect_left(place, entry)]
             self.version += 1
-        if self.state(name) is not GoalState.OPEN:
+        since = self.over_since(name) if name in self.goals or name in self.cancels else None
+        if since is not None:
+            self.over[name] = since
+        else:
+            self.over.pop(name, None)
+        if since is not None or self.state(name) is not FleetGoalState.OPEN:
             return
         self.version += 1
         goal = self.goals[name]
-        places: List[Tuple[List, tuple]] = []
+        places: List[Tuple[List[Any], Tuple[Any, ...]]] = []
         if self._robot is not None and unsuited(goal, self._robot):
             places.append((self.unsuited, order(goal)))
         elif not self._tried(name):
@@ -194,12 +225,12 @@ class FleetView:
         if kind == records.ABOUT:
             self.about = records.decode_about(item.value)
         elif kind == records.GOALS:
-            goal = records.decode(Goal, item.value)
+            goal = records.decode_once(Goal, item.value)
             if goal.id != name:
                 raise RecordError(f"it calls itself '{goal.id}'")
             self.goals[name], self.written[name] = goal, item.modified
         elif kind == records.LIVES:
-            self.lives[name] = records.decode(Claim, item.value)._replace(epoch=item.modified)
+            self.lives[name] = records.decode_once(Claim, item.value)._replace(epoch=item.modified)
         elif kind == records.CLAIMS:
             self._put_claim(item, *names)
         elif kind == records.CANCELS:
@@ -215,7 +246,7 @@ class FleetView:
         elif kind == records.FAILURES:
             self.failures.setdefault(names[1], {})[names[2]] = _report_of(item, name)
         elif kind == records.BIDS:
-            self.offers.put(name, records.decode_bids(item.value))
+            self.offers.put(name, records.decode_bids_once(item.value))
         elif kind == records.ROBOTS:
             self.robots[name] = records.decode(Profile, item.value)
         elif kind == records.LATE:
@@ -231,7 +262,7 @@ class FleetView:
             raise RecordError("this version does not know such keys")
 
     def _put_claim(self, item: Item, robot: str, goal: str) -> None:
-        claim = records.decode(Claim, item.value)._replace(epoch=item.modified)
+        claim = records.decode_once(Claim, item.value)._replace(epoch=item.modified)
         if claim.robot != robot:
             raise RecordError(f"it is of {claim.robot}")
         first = self.claims.get(goal, claim)
@@ -282,7 +313,7 @@ def _report_of(item: Item, robot: str) -> Report:
 
     :raises RecordError: for any other.
     """
-    report: Report = records.decode(Report, item.value)
+    report: Report = records.decode_once(Report, item.value)
     if report.robot != robot:
         raise RecordError(f"it is of {report.robot}")
     return report

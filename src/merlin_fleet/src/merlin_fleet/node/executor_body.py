@@ -1,4 +1,4 @@
-"""The body of a robot in a fleet: its own Executor does the goals, its own planner tells what they cost."""
+"""The body of a robot in a fleet: its own Executor does the goals, its own planner estimates their cost."""
 
 import threading
 from typing import Callable, Dict, Optional, Protocol, Tuple
@@ -19,7 +19,7 @@ NO_EXECUTOR = "its Executor does not answer"
 
 
 class Costs(Protocol):
-    """Tells what goals cost."""
+    """Estimates the cost of goals."""
 
     def cost(self, goal: Goal, behind: Tuple[Goal, ...]) -> Tuple[Optional[float], str]:
         """As :meth:`merlin_fleet.fleet_robot.Body.cost`."""
@@ -85,7 +85,7 @@ class ExecutorBody:
                 priority=self._priority,
                 on_done=lambda request: self._done(goal.id, request),
             )
-        except Exception as error:  # whatever a goal does, the robot's part in the fleet goes on
+        except Exception as error:  # whatever a goal does, the robot's part in the fleet continues
             self._end(goal.id, False, "REFUSED", f"the Executor was not asked: {error}")
 
     def stop(self, goal: str, reason: str) -> None:

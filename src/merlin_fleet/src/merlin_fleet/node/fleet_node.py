@@ -1,6 +1,8 @@
 """Node: this robot's part in a fleet."""
 
 import math
+import os
+import signal
 import uuid
 from pathlib import Path
 from typing import Callable, Optional, Tuple
@@ -14,13 +16,13 @@ from merlin_executor.node.guard_client import GuardClient
 from merlin_fleet.certified import HubError
 from merlin_fleet.core.agent import Agent, Rules
 from merlin_fleet.core.records import Profile
-from merlin_fleet.core.sqlite_outbox import OutboxError, SqliteOutbox
 from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.node.executor_body import NO_EXECUTOR, ExecutorBody
 from merlin_fleet.node.fleet_parameters import FleetParameters, read_parameters
 from merlin_fleet.node.planned_cost import PlannedCost, domain_identity
 from merlin_fleet.node.shared_knowledge import SharedKnowledge
+from merlin_fleet.sqlite_outbox import OutboxError, SqliteOutbox
 from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError, KnowledgeSnapshots
@@ -33,11 +35,11 @@ CLOSE_LIMIT = 7.0  # s for what runs to stop; a node has 10 s to end
 
 
 class NotThere(Exception):
-    """The planning system is not there yet; the text says what is missing."""
+    """The planning system does not run yet; the text names the missing part."""
 
 
 class Battery:
-    """The robot's battery, as its driver tells it.
+    """The robot's battery, as its driver publishes it.
 
     :param topic: of sensor_msgs/BatteryState; empty: it is not looked at.
     :param least: share of its charge below which the robot takes nothing.
@@ -55,7 +57,7 @@ class Battery:
         if not self._topic:
             return ""
         if self._charge is None:
-            return f"its battery was not heard of on {self._topic}"
+            return f"its battery was not received on {self._topic}"
         low = self._charge < self._least
         return f"its battery is at {self._charge:.0%}, less than {self._least:.0%}" if low else ""
 
@@ -84,7 +86,7 @@ class Occupation:
 class FleetNode:
     """Joins the parts: hub, agent, body and health.
 
-    :raises NotThere: when the knowledge base is not there in time.
+    :raises NotThere: when the knowledge base does not run in time.
     :raises HubError: for an address or certificates that cannot be used.
     :raises OutboxError: for a file that cannot be used.
     """
@@ -93,7 +95,7 @@ class FleetNode:
         self._parameters = parameters
         self._status = FleetStatus()
         knowledge_base = rospy.resolve_name(rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE))
-        # The Executor checks the goals itself, as those of everybody.
+        # The Executor checks the goals itself, as it does for every client.
         self._client = MerlinExecutorClient(knowledge_base=None, on_client_lost=CANCEL)
         busy = Occupation(self._client.name).busy
         domain, self._costs = _planned_cost(knowledge_base, parameters, busy)
@@ -134,6 +136,7 @@ class FleetNode:
             note_fleet=outbox.note_fleet,
             on_status=self._take,
             learn=self._knowledge.learn,
+            on_failed=_end,
         )
 
     def start(self) -> None:
@@ -162,6 +165,8 @@ class FleetNode:
             return Health(WARN, "without the hub; it works for itself", values)
         if not status.joined:
             return Health(WARN, "not joined yet", values)
+        if status.clock:
+            return Health(WARN, f"{status.clock}; it takes no goals with a deadline", values)
         if status.stale:
             return Health(WARN, f"it plans with old facts: {'; '.join(status.stale)}", values)
         return Health(OK, "joined", values)
@@ -177,13 +182,19 @@ class FleetNode:
         self._robot.close(CLOSE_LIMIT)
 
 
+def _end(error: str) -> None:
+    """Ends the node as a signal to it alone does: what runs is cancelled, and it is started again."""
+    rospy.logfatal(f"the robot's part in the fleet has failed and begins anew:\n{error}")
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
 def _planned_cost(
     knowledge_base: str, parameters: FleetParameters, busy: Callable[[], bool]
 ) -> Tuple[str, PlannedCost]:
     """The domain's identity, and what plans in it."""
     wait = parameters.start_wait
     if not knowledge_client(knowledge_base).wait(wait):
-        raise NotThere(f"the knowledge base {knowledge_base} is not there after {wait:g} s; is it launched?")
+        raise NotThere(f"the knowledge base {knowledge_base} does not run after {wait:g} s; is it launched?")
     path = str(rospy.get_param(f"{knowledge_base}/domain_path", ""))
     snapshots = KnowledgeSnapshots(knowledge_base)
     try:

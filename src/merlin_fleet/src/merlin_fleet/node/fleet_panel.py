@@ -18,7 +18,7 @@ NODE = "merlin_fleet"  # the robot's part in the fleet: its parameters name the 
 
 
 class FleetPanel(Panel):
-    """Follows the hub of this robot's fleet, with the robot's own certificate; hidden where there is none."""
+    """Follows the hub of this robot's fleet, with the robot's certificate; hidden without a fleet."""
 
     name, title, place = "fleet", "Fleet", 45
     script = "package://merlin_fleet/web/fleet.js"
@@ -52,7 +52,7 @@ class FleetPanel(Panel):
 
 
 def _client(parameters: Dict[str, Any], on_change: Any) -> FleetClient:
-    """A client of the fleet that a robot's node was told."""
+    """A client of the fleet that the robot's node names in its parameters."""
     hub = parameters.get("hub") or DEFAULT_ENDPOINT
     endpoints = hub.split(",") if isinstance(hub, str) else hub
     files = Tls(*(str(parameters.get(field) or "") for field in Tls._fields))

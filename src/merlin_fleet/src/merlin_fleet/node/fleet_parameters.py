@@ -16,7 +16,7 @@ from merlin_ros.parameters import ParameterError, number
 
 
 class FleetParameters(NamedTuple):
-    """What the node is told."""
+    """The node's parameters."""
 
     endpoints: Tuple[str, ...]
     tls: Optional[Tls]

@@ -1,4 +1,4 @@
-"""What goals cost a robot: planned by its own planner, from the present state of its own knowledge."""
+"""The cost of goals for a robot: its own planner plans them from the present state of its knowledge."""
 
 import hashlib
 import re
@@ -19,18 +19,18 @@ from merlin_rosplan.supervision.planning import Planning
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 
 
-class Knowledge(Protocol):
+class SnapshotSource(Protocol):
     """Reads a knowledge base, as :class:`merlin_rosplan.messages.knowledge_snapshot.KnowledgeSnapshots`."""
 
     def snapshot(self) -> Tuple[Domain, Problem]:
         """Domain, without its operators, and all that is stored."""
 
 
-class NoPlan(Exception):
+class CannotPlan(Exception):
     """A goal cannot be planned; the text says why."""
 
 
-class Unplanned(NoPlan):
+class Unplanned(CannotPlan):
     """The planner has found no plan for a goal that the domain knows."""
 
 
@@ -50,7 +50,7 @@ class PlannedCost:
 
     def __init__(
         self,
-        knowledge: Knowledge,
+        knowledge: SnapshotSource,
         domain_path: str,
         settings: PlannerSettings,
         action_duration: float,
@@ -79,14 +79,14 @@ class PlannedCost:
                 if not busy and not self._busy():
                     raise
                 own = self._goal_duration
-        except (KnowledgeBaseError, NoPlan) as error:
+        except (KnowledgeBaseError, CannotPlan) as error:
             return None, str(error)
         for before in behind:
             try:
                 own += self._plan(domain, problem, before)
             except Unplanned:
                 own += self._goal_duration
-            except NoPlan:
+            except CannotPlan:
                 continue  # the Executor will refuse it: it does not keep the robot
         return own, ""
 
@@ -103,11 +103,11 @@ class PlannedCost:
         try:
             path.write_text(write_goal_problem(domain, problem, goal.goals), encoding="utf-8")
         except (PddlError, ProblemWriteError, OSError) as error:
-            raise NoPlan(str(error)) from None
+            raise CannotPlan(str(error)) from None
         planning = Planning(self._settings, self._domain_path, str(path))
         with self._lock:
             if self._closed:
-                raise NoPlan("the robot leaves the fleet")
+                raise CannotPlan("the robot leaves the fleet")
             self._planning = planning
         outcome = planning.run()
         with self._lock:
@@ -121,14 +121,14 @@ def length(plan: str, action_duration: float) -> float:
     """How long a plan takes, s.
 
     :param action_duration: of an action without a duration.
-    :raises NoPlan: when it cannot be read.
+    :raises CannotPlan: when it cannot be read.
     """
     if not plan.strip():
         return 0.0  # the goal holds
     try:
         steps = parse_plan(plan)
     except PlanTextError as error:
-        raise NoPlan(f"the plan cannot be read: {error}") from None
+        raise CannotPlan(f"the plan cannot be read: {error}") from None
     timed = [step.time + step.duration for step in steps if step.duration > NO_DURATION]
     return max(timed, default=0.0) + action_duration * (len(steps) - len(timed))
 

@@ -18,7 +18,7 @@ LOOK = 2.0  # s between two looks whether the knowledge base is still the same, 
 Know = Callable[[str, Optional[Tuple[str, ...]], int], None]
 
 
-class Knowledge(Protocol):
+class KnowledgeSource(Protocol):
     """A knowledge base, as :class:`merlin_sm.knowledge_client.KnowledgeClient`."""
 
     name: str
@@ -33,14 +33,14 @@ class Knowledge(Protocol):
 class SharedKnowledge:
     """Follows a knowledge base's changes, whose versions have no gap: after one, all is read again.
 
-    :param knowledge: ours; the original knowledge base does not tell its changes.
+    :param knowledge: ours; the original knowledge base does not publish its changes.
     :param own: predicates that this robot writes.
-    :param know: told their facts; in this object's thread.
-    :param say: told what a person should know.
+    :param know: gets their facts; in this object's thread.
+    :param say: gets sentences for a person.
     """
 
     def __init__(
-        self, knowledge: Knowledge, own: Sequence[str], know: Know, say: Callable[[str], None]
+        self, knowledge: KnowledgeSource, own: Sequence[str], know: Know, say: Callable[[str], None]
     ) -> None:
         self._knowledge = knowledge
         self._own = frozenset(own)
@@ -120,7 +120,7 @@ class SharedKnowledge:
         return not same
 
     def _told(self, predicate: str, version: int) -> bool:
-        """Tells the facts of a predicate; whether they could be read."""
+        """Reads and delivers the facts of a predicate; whether they could be read."""
         facts = None
         if self._connections:  # else its changes do not come
             with contextlib.suppress(ServiceError):

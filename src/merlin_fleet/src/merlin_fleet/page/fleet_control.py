@@ -20,7 +20,7 @@ class FleetControl:
         self._client = client
 
     def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
-        """Does something; returns a sentence, ``done``.
+        """Carries out a request; returns a sentence, ``done``.
 
         :param what: who, send or cancel.
         :param fields: of a goal: goal, robot, groups, needs, value, deadline, finish; its id: request.
@@ -44,7 +44,7 @@ class FleetControl:
             raise ControlError("Write a goal, like (checked kitchen).")
         deadline = _number(fields, "deadline")
         if deadline is not None and deadline <= 0.0:
-            raise ControlError("A deadline is a time to come, in s from now.")
+            raise ControlError("A deadline must lie in the future, in s from now.")
         request = self._client.send(
             goal,
             value=_number(fields, "value") or 0.0,

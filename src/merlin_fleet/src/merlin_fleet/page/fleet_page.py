@@ -1,4 +1,4 @@
-"""What the fleet's page shows, kept by a thread of its own from what the hub tells."""
+"""What the fleet's page shows, kept by a thread of its own from the hub's changes."""
 
 import sys
 import threading
@@ -15,7 +15,7 @@ from merlin_monitor.state.state_tree import StateTree
 MOST = 200  # goals that are listed
 GATHER = 0.1  # s between two drawings: many changes are drawn together
 BEAT = 0.5  # s after which the page learns that nothing has changed, and that this is known
-#: Panels, as the page is told of them: `now` and `control` are where its keys lead.
+#: Panels, as the page gets them: its keys lead to `now` and `control`.
 PANELS: List[Dict[str, Any]] = [
     {"name": "now", "title": "", "width": 12, "script": "package://merlin_fleet/web/fleet_now.js"},
     {
@@ -72,7 +72,7 @@ class FleetPage:
         if self._thread.is_alive():
             self._thread.join(2.0)
 
-    def tell(self, event: Event) -> None:
+    def report(self, event: Event) -> None:
         """No history is kept; the server's log has it."""
 
     def _work(self) -> None:

@@ -1,10 +1,8 @@
 """An etcd of a test's own: on a free port of this machine, in a folder of its own."""
 
 import contextlib
-import random
 import shutil
 import signal
-import socket
 import subprocess
 import tempfile
 import time
@@ -12,8 +10,9 @@ import urllib.request
 from pathlib import Path
 from typing import List, Optional, Sequence
 
+from merlin_fleet.testing.ports import free_ports, release
+
 BEGIN = 60.0  # s for it to answer
-PORTS = range(20000, 32768)  # below those of connections: one that is started anew finds its own free
 DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # whatever proxy this machine has
 
 
@@ -34,7 +33,7 @@ class EtcdProcess:
         self._certificates = certificates
         self._listen = listen
         self._ports = free_ports(3)
-        self._process: Optional[subprocess.Popen] = None
+        self._process: Optional[subprocess.Popen[bytes]] = None
         self.start()
 
     @property
@@ -73,20 +72,21 @@ class EtcdProcess:
         self._signal(signal.SIGSTOP)
 
     def resume(self) -> None:
-        """Lets it go on."""
+        """Continues the stopped process."""
         self._signal(signal.SIGCONT)
 
     def kill(self) -> None:
-        """Ends it as a power cut does."""
+        """Kills the process, as a power cut does."""
         assert self._process is not None
         self._signal(signal.SIGKILL)
         self._process.wait()
 
     def close(self) -> None:
-        """Ends it and removes its data."""
+        """Ends the process and removes its data."""
         if self._process is not None and self._process.poll() is None:
             self.kill()
         shutil.rmtree(self._folder, ignore_errors=True)
+        release(self._ports)
 
     def _signal(self, number: int) -> None:
         assert self._process is not None
@@ -102,17 +102,6 @@ class EtcdProcess:
             ) as answer:
                 if b'"true"' in answer.read():
                     return
-            time.sleep(0.05)  # nothing tells that it is
+            time.sleep(0.05)  # etcd sends no event when it is ready
         with open(f"{self._folder}/log", encoding="utf-8", errors="replace") as log:
-            raise RuntimeError(f"etcd does not begin:\n{log.read()[-2000:]}")
-
-
-def free_ports(count: int) -> List[int]:
-    """Ports of this machine that nothing listens on, and that the kernel gives to no connection meanwhile."""
-    found: List[int] = []
-    while len(found) < count:
-        port = random.SystemRandom().choice(PORTS)
-        with socket.socket() as tried, contextlib.suppress(OSError):
-            tried.bind(("127.0.0.1", port))
-            found = found if port in found else [*found, port]
-    return found
+            raise RuntimeError(f"etcd does not start:\n{log.read()[-2000:]}")

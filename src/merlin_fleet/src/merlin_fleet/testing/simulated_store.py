@@ -5,12 +5,12 @@ from typing import Dict, List, Tuple, Union
 from merlin_fleet.core.store import Change, Compare, Item, Snapshot, Txn, TxnResult, Unwritten
 
 
-class LeaseUnknown(Exception):
-    """The store does not know the lease, or does not know it any more."""
+class SimulatedLeaseUnknown(Exception):
+    """The store does not know the lease, or no longer knows it."""
 
 
 class SimulatedStore:
-    """The store. Time passes only when it is told so."""
+    """The store. Its time passes only by a call."""
 
     def __init__(self) -> None:
         self.revision = 1
@@ -54,13 +54,13 @@ class SimulatedStore:
     def transact(self, txn: Txn) -> TxnResult:
         """A transaction.
 
-        :raises LeaseUnknown: for a put with a lease that is not known; then nothing is done.
+        :raises SimulatedLeaseUnknown: for a put with a lease that is not known; then nothing is done.
         """
         if not all(map(self._holds, txn.compare)):
             found = tuple(self._items[key][0] for key in txn.reads if key in self._items)
             return TxnResult(False, self.revision, found)
         if any(put.lease and put.lease not in self._leases for put in txn.puts):
-            raise LeaseUnknown("requested lease not found")
+            raise SimulatedLeaseUnknown("requested lease not found")
         deleted = [key for key in txn.deletes if key in self._items]
         if txn.puts or deleted:
             self.revision += 1

@@ -34,7 +34,7 @@ def main() -> int:
                 raise OperatorsError(f"{path} has no operator {arguments.name}")
             del tokens[arguments.name]
         elif not is_name(arguments.name):
-            raise OperatorsError(f"{arguments.name!r} is no name; use letters, digits, blanks, . - and _")
+            raise OperatorsError(f"{arguments.name!r} is not a name; use letters, digits, blanks, . - and _")
         else:
             tokens[arguments.name] = make_token()
         write_operators(path, tokens)
@@ -42,7 +42,7 @@ def main() -> int:
         print(f"operator: {error}", file=sys.stderr)
         return 2
     if arguments.remove:
-        print(f"{arguments.name} cannot control the robot any more.")
+        print(f"{arguments.name} can no longer control the robot.")
     else:
         print(f"The token of {arguments.name}, shown only now: {tokens[arguments.name]}")
     return 0

@@ -45,7 +45,7 @@ class Operators:
             return list(self._tokens)
 
     def name_of(self, token: str) -> Optional[str]:
-        """The operator with this token; None: there is none. All are compared, so the time tells nothing."""
+        """The operator with this token, or None. All tokens are compared, so that timing reveals none."""
         self._refresh()
         given = token.encode("utf-8", "surrogatepass")
         with self._lock:
@@ -92,10 +92,10 @@ def read_operators(path: Path) -> Dict[str, str]:
     except yaml.YAMLError:  # its text would show a line, with the token
         raise OperatorsError(f"the operators' file {path} is not YAML; write name: token") from None
     if not isinstance(found, dict):
-        raise OperatorsError(f"the operators' file {path} is no list of name: token")
+        raise OperatorsError(f"the operators' file {path} is not a list of name: token")
     for name, token in found.items():
         if not isinstance(name, str) or not _NAME.match(name):
-            raise OperatorsError(f"the operators' file {path} has {name!r}, which is no name")
+            raise OperatorsError(f"the operators' file {path} has {name!r}, which is not a name")
         if not isinstance(token, str) or len(token) < SHORTEST_TOKEN:
             raise OperatorsError(
                 f"the operators' file {path}: the token of {name} has to be a text of {SHORTEST_TOKEN} or "

@@ -9,14 +9,14 @@ class TlsError(ValueError):
     """The files cannot be used; the text names the one and says why."""
 
 
-class Tls(NamedTuple):
+class ServerTls(NamedTuple):
     """What the server needs; `warning` is a sentence for the log, or empty."""
 
     context: ssl.SSLContext
     warning: str = ""
 
 
-def read_tls(certificate: Optional[Path], key: Optional[Path]) -> Optional[Tls]:
+def read_tls(certificate: Optional[Path], key: Optional[Path]) -> Optional[ServerTls]:
     """Reads a certificate (with those above it, if there are any) and its key, both in PEM.
 
     :return: None: neither is given, so the page is served without encryption.
@@ -47,7 +47,7 @@ def read_tls(certificate: Optional[Path], key: Optional[Path]) -> Optional[Tls]:
         raise TlsError(f"the key {key} is not a private key in PEM: {error}") from error
     mode = key.stat().st_mode
     warning = f"the key {key} is open to others; run: chmod 600 {key}" if mode & 0o077 else ""
-    return Tls(context, warning)
+    return ServerTls(context, warning)
 
 
 class _Encrypted(Exception):

@@ -31,7 +31,7 @@ class RequestRefused(Exception):
 
 
 class WrongToken(RequestRefused):
-    """The token is no operator's."""
+    """The token does not belong to an operator."""
 
 
 READ_ONLY = "This monitor is read-only: it has no operators. Make one: rosrun merlin_monitor operator <name>"
@@ -83,7 +83,7 @@ class WebAccess:
         """The name of the operator who has the token.
 
         :raises WrongToken: when no operator has it.
-        :raises RequestRefused: when there is none, or the monitor is read-only.
+        :raises RequestRefused: when no operator has it, or the monitor is read-only.
         """
         if not self._operators.names:
             raise RequestRefused(READ_ONLY)

@@ -4,7 +4,7 @@ from typing import Sequence, Tuple
 
 import numpy
 
-SLOWEST = 0.01  # factor of a simulation; below it is a pause, in which ROS time does not go on
+SLOWEST = 0.01  # factor of a simulation; below it is a pause, in which ROS time does not continue
 
 
 class BagClock:

@@ -1,4 +1,4 @@
-"""A bag as a history that can be opened: where it is written, what is said meanwhile, what is tidied up."""
+"""Makes a history of a bag: where the file is, the progress, and the clean-up."""
 
 import contextlib
 import os
@@ -74,11 +74,11 @@ def _import(bag: Path, file: Path) -> None:
     os.environ["ROS_MASTER_URI"] = NO_MASTER
     # What reads bags takes a second to load, which a history does not need.
     from merlin_monitor.bag.bag_import import BagImport
-    from merlin_monitor.bag.recording import Recording, RecordingError
+    from merlin_monitor.bag.recording import BagRecording, RecordingError
 
     progress = _Progress(bag)
     try:
-        recording = Recording(bag)
+        recording = BagRecording(bag)
         progress.length = recording.length
         BagImport(recording, file, progress, lambda line: print(f"open: {line}", file=sys.stderr)).run()
     except RecordingError as error:
@@ -94,18 +94,18 @@ class _Progress:
         self._bag = bag
         self.length = 0.0  # s
         self._terminal = sys.stderr.isatty()
-        self._told = time.monotonic()
+        self._printed = time.monotonic()
         self._open = False
 
     def __call__(self, part: float) -> None:
-        """Tells it.
+        """Prints the progress, at most every few seconds.
 
         :param part: 0 to 1.
         """
         now = time.monotonic()
-        if now - self._told < (REDRAWN if self._terminal else LINES):
+        if now - self._printed < (REDRAWN if self._terminal else LINES):
             return
-        self._told = now
+        self._printed = now
         line = f"reading {self._bag}: {100 * part:.0f} % of {self.length / 60:.1f} min"
         print(f"\r{line}  " if self._terminal else line, end="" if self._terminal else "\n", file=sys.stderr)
         sys.stderr.flush()

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Callable, List
 
 from merlin_monitor.bag.recorded_system import RecordedSystem
-from merlin_monitor.bag.recording import Recording
+from merlin_monitor.bag.recording import BagRecording
 from merlin_monitor.history.history_file import HistoryError
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import PanelBoard, foreign_panel, script_of
@@ -79,7 +79,7 @@ class BagImport:
 
     def __init__(
         self,
-        recording: Recording,
+        recording: BagRecording,
         file: Path,
         progress: Callable[[float], object] = lambda part: None,
         complain: Callable[[str], None] = lambda line: print(line, file=sys.stderr),

@@ -9,21 +9,21 @@ import tf2_ros
 from tf2_msgs.msg import TFMessage
 
 from merlin_monitor.bag.bag_clock import BagClock
-from merlin_monitor.bag.recording import DAMAGE, Message, Recording, RecordingError, parameter_tree
-from merlin_monitor.listeners.ros_system import TRANSFORMS_KEPT, Graph, RosSystem
+from merlin_monitor.bag.recording import DAMAGE, BagRecording, Message, RecordingError, parameter_tree
+from merlin_monitor.listeners.ros_system import TRANSFORMS_KEPT, RosSystem, TopicGraph
 
+#: Name of the node whose parameters a recording has.
 MONITOR = "merlin_monitor"
-"""Name of the node whose parameters a recording has."""
 SIMULATOR = "/merlin_sim/status"
 
 
 class RecordedSystem(RosSystem):
     """What panels ask, answered by a recording. Nothing is asked of a master, and nothing published.
 
-    :param recording: it is told message by message, by :meth:`deliver`.
+    :param recording: its messages arrive one by one, by :meth:`deliver`.
     """
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: BagRecording) -> None:
         self._recording = recording
         self._namespace = f"/{recording.namespace}/".replace("//", "/")
         self._parameters = parameter_tree(recording.parameters)
@@ -35,7 +35,7 @@ class RecordedSystem(RosSystem):
         self._senders: Dict[str, List[str]] = {}  # topic → the node that has published last
 
     def go_to(self, wall: float) -> None:
-        """Time goes on.
+        """Advances time.
 
         :param wall: s since 1970.
         """
@@ -57,7 +57,7 @@ class RecordedSystem(RosSystem):
 
     @property
     def namespace(self) -> str:
-        """Of the robot that was recorded."""
+        """Namespace of the recorded robot."""
         return self._namespace
 
     @property
@@ -113,9 +113,9 @@ class RecordedSystem(RosSystem):
         self.subscribe("/tf_static", TFMessage, partial(take, buffer.set_transform_static))
         return lambda target, source: buffer.lookup_transform_core(target, source, genpy.Time(0))
 
-    def graph(self) -> Optional[Graph]:
+    def graph(self) -> Optional[TopicGraph]:
         """All topics of the recording, from its begin on; their nodes as they come."""
-        return Graph(self._senders, dict(self._recording.topics))
+        return TopicGraph(self._senders, dict(self._recording.topics))
 
     def address_of(self, service: str) -> str:
         """None is served."""
@@ -156,11 +156,11 @@ class _Receiver:
         self._receive(message)
 
     def get_num_connections(self) -> int:
-        """A recording does not tell of connections: what was heard once is connected."""
+        """A recording holds no connections: a topic with a message counts as connected."""
         return int(self._heard)
 
     def unregister(self) -> None:
-        """Ends it."""
+        """Ends the subscription."""
         self._receivers[self.resolved_name].remove(self)
 
 

@@ -1,7 +1,7 @@
 """How a recording is called, and what it has beside the topics of the robot, below its namespace."""
 
+#: Its file, in the folder of the results.
 BAG = "run.bag"
-"""Its file, in the folder of the results."""
 
 #: All that was known when the recording began, as one change.
 KNOWLEDGE = "merlin/recorded/knowledge"

@@ -30,9 +30,9 @@ DAMAGE = (
     EOFError,
     RuntimeError,
 )
-STEP = genpy.Duration(0, 1000)  # between messages that are told at the start, so that they keep their order
+STEP = genpy.Duration(0, 1000)  # between messages written at the start, to keep their order
+#: Packages whose messages differ between versions of MERLIN and of what is below it.
 ALIKE = ("merlin_msgs/", "rosplan_", "smach_msgs/")
-"""Packages whose messages differ between versions of MERLIN and of what is below it."""
 
 
 class RecordingError(Exception):
@@ -67,20 +67,19 @@ class Message(NamedTuple):
         bag.write(self.topic, self.raw, at, raw=True, connection_header=self.header or None)
 
 
-class Recording:
+class BagRecording:
     """A recording that can be shown.
 
     :param path: of the bag, or of a results folder with ``run.bag``.
     :raises RecordingError: when it is missing, damaged, without an index, not a bag, or of something else.
 
-    Attributes:
-        path: of the bag.
-        namespace: of the robot, without slashes at its ends.
-        parameters: by absolute name.
-        topics: name → type.
-        begin, end: s of ROS time.
-        length: s.
-        written: s since 1970 when it was ended.
+    :ivar path: of the bag.
+    :ivar namespace: of the robot, without slashes at its ends.
+    :ivar parameters: by absolute name.
+    :ivar topics: name → type.
+    :ivar begin, end: s of ROS time.
+    :ivar length: s.
+    :ivar written: s since 1970 when it was ended.
     """
 
     def __init__(self, path: Path) -> None:
@@ -133,11 +132,11 @@ class Recording:
                 if message.topic == FIXED:
                     fixed.update({each.child_frame_id: each for each in message.read().transforms})
                 elif message.at >= begin:
-                    self._tell_before(bag, before, begin)
+                    self._write_before(bag, before, begin)
                     message.write(bag, message.at)
                 elif message.type not in STREAMS:
                     before.append(message)
-            self._tell_before(bag, before, begin)
+            self._write_before(bag, before, begin)
             if fixed:
                 # One message: of several latched ones of one publisher, only the last would be kept.
                 all_fixed = TFMessage(list(fixed.values()))
@@ -150,7 +149,7 @@ class Recording:
                 header["message_definition"] = all_fixed._full_text
                 Message(FIXED, _raw(all_fixed), begin, header).write(bag, begin)
 
-    def _tell_before(self, bag: Any, before: List[Message], begin: genpy.Time) -> None:
+    def _write_before(self, bag: Any, before: List[Message], begin: genpy.Time) -> None:
         first = begin - genpy.Duration.from_sec(len(before) * STEP.to_sec())
         for number, message in enumerate(before):
             message.write(bag, first + genpy.Duration(0, STEP.nsecs * number))
@@ -168,12 +167,12 @@ class Recording:
 
         :raises RecordingError: the bag is damaged.
         """
-        told = [
+        announced = [
             name
             for name, kind in self.topics.items()
             if kind == KnowledgeChanges._type and KNOWLEDGE not in name
         ]
-        topic = told[0] if told else f"/{self.namespace}/{CHANGES}".replace("//", "/")
+        topic = announced[0] if announced else f"/{self.namespace}/{CHANGES}".replace("//", "/")
         known: Any = None
         early: List[Any] = []
         version = 0
@@ -187,7 +186,7 @@ class Recording:
             if message.topic.endswith(KNOWLEDGE):
                 known = changes[0]
                 changes += [change for change in early if change.header.stamp >= known.header.stamp]
-            elif known is None:  # part of what is read next, or told after it
+            elif known is None:  # contained in what is read next, or published after it
                 early += changes
                 continue
             for change in changes:

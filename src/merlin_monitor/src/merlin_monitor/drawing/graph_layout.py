@@ -4,7 +4,7 @@ import json
 import subprocess
 from typing import Any, Dict, List, Optional, Tuple
 
-from merlin_monitor.drawing.machine_graph import LARGE, SMALL, Graph
+from merlin_monitor.drawing.machine_graph import LARGE, SMALL, DrawnGraph
 
 CAREFUL = 6.0  # s of wall time for the picture as it should be
 TIMEOUT = 20.0  # s of wall time for one that is drawn in a hurry
@@ -16,10 +16,10 @@ _PADDING = {"state": 34, "step": 30, "outcome": 22}  # px
 
 
 class LayoutError(RuntimeError):
-    """There is no picture; the text says why."""
+    """The graph cannot be drawn; the text says why."""
 
 
-def layout(graph: Graph, command: str = "dot") -> Dict[str, Any]:
+def layout(graph: DrawnGraph, command: str = "dot") -> Dict[str, Any]:
     """Lays a graph out.
 
     :return: width and height (px), nodes with their centres and sizes, clusters with their frames, edges with
@@ -35,7 +35,7 @@ def layout(graph: Graph, command: str = "dot") -> Dict[str, Any]:
     except FileNotFoundError as error:
         raise LayoutError("Graphviz is missing; install the package graphviz") from error
     except subprocess.TimeoutExpired as error:
-        raise LayoutError(f"Graphviz had no picture after {CAREFUL + TIMEOUT:g} s") from error
+        raise LayoutError(f"Graphviz made no picture within {CAREFUL + TIMEOUT:g} s") from error
     if process.returncode or not process.stdout:
         raise LayoutError(f"Graphviz failed: {process.stderr.strip()[:300]}")
     return _read(json.loads(process.stdout), graph, node_names, cluster_names)
@@ -52,7 +52,7 @@ def _run(command: List[str], source: str, timeout: float) -> "subprocess.Complet
     )
 
 
-def _dot(graph: Graph) -> Tuple[str, Dict[str, int], Dict[str, int]]:
+def _dot(graph: DrawnGraph) -> Tuple[str, Dict[str, int], Dict[str, int]]:
     nodes = {node.id: number for number, node in enumerate(graph.nodes)}
     clusters = {cluster.id: number for number, cluster in enumerate(graph.clusters)}
     inside: Dict[str, List[str]] = {}
@@ -106,7 +106,7 @@ def _node(node: Any, numbers: Dict[str, int]) -> str:
 
 
 def _read(
-    answer: Dict[str, Any], graph: Graph, nodes: Dict[str, int], clusters: Dict[str, int]
+    answer: Dict[str, Any], graph: DrawnGraph, nodes: Dict[str, int], clusters: Dict[str, int]
 ) -> Dict[str, Any]:
     # With -y the origin is at the top left, as on a page.
     x0, y0, x1, y1 = _numbers(answer["bb"])

@@ -4,7 +4,7 @@ import threading
 from typing import Any, Callable, Dict, Optional, Tuple
 
 from merlin_monitor.drawing.graph_layout import LayoutError, layout
-from merlin_monitor.drawing.machine_graph import Graph
+from merlin_monitor.drawing.machine_graph import DrawnGraph
 
 Done = Callable[[str, Optional[Dict[str, Any]], str], None]
 
@@ -12,14 +12,14 @@ Done = Callable[[str, Optional[Dict[str, Any]], str], None]
 class LayoutThread:
     """Lays out the newest graph of every name, one after the other.
 
-    :param done: called with the name, the picture and, when there is none, why; in this thread.
+    :param done: called in this thread with the name and the picture, or the reason why there is no picture.
     """
 
     def __init__(self, done: Done) -> None:
         self._done = done
         self._changed = threading.Condition()  # guards the fields below
-        self._waiting: Dict[str, Callable[[], Optional[Graph]]] = {}
-        self._last: Dict[str, Tuple[Graph, Optional[Dict[str, Any]], str]] = {}
+        self._waiting: Dict[str, Callable[[], Optional[DrawnGraph]]] = {}
+        self._last: Dict[str, Tuple[DrawnGraph, Optional[Dict[str, Any]], str]] = {}
         self._stopping = False
         self._thread = threading.Thread(target=self._work, name="layout", daemon=True)
 
@@ -33,7 +33,7 @@ class LayoutThread:
             self._stopping = True
             self._changed.notify_all()
 
-    def ask(self, name: str, graph: Callable[[], Optional[Graph]]) -> None:
+    def ask(self, name: str, graph: Callable[[], Optional[DrawnGraph]]) -> None:
         """Wants a picture; the graph is made when its turn comes, so the last one asked for is drawn."""
         with self._changed:
             self._waiting[name] = graph
@@ -57,14 +57,16 @@ class LayoutThread:
                 make = self._waiting.pop(name)
             self._lay_out(name, make)
 
-    def _lay_out(self, name: str, make: Callable[[], Optional[Graph]]) -> None:
+    def _lay_out(self, name: str, make: Callable[[], Optional[DrawnGraph]]) -> None:
         try:
             picture, reason = self._draw(name, make)
         except Exception as error:  # one strange machine does not end all pictures
             picture, reason = None, f"{type(error).__name__}: {error}"
         self._done(name, picture, reason)
 
-    def _draw(self, name: str, make: Callable[[], Optional[Graph]]) -> Tuple[Optional[Dict[str, Any]], str]:
+    def _draw(
+        self, name: str, make: Callable[[], Optional[DrawnGraph]]
+    ) -> Tuple[Optional[Dict[str, Any]], str]:
         graph = make()
         if graph is None or not graph.nodes:
             self._last.pop(name, None)

@@ -33,7 +33,7 @@ class Cluster(NamedTuple):
     parent: str = ""
 
 
-class Graph(NamedTuple):
+class DrawnGraph(NamedTuple):
     """A picture to be laid out; `direction` as Graphviz names it: TB, LR."""
 
     nodes: List[DrawnNode]
@@ -42,7 +42,7 @@ class Graph(NamedTuple):
     direction: str = "TB"
 
 
-def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> Graph:
+def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> DrawnGraph:
     """The picture of a machine with the containers in it.
 
     Where most states of a large machine may end with the same outcome, its arrows would hide all others
@@ -93,16 +93,16 @@ def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> Graph:
             entry, whole = _entry(containers, head)
             if entry is not None:
                 edges.append(DrawnEdge(tail, entry, ", ".join(sorted(set(texts))), whole))
-    return Graph(nodes, edges, clusters)
+    return DrawnGraph(nodes, edges, clusters)
 
 
-def plan_graph(steps: Dict[str, str], edges: List[List[str]]) -> Graph:
+def plan_graph(steps: Dict[str, str], edges: List[List[str]]) -> DrawnGraph:
     """The picture of a plan.
 
     :param steps: their words by their keys.
     """
     nodes = [DrawnNode(key, words, "step") for key, words in steps.items()]
-    return Graph(nodes, [DrawnEdge(before, after) for before, after in edges], direction="LR")
+    return DrawnGraph(nodes, [DrawnEdge(before, after) for before, after in edges], direction="LR")
 
 
 def _entry(containers: Dict[str, Dict[str, Any]], head: str) -> Tuple[Optional[str], str]:

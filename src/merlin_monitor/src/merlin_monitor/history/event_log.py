@@ -9,20 +9,19 @@ from merlin_monitor.text.plain_value import plain, plain_text
 Row = Dict[str, Any]
 LONGEST_TEXT = 1000  # characters of an event
 MARKS = ("failure", "cancel", "replan")
-MOST_MARKS = 1000  # that are told of one run
+MOST_MARKS = 1000  # most marks that are shown of one run
 _COLUMNS = "id, run, wall, at, kind, text, detail, mark"
 
 
 class Neighbour(NamedTuple):
     """Which event is asked for: the next one from here.
 
-    Attributes:
-        run: number.
-        wall: s since 1970.
-        identity: of the event from which it goes on; 0: none, only the time counts.
-        forward: the next one, else the last one before.
-        kinds: none: all.
-        marks: none: all.
+    :ivar run: number.
+    :ivar wall: s since 1970.
+    :ivar identity: of the event from which it continues; 0: none, only the time counts.
+    :ivar forward: the next one, else the last one before.
+    :ivar kinds: none: all.
+    :ivar marks: none: all.
     """
 
     run: int

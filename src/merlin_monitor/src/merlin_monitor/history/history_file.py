@@ -1,12 +1,12 @@
-"""The SQLite file of the history: what is in it, how it is opened, and what it may not be."""
+"""The SQLite file of the history: its tables, and how it is opened and checked."""
 
 import sqlite3
 import time
 from pathlib import Path
 
 FILE = "history.sqlite"
+#: Of the file; 0: events only, as files were before they held what was shown.
 VERSION = 1
-"""Of the file; 0: events only, as files were before they held what was shown."""
 BUSY = 10.0  # s that another process may hold the file, before it counts as an error
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS events (
@@ -70,10 +70,10 @@ def begin_run(connection: sqlite3.Connection, wall: float) -> int:
 
 
 def open_for_reading(path: Path) -> sqlite3.Connection:
-    """Opens the history of a run that has ended, or of one that goes on.
+    """Opens the history of a run, also while that run goes on.
 
     :param path: the file, or the folder that it lies in.
-    :raises HistoryError: there is none, or it is damaged, something else, newer, or without what was shown.
+    :raises HistoryError: when it is missing, damaged, newer, another file, or without what was shown.
     """
     file = path / FILE if path.is_dir() else path
     if not file.is_file():

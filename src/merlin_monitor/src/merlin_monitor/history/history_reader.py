@@ -59,7 +59,7 @@ class HistoryReader:
         return self._ask(lambda: self._log.marks(run))
 
     def runs(self) -> "Future[List[Row]]":
-        """The runs of which is known what was shown, oldest first."""
+        """The runs with recorded pages, oldest first."""
         return self._ask(lambda: self._recording.runs())
 
     def segment(self, run: int, wall: float) -> "Future[Optional[str]]":
@@ -71,7 +71,7 @@ class HistoryReader:
         return self._ask(lambda: self._recording.picture(name, version))
 
     def close(self) -> None:
-        """Does what waits and closes the file."""
+        """Finishes the waiting jobs and closes the file."""
         if self._thread.is_alive():
             self._jobs.put(None)
             self._thread.join(CLOSING)
@@ -84,7 +84,7 @@ class HistoryReader:
         self._recording = Recording(connection)
 
     def _write(self, jobs: List[Any]) -> None:
-        """Writes what is no question."""
+        """Hook: writes the jobs that are not questions."""
 
     def _finish(self) -> None:
         """Before the file is closed."""
@@ -120,5 +120,5 @@ class HistoryReader:
 def _answer(question: Callable[[], A], answer: "Future[A]") -> None:
     try:
         answer.set_result(question())
-    except Exception as error:  # raised in the caller; the history goes on
+    except Exception as error:  # raised in the caller; the history continues
         answer.set_exception(HistoryError(f"the history could not be read: {error}"))

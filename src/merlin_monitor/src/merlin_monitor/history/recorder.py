@@ -26,10 +26,10 @@ class _Feed(Protocol):
         """The version, and the changes since the last call."""
 
     def close(self) -> None:
-        """Ends it."""
+        """Ends the feed."""
 
 
-class Tree(Protocol):
+class RecordedState(Protocol):
     """The state that is shown."""
 
     def subscribe(self, wake: Callable[[], object]) -> Any:
@@ -50,7 +50,7 @@ class Recorder:
     :param clock: s since 1970, never going back.
     """
 
-    def __init__(self, tree: Tree, put: Callable[[Frame], bool], clock: Callable[[], float]) -> None:
+    def __init__(self, tree: RecordedState, put: Callable[[Frame], bool], clock: Callable[[], float]) -> None:
         self._tree = tree
         self._put = put
         self._clock = clock

@@ -16,11 +16,10 @@ Row = Dict[str, Any]
 class Frame(NamedTuple):
     """A frame as it is stored.
 
-    Attributes:
-        segment: number in its run, from 1.
-        number: in its segment; 0: the whole state.
-        wall: s since 1970.
-        data: compressed text, ``[wall, at, state or changes, version of the state]``.
+    :ivar segment: number in its run, from 1.
+    :ivar number: in its segment; 0: the whole state.
+    :ivar wall: s since 1970.
+    :ivar data: compressed text, ``[wall, at, state or changes, version of the state]``.
     """
 
     segment: int

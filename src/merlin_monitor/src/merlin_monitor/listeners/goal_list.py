@@ -26,7 +26,7 @@ class OfferedGoal(NamedTuple):
 
     @property
     def shown(self) -> Dict[str, Any]:
-        """What the page is told."""
+        """The fields that the page gets."""
         return {"name": self.name, "goal": self.goal, "priority": self.priority}
 
 

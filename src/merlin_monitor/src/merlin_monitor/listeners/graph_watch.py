@@ -1,4 +1,4 @@
-"""Notices topics and services that appear and vanish. The master sends no events, so it is asked."""
+"""Notices topics and services that appear and vanish. The master sends no events, so the watch polls it."""
 
 import threading
 from typing import Callable, Dict, List, Optional

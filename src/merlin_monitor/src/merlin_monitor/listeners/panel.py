@@ -20,7 +20,7 @@ class Panel:
     """
 
     name: ClassVar[str] = ""
-    """Of its section of the state, of its element in the page, and of its script."""
+    """Name of its section of the state, its element in the page, and its script."""
     title: ClassVar[str] = ""
     """Its heading; empty: it has no heading, and no link leads to it."""
     place: ClassVar[int] = 50
@@ -84,17 +84,17 @@ class Panel:
         """``set("table", "3", value)`` puts a value into the section; whether that changed anything."""
         return self.state.tree.set(self.name, *path_and_value)
 
-    def tell(self, kind: str, text: Phrase, at: float) -> None:
+    def report(self, kind: str, text: Phrase, at: float) -> None:
         """Puts an event into the history.
 
         :param kind: one of :data:`merlin_monitor.state.events.KINDS`.
         :param text: a text, or a phrase of :mod:`merlin_monitor.text.phrase`, for more than one language.
         :param at: s of ROS time.
         """
-        self.state.tell(sentence(kind, text, at))
+        self.state.report(sentence(kind, text, at))
 
     @classmethod
     def described(cls) -> Dict[str, Union[str, int]]:
-        """What the page is told of it."""
+        """The fields of this panel that the page gets."""
         script = cls.script or f"package://merlin_monitor/web/panels/{cls.name}.js"
         return {"name": cls.name, "title": cls.title, "width": cls.width, "script": script}

@@ -1,4 +1,4 @@
-"""What has no event of its own: time goes on, a part falls silent, the robot moves a little."""
+"""Checks what changes without an event: the time, a silent node, a small motion of the robot."""
 
 import threading
 from typing import Callable, Mapping, Sequence
@@ -16,7 +16,7 @@ CHECKS = 0.5  # s of wall time between two looks at what is silent
 
 
 class Pulse:
-    """Tells the panels that time goes on, and follows the simulator.
+    """Calls the panels four times per second, and follows the simulator.
 
     :param state: the model.
     :param panels: sampled and checked.

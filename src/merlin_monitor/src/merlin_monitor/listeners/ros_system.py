@@ -11,12 +11,11 @@ from merlin_ros.master.master_link import ERRORS, bounded_master
 TRANSFORMS_KEPT = 5.0  # s
 
 
-class Graph(NamedTuple):
+class TopicGraph(NamedTuple):
     """What is published.
 
-    Attributes:
-        publishers: nodes, by topic.
-        types: by topic.
+    :ivar publishers: nodes, by topic.
+    :ivar types: by topic.
     """
 
     publishers: Dict[str, List[str]]
@@ -28,12 +27,12 @@ class RosSystem:
 
     @property
     def namespace(self) -> str:
-        """Of the robot, with a slash at its end."""
+        """Namespace of the robot, with a slash at its end."""
         return str(rospy.get_namespace()).rstrip("/") + "/"
 
     @property
     def name(self) -> str:
-        """Of the node, global."""
+        """Global name of the node."""
         return str(rospy.get_name())
 
     def resolve(self, name: str) -> str:
@@ -49,7 +48,7 @@ class RosSystem:
         return float(rospy.get_time())
 
     def wall(self) -> float:
-        """s that go on at any time, and never back."""
+        """s that continue at any time, and never back."""
         return time.monotonic()
 
     def subscribe(
@@ -73,7 +72,7 @@ class RosSystem:
         """
         return _Transforms().newest
 
-    def graph(self) -> Optional[Graph]:
+    def graph(self) -> Optional[TopicGraph]:
         """What is published; None: the master does not answer for a moment."""
         try:
             master = bounded_master()
@@ -81,7 +80,7 @@ class RosSystem:
             types = {topic: kind for topic, kind in master.getTopicTypes() if topic in publishers}
         except ERRORS:
             return None
-        return Graph(publishers, types)
+        return TopicGraph(publishers, types)
 
     def address_of(self, service: str) -> str:
         """Where a service is served, empty when nowhere; a new address means a new process."""

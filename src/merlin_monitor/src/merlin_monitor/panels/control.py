@@ -37,7 +37,7 @@ class ControlPanel(Panel):
         if self._operators.trouble != self._trouble:
             self._trouble = self._operators.trouble
             if self._trouble:
-                self.tell("control", say("{why}; the operators of before stay", why=self._trouble), at)
+                self.report("control", say("{why}; the operators of before stay", why=self._trouble), at)
                 rospy.logerr(self._trouble)
 
 

@@ -4,6 +4,6 @@ from merlin_monitor.listeners.panel import Panel
 
 
 class HistoryPanel(Panel):
-    """What happened."""
+    """The events of the run."""
 
     name, title, place, width = "history", "History", 80, 5

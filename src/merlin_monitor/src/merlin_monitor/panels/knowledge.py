@@ -1,6 +1,6 @@
 """The panel of the knowledge base. It is followed: everything by its services, then its changes.
 
-Ours tells every change on ``changes``. ROSPlan's tells on ``status/update`` that an array was applied, and
+Ours publishes every change on ``changes``. ROSPlan's says on ``status/update`` that an array was applied, and
 says nothing of single updates; so it is read again then, and every few seconds.
 """
 
@@ -21,11 +21,11 @@ from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import KnowledgeClient
 
-READ_AGAIN = 2.0  # s of wall time between two readings of a knowledge base that does not tell its changes
+READ_AGAIN = 2.0  # s of wall time between two readings of a knowledge base that does not publish its changes
 SOON = 0.2  # s from an update to reading, so that one reading serves several updates
-TELLS = "every change as the knowledge base tells it"
+FOLLOWS = "every change as the knowledge base publishes it"
 GONE = "the knowledge base has gone"
-READS = "read again after updates and every 2 s: this knowledge base does not tell its changes"
+READS = "read again after updates and every 2 s: this knowledge base does not publish its changes"
 
 
 class KnowledgePanel(Panel):
@@ -48,7 +48,7 @@ class KnowledgePanel(Panel):
         self._held: List[KnowledgeChanges] = []  # that arrived while it was read
         self._version: Optional[int] = None
         self._address = ""
-        self._tells = False
+        self._publishes = False
         self._by = ""
         self._first = True
         self._stopping = False
@@ -85,18 +85,18 @@ class KnowledgePanel(Panel):
     def look(self, topics: Dict[str, str]) -> None:
         """Notices a knowledge base that appeared or began anew."""
         address = self.watch.address_of(f"{self._client.name}/state/propositions")
-        tells = f"{self._client.name}/changes" in topics
+        publishes = f"{self._client.name}/changes" in topics
         with self._wanted:
             if not address:
                 if self._address:
                     self._address = ""
                     self.state.inbox.put(self.state.knowledge.source, GONE)
                 return
-            if address != self._address or tells != self._tells:
-                self._address, self._tells, self._version = address, tells, None
+            if address != self._address or publishes != self._publishes:
+                self._address, self._publishes, self._version = address, publishes, None
                 self._want(0.0)
-                self.state.inbox.put(self.state.knowledge.source, TELLS if tells else READS)
-            elif not tells:
+                self.state.inbox.put(self.state.knowledge.source, FOLLOWS if publishes else READS)
+            elif not publishes:
                 self._want(READ_AGAIN)
 
     def _want(self, delay: float) -> None:
@@ -107,7 +107,7 @@ class KnowledgePanel(Panel):
 
     def _updated(self, message: StatusUpdate) -> None:
         with self._wanted:
-            if not self._tells and self._address:
+            if not self._publishes and self._address:
                 self._by = message.last_update_client
                 self._want(SOON)
 
@@ -139,7 +139,7 @@ class KnowledgePanel(Panel):
                     return
                 self._read_at = None
                 self._reading = True
-                # Of a knowledge base that may be no more, or contained in what is read now.
+                # From a knowledge base that may be gone, or contained in what is read now.
                 self._held.clear()
                 by, self._by = self._by, ""
             try:

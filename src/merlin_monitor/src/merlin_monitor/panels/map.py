@@ -1,7 +1,7 @@
-"""The panel of the map: the robot on it, its path, points of interest and people."""
+"""The panel of the map: robots on it, their paths, points of interest and people."""
 
 import math
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, List, Optional, Set, Tuple
 
 import numpy
 import roslib.message
@@ -12,6 +12,7 @@ from move_base_msgs.msg import MoveBaseActionResult
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan
 
+from merlin_monitor.drawing.robot_track import RobotTrack
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.state.freshness import Source
@@ -53,6 +54,7 @@ class MapPanel(Panel):
         self._points: Any = None
         self._shown: Optional[Tuple[float, float, float]] = None
         self._robots: Dict[str, Tuple[float, float, float]] = {}  # of one plan, that are shown
+        self._followed: Dict[str, List[Any]] = {}  # robot of one plan → subscribers of its way
         self._located_at: Optional[float] = None
         self._scan: Optional[LaserScan] = None  # the last one, of the subscriber's thread
         self._scan_shown = 0.0  # s of wall time
@@ -66,7 +68,9 @@ class MapPanel(Panel):
         ]
 
     def look(self, topics: Dict[str, str]) -> None:
-        """Notices people and points of interest."""
+        """Notices people, points of interest and the robots of one plan."""
+        for robot in self._others() - self._followed.keys():
+            self._followed[robot] = self._follow(robot)
         for topic in self._people_topics:
             kind = topics.get(topic, "")
             message_class = roslib.message.get_message_class(kind) if kind in PEOPLE else None
@@ -99,9 +103,8 @@ class MapPanel(Panel):
             self.state.inbox.put(self.state.map.robot, pose, self.ros.time())
 
     def _look_at_robots(self) -> None:
-        """Where the robots of one plan are, as far as they tell it."""
-        names = set(self.state.tree.get("robots", "robots") or {}) - {self._robot}
-        found = {name: self._pose_of(f"{name}/base_footprint") for name in sorted(names)}
+        """Where the robots of one plan are, when they publish it."""
+        found = {name: self._pose_of(f"{name}/base_footprint") for name in sorted(self._others())}
         poses = {name: pose for name, pose in found.items() if pose is not None}
         moved = [
             name
@@ -111,6 +114,28 @@ class MapPanel(Panel):
         if moved or poses.keys() != self._robots.keys():
             self._robots = poses
             self.state.inbox.put(self.state.map.robots, poses)
+
+    def _others(self) -> Set[str]:
+        return set(self.state.tree.get("robots", "robots") or {}) - {self._robot}
+
+    def _follow(self, robot: str) -> List[Any]:
+        """Subscribes to where a robot of one plan is going."""
+
+        def track() -> RobotTrack:  # in the thread of the state only
+            return self.state.map.track(robot)
+
+        def end(_: MoveBaseActionResult, at: float) -> None:
+            track().goal(None)
+            track().path([])
+
+        return [
+            self.subscribe(f"/{robot}/move_base/{topic}", kind, take, queue_size=1)
+            for topic, kind, take in (
+                ("current_goal", PoseStamped, lambda goal, at: track().goal(_pose_of(goal.pose))),
+                ("result", MoveBaseActionResult, end),
+                *((path, Path, lambda path, at: track().path(_points_of(path))) for path in PATHS),
+            )
+        ]
 
     def check(self, at: float, wall: float) -> None:
         """Notices that it stands."""
@@ -153,11 +178,10 @@ class MapPanel(Panel):
         self.state.now.refresh()
 
     def _path(self, message: Path, at: float) -> None:
-        self.state.map.path([(stamped.pose.position.x, stamped.pose.position.y) for stamped in message.poses])
+        self.state.map.path(_points_of(message))
 
     def _goal(self, message: PoseStamped, at: float) -> None:
-        where = message.pose.position
-        self.state.map.goal((where.x, where.y, _yaw(message.pose.orientation)))
+        self.state.map.goal(_pose_of(message.pose))
 
     def _ended(self, message: MoveBaseActionResult, at: float) -> None:
         failed = message.status.status in (GoalStatus.ABORTED, GoalStatus.REJECTED, GoalStatus.LOST)
@@ -171,6 +195,14 @@ def scan_points(scan: Any, x: float, y: float, yaw: float) -> Any:
     hits = numpy.isfinite(ranges) & (ranges >= scan.range_min) & (ranges < scan.range_max)
     ranges, angles = ranges[hits], angles[hits]
     return numpy.column_stack((x + ranges * numpy.cos(angles), y + ranges * numpy.sin(angles)))
+
+
+def _points_of(path: Path) -> List[Tuple[float, float]]:
+    return [(stamped.pose.position.x, stamped.pose.position.y) for stamped in path.poses]
+
+
+def _pose_of(pose: Any) -> Tuple[float, float, float]:
+    return pose.position.x, pose.position.y, _yaw(pose.orientation)
 
 
 def _pose_in(stamped: Any) -> Tuple[float, float, float]:

@@ -6,32 +6,40 @@ from merlin_msgs.msg import DispatchStatus, RobotHost
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
-from merlin_monitor.state.events import Tell, sentence
+from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
 from merlin_monitor.text.phrase import say, with_reason
+from merlin_sm.robot_roster import RobotRoster, sender_of
 
 SECTION = "robots"
 SILENT = 2.0  # s of wall time after which a host is gone, as for the bridges
+MOST_OPERATORS = 1000  # whose parameters are remembered; a node may name them without end
 
 
 class RobotsSection:
-    """Keeps the section ``robots`` of the state: those that were heard of, and what names them in actions."""
+    """Keeps the section ``robots`` of the state: those that have sent a message, and their parameters."""
 
-    def __init__(self, tree: StateTree, tell: Tell) -> None:
+    def __init__(self, tree: StateTree, report: Reporter) -> None:
         self._tree = tree
-        self._tell = tell
+        self._report = report
         self._heard: Dict[str, Dict[str, float]] = {}  # robot -> node of a host -> s of wall time
         self._away: Dict[str, str] = {}
         self._parameters: Dict[str, str] = {}  # operator -> variable
         self._running: List[Any] = []
+        self._roster = RobotRoster()
 
     def host(self, word: Any, at: float, wall: float) -> None:
         """Takes a message with the fields of merlin_msgs/RobotHost.
 
         :param wall: s of ``ros.wall()``.
         """
+        admission = self._roster.admit(word.robot, sender_of(word), wall)
+        if admission.forgotten:
+            self._forget(admission.forgotten)
+        if not admission.counts:
+            return
         hosts = self._heard.setdefault(word.robot, {})
         if word.leaving:
             hosts.pop(word.node, None)
@@ -39,7 +47,8 @@ class RobotsSection:
             hosts[word.node] = wall
         parameters = dict(zip(word.operators, word.robot_parameters))
         if not parameters.items() <= self._parameters.items():
-            self._parameters.update(parameters)
+            kept = [*self._parameters.items(), *parameters.items()][-MOST_OPERATORS:]
+            self._parameters = dict(kept)
             self._tree.set(SECTION, "parameters", dict(self._parameters))
         away = word.out or self._why_away(word.robot, "its host has ended")
         if away != self._away.get(word.robot):
@@ -61,6 +70,11 @@ class RobotsSection:
             if silent and away != self._away.get(robot):
                 self._put(robot, away, at)
 
+    def _forget(self, robot: str) -> None:
+        self._heard.pop(robot, None)
+        self._away.pop(robot, None)
+        self._tree.remove(SECTION, "robots", robot)
+
     def _why_away(self, robot: str, gone: str) -> str:
         hosts = sorted(self._heard[robot])
         if len(hosts) > 1:
@@ -80,10 +94,10 @@ class RobotsSection:
         self._away[robot] = away
         self._tree.set(SECTION, "robots", robot, {"away": away, "does": self._does(robot)})
         if away:
-            told = with_reason(say("robot {robot} takes no actions", robot=robot), away)
-            self._tell(sentence("health", told, at, "failure"))
+            said = with_reason(say("robot {robot} takes no actions", robot=robot), away)
+            self._report(sentence("health", said, at, "failure"))
         elif before:
-            self._tell(sentence("health", say("robot {robot} takes actions again", robot=robot), at))
+            self._report(sentence("health", say("robot {robot} takes actions again", robot=robot), at))
 
 
 class RobotsPanel(Panel):
@@ -93,7 +107,7 @@ class RobotsPanel(Panel):
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)
-        self._section = RobotsSection(state.tree, state.tell)
+        self._section = RobotsSection(state.tree, state.report)
         knowledge_base = str(self.ros.parameter("~knowledge_base", "rosplan_knowledge_base"))
         dispatcher = str(self.ros.parameter("~plan_dispatcher", "rosplan_plan_dispatcher"))
         self._hosts = self.subscribe(f"{knowledge_base}/robots", RobotHost, self._host)

@@ -11,7 +11,7 @@ from merlin_monitor.drawing.png import png
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
-from merlin_monitor.state.events import Tell, sentence
+from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say
@@ -30,7 +30,7 @@ class SaidPanel(Panel):
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)
-        section = self._said = SaidSection(state.tree, state.pictures, state.tell)
+        section = self._said = SaidSection(state.tree, state.pictures, state.report)
         self._subscribers = [
             self.subscribe(
                 "sound_play/goal",
@@ -59,9 +59,9 @@ class SaidSection:
     :param pictures: takes it, as ``seen``.
     """
 
-    def __init__(self, tree: StateTree, pictures: Pictures, tell: Tell) -> None:
+    def __init__(self, tree: StateTree, pictures: Pictures, report: Reporter) -> None:
         self._tree = tree
-        self._tell = tell
+        self._report = report
         self._pictures = pictures
         self._entries: List[Dict[str, Any]] = []
         self._number = 0
@@ -72,7 +72,7 @@ class SaidSection:
         if request.sound == SAY and request.arg.strip():
             words = request.arg.strip()
             self._add("said", words, at)
-            self._tell(sentence("speech", say("said “{words}”", words=words), at))
+            self._report(sentence("speech", say("said “{words}”", words=words), at))
 
     def heard(self, result: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/ListenResult."""
@@ -84,7 +84,7 @@ class SaidSection:
                 if result.text
                 else say("heard {what}", what=unclear)
             )
-            self._tell(sentence("speech", heard, at))
+            self._report(sentence("speech", heard, at))
 
     def seen(self, names: List[str], at: float) -> None:
         """Takes what a look has found."""
@@ -93,7 +93,7 @@ class SaidSection:
         listed: List[Phrase] = [name.replace("_", " ") for name in shown]
         found = listed or say("nothing of what it knows")
         self._add("seen", found, at)
-        self._tell(sentence("sight", say("saw {what}", what=found), at))
+        self._report(sentence("sight", say("saw {what}", what=found), at))
 
     def image(self, message: Any) -> None:
         """Takes a message with the fields of sensor_msgs/Image; other encodings are left out."""

@@ -59,15 +59,15 @@ class ClickedGoals:
             raise NoPlace(f"there is no Executor at {self._client.name}")
         goal = self._goal.replace(BLANK, point)
         before = self._request
-        self._request = self._client.send(goal, self._priority, on_done=lambda done: _tell(goal, done))
+        self._request = self._client.send(goal, self._priority, on_done=lambda done: _log_end(goal, done))
         rospy.loginfo(f"rviz: {goal} is sent, priority {self._priority}")
         if before is not None and not before.done:
             before.cancel()
 
 
-def _tell(goal: str, request: ExecutorRequest) -> None:
+def _log_end(goal: str, request: ExecutorRequest) -> None:
     assert request.result is not None
     outcome = request.result.outcome
     because = f": {' '.join(request.result.reason.split())}" if request.result.reason else ""
-    tell = rospy.loginfo if outcome in GOOD else rospy.logwarn
-    tell(f"rviz: {goal}: {outcome_name(outcome)}{because}")
+    log = rospy.loginfo if outcome in GOOD else rospy.logwarn
+    log(f"rviz: {goal}: {outcome_name(outcome)}{because}")

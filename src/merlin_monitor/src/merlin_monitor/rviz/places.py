@@ -5,7 +5,7 @@ from typing import Mapping, Sequence
 
 
 class NoPlace(ValueError):
-    """There is no point of interest at that place; the text says which one is the nearest."""
+    """No point of interest is at that place; the text names the nearest one."""
 
 
 def nearest(points: Mapping[str, Sequence[float]], x: float, y: float, reach: float) -> str:

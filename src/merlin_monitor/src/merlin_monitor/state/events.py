@@ -23,13 +23,12 @@ KINDS = (
 class Event(NamedTuple):
     """Something that happened.
 
-    Attributes:
-        kind: one of :data:`KINDS`.
-        text: one line in plain words.
-        at: ROS time, s.
-        detail: what a timeline draws: ``began`` and ``ended`` (ROS time, s), ``outcome``, ``lane``, ``label``
-            (PDDL) and ``words`` (the same as a phrase); and ``said``, the text as a phrase.
-        mark: what the time bar jumps to: failure, cancel or replan; empty: none of these.
+    :ivar kind: one of :data:`KINDS`.
+    :ivar text: one line in plain words.
+    :ivar at: ROS time, s.
+    :ivar detail: what a timeline draws: ``began`` and ``ended`` (ROS time, s), ``outcome``, ``lane``,
+        ``label`` (PDDL) and ``words`` (the same as a phrase); and ``said``, the text as a phrase.
+    :ivar mark: what the time bar jumps to: failure, cancel or replan; empty: none of these.
     """
 
     kind: str
@@ -40,8 +39,8 @@ class Event(NamedTuple):
 
 
 def sentence(kind: str, phrase: Phrase, at: float, mark: str = "", **detail: Any) -> Event:
-    """An event that the page tells in the reader's language."""
+    """An event that the page shows in the reader's language."""
     return Event(kind, in_english(phrase), at, {**detail, "said": phrase}, mark)
 
 
-Tell = Callable[[Event], None]
+Reporter = Callable[[Event], None]

@@ -2,13 +2,13 @@
 
 from typing import Dict, List, Mapping, NamedTuple, Optional
 
-from merlin_monitor.state.events import Tell, sentence
+from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
 
+#: Field of a section: None, or what its source is and since when nothing can be known.
 SILENT = "silent"
-"""Field of a section: None, or what its source is and since when nothing can be known."""
 
 
 class Source(NamedTuple):
@@ -26,13 +26,13 @@ class Freshness:
     A section whose source was never there is not marked: it shows nothing.
 
     :param tree: of the sections.
-    :param tell: takes events.
+    :param report: takes events.
     :param health: knows which nodes are silent on ``/diagnostics``.
     """
 
-    def __init__(self, tree: StateTree, tell: Tell, health: HealthSection) -> None:
+    def __init__(self, tree: StateTree, report: Reporter, health: HealthSection) -> None:
         self._tree = tree
-        self._tell = tell
+        self._report = report
         self._health = health
         self._nodes: Dict[str, str] = {}  # section → node that was connected last
         self._alive_at: Dict[str, float] = {}  # section → ROS time of the last check that was good
@@ -62,9 +62,9 @@ class Freshness:
         for node, wrong in lost.items():
             if self._lost.get(node) != wrong:
                 said = say("{node} {what}", node=node or say("a node"), what=say(wrong))
-                self._tell(sentence("health", said, at, "failure"))
+                self._report(sentence("health", said, at, "failure"))
         for node in self._lost.keys() - lost.keys():
-            self._tell(sentence("health", say("{node} is connected again", node=node or say("a node")), at))
+            self._report(sentence("health", say("{node} is connected again", node=node or say("a node")), at))
         self._lost = lost
 
     def others_silent(self) -> List[str]:

@@ -2,16 +2,16 @@
 
 from typing import Any, Dict
 
-from merlin_monitor.state.events import Tell, sentence
+from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.clock_text import clock_text
 from merlin_monitor.text.phrase import in_english, say
 
 GUARD = "guard"
+#: Field of the section: while the base is stopped: which client stopped it, and when; else empty.
 HELD = "held"
-"""Field of the section: while the base is stopped, by whom and since when; else empty."""
+#: The same as a phrase.
 HELD_WORDS = "held_words"
-"""The same as a phrase."""
 STATES = ("idle", "passing", "holding", "stopped")
 #: Shown by the page in its language; the guard's own reasons stay as they are.
 SILENT_REASON = "the velocity guard does not answer; nothing new drives without it"
@@ -21,9 +21,9 @@ SILENT_AFTER = 2.0  # s of wall time; the guard sends a status every 0.5 s, paus
 class GuardSection:
     """Keeps the section ``guard`` of the state; without a guard it stays empty."""
 
-    def __init__(self, tree: StateTree, tell: Tell) -> None:
+    def __init__(self, tree: StateTree, report: Reporter) -> None:
         self._tree = tree
-        self._tell = tell
+        self._report = report
         self._shown: Dict[str, Any] = {}
         self._heard = 0.0
 
@@ -66,7 +66,7 @@ class GuardSection:
             self._tree.set(GUARD, name, value)
         if state in ("stopped", "silent") and state != before:
             held = shown[HELD_WORDS] or say(SILENT_REASON)
-            told = say("the base is {held}", held=held) if shown[HELD_WORDS] else held
-            self._tell(sentence("guard", told, at))
+            said = say("the base is {held}", held=held) if shown[HELD_WORDS] else held
+            self._report(sentence("guard", said, at))
         elif before in ("stopped", "silent") and state not in ("stopped", "silent"):
-            self._tell(sentence("guard", say("the base may drive again"), at))
+            self._report(sentence("guard", say("the base may drive again"), at))

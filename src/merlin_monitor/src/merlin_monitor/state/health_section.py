@@ -1,8 +1,8 @@
-"""The section of the health: what every part tells on /diagnostics, and which part has fallen silent."""
+"""The section of the health: what every part reports on /diagnostics, and which part is silent."""
 
 from typing import Any, Dict, List, Tuple
 
-from merlin_monitor.state.events import Tell, sentence
+from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say, with_reason
 
@@ -12,7 +12,7 @@ SILENT_AFTER = 2.5  # s of wall time; our nodes report once per second
 PERIODS = 2.5  # of its own, after which a part that reports less often is silent
 FIRST_PERIOD = 2.0  # s, assumed of a part that has reported once
 LONGEST_PERIOD = 30.0  # s
-REGULAR = 3  # reports, from which on a part is expected to report again
+REGULAR = 3  # reports, from when a part is expected to report again
 MOST_PARTS = 500
 MILD = ("ok", "warning")
 CALM = 60.0  # s of wall time between two events of a part that changes between these levels
@@ -21,13 +21,13 @@ CALM = 60.0  # s of wall time between two events of a part that changes between 
 class HealthSection:
     """Keeps the section ``health`` of the state."""
 
-    def __init__(self, tree: StateTree, tell: Tell) -> None:
+    def __init__(self, tree: StateTree, report: Reporter) -> None:
         self._tree = tree
-        self._tell = tell
+        self._report = report
         self._seen: Dict[str, float] = {}
         self._periods: Dict[str, float] = {}
         self._reports: Dict[str, int] = {}
-        self._told: Dict[str, Tuple[float, str]] = {}  # part → when its level was told, and which
+        self._reported: Dict[str, Tuple[float, str]] = {}  # part → when its level was reported, and which
         tree.set(SECTION, "parts", {})
 
     def diagnostics(self, message: Any, at: float, wall: float) -> None:
@@ -50,8 +50,8 @@ class HealthSection:
                 self._tree.set(SECTION, "parts", status.name, field, value)
             if was_silent:
                 heard = say("{part} is heard again", part=status.name)
-                self._tell(sentence("health", with_reason(heard, status.message), at))
-            self._tell_level(status.name, at, wall, was_silent)
+                self._report(sentence("health", with_reason(heard, status.message), at))
+            self._report_level(status.name, at, wall, was_silent)
 
     def silent_nodes(self) -> List[str]:
         """Nodes that have reported regularly and of which every part is silent, without the leading slash.
@@ -68,30 +68,30 @@ class HealthSection:
         return [node for node, is_silent in silent.items() if is_silent]
 
     def check_silence(self, at: float, wall: float) -> None:
-        """Marks parts that have not been heard of for long."""
+        """Marks parts that have been silent for long."""
         for name, seen in self._seen.items():
             silent = wall - seen > max(SILENT_AFTER, PERIODS * self._periods[name])
             if self._tree.set(SECTION, "parts", name, "silent", silent) and silent:
-                self._tell(sentence("health", say("{part} has fallen silent", part=name), at, "failure"))
-            self._tell_level(name, at, wall, silent)
+                self._report(sentence("health", say("{part} has fallen silent", part=name), at, "failure"))
+            self._report_level(name, at, wall, silent)
 
-    def _tell_level(self, name: str, at: float, wall: float, known: bool) -> None:
-        """Tells a level that is new; of a part that goes to and fro, where it is after a while.
+    def _report_level(self, name: str, at: float, wall: float, known: bool) -> None:
+        """Reports a new level; when a part alternates, the level that it has after a while.
 
-        :param known: it was told otherwise.
+        :param known: whether the level was reported in another event.
         """
         level = self._tree.get(SECTION, "parts", name, "level")
-        told, before = self._told.get(name, (wall - CALM, "ok"))
-        if known or level == before or name not in self._told and level == "ok":
-            self._told[name] = (wall if known else told, level)
+        reported, before = self._reported.get(name, (wall - CALM, "ok"))
+        if known or level == before or name not in self._reported and level == "ok":
+            self._reported[name] = (wall if known else reported, level)
             return
-        if level in MILD and before in MILD and wall - told < CALM:
+        if level in MILD and before in MILD and wall - reported < CALM:
             return
-        self._told[name] = wall, level
+        self._reported[name] = wall, level
         message = self._tree.get(SECTION, "parts", name, "message")
         mark = "" if level in MILD else "failure"
         said = say("{part}: {level}", part=name, level=say(level))
-        self._tell(sentence("health", with_reason(said, message), at, mark))
+        self._report(sentence("health", with_reason(said, message), at, mark))
 
     def _note_period(self, name: str, wall: float) -> None:
         """Learns how often a part reports; one long pause is forgotten within a few reports."""

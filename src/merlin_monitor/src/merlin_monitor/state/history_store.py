@@ -1,4 +1,4 @@
-"""The history of the run that goes on: events, and what was shown, in a file that outlives the node."""
+"""The history of the present run: its events and what the page showed, in a file that outlives the node."""
 
 import queue
 import sqlite3
@@ -100,8 +100,8 @@ class HistoryStore(HistoryReader):
     def _write(self, jobs: List[Any]) -> None:
         lost, self._lost = self._lost, 0
         if lost:
-            told = say("{count} events came too fast to be kept", count=str(lost))
-            jobs = [*jobs, (self.now(), sentence("monitor", told, 0.0))]
+            said = say("{count} events came too fast to be kept", count=str(lost))
+            jobs = [*jobs, (self.now(), sentence("monitor", said, 0.0))]
         if not jobs:
             return
         try:
@@ -109,8 +109,8 @@ class HistoryStore(HistoryReader):
         except Exception as error:  # a full disk, or a strange event, must not end the monitor
             self._gap = True
             self.trouble = str(error)
-            told = say("the history could not be written: {why}", why=str(error))
-            self._on_events([self._lost_event(sentence("monitor", told, 0.0))])
+            said = say("the history could not be written: {why}", why=str(error))
+            self._on_events([self._lost_event(sentence("monitor", said, 0.0))])
 
     def _store(self, jobs: List[Any]) -> List[Row]:
         self._leave_memory()

@@ -13,7 +13,7 @@ WAITING = 2000  # messages; a callback that brings more waits, and rospy drops t
 class Inbox:
     """Calls what is put in, in order, in its own thread.
 
-    :param complain: takes one line about a call that raised an exception; the others go on.
+    :param complain: takes one line about a call that raised an exception; the others continue.
     """
 
     def __init__(self, complain: Callable[[str], None] = lambda line: print(line, file=sys.stderr)) -> None:
@@ -27,7 +27,7 @@ class Inbox:
         self._thread.start()
 
     def put(self, call: Callable[..., object], *arguments: Any) -> None:
-        """Has a call made; waits while too many wait."""
+        """Queues a call; blocks while the queue is full."""
         self._calls.put((call, arguments))
 
     def stop(self, timeout: float = 2.0) -> None:

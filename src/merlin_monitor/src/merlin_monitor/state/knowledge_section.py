@@ -1,9 +1,9 @@
-"""The section of what the robot knows: objects, facts, numeric values, goals, and who changed them when."""
+"""The section of what the robot knows: objects, facts, numeric values, goals, and their last changes."""
 
 from collections import deque
 from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Tuple
 
-from merlin_monitor.state.events import Tell, sentence
+from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import FACT, FUNCTION, INSTANCE, item_text, number_text
 from merlin_monitor.text.phrase import Phrase, goal_phrase, say, value_phrase
@@ -11,7 +11,7 @@ from merlin_monitor.text.phrase import Phrase, goal_phrase, say, value_phrase
 SECTION = "knowledge"
 KINDS = ("objects", "facts", "values", "goals")
 RECENT = 60  # changes that are shown as a list
-FEW = 3  # changes of one transaction that are told one by one
+FEW = 3  # changes of one transaction that are reported one by one
 
 Entry = Dict[str, Any]
 Table = Dict[str, Entry]
@@ -29,12 +29,12 @@ class Contents(NamedTuple):
 class KnowledgeSection:
     """Keeps the section ``knowledge`` of the state.
 
-    :param tell: takes the events.
+    :param report: takes the events.
     """
 
-    def __init__(self, tree: StateTree, tell: Tell) -> None:
+    def __init__(self, tree: StateTree, report: Reporter) -> None:
         self._tree = tree
-        self._tell = tell
+        self._report = report
         self._tables: Dict[str, Table] = {kind: {} for kind in KINDS}
         self._recent: Deque[str] = deque()
         self._number = 0
@@ -82,7 +82,7 @@ class KnowledgeSection:
                     changes.append(("=", kind, key))
         for sign, kind, key in changes:
             self._change(sign, kind, key, new[kind].get(key, {}), by, at)
-        self._told(changes, by, at)
+        self._report_changes(changes, by, at)
 
     def changed(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/KnowledgeChanges.
@@ -105,7 +105,7 @@ class KnowledgeSection:
         for item in message.goals_added:
             self._put("goals", item, by, at, changes)
         self._tree.set(SECTION, "version", message.version)
-        self._told(changes, by, at)
+        self._report_changes(changes, by, at)
 
     def _remove(self, kind: str, item: Any, by: str, at: float, changes: List[Tuple[str, str, str]]) -> None:
         key = item_text(item)
@@ -148,14 +148,14 @@ class KnowledgeSection:
         while len(self._recent) > RECENT:
             self._tree.remove(SECTION, "recent", self._recent.popleft())
 
-    def _told(self, changes: List[Tuple[str, str, str]], by: str, at: float) -> None:
+    def _report_changes(self, changes: List[Tuple[str, str, str]], by: str, at: float) -> None:
         if not changes:
             return
-        told: Phrase = [self._words(*change) for change in changes[:FEW]]
+        said: Phrase = [self._words(*change) for change in changes[:FEW]]
         if len(changes) > FEW:
-            told = say("{first} and {count} more", first=told, count=str(len(changes) - FEW))
+            said = say("{first} and {count} more", first=said, count=str(len(changes) - FEW))
         client = by or say("an unknown client")
-        self._tell(sentence("knowledge", say("{what}, by {client}", what=told, client=client), at))
+        self._report(sentence("knowledge", say("{what}, by {client}", what=said, client=client), at))
 
     def _words(self, sign: str, kind: str, key: str) -> Phrase:
         what: Phrase = value_phrase(key) if kind == "values" else goal_phrase(key)

@@ -3,11 +3,11 @@
 import re
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Tuple
 
-from merlin_monitor.state.events import Tell, sentence
+from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say, with_reason
 from merlin_monitor.text.userdata_text import UserDataTextError, userdata_rows
-from merlin_sm.holding.autonomy import LEVELS
+from merlin_sm.autonomy import LEVELS
 
 SECTION = "machines"
 SILENT_AFTER = 7.0  # s of wall time: three heartbeats
@@ -20,10 +20,10 @@ _TERMINATED = re.compile(r"TERMINATED: (.+)\Z", re.DOTALL)
 
 
 class _Decided(NamedTuple):
-    """How an operator had a state left."""
+    """How an operator ended a state."""
 
     server: str
-    """That shows the machine; further instances of it have a number more."""
+    """Node that shows the machine; further instances have a number in addition."""
     labels: List[str]
     outcome: str
     at: float
@@ -36,12 +36,12 @@ class MachineSection:
     A container is known by its server and its path, so that machines of two nodes with one path stay apart.
 
     :param structure_changed: called with the key of the root container whose picture is out of date, or that
-        is no more.
+        no longer exists.
     """
 
-    def __init__(self, tree: StateTree, tell: Tell, structure_changed: Callable[[str], None]) -> None:
+    def __init__(self, tree: StateTree, report: Reporter, structure_changed: Callable[[str], None]) -> None:
         self._tree = tree
-        self._tell = tell
+        self._report = report
         self._structure_changed = structure_changed
         self._local_data: Dict[str, str] = {}
         self._steps: Dict[str, Dict[str, str]] = {}  # container → userdata after its last step
@@ -56,7 +56,7 @@ class MachineSection:
         """Takes a message with the fields of smach_msgs/SmachContainerStructure.
 
         :param server: its introspection server.
-        :param wall: time in s that goes on when the simulation does not.
+        :param wall: time in s that continues when the simulation does not.
         """
         key = container_key(server, message.path)
         edges = [
@@ -109,7 +109,7 @@ class MachineSection:
         if left:
             self._note_steps(key, {state: fields["last"][state] for state in left}, at)
         if known and active != before and len(message.path.strip("/").split("/")) == 1:
-            self._tell_change(message.path, active, ended and ended.group(1), at)
+            self._report_change(message.path, active, ended and ended.group(1), at)
 
     def holds(self, message: Any, at: float, wall: float) -> None:
         """Takes a message with the fields of merlin_msgs/MachineHolds."""
@@ -126,11 +126,11 @@ class MachineSection:
         held = [held_words(path) for path in message.held if path not in known.get("held", [])]
         waits = [unconfirmed_words(*each) for each in confirm if each not in known.get("confirm", [])]
         for said in [*held, *waits]:
-            self._tell(sentence("control", said, at))
+            self._report(sentence("control", said, at))
 
     def outcome(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/StateOutcome."""
-        self._tell(sentence("control", _decided_words(message), at, by=message.operator))
+        self._report(sentence("control", _decided_words(message), at, by=message.operator))
         if message.refused:
             return
         how = "confirmed by {client}" if message.ended == message.outcome else "forced by {client}"
@@ -167,7 +167,7 @@ class MachineSection:
         )
 
     def check_holds(self, wall: float) -> bool:
-        """Forgets what nodes hold that are not heard of any more; whether there were any."""
+        """Forgets what silent nodes hold; returns whether there were any."""
         nodes = self._tree.get(SECTION, "holds", default={})
         gone = [
             node
@@ -179,7 +179,7 @@ class MachineSection:
         return bool(gone)
 
     def server_gone(self, server: str) -> None:
-        """Forgets the containers of a server that is no more."""
+        """Forgets the containers of a server that no longer exists."""
         for key in self._tree.keys(SECTION, "containers"):
             if self._tree.get(SECTION, "containers", key, "server") == server:
                 self._tree.remove(SECTION, "containers", key)
@@ -190,7 +190,7 @@ class MachineSection:
                 self._structure_changed(key)
 
     def check_silence(self, wall: float, paused: bool) -> None:
-        """Marks containers that have not been heard of for long."""
+        """Marks containers that have been silent for long."""
         if paused:
             self._seen = dict.fromkeys(self._seen, wall)
         for key, seen in self._seen.items():
@@ -276,7 +276,7 @@ class MachineSection:
         self._mark_steps(key)
 
     def _mark_steps(self, key: str) -> None:
-        """Notes at the steps of a container what operators have decided; either may be heard of first."""
+        """Notes at the steps of a container what operators have decided; either message may come first."""
         server, _, path = key.partition(" ")
         within = path.strip("/").split("/")[1:]
         for decided in list(self._decided):
@@ -303,17 +303,17 @@ class MachineSection:
         self._seen[key] = wall
         self._set(key, {"silent": False})
 
-    def _tell_change(self, path: str, active: List[str], outcome: Optional[str], at: float) -> None:
+    def _report_change(self, path: str, active: List[str], outcome: Optional[str], at: float) -> None:
         name = path.strip("/")
         if active:
             said = say("in {state}", state=", ".join(active))
         else:
             said = say("ended with {outcome}", outcome=outcome) if outcome else say("ended")
-        self._tell(sentence("machine", with_reason(name, said), at))
+        self._report(sentence("machine", with_reason(name, said), at))
 
 
 def held_words(path: str) -> Phrase:
-    """That a machine is held before a state.
+    """The sentence that a machine is held before a state.
 
     :param path: of the state: ``NAVIGATE/DRIVE``.
     """
@@ -322,12 +322,12 @@ def held_words(path: str) -> Phrase:
 
 
 def unconfirmed_words(path: str, outcome: str) -> Phrase:
-    """That the outcome of a state waits for an operator."""
+    """The sentence that the outcome of a state waits for an operator."""
     return say("{outcome} of {state} waits for an operator", outcome=outcome, state=path)
 
 
 def _decided_words(message: Any) -> Phrase:
-    """What became of what an operator decided, of a message with the fields of merlin_msgs/StateOutcome."""
+    """The result of an operator's decision, from a merlin_msgs/StateOutcome."""
     blanks = {"state": message.state, "outcome": message.outcome, "client": message.operator}
     if not message.operator:
         return say("{state} left with {outcome}, not confirmed: there was no console", **blanks)
@@ -356,7 +356,7 @@ def _last_edges(
 ) -> Dict[str, List[str]]:
     """Which outcome each state left with last: state → outcomes that fit what was seen.
 
-    SMACH does not tell outcomes, only where the machine is; several may lead to one place.
+    SMACH does not publish outcomes, only where the machine is; several may lead to one place.
     """
     last: Dict[str, List[str]] = dict(fields.get("last", known.get("last") or {}))
     for state in before:

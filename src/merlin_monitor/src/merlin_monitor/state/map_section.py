@@ -1,25 +1,21 @@
 """The section of the map: the map's picture, the robot, its path, points of interest and people on it."""
 
 import math
-from collections import deque
-from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy
 
 from merlin_monitor.drawing.png import png
+from merlin_monitor.drawing.robot_track import RobotTrack
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.clock_text import clock_text
 from merlin_monitor.text.phrase import Phrase, say
 
 SECTION = "map"
-LONGEST_PATH = 300  # points that are shown
 MOST_PEOPLE = 200
-ABSENT = 0  # state of a simulated person who is not there
+ABSENT = 0  # state of a simulated person that is absent
 SHOWN = 0  # action of a marker that is not to be deleted
-TRAIL_STEP = 0.15  # m between two points of the trail
-LONGEST_TRAIL = 400  # points
-JUMP = 2.0  # m; further away within one look, the robot was put there
 NEAR_MAP = 0.2  # m around what the map shows, in which what is seen is that
 MOST_SEEN = 150  # points
 STANDS_AFTER = 3.0  # s without a move on the way to a goal
@@ -46,7 +42,8 @@ class MapSection:
         self.picture: Optional[bytes] = None
         self._mapped: Any = None  # cells with something on or near them, rows from the south
         self._info: Any = None
-        self._trail: Deque[Tuple[int, float, float]] = deque()
+        self._track = RobotTrack(tree, SECTION)
+        self._tracks: Dict[str, RobotTrack] = {}  # of the robots of one plan
         self._moved: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # where and since when (s) it stands
         self._failed = ""  # why the last drive ended
 
@@ -76,7 +73,7 @@ class MapSection:
         :param at: s of ROS time.
         """
         if pose is not None:
-            self._note_trail(pose[0], pose[1])
+            self._track.was(pose[0], pose[1])
             if math.hypot(pose[0] - self._moved[0], pose[1] - self._moved[1]) > MOVED:
                 self._moved = (pose[0], pose[1], at)
         shown = None if pose is None else [round(pose[0], 3), round(pose[1], 3), round(pose[2], 3)]
@@ -86,6 +83,8 @@ class MapSection:
         """Where the robots of one plan are, by their names, m and rad in the map's frame."""
         shown = {name: [round(value, 3) for value in pose] for name, pose in poses.items()}
         self._tree.set(SECTION, "robots", shown)
+        for name, (x, y, _) in poses.items():
+            self.track(name).was(x, y)
 
     def seen(self, points: Any) -> None:
         """What a laser sees; what the map has there is left out.
@@ -132,35 +131,21 @@ class MapSection:
         way = [p for p in self._tree.get(SECTION, "path") or [] if math.dist(p, robot[:2]) < AHEAD]
         return STANDS_WAY if any(crowded(x, y) for x, y in way) else STANDS
 
-    def _note_trail(self, x: float, y: float) -> None:
-        trail = self._trail
-        number = 0
-        if trail:
-            number, last_x, last_y = trail[-1]
-            far = math.hypot(x - last_x, y - last_y)
-            if far < TRAIL_STEP:
-                return
-            if far > JUMP:
-                trail.clear()
-                self._tree.set(SECTION, "trail", {})
-        trail.append((number + 1, x, y))
-        self._tree.set(SECTION, "trail", str(number + 1), [round(x, 2), round(y, 2)])
-        if len(trail) > LONGEST_TRAIL:
-            self._tree.remove(SECTION, "trail", str(trail.popleft()[0]))
-
     def path(self, points: Sequence[Tuple[float, float]]) -> None:
         """The way the robot means to take, m; none: it is not going anywhere."""
-        stride = max(1, -(-len(points) // LONGEST_PATH))
-        shown = [[round(x, 2), round(y, 2)] for x, y in points[::stride]]
-        if points and stride > 1:
-            shown.append([round(points[-1][0], 2), round(points[-1][1], 2)])
-        self._tree.set(SECTION, "path", shown)
+        self._track.path(points)
 
     def goal(self, pose: Optional[Tuple[float, float, float]]) -> None:
         """Where it is going."""
         if pose is not None:
             self._failed = ""
-        self._tree.set(SECTION, "goal", None if pose is None else [round(value, 3) for value in pose])
+        self._track.goal(pose)
+
+    def track(self, robot: str) -> RobotTrack:
+        """Of one of the robots of a plan."""
+        if robot not in self._tracks:
+            self._tracks[robot] = RobotTrack(self._tree, SECTION, "ways", robot)
+        return self._tracks[robot]
 
     def points(self, parameter: Any) -> List[str]:
         """Takes ``world/points_of_interest``: name → x, y, yaw. Returns the names."""

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional
 
 from merlin_monitor.drawing.layout_thread import LayoutThread
-from merlin_monitor.drawing.machine_graph import Graph, machine_graph, plan_graph
+from merlin_monitor.drawing.machine_graph import DrawnGraph, machine_graph, plan_graph
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.history.recorder import Recorder
-from merlin_monitor.state.events import Event, Tell
+from merlin_monitor.state.events import Event, Reporter
 from merlin_monitor.state.freshness import Freshness
 from merlin_monitor.state.guard_section import GuardSection
 from merlin_monitor.state.health_section import HealthSection
@@ -52,19 +52,19 @@ class MonitorModel:
         self.inbox = inbox
         self.tree = StateTree()
         self.pictures = Pictures(self._keep_picture)
+        """PNGs of panels, by the names under which the page fetches them."""
         self._history = HistorySection(self.tree)
         self.history: Optional[HistoryStore] = None
-        self.on_event: Tell = lambda event: None
+        self.on_event: Reporter = lambda event: None
         self._layouts = LayoutThread(self._laid_out)
-        self.knowledge = KnowledgeSection(self.tree, self.tell)
-        self.plan = PlanSection(self.tree, self.tell)
-        self.machines = MachineSection(self.tree, self.tell, self._machine_changed)
+        self.knowledge = KnowledgeSection(self.tree, self.report)
+        self.plan = PlanSection(self.tree, self.report)
+        self.machines = MachineSection(self.tree, self.report, self._machine_changed)
         self.map = MapSection(self.tree, self.pictures)
-        self.health = HealthSection(self.tree, self.tell)
-        self.freshness = Freshness(self.tree, self.tell, self.health)
-        self.now = NowSection(self.tree, self.tell, self.plan, self.machines, self.freshness)
-        self.guard = GuardSection(self.tree, self.tell)
-        """PNGs of panels, by the names under which the page fetches them."""
+        self.health = HealthSection(self.tree, self.report)
+        self.freshness = Freshness(self.tree, self.report, self.health)
+        self.now = NowSection(self.tree, self.report, self.plan, self.machines, self.freshness)
+        self.guard = GuardSection(self.tree, self.report)
         self.checked_at = float("-inf")
         """When all sections were checked last, s of ``time.monotonic``; old when the model hangs."""
         if history is not None:
@@ -88,14 +88,14 @@ class MonitorModel:
         self.inbox.start()
 
     def stop(self) -> None:
-        """Ends the threads; what was told is on disk then."""
+        """Ends the threads; all events are on disk then."""
         self.inbox.stop()
         self._layouts.stop()
         if self.history is not None:
             self._recorder.stop()
             self.history.close()
 
-    def tell(self, event: Event) -> None:
+    def report(self, event: Event) -> None:
         """Remembers an event, and passes it on to `on_event`."""
         self.on_event(event)
         if self.history is not None:
@@ -123,7 +123,7 @@ class MonitorModel:
     def _machine_changed(self, root: str) -> None:
         self._layouts.ask(root, lambda: self._machine_graph(root))
 
-    def _machine_graph(self, root: str) -> Optional[Graph]:
+    def _machine_graph(self, root: str) -> Optional[DrawnGraph]:
         containers = self.machines.containers_below(root)
         path = self.tree.get("machines", "containers", root, "path")
         return machine_graph(containers, path) if path in containers else None

@@ -3,7 +3,7 @@
 import re
 from typing import Any, Dict, Iterable, List, Optional, Set, Tuple
 
-from merlin_monitor.state.events import Tell, sentence
+from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.freshness import SILENT, Freshness
 from merlin_monitor.state.guard_section import GUARD, HELD, HELD_WORDS
 from merlin_monitor.state.machine_section import MachineSection, held_words, unconfirmed_words
@@ -35,19 +35,19 @@ class NowSection:
 
     :param plan: that is being carried out.
     :param machines: that carry it out.
-    :param freshness: knows whether the Executor is there.
+    :param freshness: knows whether the Executor runs.
     """
 
     def __init__(
         self,
         tree: StateTree,
-        tell: Tell,
+        report: Reporter,
         plan: PlanSection,
         machines: MachineSection,
         freshness: Freshness,
     ) -> None:
         self._tree = tree
-        self._tell = tell
+        self._report = report
         self._plan = plan
         self._machines = machines
         self._freshness = freshness
@@ -65,7 +65,7 @@ class NowSection:
     def mission(self, message: Any, at: float, node: str = "") -> None:
         """Takes a message with the fields of merlin_msgs/MissionStatus.
 
-        :param node: that sent it; with its name a request of another client is told from the mission's.
+        :param node: that sent it; its name separates another client's requests from the mission's.
         """
         self._mission_node = node
         state = name_of(MISSION_STATES, message.state)
@@ -82,7 +82,7 @@ class NowSection:
             said = say("{mission} {state}", mission=message.mission, state=say(state))
             said = say("{what}, {more}", what=said, more=task) if task else said
             mark = MARKS.get(state, "failure") if state in ENDED else ""
-            self._tell(sentence("mission", with_reason(said, message.description), at, mark))
+            self._report(sentence("mission", with_reason(said, message.description), at, mark))
             if state in ENDED:
                 # The end of the mission says more than that of its last request.
                 self._tree.set(NOW, "last", None)
@@ -127,11 +127,11 @@ class NowSection:
                     if resumed
                     else say("“{goals}” asked for by {client}", goals=goals, client=self._who())
                 )
-                self._tell(sentence("goal", begun, at))
+                self._report(sentence("goal", begun, at))
         elif message.replans > before.get("replans", 0):
             self._plan.replanned(message.reason, at)
         if message.held and message.held != before.get("held"):
-            self._tell(sentence("control", self._held(), at))
+            self._report(sentence("control", self._held(), at))
         self._tree.set(NOW, "executor", self._executor)
         self.refresh()
 
@@ -155,7 +155,7 @@ class NowSection:
         said = said if outcome in ("succeeded", "already true") else with_reason(said, reason)
         detail = {"began": began, "ended": at, "outcome": outcome, "lane": "goal"}
         label = {"label": ", ".join(goals), "words": what}
-        self._tell(sentence("goal", said, at, MARKS.get(outcome, "failure"), **detail, **label))
+        self._report(sentence("goal", said, at, MARKS.get(outcome, "failure"), **detail, **label))
         self._tree.set(
             NOW,
             "last",
@@ -177,7 +177,7 @@ class NowSection:
         _, goals = self._request_began.get(message.id) or (at, self._ended.get(message.id, []))
         queued = (self._queued or {}).get(message.id, {"words": []})
         words = [goal_phrase(goal) for goal in goals] or queued["words"]
-        self._tell(sentence("goal", cancel_words(self._named(node), message.id, words), at))
+        self._report(sentence("goal", cancel_words(self._named(node), message.id, words), at))
 
     def queue(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/GoalQueue."""
@@ -203,13 +203,13 @@ class NowSection:
         self._tree.set(QUEUE, "waiting", waiting)
 
     def _interrupted(self, request: Dict[str, Any], others: Iterable[Dict[str, Any]], at: float) -> None:
-        """Tells which request took the place of one; it may run already, wait, or have waited just now."""
+        """Reports which request replaced another; that one may run, wait, or have waited just now."""
         goals = request["words"] or say("a request")
         urgent = [
             other for other in others if other.get("request") and other["priority"] > request["priority"]
         ]
         if not urgent:
-            self._tell(sentence("goal", say("“{goals}” interrupted", goals=goals), at))
+            self._report(sentence("goal", say("“{goals}” interrupted", goals=goals), at))
             return
         first = max(urgent, key=lambda other: int(other["priority"]))
         phrase = say(
@@ -218,14 +218,14 @@ class NowSection:
             other=first["words"] or say("a request"),
             client=self._named(_sender(first["request"])),
         )
-        self._tell(sentence("goal", phrase, at))
+        self._report(sentence("goal", phrase, at))
 
     def refresh(self) -> None:
         """Says anew what the robot does, and why."""
         doing, because, step = self._sentence()
         silent = self._tree.get(NOW, SILENT)
         if silent is not None:
-            # What was known of it may not be true any more.
+            # What was known of it may no longer be true.
             before = say("before: {what}", what=doing)
             doing = say("not known: the Executor {what}", what=say(silent["what"]))
             because, step = before, ""
@@ -347,7 +347,7 @@ class NowSection:
         return say("task {number}", number=number)
 
     def _chain(self) -> List[List[Phrase]]:
-        """From the mission to the state: what it is, its words, and where they are of PDDL, that."""
+        """The levels from mission to state: name of the level, its words, and the PDDL of them."""
         mission, executor = self._mission, self._executor
         chain: List[List[Phrase]] = []
         if mission:

@@ -26,13 +26,13 @@ Edges = List[Tuple[int, int]]
 
 
 def sequential_steps(message: Any) -> Tuple[List[ShownStep], Edges]:
-    """Of a message with the fields of rosplan_dispatch_msgs/CompletePlan: one after the other."""
+    """The order of a rosplan_dispatch_msgs/CompletePlan: one action after the other."""
     steps = [_step(action) for action in message.plan]
     return steps, [(before.id, after.id) for before, after in zip(steps, steps[1:])]
 
 
 def graph_steps(message: Any) -> Tuple[List[ShownStep], Edges]:
-    """Of a message with the fields of rosplan_dispatch_msgs/EsterelPlan; edges that others imply left out."""
+    """The order of a rosplan_dispatch_msgs/EsterelPlan, without edges that others imply."""
     steps = {
         node.action.action_id: _step(node.action) for node in message.nodes if node.node_type == ACTION_START
     }

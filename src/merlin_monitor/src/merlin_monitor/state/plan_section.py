@@ -2,7 +2,7 @@
 
 from typing import Any, Dict, List, Optional, Set, Tuple
 
-from merlin_monitor.state.events import Tell, sentence
+from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
@@ -39,9 +39,9 @@ _DISPATCHER = ("idle", "running", "cancelling")
 class PlanSection:
     """Keeps the section ``plan`` of the state."""
 
-    def __init__(self, tree: StateTree, tell: Tell) -> None:
+    def __init__(self, tree: StateTree, report: Reporter) -> None:
         self._tree = tree
-        self._tell = tell
+        self._report = report
         self._steps: Dict[int, Dict[str, Any]] = {}
         self._dispatch = 0  # number of the dispatch the steps' states belong to; 0: not known
         self._plans = 0
@@ -76,11 +76,11 @@ class PlanSection:
         late = not self._plans and self._status is not None and self._status.state
         self._plans += 1
         self._dispatch = 0
-        missed = [(message, told) for message, told in self._missed if at - told < OVERTAKEN]
+        missed = [(message, received) for message, received in self._missed if at - received < OVERTAKEN]
         self._missed = []
         if not late:
             kept = {message.plan_id for message, _ in missed}
-            self._early = {key: told for key, told in self._early.items() if key[0] in kept}
+            self._early = {key: answer for key, answer in self._early.items() if key[0] in kept}
         self._steps = {
             step.id: {
                 "id": step.id,
@@ -100,9 +100,9 @@ class PlanSection:
         self._tree.set(SECTION, "order", [str(step.id) for step in steps])
         self._tree.set(SECTION, "steps", {str(key): step for key, step in self._steps.items()})
         if steps:
-            self._tell(sentence("plan", self._told(), at))
-        for message, told in missed:
-            self.dispatched(message, told)
+            self._report(sentence("plan", self._words_of_plan(), at))
+        for message, received in missed:
+            self.dispatched(message, received)
         if late:
             self._catch_up(at)
 
@@ -144,7 +144,7 @@ class PlanSection:
         step = self._steps.get(message.action_id)
         known = message.plan_id in (0, self._dispatch)
         if step is None or not known or step["state"] in NOT_DISPATCHED:
-            # Latched by each interface: it may be of an earlier plan, or of a dispatch yet to be heard of.
+            # Latched by each interface: of an earlier plan, or of a dispatch whose message comes later.
             if len(self._early) > 200:
                 self._early.clear()
             self._early[message.plan_id, message.action_id] = message.status, reason, at
@@ -194,10 +194,10 @@ class PlanSection:
                 time=f"{message.seconds:.2f} s",
             )
             mark = "" if state in ("solved", CANCELLED) else "failure"
-            self._tell(sentence("plan", with_reason(said, message.reason), at, mark))
+            self._report(sentence("plan", with_reason(said, message.reason), at, mark))
 
     def planner_words(self, text: str) -> None:
-        """What the planner printed."""
+        """Takes the planner's output."""
         self._tree.set(SECTION, "planner", "output", plain_text(text, LONGEST_WORDS))
 
     def replanned(self, reason: str, at: float) -> None:
@@ -205,7 +205,7 @@ class PlanSection:
         self._replans = [*self._replans, {"at": at, "reason": reason}][-MOST_REPLANS:]
         self._tree.set(SECTION, "replans", self._replans)
         why = reason or say("the plan failed")
-        self._tell(sentence("plan", say("planning again: {why}", why=why), at, "replan"))
+        self._report(sentence("plan", say("planning again: {why}", why=why), at, "replan"))
 
     def request_changed(self) -> None:
         """Another request is served: replans count anew, and the plan of the last one is over."""
@@ -218,7 +218,7 @@ class PlanSection:
             if step["state"] == WAITING:
                 self._put(step, state=DROPPED)
 
-    def _told(self) -> Phrase:
+    def _words_of_plan(self) -> Phrase:
         """The plan in words: its first steps."""
         steps = [step["words"] for step in self._steps.values()]
         if len(steps) == 1:
@@ -235,10 +235,10 @@ class PlanSection:
     def _catch_up(self, at: float) -> None:
         """Started in the middle of a dispatch, it gets the latched messages before or after the plan."""
         self.dispatcher(self._status, at)
-        for (plan_id, identity), (status, reason, told) in list(self._early.items()):
+        for (plan_id, identity), (status, reason, received) in list(self._early.items()):
             step = self._steps.get(identity)
             if plan_id == self._dispatch and step is not None:
-                self._answer(step, status, reason, told)
+                self._answer(step, status, reason, received)
         self._early.clear()
 
     def _follow(self, plan_id: int) -> None:
@@ -261,7 +261,7 @@ class PlanSection:
         detail = {"began": began, "ended": at, "outcome": state, "lane": "action"}
         mark = {FAILED: "failure", CANCELLED: "cancel"}.get(state, "")
         said = with_reason(said, reason if state == FAILED else "")
-        self._tell(sentence("action", said, at, mark, **detail, label=step["text"], words=words))
+        self._report(sentence("action", said, at, mark, **detail, label=step["text"], words=words))
 
     def _put(self, step: Dict[str, Any], **fields: Any) -> None:
         step.update(fields)

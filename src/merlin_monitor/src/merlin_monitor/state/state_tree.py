@@ -13,12 +13,12 @@ from merlin_monitor.text.plain_value import LONGEST_KEY, plain, plain_text
 
 Path = Tuple[str, ...]
 MOST_CHANGES = 2000  # that a feed keeps; more become one whole state
+#: In place of a value: the path was removed.
 GONE: Any = object()
-"""In place of a value: the path is no more."""
 
 
 class ChangeSet:
-    """Changes since something was last told, the last one of each path, in an order that can be replayed."""
+    """Changes since a feed was last read, the last one of each path, in an order that can be replayed."""
 
     def __init__(self) -> None:
         self.whole = False
@@ -139,7 +139,7 @@ class StateTree:
             return True
 
     def remove(self, *path: str) -> bool:
-        """Takes a path out of the tree; whether it was there."""
+        """Removes a path from the tree; returns whether it existed."""
         path = tuple(plain_text(part, LONGEST_KEY) for part in path)
         with self._lock:
             parent: Any = self._root

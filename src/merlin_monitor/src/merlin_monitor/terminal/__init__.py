@@ -1,1 +1,1 @@
-"""The same state in a terminal."""
+"""The state of the robot in a terminal."""

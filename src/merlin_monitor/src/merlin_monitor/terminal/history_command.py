@@ -19,7 +19,7 @@ _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 class HistoryFileError(RuntimeError):
-    """There is nothing to read; the text says what to do."""
+    """Nothing can be read; the text says what to do."""
 
 
 class HistoryFile:
@@ -106,12 +106,12 @@ def seconds(text: str) -> float:
 
 
 def default_file() -> Path:
-    """Where the monitor keeps its history unless it is told otherwise."""
+    """Where the monitor keeps its history unless a parameter names another folder."""
     return Path(rospkg.get_ros_home()) / "merlin" / FILE
 
 
 def later_launch(logs: Path, wall: float) -> Optional[str]:
-    """A sentence on a launch that began after the history's last event, None when there is none.
+    """A sentence on a launch that began after the history's last event, None without such a launch.
 
     :param logs: folder of the newest launch.
     :param wall: time of the last event, s since 1970.

@@ -42,7 +42,7 @@ class Terminal:
         self._changed = threading.Event()
         self._feed = state.tree.subscribe(self._changed.set)
 
-    def tell(self, event: Event) -> None:
+    def report(self, event: Event) -> None:
         """Takes an event."""
         self._events.append(event)
 
@@ -102,7 +102,7 @@ def main() -> int:
     # The screen belongs to the picture: warnings about messages are not printed into it.
     state = MonitorModel(Inbox(rospy.logdebug))
     terminal = Terminal(state)
-    state.on_event = terminal.tell
+    state.on_event = terminal.report
     return _show(state, terminal)
 
 

@@ -20,7 +20,7 @@ OUTCOMES = (
     "internal",
     "no plan",
 )
-#: Outcomes that are no failure → what the time bar takes them for.
+#: Outcomes that are not failures → what the time bar takes them for.
 MARKS = {"succeeded": "", "already true": "", "cancelled": "cancel", "dropped": "cancel"}
 STAGES = {
     "ADD_GOALS": "noting the goals",

@@ -51,7 +51,7 @@ def _stub_class(name: str) -> type:
 def userdata_rows(text: str) -> List[Tuple[str, str]]:
     """Key and value, as texts, of ``local_data``.
 
-    :raises UserDataTextError: it is no pickle of a dict.
+    :raises UserDataTextError: when it is not a pickle of a dict.
     """
     if not text:
         return []
@@ -61,9 +61,9 @@ def userdata_rows(text: str) -> List[Tuple[str, str]]:
     try:
         values = _Reader(io.BytesIO(data), encoding="latin-1").load()
     except Exception as error:  # hostile bytes find every way to fail
-        raise UserDataTextError(f"userdata is no pickle: {type(error).__name__}: {error}") from error
+        raise UserDataTextError(f"userdata is not a pickle: {type(error).__name__}: {error}") from error
     if not isinstance(values, dict):
-        raise UserDataTextError("userdata is no dict")
+        raise UserDataTextError("userdata is not a dict")
     return sorted((_show(key, 80).strip("'"), _show(value, LONGEST_VALUE)) for key, value in values.items())
 
 

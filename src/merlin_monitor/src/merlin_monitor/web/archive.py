@@ -20,7 +20,7 @@ _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}\Z")
 
 
 class Archive:
-    """What the web server shows of a history; it stands where a MonitorModel stands otherwise.
+    """The model that the web server shows for a history, in place of a MonitorModel.
 
     :param path: the file, or the folder in which it is.
     :param name: what the page calls it.
@@ -47,7 +47,7 @@ class Archive:
         """The server asks whether what it shows is up to date."""
         return time.monotonic()
 
-    def tell(self, event: Event) -> None:
+    def report(self, event: Event) -> None:
         """Nothing is added to it."""
 
     def stop(self) -> None:
@@ -61,7 +61,7 @@ class Archive:
         try:
             whole, *later = json.loads(last or "")["frames"]
             state = whole[2]
-            for frame in later:  # a run that ended soon may have told its panels after the first one
+            for frame in later:  # a run that ended soon may have sent its panels after the first frame
                 apply_changes(state, frame[2])
             meta = state["meta"]
             panels = [panel for panel in map(self._panel, meta["panels"]) if panel]
@@ -77,7 +77,7 @@ class Archive:
         name = str(described["name"])
         try:
             if not _NAME.match(name):
-                raise ValueError("its name is none")
+                raise ValueError("its name is empty or invalid")
             self.scripts[name] = script_file(str(described["script"]))
         except ValueError as error:
             self.missing.append(f"the panel {name!r} is left out: {error}")

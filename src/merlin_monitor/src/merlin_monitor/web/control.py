@@ -35,13 +35,13 @@ class ControlledRobot(Protocol):
         """Cancels all requests; returns what was done."""
 
     def pause(self, pause: bool, by: str) -> str:
-        """Lets no further request begin, or the next one; returns what the Executor answered."""
+        """Pauses the Executor, or resumes it; returns the Executor's answer."""
 
     def stop(self, by: str) -> str:
         """Stops the base until it is released, and cancels all requests; returns what was done."""
 
     def release(self, by: str) -> str:
-        """Lets the base drive again; returns what was done."""
+        """Releases the base; returns what was done."""
 
     def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
         """A plan for a goal that is not carried out; returns a sentence, ``done``, and the ``plan``."""
@@ -53,10 +53,10 @@ class ControlledRobot(Protocol):
         """Replaces the breakpoints; returns what was done."""
 
     def go_on(self, step: bool, by: str) -> str:
-        """Lets what a breakpoint holds begin, and holds the next action or state if it is a step."""
+        """Continues from a breakpoint; a step holds the next action or state."""
 
     def leave(self, state: str, outcome: str, within: str, by: str) -> str:
-        """Has a state left with an outcome, or without one confirms that with which it waits.
+        """Makes a state end with an outcome; without one, confirms the outcome that waits.
 
         :param within: the namespace of the node that runs it, with a slash at its end; empty: any.
         """
@@ -69,7 +69,7 @@ class Controls(Protocol):
     """Carries out what a page asks for: of a robot (`Control`), or of a fleet."""
 
     def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
-        """Does something; returns a sentence, ``done``, and what belongs to it.
+        """Carries out a request; returns a sentence, ``done``, and what belongs to it.
 
         :raises ControlError: it cannot be done.
         """
@@ -85,7 +85,7 @@ class Control:
         self._robot = robot
 
     def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
-        """Does something; returns a sentence, ``done``, and what belongs to it.
+        """Carries out a request; returns a sentence, ``done``, and what belongs to it.
 
         :param what: one of `REQUESTS`.
         :param fields: goal and priority, request, goal and what to leave out, or facts.

@@ -127,7 +127,7 @@ class _Page:
         self._ready.set()
 
     def beat(self) -> None:
-        """Shows a page that nothing has changed, and that this is known."""
+        """Tells a page that the connection works although nothing has changed."""
         self._beat = True
         self._ready.set()
 

@@ -8,7 +8,7 @@ from typing import List, Optional
 import rospkg
 import rospy
 
-from merlin_monitor.access.tls import Tls, TlsError, read_tls
+from merlin_monitor.access.tls import ServerTls, TlsError, read_tls
 from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import PanelBoard
@@ -86,7 +86,7 @@ def _begin_anew(state: MonitorModel, server: WebServer) -> None:
     os.execv(sys.executable, [sys.executable, *arguments, f"_port:={server.port}"])
 
 
-def _tls() -> Optional[Tls]:
+def _tls() -> Optional[ServerTls]:
     ros = RosSystem()
     try:
         tls = read_tls(path_of_node(ros, "~certificate"), path_of_node(ros, "~key"))

@@ -69,7 +69,7 @@ def wait_for_end(key: bool) -> None:
         for number in SIGNALS:
             before[number] = signal.signal(number, lambda *_: None)
         with _single_keys() if key else contextlib.nullcontext():
-            ready: Iterable = ()
+            ready: Iterable[object] = ()
             while sys.stdin not in ready:
                 ready, _, _ = select.select([reading, sys.stdin] if key else [reading], [], [])
                 if reading in ready and set(os.read(reading, 64)).intersection(SIGNALS):

@@ -8,7 +8,7 @@ from aiohttp import web
 
 from merlin_monitor.history.event_log import Neighbour
 
-COMPRESSED = 64 * 1024  # characters from which on an answer is compressed
+COMPRESSED = 64 * 1024  # characters from when an answer is compressed
 LARGEST_NUMBER = 2**62
 
 

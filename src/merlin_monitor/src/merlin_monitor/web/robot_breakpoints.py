@@ -15,13 +15,13 @@ class RobotBreakpoints:
     """The breakpoints of one robot. They stay with it, whatever becomes of the page.
 
     :param knowledge: of the robot.
-    :param tell: takes an operator and what was done, for the history.
+    :param report: takes an operator and what was done, for the history.
     """
 
-    def __init__(self, knowledge: KnowledgeClient, tell: Callable[[str, Phrase], None]) -> None:
+    def __init__(self, knowledge: KnowledgeClient, report: Callable[[str, Phrase], None]) -> None:
         dispatcher = str(rospy.get_param("~plan_dispatcher", "rosplan_plan_dispatcher"))
         self._client = BreakpointClient(knowledge, dispatcher=dispatcher)
-        self._tell = tell
+        self._report = report
 
     def hold_before(self, texts: Sequence[str], by: str) -> str:
         """Replaces the breakpoints."""
@@ -31,31 +31,31 @@ class RobotBreakpoints:
             raise ControlError(f"Not all breakpoints are set: {error}.") from error
         shown = ", ".join(texts) or "nothing"
         kept = ", ".join(texts) or say("nothing")
-        self._tell(by, say("{client} holds the robot before {what}", client=by, what=kept))
+        self._report(by, say("{client} holds the robot before {what}", client=by, what=kept))
         return f"It is held before {shown}."
 
     def go_on(self, step: bool, by: str) -> str:
-        """Lets what is held begin."""
+        """Continues from a breakpoint."""
         try:
             stepped = self._client.step() if step else Stepped(self._client.go_on(), "")
         except BreakpointError as error:
-            raise ControlError(f"What is held does not go on: {error}.") from error
+            raise ControlError(f"Not continued: {error}.") from error
         if stepped.state:
-            self._tell(by, say("{client} lets the state {state} begin", client=by, state=stepped.state))
+            self._report(by, say("{client} lets the state {state} begin", client=by, state=stepped.state))
         else:
             begun = "{client} lets one action begin" if step else "{client} lets what is held go on"
-            self._tell(by, say(begun, client=by))
+            self._report(by, say(begun, client=by))
         return stepped.said
 
     def leave(self, state: str, outcome: str, within: str, by: str) -> str:
-        """Has a state left with an outcome; its node tells the history when that has come true."""
+        """Makes a state end with an outcome; its node adds an event to the history when it has left."""
         try:
             done = self._client.states.leave(state, outcome, by, within)
         except BreakpointError as error:
-            raise ControlError(f"It is not so: {error}.") from error
+            raise ControlError(f"Not done: {error}.") from error
         if outcome:
             wished = say("{client} wishes {outcome} of {state}", client=by, outcome=outcome, state=state)
-            self._tell(by, wished)
+            self._report(by, wished)
         return done
 
     def set_autonomy(self, level: str, by: str) -> str:
@@ -64,5 +64,5 @@ class RobotBreakpoints:
             self._client.states.set_autonomy(level)
         except BreakpointError as error:
             raise ControlError(f"The autonomy level is not set everywhere: {error}.") from error
-        self._tell(by, say("{client} sets the autonomy level {level}", client=by, level=say(level)))
+        self._report(by, say("{client} sets the autonomy level {level}", client=by, level=say(level)))
         return f"The autonomy level is {level}."

@@ -1,6 +1,6 @@
 """Control of the robot over ROS: the Executor's public client, its services, and the guard itself.
 
-A stop needs neither Executor nor planner nor state machine: the guard is told by a topic whose connection
+A stop needs neither Executor nor planner nor state machine: the guard gets it on a topic whose connection
 is there already, and its own status says whether it obeyed.
 """
 
@@ -42,8 +42,8 @@ class RobotControl:
         self._state = state
         executor = str(rospy.get_param("~executor", "merlin/execute"))
         self._knowledge = knowledge_client(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
-        self._planning = RobotKnowledge(state, self._knowledge, self._tell)
-        self._breakpoints = RobotBreakpoints(self._knowledge, self._tell)
+        self._planning = RobotKnowledge(state, self._knowledge, self._report)
+        self._breakpoints = RobotBreakpoints(self._knowledge, self._report)
         self._client = MerlinExecutorClient(executor, knowledge_base=None)
         self._cancels = rospy.Publisher(f"{executor}/cancel", GoalID, queue_size=10)
         self._pause = {
@@ -53,10 +53,10 @@ class RobotControl:
         self._stops = rospy.Publisher("merlin/stop_by", String, queue_size=10, tcp_nodelay=True)
         self._stop = ServiceProxy("merlin/stop", Trigger, timeout=GUARD_ANSWERS)
         self._release = ServiceProxy("merlin/release", Trigger, timeout=GUARD_ANSWERS)
-        self._told = threading.Condition()  # guards the fields below
+        self._changed = threading.Condition()  # guards the fields below
         self._stopped = False
         self._keep_paused = False  # after a release: an operator had paused before the stop
-        self._guard = rospy.Subscriber("merlin/guard", GuardStatus, self._guard_told, tcp_nodelay=True)
+        self._guard = rospy.Subscriber("merlin/guard", GuardStatus, self._guard_changed, tcp_nodelay=True)
 
     def check(self, goal: str) -> None:
         """Compares a goal with the domain and the objects."""
@@ -72,7 +72,7 @@ class RobotControl:
         request = self._client.send(goal, priority)
         words, number = goal_phrase(goal), str(priority)
         sent = say("{client} sends “{goal}”, priority {number}", client=by, goal=words, number=number)
-        self._tell(by, sent, goal=goal)
+        self._report(by, sent, goal=goal)
         return request.id
 
     def cancel(self, request: str, by: str) -> str:
@@ -81,26 +81,26 @@ class RobotControl:
         requests = [*(tree.get("queue", "waiting") or []), tree.get("now", "executor") or {}]
         known = {each["request"]: each["words"] for each in requests if each.get("request")}
         if request not in known:
-            raise ControlError("There is no such request: it has ended, or there never was one.")
+            raise ControlError("There is no such request: it has ended, or it never existed.")
         self._cancels.publish(GoalID(id=request))
-        self._tell_cancel(by, request, known[request])
+        self._report_cancel(by, request, known[request])
         return f"The cancel was sent.{self._silent_executor()}"
 
     def cancel_all(self, by: str) -> str:
         """Cancels all requests."""
         self._cancels.publish(ALL_REQUESTS)
-        self._tell_cancel(by, "", [])
+        self._report_cancel(by, "", [])
         return f"The cancel of all requests was sent.{self._silent_executor()}"
 
     def pause(self, pause: bool, by: str) -> str:
         """Asks the Executor to let no further request begin, or the next one."""
         answer = _ask(self._pause[pause], "The Executor does not pause" if pause else "It stays paused")
         pauses = say("{client} pauses: no further goal begins", client=by)
-        self._tell(by, pauses if pause else say("{client} resumes: the next goal may begin", client=by))
+        self._report(by, pauses if pause else say("{client} resumes: the next goal may begin", client=by))
         return answer
 
     def stop(self, by: str) -> str:
-        """Has the guard hold the base until its release, and cancels all requests of the Executor.
+        """Makes the guard hold the base until its release, and cancels all requests of the Executor.
 
         The Executor is paused too, or a mission would lose one task after the other to the stop. That may
         take time, or not come true; nothing waits for it.
@@ -108,17 +108,19 @@ class RobotControl:
         listening = self._stops.get_num_connections() > 0
         self._stops.publish(String(by))
         self._cancels.publish(ALL_REQUESTS)
-        with self._told:
+        with self._changed:
             if not self._stopped:
                 self._keep_paused = bool(self._state.tree.get("now", "executor", "paused"))
         threading.Thread(target=self._hold_requests, args=(by,), name="hold requests", daemon=True).start()
-        self._tell(by, say("{client} stops and holds: the base stops, all requests are cancelled", client=by))
+        self._report(
+            by, say("{client} stops and holds: the base stops, all requests are cancelled", client=by)
+        )
         if not (listening and self._wait_stopped()):
             otherwise = "The cancel of all requests was sent, but the base is NOT confirmed to be held"
             try:
                 _ask(self._stop, otherwise)
             except ControlError as error:
-                self._tell(by, say("stop by {client} not confirmed: {why}", client=by, why=str(error)))
+                self._report(by, say("stop by {client} not confirmed: {why}", client=by, why=str(error)))
                 raise
         return (
             "Stopped and held, confirmed by the guard, until it is released. All requests were cancelled."
@@ -126,10 +128,10 @@ class RobotControl:
         )
 
     def release(self, by: str) -> str:
-        """Lets the base drive again."""
+        """Releases the base."""
         _ask(self._release, "The base was not released")
-        self._tell(by, say("{client} releases the base", client=by))
-        with self._told:
+        self._report(by, say("{client} releases the base", client=by))
+        with self._changed:
             keep, self._keep_paused = self._keep_paused, False
         if keep:
             return "The base may drive again. The Executor stays paused, as it was before."
@@ -152,11 +154,11 @@ class RobotControl:
         return self._breakpoints.hold_before(texts, by)
 
     def go_on(self, step: bool, by: str) -> str:
-        """Lets what is held begin."""
+        """Continues from a breakpoint."""
         return self._breakpoints.go_on(step, by)
 
     def leave(self, state: str, outcome: str, within: str, by: str) -> str:
-        """Has a state left with an outcome."""
+        """Makes a state end with an outcome."""
         return self._breakpoints.leave(state, outcome, within, by)
 
     def set_autonomy(self, level: str, by: str) -> str:
@@ -167,26 +169,26 @@ class RobotControl:
         try:
             _ask(self._pause[True], "the Executor was not paused")
         except ControlError as error:
-            self._tell(by, say("{client} stops, but {why}", client=by, why=str(error)))
+            self._report(by, say("{client} stops, but {why}", client=by, why=str(error)))
 
-    def _guard_told(self, status: GuardStatus) -> None:
-        with self._told:
+    def _guard_changed(self, status: GuardStatus) -> None:
+        with self._changed:
             self._stopped = status.state == GuardStatus.STOPPED
-            self._told.notify_all()
+            self._changed.notify_all()
 
     def _wait_stopped(self) -> bool:
-        with self._told:
-            return self._told.wait_for(lambda: self._stopped, GUARD_ANSWERS)
+        with self._changed:
+            return self._changed.wait_for(lambda: self._stopped, GUARD_ANSWERS)
 
     def _silent_executor(self) -> str:
         silent = self._state.tree.get("now", SILENT)
         return f" The Executor {silent['what']}: it obeys when it is back." if silent else ""
 
-    def _tell_cancel(self, by: str, request: str, goals: List[Phrase]) -> None:
-        self._tell(by, cancel_words(by, request, goals))
+    def _report_cancel(self, by: str, request: str, goals: List[Phrase]) -> None:
+        self._report(by, cancel_words(by, request, goals))
 
-    def _tell(self, by: str, said: Phrase, **detail: str) -> None:
-        self._state.tell(sentence("control", said, rospy.get_time(), by=by, **detail))
+    def _report(self, by: str, said: Phrase, **detail: str) -> None:
+        self._state.report(sentence("control", said, rospy.get_time(), by=by, **detail))
 
 
 def _ask(service: Any, otherwise: str) -> str:

@@ -28,15 +28,15 @@ class RobotKnowledge:
 
     :param state: knows what is shown.
     :param knowledge: its knowledge base.
-    :param tell: takes an operator and the sentence about what he does, for the history.
+    :param report: takes an operator and the sentence about what he does, for the history.
     """
 
     def __init__(
-        self, state: MonitorModel, knowledge: KnowledgeClient, tell: Callable[[str, Phrase], None]
+        self, state: MonitorModel, knowledge: KnowledgeClient, report: Callable[[str, Phrase], None]
     ) -> None:
         self._state = state
         self._knowledge = knowledge
-        self._tell = tell
+        self._report = report
         planner = str(rospy.get_param("~planner_interface", "rosplan_planner_interface"))
         self._preview = ServiceProxy(f"{planner}/preview_plan", PreviewPlan, timeout=PREVIEW_ANSWERS)
 
@@ -61,7 +61,7 @@ class RobotKnowledge:
             )
         if status.state != PlannerStatus.SOLVED:
             why = f"{_NO_PLAN.get(status.state, 'No plan can be shown')}{left_out}: {status.reason}"
-            self._tell(by, with_reason(looks, status.reason or why))
+            self._report(by, with_reason(looks, status.reason or why))
             raise ControlError(why)
         steps = [
             {"text": text, "words": self._words(text), "start": start, "duration": duration}
@@ -70,7 +70,7 @@ class RobotKnowledge:
         end = max((step["start"] + step["duration"] for step in steps), default=0.0)
         said = f"a plan of {len(steps)} steps, {end:.1f} s" if steps else "the goal holds already"
         found = say("{count} steps, {time}, not carried out", count=str(len(steps)), time=f"{end:.1f} s")
-        self._tell(by, with_reason(looks, found if steps else say("the goal holds already")))
+        self._report(by, with_reason(looks, found if steps else say("the goal holds already")))
         plan = {"goal": goal, "without": list(without), "steps": steps, "seconds": end}
         return {"done": f"Not carried out: {said}.", "plan": plan}
 
@@ -82,7 +82,7 @@ class RobotKnowledge:
             self._knowledge.update(updates)
         except (PDDLSyntaxError, KnowledgeError, ServiceError) as error:
             raise ControlError(f"Nothing was changed: {error}") from error
-        self._tell(by, say("{client} changes the knowledge: {facts}", client=by, facts=goal_phrase(facts)))
+        self._report(by, say("{client} changes the knowledge: {facts}", client=by, facts=goal_phrase(facts)))
         return f"The knowledge was changed: {len(texts)} of facts and values."
 
     def _words(self, text: str) -> Any:

@@ -1,4 +1,4 @@
-"""What the web server shows: a run that goes on, or one that has ended."""
+"""What the web server shows: the present run, or a run that has ended."""
 
 from typing import Optional, Protocol
 
@@ -22,5 +22,5 @@ class Shown(Protocol):
     def checked_at(self) -> float:
         """When what is shown was checked last, s of ``time.monotonic``."""
 
-    def tell(self, event: Event) -> None:
+    def report(self, event: Event) -> None:
         """Takes an event."""

@@ -1,4 +1,4 @@
-"""Closes connections that ask nothing, so that nobody holds many of them open."""
+"""Closes connections without requests, so that one client cannot hold many of them open."""
 
 import asyncio
 from typing import Any, Dict

@@ -74,7 +74,7 @@ class WebServer:
         self._control = control
         self._scripts: Dict[str, Path] = scripts if scripts is not None else {}
         self._tls = tls
-        self._wrong_tokens = WrongTokens(self._tell_wrong)
+        self._wrong_tokens = WrongTokens(self._report_wrong_tokens)
         self._socket = listen(host, port)
         self.port: int = self._socket.getsockname()[1]
         shown = host if host not in ("", "0.0.0.0", "::") else socket.gethostname()
@@ -255,7 +255,7 @@ class WebServer:
             if not isinstance(fields, dict):
                 raise ValueError("no object")
         except (ValueError, LookupError, RecursionError):
-            return web.json_response({"error": "The request is no JSON object."}, status=400)
+            return web.json_response({"error": "The request is not a JSON object."}, status=400)
         control, what = self._control, request.match_info["what"]
         try:
             said = await self._loop.run_in_executor(None, lambda: control.carry_out(what, fields, by))
@@ -263,18 +263,18 @@ class WebServer:
             return web.json_response({"error": str(error)}, status=409)
         return web.json_response(said)
 
-    def _tell_wrong(self, address: str, count: int) -> None:
+    def _report_wrong_tokens(self, address: str, count: int) -> None:
         wrong = say("wrong token from {address}", address=address)
-        told = say("{what}, {count} times", what=wrong, count=str(count)) if count > 1 else wrong
-        event = sentence("control", told, self._state.tree.get("meta", "time") or 0.0)
+        said = say("{what}, {count} times", what=wrong, count=str(count)) if count > 1 else wrong
+        event = sentence("control", said, self._state.tree.get("meta", "time") or 0.0)
         logging.getLogger(__name__).warning("%s", event.text)
-        self._state.tell(event)
+        self._state.report(event)
 
 
 def listen(host: str, port: int) -> socket.socket:
     """A listening socket on the port or, if others have it, the next free one.
 
-    :raises ServerError: there is none.
+    :raises ServerError: when none is free.
     """
     last: Optional[OSError] = None
     candidates: List[int] = [port] if port == 0 else list(range(port, min(port + PORTS_TRIED, 65536)))

@@ -22,7 +22,7 @@ def conditions_of(operator: Operator) -> List[Condition]:
 
 
 class Reachability:
-    """Lets actions run until nothing new comes true; :attr:`state` then holds all that can.
+    """Applies actions until no new fact comes true; :attr:`state` then holds all reachable facts.
 
     :param end: of the analysis, s of ``time.monotonic``.
     """

@@ -5,7 +5,7 @@ Whatever a plan can reach can be reached here too; what cannot be reached here h
 
 import itertools
 import time
-from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 from merlin_pddl.analysis.ranges import ANYTHING, POSITIVE, Range, arithmetic, can_compare
 from merlin_pddl.domain import Domain
@@ -27,7 +27,7 @@ from merlin_pddl.formula import (
     Variable,
     bind,
 )
-from merlin_pddl.knowledge import Fact, FunctionValue, Key
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Key
 from merlin_pddl.problem import Problem
 
 Bindings = Mapping[str, str]
@@ -64,7 +64,7 @@ class RelaxedState:
         for timed in problem.timed:
             self._add_timed(timed.item)
 
-    def _add_timed(self, item: object) -> None:
+    def _add_timed(self, item: Union[Instance, Fact, FunctionValue]) -> None:
         if isinstance(item, Fact):
             if item.negative:
                 self.remove(item.key)
@@ -148,9 +148,8 @@ class RelaxedState:
         return POSITIVE if value.name in ("#t", "?duration", "total-time") else ANYTHING
 
     @staticmethod
-    def key(item: object, bindings: Bindings) -> Key:
+    def key(item: Union[Atom, Fluent], bindings: Bindings) -> Key:
         """The key of an atom or a function."""
-        assert isinstance(item, (Atom, Fluent))
         return (item.name.lower(), *(bind(term, bindings).lower() for term in item.args))
 
     # --- objects and bindings -----------------------------------------------------------------------------

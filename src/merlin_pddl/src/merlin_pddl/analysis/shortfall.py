@@ -30,8 +30,8 @@ from merlin_pddl.text_reader import PddlError
 
 #: s of wall time for the analysis.
 LIMIT = 0.2
-#: How many goals are told about.
-TOLD = 2
+#: How many goals are named.
+NAMED = 2
 #: How many ways to reach a condition are compared.
 WAYS = 500
 _MIRRORED = {">": "<", ">=": "<=", "<": ">", "<=": ">=", "=": "="}
@@ -45,13 +45,13 @@ class Gap(NamedTuple):
     """A condition that cannot be reached."""
 
     condition: str
-    """As PDDL, ground."""
+    """The condition as ground PDDL."""
     operator: str
-    """That needs it; empty: it is the goal itself."""
+    """Action that needs it; empty: it is the goal itself."""
     why: str
 
     def text(self) -> str:
-        """As part of a sentence."""
+        """The text as part of a sentence."""
         needed = f" for {self.operator}" if self.operator else ""
         return f"{self.condition}{needed}; {self.why}"
 
@@ -72,18 +72,22 @@ def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, st
         reach.run()
         goals = [part for goal in task.goals for part in conjuncts(goal)]
         missed = [goal for goal in goals if not reach.state.can(goal, {})]
-        told = [_told(goal, model, reach.state) for goal in missed[:TOLD]]
+        sentences = [_sentence(goal, model, reach.state) for goal in missed[:NAMED]]
     except CutOffError:
         return False, CUT_OFF.format(limit=limit)
-    except (PddlError, KeyError, RecursionError):  # a variable without a value: the planner tells about such
+    except (
+        PddlError,
+        KeyError,
+        RecursionError,
+    ):  # the planner reports such errors
         return False, ""
     if not missed:
         return False, TOGETHER
-    more = f"; and {len(missed) - TOLD} more goals" if len(missed) > TOLD else ""
-    return True, "; ".join(told) + more
+    more = f"; and {len(missed) - NAMED} more goals" if len(missed) > NAMED else ""
+    return True, "; ".join(sentences) + more
 
 
-def _told(goal: Condition, domain: Domain, state: RelaxedState) -> str:
+def _sentence(goal: Condition, domain: Domain, state: RelaxedState) -> str:
     gap = _Search(domain, state).gap(goal, "", frozenset())
     if gap.condition == to_pddl(goal):
         return f"cannot be reached: {gap.text()}"
@@ -172,8 +176,8 @@ class _Search:
         value, limit = (has.high, wanted.low) if above else (has.low, wanted.high)
         if not (math.isfinite(value) and math.isfinite(limit)):
             return "it can never hold"
-        told = f"at {'most' if above else 'least'} {_rounded(value)} can be had"
-        return told if isinstance(right, Number) else f"{told}, {_rounded(limit)} is needed"
+        reachable = f"at {'most' if above else 'least'} {_rounded(value)} can be reached"
+        return reachable if isinstance(right, Number) else f"{reachable}, {_rounded(limit)} is needed"
 
     def _without_value(self, comparison: Comparison) -> str:
         """The first function of a comparison that has no value."""

@@ -43,7 +43,7 @@ def kairos() -> Optional[Any]:
 
 
 class Validation:
-    """Checks a domain, then a problem, then a goal; collects what there is to tell.
+    """Checks a domain, then a problem, then a goal; collects the messages.
 
     :param time_limit: s for the search for a plan.
     :param max_size: MB that a file may have.
@@ -56,7 +56,7 @@ class Validation:
         max_size: float = MAX_SIZE,
         on_stage: Callable[[str], None] = lambda stage: None,
     ) -> None:
-        # The best plan so far still has to be told before the time is over.
+        # The best plan so far has to be sent before the time is over.
         self._ends = time.monotonic() + time_limit - min(1.0, 0.2 * time_limit)
         self._max_size = max_size
         self._stage = on_stage
@@ -104,7 +104,7 @@ class Validation:
 
     def _report(self, report: Any, path: str, error: Any) -> None:
         for diagnostic in report.diagnostics:
-            # of other files only what is an error: their warnings were told when they were checked
+            # of other files only what is an error: their warnings were printed when they were checked
             place = diagnostic.location
             if place is None or place.file == path or diagnostic.severity == error:
                 message = str(diagnostic)
@@ -161,7 +161,7 @@ def run_limited(
     :param files: domain, problem and goal.
     :param time_limit: s of running time for everything.
     :param max_size: MB that a file may have.
-    :return: whether all is valid, and what there is to tell.
+    :return: whether all is valid, and the messages.
     """
     reads, writes = os.pipe()
     pid = os.fork()
@@ -194,15 +194,15 @@ def _child(
 ) -> None:
     """Checks, writes the result into the pipe to the parent, ends."""
 
-    def tell(**message: Any) -> None:
+    def send(**message: Any) -> None:
         data = json.dumps(message).encode() + b"\n"
         while data:
             data = data[os.write(pipe, data) :]
 
     try:
-        validation = Validation(time_limit, max_size, lambda stage: tell(stage=stage))
+        validation = Validation(time_limit, max_size, lambda stage: send(stage=stage))
         valid = validation.run(*files)
-        tell(valid=valid, messages=validation.messages)
+        send(valid=valid, messages=validation.messages)
     except BaseException:
         traceback.print_exc()
         sys.stderr.flush()

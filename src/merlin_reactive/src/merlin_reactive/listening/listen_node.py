@@ -65,7 +65,7 @@ class ListenNode:
             self._clock.wake()
 
     def _cancel(self, goal: ServerGoal) -> None:
-        # At once: decoding takes a second, and its result is not wanted any more.
+        # At once: decoding takes a second, and its result is no longer wanted.
         goal.cancelled(ListenResult(heard=self._spoke), "cancelled")
         self._news.set()
         self._clock.wake()

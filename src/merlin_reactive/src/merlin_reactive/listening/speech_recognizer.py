@@ -8,7 +8,7 @@ import numpy as np
 from pocketsphinx import Config, Decoder, get_model_path
 
 # A grammar alone turns every sound into one of its sentences. A free sequence of phones fits sounds that are
-# not in the grammar better than the grammar does: the difference of the scores per frame tells. Measured (see
+# not in the grammar better than the grammar does: the score difference per frame decides. Measured (see
 # docs/simulation.md), nine of ten good sentences lie above this, and all but a few of the others below.
 THRESHOLD = 0.00002
 CERTAIN = 0.0006  # margin over the threshold from which an answer counts as certain
@@ -18,6 +18,9 @@ LOUD = 0.15  # of the loudest twentieth of the frames, from which a frame is lou
 FRAME = 160  # samples of one frame of the decoder
 DITHER = 20.0  # standard deviation of the noise that is added, of 32767
 PADDING = 0.25  # s of silence around an utterance; the decoder wants some
+RATE = 16000  # samples per second
+SOUND_FRAME = RATE // 50  # samples whose loudness is looked at together
+QUIET_FRAMES = 30  # of them, quiet, that end an utterance: 0.6 s
 
 
 class GrammarError(Exception):
@@ -83,7 +86,7 @@ class SpeechRecognizer:
         Returns it with how much better it does than mere phones, per frame, and the share of what is loud
         that it does not account for.
         """
-        silence = np.zeros(round(PADDING * 16000))
+        silence = np.zeros(round(PADDING * RATE))
         audio = np.concatenate([silence, samples, silence])
         # Digital silence has no spectrum to take the logarithm of.
         audio = audio + DITHER * np.random.default_rng(0).standard_normal(len(audio))
@@ -128,17 +131,12 @@ def _unexplained(audio: np.ndarray, silent: List[Tuple[int, int]]) -> float:
 class UtteranceDetector:
     """Cuts an utterance out of a stream of sound, by its loudness.
 
-    :param silence: s of quiet that end it.
     :param loud: RMS of a frame, of 32767, that counts as speech.
     :param longest: s after which it ends although it is not quiet, as beside a fan.
     """
 
-    def __init__(
-        self, silence: float = 0.6, loud: float = 400.0, rate: int = 16000, longest: float = 15.0
-    ) -> None:
-        self._frame = rate // 50
-        self._most_frames = round(longest * 50)
-        self._quiet_frames = round(silence * 50)
+    def __init__(self, loud: float = 400.0, longest: float = 15.0) -> None:
+        self._most_frames = round(longest * RATE / SOUND_FRAME)
         self._loud = loud
         self._rest = np.zeros(0, dtype=np.int16)
         self._frames: List[np.ndarray] = []
@@ -148,16 +146,16 @@ class UtteranceDetector:
     def feed(self, samples: np.ndarray) -> Optional[np.ndarray]:
         """Takes sound as it comes; returns the utterance when one has ended."""
         samples = np.concatenate([self._rest, samples])
-        whole = len(samples) // self._frame * self._frame
+        whole = len(samples) // SOUND_FRAME * SOUND_FRAME
         self._rest = samples[whole:]
-        for frame in samples[:whole].reshape(-1, self._frame):
+        for frame in samples[:whole].reshape(-1, SOUND_FRAME):
             loud = float(np.sqrt(np.mean(np.square(frame.astype(float))))) > self._loud
             if loud:
                 self.speaking, self._quiet = True, 0
             if self.speaking:
                 self._frames.append(frame)
                 self._quiet += not loud
-                if self._quiet >= self._quiet_frames or len(self._frames) >= self._most_frames:
+                if self._quiet >= QUIET_FRAMES or len(self._frames) >= self._most_frames:
                     return self.finish()
         return None
 

@@ -39,7 +39,7 @@ class SpeechRecognizerProcess:
         self._lock = threading.Lock()  # guards what follows
         self._grammar = ""
         self._closed = False
-        self._process: Optional[subprocess.Popen] = self._start()
+        self._process: Optional[subprocess.Popen[bytes]] = self._start()
 
     def use(self, grammar: str) -> None:
         """Sets the grammar (JSGF text) for the next utterances.
@@ -74,7 +74,7 @@ class SpeechRecognizerProcess:
             except subprocess.TimeoutExpired:
                 process.kill()
 
-    def _start(self) -> subprocess.Popen:
+    def _start(self) -> "subprocess.Popen[bytes]":
         command = [
             sys.executable,
             "-m",

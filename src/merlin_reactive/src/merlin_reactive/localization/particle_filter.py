@@ -8,9 +8,9 @@ import math
 from dataclasses import dataclass
 from typing import Optional, Tuple
 
-import cv2
 import numpy as np
 
+from merlin_reactive.distance_field import distance_field
 from merlin_reactive.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from merlin_reactive.pose import Pose, wrap
 from merlin_reactive.seeded_random import draw
@@ -42,7 +42,7 @@ class FilterSettings:
 class ParticleFilter:
     """Believes in poses. Used by one thread at a time.
 
-    :param grid: unknown cells tell nothing.
+    :param grid: unknown cells have no influence.
     :raises ValueError: no cell of it is free.
     """
 
@@ -50,9 +50,7 @@ class ParticleFilter:
         self.grid = grid
         self._settings = settings
         self._seed, self._name = seed, name + "/particles"
-        self._distance = cv2.distanceTransform(
-            (grid.cells != OCCUPIED).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
-        ) * np.float32(grid.resolution)
+        self._distance = distance_field(grid.cells != OCCUPIED) * np.float32(grid.resolution)
         self._free = np.argwhere(grid.cells == FREE)
         if not len(self._free):
             raise ValueError("no cell of the map is free: there is nowhere a robot could be")

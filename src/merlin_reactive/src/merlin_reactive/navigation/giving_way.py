@@ -7,7 +7,6 @@ from typing import List, Optional
 import numpy as np
 
 from merlin_reactive.navigation.path_planner import PathPlanner
-from merlin_reactive.navigation.refuge import nearest_refuge
 from merlin_reactive.navigation.right_of_way import RightOfWay
 from merlin_reactive.pose import Point, Pose
 
@@ -19,7 +18,7 @@ THERE = 0.1  # m from the place aside at which it has arrived
 class Given:
     """What a robot has to do for the others now.
 
-    :param room: m that it may go on along its way.
+    :param room: m that it may drive on along its way.
     :param replan: its target has changed: plan a new way before anything else.
     :param waited: s since it began to give way.
     :param robot: the one that it gives way to; empty: none.
@@ -45,8 +44,12 @@ class GivingWay:
     """
 
     def __init__(self, rules: RightOfWay, planner: PathPlanner) -> None:
+        # It imports OpenCV, which a robot that is alone can do without.
+        from merlin_reactive.navigation.refuge import nearest_refuge
+
         self.rules = rules
         self._planner = planner
+        self._nearest_refuge = nearest_refuge
         self.start()
 
     def start(self) -> None:
@@ -81,7 +84,7 @@ class GivingWay:
         return self._given(now, room=meeting.room, replan=moved)
 
     def unreachable(self) -> None:
-        """There is no way to the place aside: the others have to give way."""
+        """Notes that no path leads to the place aside: the others have to give way."""
         self.refuge = None
         self.rules.cornered = True
 
@@ -99,9 +102,9 @@ class GivingWay:
         self._searched_at = now
         rules = self.rules
         first, others = rules.first(now), rules.others(now)
-        self.refuge = nearest_refuge(self._planner, here, first, others, seen)
+        self.refuge = self._nearest_refuge(self._planner, here, first, others, seen)
         if self.refuge is None and len(first) < len(others):
             # Those that go after it see its way, and make room as it does.
-            self.refuge = nearest_refuge(self._planner, here, first, first, seen)
+            self.refuge = self._nearest_refuge(self._planner, here, first, first, seen)
         rules.cornered = self.refuge is None
         return self.refuge is not None

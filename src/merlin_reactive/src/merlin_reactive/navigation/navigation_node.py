@@ -99,7 +99,7 @@ class NavigationNode:
         self._server.start()
 
     def health(self) -> Health:
-        """Whether everything that driving needs is there."""
+        """Whether everything that driving needs has arrived: map, odometry, scan."""
         if self._navigator is None:
             return Health(ERROR, f"there is no map on {rospy.resolve_name(self._map_topic)}")
         missing = self._state.missing(SILENCE)
@@ -148,7 +148,7 @@ class NavigationNode:
                 self._exchange.end()
 
     def _ready(self, goal: ServerGoal) -> Optional[Navigator]:
-        """The navigator, once map and robot are there; None when the goal was cancelled before."""
+        """The navigator, once map and pose have arrived; None when the goal was cancelled before."""
         deadline = Deadline(START_TIMEOUT)
         with self._state.changed:
             deadline.wait(self._state.changed, lambda: self._navigator is not None or goal.cancel_requested)
@@ -212,7 +212,7 @@ class NavigationNode:
                 raise StateError(result.text)
             self._gate.send(goal, result.speed, result.turn)
             if self._exchange is not None:
-                self._exchange.tell(navigator.announcement(pose), stamp)
+                self._exchange.publish(navigator.announcement(pose), stamp)
             if step % FEEDBACK_EVERY == 0:
                 goal.feedback(MoveBaseFeedback(base_position=stamped(pose, self._frame, stamp)))
             step += 1

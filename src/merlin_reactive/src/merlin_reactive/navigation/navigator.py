@@ -28,8 +28,8 @@ AHEAD = 2.0  # m of path that is watched for obstacles
 STOP_GAP = 0.25  # m before the place where an obstacle would be too close at which the robot waits
 STANDING = 0.02  # m/s and rad/s below which the robot counts as standing
 CREEP = 0.03  # m/s below which it rather stands
-HERE = 0.7  # m within which waiting goes on and does not begin anew
-GIVE_WAY = 0.5  # m that it backs off for a person who waits for it
+HERE = 0.7  # m within which waiting continues and does not begin anew
+GIVE_WAY = 0.5  # m that it backs off for a person that waits for it
 RECOVERY_WAY = 0.15  # m that it backs off when it does not get away
 BACK_SPEED = 0.1  # m/s
 STOP_RESERVE = 0.01  # m inside the tolerance of the goal that stopping is aimed at
@@ -39,7 +39,7 @@ BESIDE_ROBOT = 0.12  # m around a robot within which what was seen is that robot
 
 
 class DriveOutcome(enum.Enum):
-    """How driving stands."""
+    """State of a drive."""
 
     DRIVING = "driving"
     WAITING = "waiting"
@@ -50,7 +50,7 @@ class DriveOutcome(enum.Enum):
 
 @dataclass(frozen=True)
 class NavigationSettings:
-    """How a robot is driven; m, rad, s."""
+    """Settings of a drive; m, rad, s."""
 
     radius: float = 0.25
     clearance: float = 0.05  # of plans from mapped and seen obstacles
@@ -69,7 +69,7 @@ class NavigationSettings:
 
 @dataclass(frozen=True)
 class DriveStep:
-    """What to do now: speeds (m/s, rad/s), how it stands and a sentence about it."""
+    """The command: speeds (m/s, rad/s), the state of the drive, and a sentence about it."""
 
     speed: float
     turn: float
@@ -85,7 +85,7 @@ class DriveStep:
 class Navigator:
     """Drives one robot on one map, to one goal at a time. Used by one thread at a time.
 
-    :param rules: who goes first where it meets other robots; None: it is alone.
+    :param rules: the right of way where it meets other robots; None: it is alone.
     """
 
     def __init__(
@@ -197,7 +197,7 @@ class Navigator:
         return 0.0, DriveStep(0.0, 0.0, DriveOutcome.WAITING, given.reason)
 
     def _stops_at(self, pose: Pose, speed: float) -> Pose:
-        """Where it comes to a stand if it brakes now."""
+        """Where the robot stands when it brakes now."""
         way = speed * abs(speed) / (2 * self.settings.cruise.acceleration)
         return Pose(pose.x + way * math.cos(pose.yaw), pose.y + way * math.sin(pose.yaw), pose.yaw)
 
@@ -208,7 +208,7 @@ class Navigator:
             return DriveStep(0.0, 0.0, DriveOutcome.NO_PLAN, f"{NO_PLAN_TEXT} {why}")
         self._moved_at, self._moved_from = now, pose  # standing is right here
         if waited >= self.settings.patience / 2 and not self._gave_way:
-            # A robot and a person that wait for each other in a doorway wait for ever.
+            # A robot and a person that wait for each other in a doorway wait forever.
             self._gave_way = True
             self._backing, self._backing_way, self._backing_since = pose, GIVE_WAY, now
         return DriveStep(0.0, 0.0, DriveOutcome.WAITING, "something is in the way")
@@ -240,7 +240,7 @@ class Navigator:
         return self._follower.path.at(along)
 
     def announcement(self, pose: Pose) -> Optional[RobotWay]:
-        """What other robots have to know of this one while it drives; None: there are none."""
+        """What other robots have to know of this one while it drives; None: it drives alone."""
         if self._giving is None:
             return None
         rules = self._giving.rules

@@ -22,7 +22,7 @@ WINDOW = 1.0  # m of path ahead of the last progress in which the robot is looke
 
 @dataclass(frozen=True)
 class Cruise:
-    """How the robot is driven: m/s, rad/s, m/s², rad/s²."""
+    """Limits of a drive: m/s, rad/s, m/s², rad/s²."""
 
     speed: float = 0.30
     turn_speed: float = 1.0
@@ -78,7 +78,7 @@ class PathFollower:
         return self.path.length - self.progress
 
     def locate(self, pose: Pose) -> None:
-        """Tells where the robot is; progress never goes back far."""
+        """Takes the robot's place; progress never goes back far."""
         self.progress, self.offset = self.path.nearest(
             pose.point, self.progress - 0.2, self.progress + WINDOW
         )

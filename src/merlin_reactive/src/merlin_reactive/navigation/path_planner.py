@@ -3,10 +3,10 @@
 import math
 from typing import List, Optional, Sequence, Tuple
 
-import cv2
 import numpy as np
 import pyastar2d
 
+from merlin_reactive.distance_field import distance_field
 from merlin_reactive.occupancy_grid import FREE, OccupancyGrid
 from merlin_reactive.pose import Point
 
@@ -26,7 +26,7 @@ SAMPLE = 0.025  # m between the points at which a straight piece is checked
 
 
 class NoPath(Exception):
-    """There is no path; the text says why."""
+    """No path exists; the text says why."""
 
 
 class PathPlanner:
@@ -50,7 +50,7 @@ class PathPlanner:
         return 0.0 if cell is None else float(self.distance[cell])
 
     def rooms(self, points: np.ndarray) -> np.ndarray:
-        """As `room`, for n x 2 points."""
+        """Like `room`, for n x 2 points."""
         rows, columns, inside = self.grid.rows_and_columns(points)
         found = np.zeros(len(points))
         found[inside] = self.distance[rows[inside], columns[inside]]
@@ -92,7 +92,7 @@ class PathPlanner:
 
         :param obstacles: points (n x 2, m) that are in the way besides the map.
         :param clearance: instead of the planner's own, m.
-        :raises NoPath: when there is none.
+        :raises NoPath: when no path exists.
         """
         reason = self.why_unreachable(goal)
         if reason:
@@ -120,7 +120,7 @@ class PathPlanner:
         return self._straightened([start, *points[1:-1], goal], costs)
 
     def _distances(self, free: np.ndarray) -> np.ndarray:
-        exact = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        exact = distance_field(free)
         # From centre to centre; the obstacle begins half a cell earlier.
         return np.maximum(exact * self.grid.resolution - self.grid.resolution / 2, 0.0)
 

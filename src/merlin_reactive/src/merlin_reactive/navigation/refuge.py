@@ -21,7 +21,7 @@ def nearest_refuge(
     others: Sequence[RobotWay],
     seen: np.ndarray,
 ) -> Optional[Point]:
-    """The nearest place off the ways of those that go first; None: there is none that it can reach.
+    """The nearest place off the ways of those that go first; None: it cannot reach one.
 
     A wave spreads over the free cells around the others' bodies, in turn to four and to eight neighbours.
 
@@ -56,7 +56,7 @@ def nearest_refuge(
 
 
 def _distance(planner: PathPlanner, points: np.ndarray) -> np.ndarray:
-    """Of each cell to the nearest of some points, m."""
+    """Distance of each cell to the nearest of some points, m."""
     empty = np.ones(planner.grid.cells.shape, np.uint8)
     rows, columns, inside = planner.grid.rows_and_columns(points)
     if not inside.any():

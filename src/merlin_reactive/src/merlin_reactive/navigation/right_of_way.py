@@ -15,7 +15,7 @@ import numpy as np
 from merlin_reactive.pose import Point, Pose
 
 STEP = 0.1  # m between the points of a way
-ANNOUNCED = 60  # points of a way that other robots are told
+ANNOUNCED = 60  # points of a way that is published to other robots
 HORIZON = 40  # points of both ways that are compared: farther ahead everything may change yet
 PASSING = 0.10  # m between two robots that pass each other
 WAITING = 0.17  # m that a robot which gives way keeps from the other's way
@@ -28,7 +28,7 @@ OUTLINE = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
 
 @dataclass(frozen=True)
 class RobotWay:
-    """What a robot that drives tells the others.
+    """What a driving robot publishes to the others.
 
     :param way: points (n x 2, m, frame map), STEP apart, from where it is; at most ANNOUNCED.
     :param cornered: it has found no place to go aside to.
@@ -46,7 +46,7 @@ class RobotWay:
 
     @property
     def rank(self) -> Tuple[bool, bool, str]:
-        """Who goes first: the smaller one. The way of a robot that finds none is one point."""
+        """The right of way: the smaller one goes first. The way of a robot that finds none is one point."""
         return not self.cornered, len(self.way) < 2, self.name
 
 
@@ -54,7 +54,7 @@ class RobotWay:
 class Meeting:
     """What the others' right of way leaves of a robot's own way.
 
-    :param room: m that it may go on.
+    :param room: m that it may drive on.
     :param robot: which one it waits for; empty: none.
     :param aside: it stands where the other wants to go.
     """
@@ -65,9 +65,9 @@ class Meeting:
 
 
 class RightOfWay:
-    """What one robot knows of the others' ways, and who goes first.
+    """What one robot knows of the others' ways, and which robot goes first.
 
-    The lock guards what was told; `tell` may come from any thread, the rest from the thread that drives.
+    The lock guards the ways of others; `note` is for any thread, the rest for the thread that drives.
 
     :param name: of this robot.
     :param radius: of this robot, m.
@@ -77,25 +77,27 @@ class RightOfWay:
         self.name, self.radius = name, radius
         self.cornered = self.astray = False
         self._lock = threading.Lock()
-        self._told: Dict[str, Tuple[RobotWay, float]] = {}
+        self._ways: Dict[str, Tuple[RobotWay, float]] = {}
 
-    def tell(self, other: RobotWay, now: float) -> None:
+    def note(self, other: RobotWay, now: float) -> None:
         """Takes what another robot says of itself at a time, s."""
         if other.name == self.name:
             return
         with self._lock:
+            for name in [name for name, (_, noted) in self._ways.items() if abs(now - noted) >= SILENT]:
+                del self._ways[name]
             if other.driving:
-                self._told[other.name] = other, now
+                self._ways[other.name] = other, now
             else:
-                self._told.pop(other.name, None)
+                self._ways.pop(other.name, None)
 
     def others(self, now: float) -> List[RobotWay]:
         """The other robots that drive."""
         with self._lock:
-            return [other for other, told in self._told.values() if abs(now - told) < SILENT]
+            return [other for other, noted in self._ways.values() if abs(now - noted) < SILENT]
 
     def first(self, now: float) -> List[RobotWay]:
-        """Those that go first, in their order; of each the way until it has to wait for one before it."""
+        """The robots that go first, in their order; of each the way up to its first wait."""
         own = (not self.cornered, self.astray, self.name)
         before = [other for other in self.others(now) if other.rank < own]
         found: List[RobotWay] = []

@@ -47,7 +47,7 @@ class ScanGuard:
         """The greatest safe speed (m/s) and the turn nearest to that wanted (rad/s) which keeps it going.
 
         Where the pose is believed a little off, the path leads past a corner too closely; a slight swerve in
-        time goes on where braking alone would make the robot creep.
+        time continues where braking alone would make the robot creep.
         """
         if speed <= 0.0 or not len(self._points):
             return self.allowed(speed, turn), turn

@@ -1,4 +1,4 @@
-"""The only way from navigation to the wheels: once closed for a goal, nothing of that goal gets through."""
+"""The only way from navigation to the wheels: once closed for a goal, it blocks all commands of that goal."""
 
 import contextlib
 import threading
@@ -24,7 +24,7 @@ class VelocityGate:
         self._publisher = rospy.Publisher(topic, Twist, queue_size=10)
 
     def open(self, goal: ServerGoal) -> None:
-        """Lets the velocities of a goal through."""
+        """Passes the velocities of a goal on."""
         with self._lock:
             self._owner = goal
 

@@ -1,4 +1,4 @@
-"""Tells other robots where this one drives, and hears where they do."""
+"""Publishes where this robot drives, and receives where others do."""
 
 from typing import Optional
 
@@ -18,17 +18,17 @@ class WayExchange:
     """Speaks on a topic that all robots share, while this one drives.
 
     :param topic: global name.
-    :param frame: of all poses; what is told in another frame is not heard.
+    :param frame: of all poses; a way in another frame is ignored.
     """
 
     def __init__(self, topic: str, frame: str, rules: RightOfWay) -> None:
         self._rules, self._frame = rules, frame
-        self._last: Optional[WayMessage] = None  # of the drive that goes on
+        self._last: Optional[WayMessage] = None  # of the drive that continues
         self._publisher = rospy.Publisher(topic, WayMessage, queue_size=10)
         self._subscriber = rospy.Subscriber(topic, WayMessage, self._hear, tcp_nodelay=True, queue_size=20)
 
-    def tell(self, said: Optional[RobotWay], stamp: rospy.Time) -> None:
-        """Tells the others, when it is time to."""
+    def publish(self, said: Optional[RobotWay], stamp: rospy.Time) -> None:
+        """Publishes the way, at most once per period."""
         if said is None:
             return
         if self._last and 0.0 <= (stamp - self._last.header.stamp).to_sec() < ROS_PERIOD:
@@ -76,4 +76,4 @@ class WayExchange:
             message.aside,
             message.driving,
         )
-        self._rules.tell(other, rospy.get_time())
+        self._rules.note(other, rospy.get_time())

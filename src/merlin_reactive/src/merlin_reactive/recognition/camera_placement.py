@@ -16,7 +16,7 @@ TOLERANCE = (
 
 
 class NotPlaced(Exception):
-    """It is not known where the camera was; the text says what is missing."""
+    """The camera's pose is unknown; the text says what is missing."""
 
 
 class CameraPlacement(tf2_ros.Buffer):
@@ -42,7 +42,7 @@ class CameraPlacement(tf2_ros.Buffer):
         self.wake()
 
     def wake(self) -> None:
-        """Lets a wait look again."""
+        """Wakes a wait, so that it re-checks."""
         with self._news:
             self._news.notify_all()
 

@@ -72,5 +72,5 @@ def overlap(one: Optional[Box], two: Optional[Box]) -> float:
 
 
 def area(box: Box) -> float:
-    """Of a rectangle, square pixels."""
+    """Area of a rectangle, square pixels."""
     return (box[2] - box[0]) * (box[3] - box[1])

@@ -15,7 +15,7 @@ CAPTURE_LIMIT = 20.0  # s of wall time for the simulator's answer, which renders
 
 
 class NoPicture(Exception):
-    """There is no picture; the text says why."""
+    """No picture came; the text says why."""
 
 
 class CaptureSource:
@@ -86,7 +86,7 @@ class TopicSource:
         return image, info
 
     def wake(self) -> None:
-        """Lets a wait look at its event."""
+        """Wakes a wait, so that it re-checks its event."""
         with self._news:
             self._news.notify_all()
 

@@ -59,7 +59,7 @@ class ObjectClass:
 
     @property
     def headings(self) -> Tuple[float, ...]:
-        """Those that it can look different at, rad; a cylinder has one."""
+        """The yaw angles at which it can look different, rad; a cylinder has one."""
         if self.size is None:
             return (0.0,)
         turn = math.pi / 2 if self.size[0] == self.size[1] else math.pi

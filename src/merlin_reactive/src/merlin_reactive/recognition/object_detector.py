@@ -55,12 +55,12 @@ def color_mask(hsv: np.ndarray, hue: int, low: float, high: float = 255.0) -> np
     return masks[0] if len(masks) == 1 else cv2.bitwise_or(masks[0], masks[1])
 
 
-def patches(mask: np.ndarray, least: int = LEAST_PIXELS) -> Iterator[Tuple[Box, np.ndarray]]:
+def patches(mask: np.ndarray) -> Iterator[Tuple[Box, np.ndarray]]:
     """Connected regions of a mask: the rectangle around each, and which of its pixels belong to it."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     for label in range(1, count):
         x, y, w, h, pixels = stats[label]
-        if pixels >= least:
+        if pixels >= LEAST_PIXELS:
             shape = labels[y : y + h, x : x + w] == label
             yield (float(x), float(y), float(x + w), float(y + h)), shape
 
@@ -238,7 +238,7 @@ def _within(inner: Box, outer: Box) -> bool:
 
 
 def _likeness(sighting: Sighting, view: CameraView) -> float:
-    """Of the patch's rectangle and the thing's; a dark part where it has to be counts too."""
+    """Overlap of the patch's rectangle with the thing's; a dark part at its place counts too."""
     like = overlap(view.box(_points(sighting, view)), sighting.box)
     return like + (DARK_COUNTS if OBJECT_CLASSES[sighting.name].dark_height else 0.0)
 

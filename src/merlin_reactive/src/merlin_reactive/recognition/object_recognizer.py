@@ -25,7 +25,7 @@ class Detector(Protocol):
     """Finds things of some classes in a picture."""
 
     def detect(self, picture: np.ndarray, view: CameraView) -> List[Sighting]:
-        """What it sees.
+        """The things in a picture.
 
         :param picture: height x width x 3, RGB, 0..255.
         """
@@ -55,7 +55,7 @@ class ObjectRecognizer:
         classes: Sequence[str] = (),
         stop: Optional[Callable[[], bool]] = None,
     ) -> List[Sighting]:
-        """What stands where, best score first.
+        """The things and their places, best score first.
 
         :param picture: height x width x 3, RGB, 0..255.
         :param classes: what to report; empty: everything.

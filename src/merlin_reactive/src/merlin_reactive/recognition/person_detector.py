@@ -54,7 +54,7 @@ class PersonDetector:
         sides = _sides(rows, box[0] <= 0, box[2] >= view.width)
         place, origin = None, "size"
         # Cut at a side, the rectangle's middle and its bottom are not the body's: where it reaches
-        # farthest down may lie outside the picture, and how wide it is tells only where both sides show.
+        # farthest down may lie outside the picture, and its width counts only where both sides are visible.
         if box[0] > 0 and box[2] < view.width and box[3] < view.height:
             feet = _by_feet(box, view)
             if feet is not None and overlap(view.box(_body(feet)), box) > STANDS:
@@ -83,7 +83,7 @@ class PersonDetector:
 
 
 def _sides(rows: np.ndarray, cut_left: bool, cut_right: bool) -> Optional[Tuple[float, float, float]]:
-    """Left and right edge of a body, and the row where they are: where nothing before it hides it.
+    """Left and right edge of a body, and their row: one in which nothing hides the body.
 
     :param cut_left, cut_right: whether that edge is the picture's.
     :return: None when the picture cuts it everywhere: it may be nearer than it is wide.

@@ -1,4 +1,4 @@
-"""The node ``recognition``: tells what stands where in one camera image."""
+"""The node ``recognition``: finds which objects and persons stand where in one camera image."""
 
 import time
 from typing import List, Tuple, Union
@@ -55,7 +55,7 @@ class RecognitionNode:
         self._server.start()
 
     def health(self) -> Health:
-        """How the last look went."""
+        """Health by the last look."""
         values = {"looks": self._looks, "last look, s": f"{self._took:.3f}"}
         if self._problem:
             return Health(WARN, self._problem, values)
@@ -88,7 +88,9 @@ class RecognitionNode:
         names = list(dict.fromkeys(sighting.name for sighting in sightings))
         detections = Detection3DArray(detections=[_detection(s, names, header) for s in sightings])
         detections.header = header
-        goal.succeed(RecognizeResult(detections=detections, names=names), _told(sightings, goal.goal.classes))
+        goal.succeed(
+            RecognizeResult(detections=detections, names=names), _in_words(sightings, goal.goal.classes)
+        )
 
     def _look(self, goal: ServerGoal) -> Tuple[rospy.Header, List[Sighting]]:
         image, info = self._source.take(goal.cancel_event)
@@ -131,7 +133,7 @@ def _detection(sighting: Sighting, names: List[str], header: rospy.Header) -> De
     return detection
 
 
-def _told(sightings: List[Sighting], classes: List[str]) -> str:
+def _in_words(sightings: List[Sighting], classes: List[str]) -> str:
     if not sightings:
         return f"saw nothing of {', '.join(classes)}" if classes else "saw nothing"
     names = [sighting.name for sighting in sightings]

@@ -10,7 +10,7 @@ CARDS = 0.3  # m between two sightings of one tag that are of one thing
 
 @dataclass(frozen=True)
 class Sighting:
-    """What stands where.
+    """A thing and its place.
 
     :param name: its class; of a tag `tag_<number>`.
     :param score: 0..1, how well it fits its class.

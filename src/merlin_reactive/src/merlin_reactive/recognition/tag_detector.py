@@ -13,7 +13,7 @@ from merlin_reactive.recognition.tags import TAG as EDGE
 from merlin_reactive.recognition.tags import tag_dictionary
 
 Quad = Tuple[int, np.ndarray]  # number, and corners (4 x 2) from the upper left one on, pixels
-SURE = 24.0  # pixels along an edge from which on a tag counts as fully seen
+SURE = 24.0  # pixels along an edge from when a tag counts as fully seen
 
 
 class TagDetector:
@@ -91,7 +91,7 @@ def _finder(refinement: int) -> Callable[[np.ndarray], List[Quad]]:
 
 
 def _nearest(number: int, quad: np.ndarray, others: Sequence[Quad]) -> np.ndarray:
-    """The same tag among others, or the tag itself."""
+    """The same tag among others, or the given tag."""
     edge = math.sqrt(cv2.contourArea(quad.astype(np.float32)))
     for other, corners in others:
         if other == number and np.abs(corners - quad).max() < 0.25 * edge:

@@ -22,7 +22,7 @@ class SoundCard:
 
     def __init__(self, device: str = "") -> None:
         self._device = device
-        self._process: Optional[subprocess.Popen] = None
+        self._process: Optional[subprocess.Popen[bytes]] = None
         self.present = shutil.which("aplay") is not None and _has_card()
 
     def play(self, sound: Sound) -> None:

@@ -59,7 +59,7 @@ class Speaker:
     def play(self, sound: Sound, stop: threading.Event, heard: Callable[[float], None]) -> float:
         """Plays a sound to its end or until `stop` is set; returns how much was played, s.
 
-        :param heard: told the time played so far, s, every CHUNK.
+        :param heard: called with the time played so far, s, every CHUNK.
         """
         with self._turn:
             self._turn.wait_for(lambda: not self._busy or stop.is_set())
@@ -145,7 +145,7 @@ class SpeechNode:
         return Health(OK, "plays on the sound card" if self._card.present else "no sound card, silent")
 
     def _rehearse(self) -> None:
-        """Synthesises what will be said often, so that the first time is no slower than the others."""
+        """Synthesises what will be said often, so that the first time is as fast as the others."""
         for phrase in self._phrases:
             try:
                 self._synthesizer.say(str(phrase))
@@ -166,7 +166,7 @@ class SpeechNode:
         try:
             sound = self._sound(request, stop)
             while True:
-                played += self._speaker.play(sound, goal.cancel_event, lambda time: _tell(goal, time))
+                played += self._speaker.play(sound, goal.cancel_event, lambda time: _feed_back(goal, time))
                 if goal.cancel_requested or request.command != SoundRequest.PLAY_START:
                     break
         except SoundStopped:
@@ -246,7 +246,7 @@ class SpeechNode:
         return sound.scaled(request.volume)
 
 
-def _tell(goal: ServerGoal, played: float) -> None:
+def _feed_back(goal: ServerGoal, played: float) -> None:
     goal.feedback(SoundRequestFeedback(playing=True, stamp=rospy.Time.from_sec(played)))
 
 

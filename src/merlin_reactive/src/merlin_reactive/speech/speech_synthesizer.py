@@ -39,7 +39,7 @@ class StopSound(threading.Event):
             if self._process is not None:
                 self._process.kill()
 
-    def attach(self, process: Optional["subprocess.Popen[bytes]"]) -> None:
+    def attach(self, process: "Optional[subprocess.Popen[bytes]]") -> None:
         """Says which process is to be ended."""
         with self._handing:
             self._process = process
@@ -150,7 +150,7 @@ def read_wave(path: str) -> Sound:
     except OSError as error:
         raise SoundError(f"{path}: {error.strerror}") from error
     except (wave.Error, EOFError, ValueError) as error:
-        raise SoundError(f"{path!r} is no WAV file: {error}") from error
+        raise SoundError(f"{path!r} is not a WAV file: {error}") from error
     if rate <= 0:
         raise SoundError(f"{path}: {rate} samples per second")
     # A file that was cut off ends anywhere.
@@ -175,7 +175,7 @@ def resampled(samples: np.ndarray, rate: int) -> np.ndarray:
 
 
 def beep(number: int) -> Sound:
-    """One of the built-in sounds of sound_play, 1 to 5: tones that tell them apart.
+    """One of the built-in sounds of sound_play, 1 to 5: one melody each.
 
     :raises SoundError: any other number.
     """

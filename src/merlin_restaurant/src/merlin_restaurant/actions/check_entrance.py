@@ -1,9 +1,11 @@
 """The action (check_entrance): look whether a new client waits at the entrance."""
 
-from typing import Any
+from typing import Any, Sequence
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_restaurant.table_state import seen_near, spot
+from merlin_restaurant.waiting_clients import add_client
+from merlin_sm.states.recognition import Recognized
 
 WAITING = 1.3  # m from the entrance's point of interest, straight ahead, to where clients wait
 AROUND = 1.0  # m around that place
@@ -18,11 +20,14 @@ class CheckEntrance(MerlinActionSM):
         self.add("REMEMBER", self.state("function", self._remember, ["detections"]))
 
     def _remember(self, userdata: Any) -> None:
-        there = seen_near(userdata.detections, spot("entrance", WAITING), AROUND)
+        there = people_waiting(userdata.detections)
         waiting = self.facts("waiting")
         if there and not waiting:
-            client = f"client_{len(self.objects('client')) + 1}"
-            self.add_objects("client", client)
-            self.add_facts(f"(waiting {client})")
+            add_client(self)
         elif not there and waiting:
             self.remove_facts(waiting)
+
+
+def people_waiting(detections: Sequence[Recognized]) -> int:
+    """How many people wait at the entrance, of what was seen."""
+    return len(seen_near(detections, spot("entrance", WAITING), AROUND))

@@ -4,6 +4,7 @@ from typing import Any
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_restaurant.table_state import decide, dishes_on, people_at, remember_state
+from smach import State
 
 
 class CheckTable(MerlinActionSM):
@@ -13,10 +14,14 @@ class CheckTable(MerlinActionSM):
 
     def build(self) -> None:
         """LOOK → JUDGE → TELL."""
-        self.add_auto("LOOK", self.state("recognize"), ["succeeded"])
+        self.add_auto("LOOK", self.look(), ["succeeded"])
         judge = self.state("function", self._judge, ["t", "detections"], ["state"])
         self.add_auto("JUDGE", judge, ["succeeded"])
         self.add("TELL", self.state("speak", "{t}: {state}.", keys=("t", "state")))
+
+    def look(self) -> State:
+        """Makes the state that looks at the table."""
+        return self.state("recognize")
 
     def _judge(self, userdata: Any) -> None:
         table, seen = userdata.t, userdata.detections

@@ -55,9 +55,9 @@ class GuideClient(MerlinActionSM):
         if people_at(userdata.t, userdata.detections):
             return None
         if now - self._offered > SITS_DOWN:
-            raise ValueError(f"nobody sits down at {userdata.t}")
+            raise ValueError(f"the client does not sit down at {userdata.t}")
         return "not_yet"
 
     def _gone(self, userdata: Any) -> None:
         self.remove_facts(self.greeted.format(**{name: userdata[name] for name in self.parameters}))
-        raise ValueError(f"{userdata.c} does not follow any more")
+        raise ValueError(f"{userdata.c} no longer follows")

@@ -1,4 +1,9 @@
-"""The restaurant's actions for several robots (pddl/restaurant/robots.pddl): those of one, for robot ?r."""
+"""The restaurant's actions for several robots (pddl/restaurant/robots.pddl).
+
+Each is the action of the same name for one robot, with the robot ?r as its first parameter.
+"""
+
+from typing import Any
 
 from merlin_actions.actions import navigate
 from merlin_actions.merlin_action_sm import MerlinActionSM
@@ -13,19 +18,40 @@ from merlin_restaurant.actions import (
     return_order,
     take_order,
 )
+from merlin_restaurant.second_look import SecondLook
+from merlin_restaurant.waiting_clients import note_clients
+from smach import State
+
+#: The robot stands beside the point: it has to drive the rest before another action.
+STOPPED_AT = ["(not (robot_at ?r anywhere))", "(robot_at ?r ?here)", "(not (free ?here))"]
 
 
 class Navigate(navigate.Navigate):
-    """The drive; a robot that is stopped keeps no place."""
+    """Drives. A robot that is stopped occupies only the place at which it stands."""
 
     parameters = ["r", "from", "to"]
     if_interrupted = ["(robot_at ?r anywhere)", "(free ?to)"]
+    if_stopped_at = STOPPED_AT
+
+
+class LineUp(MerlinActionSM):
+    """The rest of a drive that was stopped beside its end."""
+
+    parameters = ["r", "p"]
+
+    def build(self) -> None:
+        """One state: the drive."""
+        self.add("DRIVE", self.state("navigation"), remapping={"target": "p"})
 
 
 class CheckTable(check_table.CheckTable):
-    """See there."""
+    """Looks at a table. Another robot may hide a guest for a moment."""
 
     parameters = ["r", "t"]
+
+    def look(self) -> State:
+        """Looks again where no guest is seen."""
+        return SecondLook()
 
 
 class TakeOrder(take_order.TakeOrder):
@@ -35,7 +61,7 @@ class TakeOrder(take_order.TakeOrder):
 
 
 class TakeOver(MerlinActionSM):
-    """A guest whose waiter is gone gets another one."""
+    """Takes over a guest whose waiter has left."""
 
     parameters = ["r", "gone", "t"]
     robot_parameter = "r"
@@ -46,44 +72,63 @@ class TakeOver(MerlinActionSM):
 
 
 class OrderToBarman(order_to_barman.OrderToBarman):
-    """See there."""
+    """Tells the barman an order."""
 
-    parameters = ["r", "t"]
+    parameters = ["r", "b", "t"]
 
 
 class LoadOrder(load_order.LoadOrder):
-    """See there."""
+    """Takes an order from the bar."""
 
-    parameters = ["r", "t"]
+    parameters = ["r", "b", "t"]
 
 
 class DeliverOrder(deliver_order.DeliverOrder):
-    """See there."""
+    """Delivers an order. Another robot may hide a guest for a moment."""
 
     parameters = ["r", "t"]
+
+    def look(self) -> State:
+        """Looks again where no guest is seen."""
+        return SecondLook()
 
 
 class ReturnOrder(return_order.ReturnOrder):
-    """See there."""
+    """Takes an order back to the bar."""
 
-    parameters = ["r", "t"]
+    parameters = ["r", "b", "t"]
 
 
 class CheckEntrance(check_entrance.CheckEntrance):
-    """See there."""
+    """Looks at the entrance, and notes each client who waits."""
 
     parameters = ["r"]
 
+    def _remember(self, userdata: Any) -> None:
+        super()._remember(userdata)
+        note_clients(self, check_entrance.people_waiting(userdata.detections))
+
 
 class GreetClient(greet_client.GreetClient):
-    """The client is led by the robot that has greeted."""
+    """Greets a client, whom this robot then leads. Notes the other clients, for other robots."""
 
     parameters = ["r", "c"]
 
+    def build(self) -> None:
+        """LOOK → COUNT, then the states of the action for one robot."""
+        look = self.state("recognize", ["person"])
+        self.add("LOOK", look, {"succeeded": "COUNT", "aborted": "GREET"})
+        self.add("COUNT", self.state("function", self._count, ["detections"]), {"succeeded": "GREET"})
+        super().build()
+
+    def _count(self, userdata: Any) -> None:
+        note_clients(self, check_entrance.people_waiting(userdata.detections))
+
 
 class GuideClient(guide_client.GuideClient):
-    """See there; a robot that is stopped keeps no place."""
+    """Leads a client. A robot that is stopped occupies only the place at which it stands."""
 
     parameters = ["r", "c", "t"]
     if_interrupted = ["(robot_at ?r anywhere)", "(quiet ?r)", "(ready ?t)", "(free ?t)"]
+    if_stopped_at = STOPPED_AT
     greeted = "(greeted {r} {c})"

@@ -1,6 +1,6 @@
 """The action (order_to_barman ?t): have an order prepared, and see that it is right (paper, Figure 7)."""
 
-from typing import Any, Optional
+from typing import Any, List, Optional
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_restaurant.menu import ALL_RIGHT, MENU, READY, difference, listed
@@ -10,16 +10,19 @@ from merlin_sm.merlin_sm import MerlinSM
 
 PICKUP = 0.55  # m around the place ahead of the bar's point of interest where orders are put
 PREPARING = 45.0  # s that the barman may take
+BAR = "bar"  # where the only robot stands
+COUNTER = "b"  # the parameter that names the place at the bar, where there are several
 
 
 class OrderToBarman(MerlinActionSM):
-    """Tells the barman, waits for his call, compares what stands on the bar, and names what is wrong."""
+    """Orders from the barman, waits for his call, checks what stands on the bar, and names what is wrong."""
 
     parameters = ["t"]
 
     def build(self) -> None:
         """RECALL → TELL → CHECK, a machine of its own that ends when the order is right."""
-        self.add_auto("RECALL", self.state("function", self._recall, ["t"], ["order"]), ["succeeded"])
+        recall = self.state("function", self._recall, [*counter_keys(self), "t"], ["order"])
+        self.add_auto("RECALL", recall, ["succeeded"])
         tell = self.state("ask", "{t} ordered {order}.", ALL_RIGHT, ["t", "order"])
         self.add("TELL", tell, {"succeeded": "CHECK", "misunderstood": "aborted"})
         self.add("CHECK", self._check())
@@ -39,10 +42,11 @@ class OrderToBarman(MerlinActionSM):
 
     def _recall(self, userdata: Any) -> None:
         self._looks = 0
+        self._counter = userdata[COUNTER] if counter_keys(self) else BAR
         userdata.order = listed(order_of(self, userdata.t))
 
     def _compare(self, userdata: Any) -> Optional[str]:
-        seen = seen_near(userdata.detections, spot("bar", 0.8), PICKUP)
+        seen = seen_near(userdata.detections, spot(self._counter, 0.8), PICKUP)
         wrong = userdata.wrong = difference(userdata.order.split(" and "), seen)
         if not wrong:
             return None
@@ -50,3 +54,8 @@ class OrderToBarman(MerlinActionSM):
         if self._looks > 4:
             raise ValueError(f"the barman does not get it right: {wrong}")
         return "wrong" if seen else "nothing"
+
+
+def counter_keys(action: MerlinActionSM) -> List[str]:
+    """The userdata key that names the place at the bar; none where there is one place."""
+    return [COUNTER] if COUNTER in action.parameters else []

@@ -41,4 +41,4 @@ class TakeOrder(MerlinActionSM):
 
     def _nobody(self, userdata: Any) -> None:
         self.remove_facts(f"(needs_serving {userdata.t})")
-        raise ValueError(f"nobody at {userdata.t} answered so that it could be understood")
+        raise ValueError(f"no answer at {userdata.t} was understood")

@@ -3,15 +3,15 @@
 An action server that is killed never answers: its connections close and its status falls silent. This client
 counts the silence in running time (:mod:`merlin_ros.deadline`) and ends the goal as LOST. A server that stays
 connected may only be waiting for a processor, and gets more time. Silence is counted in the client's own
-ticks: one that was itself starved does not blame the server.
+ticks: one that was itself starved does not take for silent the server.
 
 The client owns its goals (:mod:`.actions.lease`): it renews their lease, cancels what it gives up, and
-cancels what an earlier life of its node has left at the server.
+cancels what an earlier process of its node has left at the server.
 """
 
 import itertools
 import threading
-from typing import Any, Callable, Dict, List, Optional, Set
+from typing import Any, Callable, Dict, List, Mapping, Optional
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
@@ -19,7 +19,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from merlin_ros.actions.client_goal import TERMINAL, ClientGoal
 from merlin_ros.actions.lease import LEASED
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
-from merlin_ros.actions.peers import connected_peers
+from merlin_ros.actions.peers import came_over_open, connected_peers, reaches
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.publishing import OnSubscriber, publish
 
@@ -32,7 +32,10 @@ KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when t
 SPEAKING = 2.0  # s since its last status within which a server is waited for beyond the time-out
 CONNECTING = 10.0  # s of that: rospy tries a connection that failed again at growing intervals
 LATE_RESULT = 3.0  # s that a result may come behind the status that announces it
+QUEUE = 1000  # goals and cancels that wait for a connection; rospy drops the oldest, and says nothing
+DEAD_OWNERS = 1000  # owners whose goals were given up that are remembered; then the oldest is forgotten
 
+OWNER_OVER = "the goal on whose behalf it was sent is over"
 _STOPPING = TERMINAL | {GoalStatus.PREEMPTING, GoalStatus.RECALLING}
 _numbers = itertools.count(1)
 
@@ -42,13 +45,10 @@ class ActionClient:
 
     :param name: of the action; relative names and remapping as usual.
     :param action_spec: the generated ``...Action`` class.
-    :param silence: s of running time without status after which a server that is no longer connected counts
-        as dead, or in which one that publishes its status has to acknowledge a goal.
     """
 
-    def __init__(self, name: str, action_spec: type, silence: float = SILENCE) -> None:
+    def __init__(self, name: str, action_spec: type) -> None:
         self.name = rospy.resolve_name(name)
-        self.silence = silence
         action = action_spec()
         self._goal_type = type(action.action_goal)
         self._result_type = type(action.action_result.result)
@@ -56,20 +56,21 @@ class ActionClient:
         self._goals: Dict[str, ClientGoal] = {}
         self._last_status: Optional[float] = None
         self._server = ""  # name of the node that sent the last status
+        self._header: Optional[Mapping[str, str]] = None  # of the connection over which it came
         self._proved = ""  # the server whose link for results was open when a status came
         self._silence = 0.0  # s since then, as the watchdog counts them
         self._given_up: Dict[str, float] = {}  # goal id -> running time of the last cancel
-        self._dead_owners: Set[str] = set()
+        self._dead_owners: Dict[str, None] = {}  # the oldest first
         self._stopped = False
         self._watchdog: Optional[threading.Thread] = None
         self._node = rospy.get_name()
         self._lease = LeaseHolder(self.name + "/lease")
         listener = OnSubscriber(lambda _: self._wake())
         self._goal_publisher = rospy.Publisher(
-            self.name + "/goal", self._goal_type, subscriber_listener=listener, queue_size=10
+            self.name + "/goal", self._goal_type, subscriber_listener=listener, queue_size=QUEUE
         )
         self._cancel_publisher = rospy.Publisher(
-            self.name + "/cancel", GoalID, subscriber_listener=listener, queue_size=10
+            self.name + "/cancel", GoalID, subscriber_listener=listener, queue_size=QUEUE
         )
         # The status comes last: its callback, which may run at once, looks at the link for results.
         self._result_subscriber = rospy.Subscriber(
@@ -101,7 +102,8 @@ class ActionClient:
         """What keeps the server from being used, as part of a sentence; empty when nothing does.
 
         Its link for results counts when a status has come after it: rospy's publisher greets a subscriber
-        before it sends to it, so the result of a goal that is sent at once could be lost.
+        before it sends to it, so the result of a goal that is sent at once could be lost. The successor of a
+        server that has died counts when it has spoken.
         """
         last = self._last_status
         if last is None:
@@ -109,9 +111,11 @@ class ActionClient:
         silent = running_time() - last
         if silent >= CONNECTED_SILENCE:
             return f"it has been silent for {silent:.1f} s"
+        if not came_over_open(self._subscribers[-1], self._header):
+            return "its process is gone"
         links = {
-            "goals": self._goal_publisher.impl.has_connection(self._server),
-            "cancels": self._cancel_publisher.impl.has_connection(self._server),
+            "goals": reaches(self._goal_publisher, self._server),
+            "cancels": reaches(self._cancel_publisher, self._server),
             "results": self._proved == self._server,
             "status and feedback": self._connected(),
         }
@@ -158,27 +162,30 @@ class ActionClient:
             stamp=now, id=f"{self._node}-{LIFE}-{next(_numbers)}-{now.secs}.{now.nsecs:09d}{LEASED}"
         )
         sent = ClientGoal(goal_id, self._send_cancel, on_done, on_feedback, owner)
-        if owner is not None and owner in self._dead_owners:
-            sent.finish(GoalStatus.LOST, "the goal on whose behalf it was sent is over", self._result_type())
-            return sent
         message = self._goal_type(goal_id=goal_id, goal=goal)
         message.header.stamp = now
         self._lease.hold(sent.id, owner)
         with self._changed:
             if not self._goals:
                 self._silence = 0.0
-            self._goals[sent.id] = sent
+            over = owner is not None and owner in self._dead_owners
+            if not over:
+                self._goals[sent.id] = sent
             if self._watchdog is None:
                 self._watchdog = threading.Thread(
                     target=self._watch, name=f"client of {self.name}", daemon=True
                 )
                 self._watchdog.start()
             self._changed.notify_all()
-        self._goal_publisher.publish(message)
+        if over:
+            self._lease.release(sent.id)
+            sent.finish(GoalStatus.LOST, OWNER_OVER, self._result_type())
+            return sent
+        publish(self._goal_publisher, message)
         return sent
 
     def give_up(self, goal: ClientGoal, why: str) -> None:
-        """Ends a goal as LOST here; the server is asked to stop it, and it has no owner any more."""
+        """Ends a goal as LOST here; the server is asked to stop it, and it no longer has an owner."""
         with self._changed:
             known = self._goals.pop(goal.id, None)
         if known is not None:
@@ -187,10 +194,12 @@ class ActionClient:
     def give_up_owned(self, owner: str) -> None:
         """Gives up all that was sent on behalf of a goal, and all that still will be."""
         with self._changed:
-            self._dead_owners.add(owner)
+            self._dead_owners[owner] = None
+            if len(self._dead_owners) > DEAD_OWNERS:
+                del self._dead_owners[next(iter(self._dead_owners))]
             goals = [goal for goal in self._goals.values() if goal.owner == owner]
         for goal in goals:
-            self.give_up(goal, "the goal on whose behalf it was sent is over")
+            self.give_up(goal, OWNER_OVER)
 
     def shutdown(self) -> None:
         """Disconnects; goals that still run end as LOST here, and the server is asked to stop them."""
@@ -230,8 +239,10 @@ class ActionClient:
         with self._changed:
             goal = self._goals.pop(status.goal_id.id, None)
         if goal is not None:
-            self._lease.release(goal.id)
-            goal.finish(status.status, status.text, message.result)
+            try:
+                goal.finish(status.status, status.text, message.result)
+            finally:  # what comes next does not wait for it
+                self._lease.release(goal.id)
 
     def _receive_feedback(self, message: Any) -> None:
         with self._changed:
@@ -247,6 +258,7 @@ class ActionClient:
         with self._changed:
             now = running_time()
             self._last_status = now
+            self._header = message._connection_header
             self._server = message._connection_header["callerid"]
             self._proved = self._server if self._server in connected_peers(self._result_subscriber) else ""
             self._silence = 0.0
@@ -270,7 +282,7 @@ class ActionClient:
     def _left_running(self, statuses: Dict[str, GoalStatus], now: float) -> List[str]:
         """Goals that run at the server and that nothing here waits for; called with the lock held.
 
-        Those that were given up, and those of an earlier life of this node: rospy names are unique.
+        Those that were given up, and those of an earlier process of this node: rospy names are unique.
         """
         for goal_id, since in list(self._given_up.items()):
             if goal_id not in statuses and now - since > KEEP_GIVEN_UP:
@@ -337,10 +349,10 @@ class ActionClient:
         silent = min(self._silence, now - goal.sent)
         if silent > GONE_SILENCE and last and not connected_peers(self._subscribers[-1]):
             return f"the process of the action server {self.name} is gone"
-        if silent > (CONNECTED_SILENCE if self._connected() else self.silence):
+        if silent > (CONNECTED_SILENCE if self._connected() else SILENCE):
             return f"the action server {self.name} has been silent for {silent:.1f} s"
         if goal.alone is None:
-            since, patience = goal.sent, self.silence
+            since, patience = goal.sent, SILENCE
         else:  # what answers now is another process than the one that it was sent to
             since, patience = goal.alone, GONE_SILENCE
         if not goal.seen and last - since > patience:

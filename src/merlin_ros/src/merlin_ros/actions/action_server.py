@@ -10,6 +10,7 @@ import itertools
 import threading
 import time
 import traceback
+from collections import OrderedDict
 from typing import Any, Callable, Dict, List, Optional
 
 import rospy
@@ -23,7 +24,10 @@ from merlin_ros.publishing import publish
 
 STATUS_PERIOD = 0.2  # s of wall time, actionlib's usual 5 Hz
 KEEP_ENDED = 5.0  # s for which an ended goal stays in the status list
+ENDED = 200  # of them at most, which each status list names: a flood of goals must not starve the others
+RESULTS = 1000  # that wait for a connection: a cancel of all may end as many; rospy drops the oldest
 KEEP_EARLY_CANCEL = 60.0  # s for which a cancel waits for the goal that it overtook
+EARLY_CANCELS = 1000  # that wait at most; then the oldest is forgotten
 
 _PENDING = (GoalStatus.PENDING, GoalStatus.RECALLING)
 _ACTIVE = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
@@ -37,8 +41,10 @@ class ServerGoal:
     and do nothing, when it has ended already: the first call decides.
     """
 
-    def __init__(self, server: "ActionServer", goal_id: GoalID, goal: Any) -> None:
+    def __init__(self, server: "ActionServer", goal_id: GoalID, goal: Any, sender: str = "") -> None:
         self._server = server
+        self.sender = sender
+        """The node that sent it; empty: not known."""
         self._status = GoalStatus(goal_id=goal_id, status=GoalStatus.PENDING)
         self.ended_at: Optional[float] = None  # monotonic, s
         self.goal = goal
@@ -79,24 +85,24 @@ class ServerGoal:
             self._status.status = (
                 GoalStatus.ACTIVE if self.status == GoalStatus.PENDING else GoalStatus.PREEMPTING
             )
-            self._status.text = text
+            self._status.text = str(text)
             self._server.publish_status()
             return True
 
     def reject(self, result: Any = None, text: str = "") -> bool:
-        """Ends it REJECTED; one that was accepted before ends ABORTED."""
+        """Ends the goal REJECTED; an accepted one ends ABORTED."""
         return self._end(GoalStatus.REJECTED if self.status in _PENDING else GoalStatus.ABORTED, result, text)
 
     def succeed(self, result: Any = None, text: str = "") -> bool:
-        """Ends it SUCCEEDED."""
+        """Ends the goal SUCCEEDED."""
         return self._end(GoalStatus.SUCCEEDED, result, text)
 
     def abort(self, result: Any = None, text: str = "") -> bool:
-        """Ends it ABORTED."""
+        """Ends the goal ABORTED."""
         return self._end(GoalStatus.ABORTED, result, text)
 
     def cancelled(self, result: Any = None, text: str = "") -> bool:
-        """Ends it RECALLED, or PREEMPTED when it was accepted before."""
+        """Ends the goal RECALLED; an accepted one ends PREEMPTED."""
         return self._end(
             GoalStatus.RECALLED if self.status in _PENDING else GoalStatus.PREEMPTED, result, text
         )
@@ -123,7 +129,7 @@ class ServerGoal:
             if self.done:
                 return False
             self._status.status = status
-            self._status.text = text
+            self._status.text = str(text)
             self.ended_at = time.monotonic()
             self._server.publish_result(self._status, result)
         self._server.ended(self)
@@ -163,8 +169,9 @@ class ActionServer:
         self._leases: Optional[LeaseWatch] = None
         self.lock = threading.RLock()  # guards the goals and keeps results and statuses in order
         self._goals: Dict[str, ServerGoal] = {}
-        self._early_cancels: Dict[str, float] = {}
-        self._cancel_before = rospy.Time()
+        self._early_cancels: OrderedDict[str, float] = OrderedDict()  # the oldest first
+        self._cancel_before = rospy.Time()  # goals sent until then are cancelled
+        self._cancelled_at = rospy.Time()  # when that was asked for
         self._stopped = threading.Event()
         self._subscribers: List[rospy.Subscriber] = []
         self._publishers: List[rospy.Publisher] = []
@@ -174,7 +181,7 @@ class ActionServer:
         self._status_publisher = rospy.Publisher(
             self.name + "/status", GoalStatusArray, latch=True, queue_size=50
         )
-        self._result_publisher = rospy.Publisher(self.name + "/result", self._result_type, queue_size=50)
+        self._result_publisher = rospy.Publisher(self.name + "/result", self._result_type, queue_size=RESULTS)
         self._feedback_publisher = rospy.Publisher(
             self.name + "/feedback", self._feedback_type, queue_size=50
         )
@@ -211,15 +218,20 @@ class ActionServer:
             self._leases.forget(goal.id)
         ownership.resume(goal.id)
 
+    def tell_owner(self, goal: ServerGoal) -> None:
+        """Says once more how a goal is owned, unless its owner lives; see :meth:`LeaseWatch.tell`."""
+        if self._leases is not None:
+            self._leases.tell(goal.id)
+
     def publish_status(self) -> None:
         """Publishes the status list; called with the lock held."""
         now = time.monotonic()
-        for goal in list(self._goals.values()):
-            if goal.ended_at is not None and now - goal.ended_at > KEEP_ENDED:
-                del self._goals[goal.id]
-        for goal_id, since in list(self._early_cancels.items()):
-            if now - since > KEEP_EARLY_CANCEL:
-                del self._early_cancels[goal_id]
+        ended = sorted((goal.ended_at, goal.id) for goal in self._goals.values() if goal.ended_at is not None)
+        for number, (ended_at, goal_id) in enumerate(ended, ENDED - len(ended)):
+            if number < 0 or now - ended_at > KEEP_ENDED:
+                del self._goals[goal_id]
+        while self._early_cancels and now - next(iter(self._early_cancels.values())) > KEEP_EARLY_CANCEL:
+            self._early_cancels.popitem(last=False)
         message = GoalStatusArray(status_list=[goal._status for goal in self._goals.values()])
         message.header.stamp = rospy.Time.now()
         publish(self._status_publisher, message)
@@ -230,7 +242,15 @@ class ActionServer:
         message.header.stamp = rospy.Time.now()
         if result is not None:
             message.result = result
-        publish(self._result_publisher, message)
+        try:
+            publish(self._result_publisher, message)
+        except (rospy.ROSSerializationException, AttributeError, TypeError, ValueError) as error:
+            # What the server's code has put into it; the client gets its answer all the same.
+            status.status = GoalStatus.ABORTED
+            status.text = f"the result cannot be sent: {error}"
+            rospy.logerr(f"{self.name}: {status.text}")
+            message.result = type(message.result)()
+            publish(self._result_publisher, message)
         self.publish_status()
 
     def publish_feedback(self, status: GoalStatus, feedback: Any) -> None:
@@ -249,9 +269,12 @@ class ActionServer:
                 goal_id.stamp = rospy.Time.now()
             if goal_id.id in self._goals:
                 return
-            goal = ServerGoal(self, goal_id, message.goal)
+            sender = str((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
+            goal = ServerGoal(self, goal_id, message.goal, sender)
             self._goals[goal.id] = goal
             overtaken = self._early_cancels.pop(goal.id, None) is not None
+            if rospy.Time.now() < self._cancelled_at:  # the clock began anew: that was another time
+                self._cancel_before = self._cancelled_at = rospy.Time()
             # Before the first tick of a simulated clock every stamp is zero.
             cancelled = rospy.Time() < self._cancel_before and goal_id.stamp <= self._cancel_before
             if overtaken or cancelled:
@@ -261,13 +284,7 @@ class ActionServer:
         if self._leases is not None:
             self._leases.arrive(goal.id)
         self._call(goal, self._on_goal)
-        if self._leases is not None and self._leases.state(goal.id) not in (
-            LeaseState.FOREIGN,
-            LeaseState.HELD,
-        ):
-            self._owner_changed(
-                LeaseChange(goal.id, self._leases.state(goal.id), self._leases.reason(goal.id))
-            )
+        self.tell_owner(goal)
 
     def _owner_changed(self, change: LeaseChange) -> None:
         with self.lock:
@@ -310,8 +327,11 @@ class ActionServer:
             ]
             if cancel.id and cancel.id not in self._goals:
                 self._early_cancels[cancel.id] = time.monotonic()
+                self._early_cancels.move_to_end(cancel.id)
+                if len(self._early_cancels) > EARLY_CANCELS:
+                    self._early_cancels.popitem(last=False)
             if cancel.stamp > self._cancel_before:
-                self._cancel_before = cancel.stamp
+                self._cancel_before, self._cancelled_at = cancel.stamp, rospy.Time.now()
         for goal in wanted:
             if goal.request_cancel():
                 self._call(goal, self._on_cancel)

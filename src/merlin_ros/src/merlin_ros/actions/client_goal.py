@@ -1,8 +1,10 @@
 """A goal as the process that sent it sees it."""
 
 import threading
+import traceback
 from typing import Any, Callable, Optional
 
+import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 
 from merlin_ros.deadline import Deadline, running_time
@@ -76,8 +78,12 @@ class ClientGoal:
         return Deadline(timeout).wait_event(self._ended)
 
     def finish(self, status: int, text: str, result: Any) -> None:
-        """Ends it; for its client, once, without a lock."""
+        """Ends the goal; called by its client, once, without a lock."""
         self.status, self.text, self.result = status, text, result
         self._ended.set()
-        if self._on_done is not None:
+        if self._on_done is None:
+            return
+        try:
             self._on_done(self)
+        except Exception:  # the thread of the client watches over its other goals
+            rospy.logerr(f"the end of {self.id}: {traceback.format_exc()}")

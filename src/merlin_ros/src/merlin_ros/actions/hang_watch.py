@@ -1,4 +1,4 @@
-"""Whether this process has just hung: what it reads first then may be taken back in what it reads next."""
+"""Whether this process has just hung: a cancel may wait behind the message that it reads first."""
 
 import threading
 import time
@@ -14,7 +14,7 @@ LONGEST = 2.0  # s of wall time that a wait lasts at most, also when the beat ne
 class HangWatch:
     """Beats in threads of a process; lets others wait until everything that came during a hang is read.
 
-    A hung process (stopped, or its computer asleep) goes on with a goal whose cancel waits in another
+    A hung process (stopped, or its computer asleep) continues with a goal whose cancel waits in another
     connection. It would begin, and stop at once. A process in which nothing beats is not watched.
 
     :param clock: s of wall time.
@@ -36,7 +36,7 @@ class HangWatch:
             self._changed.notify_all()
 
     def rest(self) -> None:
-        """What has called :meth:`beat` ends; where something else still does, the watch goes on with that."""
+        """A caller of :meth:`beat` ends; the watch continues with the others."""
         with self._changed:
             self._last = None
             self._changed.notify_all()
@@ -62,5 +62,5 @@ class HangWatch:
                 left = self.unsettled()
 
 
+#: That of this process: each action server beats.
 hangs = HangWatch()
-"""That of this process: each action server beats."""

@@ -4,6 +4,7 @@ Pure: renewals and passing time go in, changes of state come out. :class:`.lease
 the ROS side of it, :class:`merlin_ros.actions.lease_holder.LeaseHolder` its counterpart in the client.
 """
 
+from collections import OrderedDict
 from enum import Enum
 from typing import Collection, Dict, List, NamedTuple, Optional, Sequence
 
@@ -13,8 +14,11 @@ LOSE_GONE_AFTER = 0.9  # s of that when the connection to the owner is closed, t
 UNNAMED_SUSPEND_AFTER = 2.0  # s after which a goal that says it is leased must not move without a lease
 UNNAMED_LOSE_AFTER = 10.0  # s after which it has to end
 LEASED = "-leased"  #: Ends the id of a goal that its client leases.
-KEEP_LIVES = 8  # former lives of an owner that are remembered
+KEEP_LIVES = 8  # earlier processes of an owner that are remembered
 KEEP_UNKNOWN = 60.0  # s for which the end of a goal that is never forgotten is remembered
+KEEP_LOST = 1000  # of them at most; then the oldest is forgotten
+NAMES = 1000  # of a lease that count: its last ones
+OWNERS = 1000  # whose lives are remembered at most; then the one that was heard first is forgotten
 
 
 class LeaseState(Enum):
@@ -27,24 +31,24 @@ class LeaseState(Enum):
     SUSPENDED = "suspended"
     """Its owner, or the owner of that one, is silent: it must not move anything now."""
     LOST = "lost"
-    """It has no owner any more and has to end. It stays so."""
+    """The goal has lost its owner and has to end. This state is final."""
 
 
 class LeaseChange(NamedTuple):
-    """The state of a goal has changed. That it is held is told only when it was suspended before."""
+    """The state of a goal has changed. HELD is reported only after SUSPENDED."""
 
     goal: str
     state: LeaseState
     reason: str
     """Part of a sentence about the goal, empty when it is held."""
     let_go: bool = False
-    """Whether it is lost because its living owner does not name it any more."""
+    """Whether it is lost because its living owner no longer names it."""
 
 
 class _Goal:
     def __init__(self, owner: str, life: str) -> None:
         self.owner = owner
-        self.life = life
+        self.life = life  # empty: no lease has named it yet
         self.state = LeaseState.FOREIGN
         self.reason = ""
         self.age = 0.0  # s since it was lost, or arrived without a lease
@@ -69,7 +73,8 @@ class LeaseBook:
         self._lose_gone_after = lose_gone_after
         self._goals: Dict[str, _Goal] = {}
         self._silence: Dict[str, float] = {}  # owner -> s
-        self._lives: Dict[str, List[str]] = {}  # owner -> its lives, the present one last
+        #: Owner -> its lives, the present one last. The owner that was heard last is the last, too.
+        self._lives: OrderedDict[str, List[str]] = OrderedDict()
 
     @property
     def watching(self) -> bool:
@@ -109,23 +114,33 @@ class LeaseBook:
         :param suspended: those of them whose own owner is silent.
         """
         lives = self._lives.setdefault(owner, [])
+        self._lives.move_to_end(owner)
+        if len(self._lives) > OWNERS:
+            gone, _ = self._lives.popitem(last=False)
+            self._silence.pop(gone, None)
         if life in lives[:-1]:
-            return []  # a late word of a life that is over
+            return []  # a late lease of a process that has ended
         if life not in lives:
             self._lives[owner] = [*lives[-KEEP_LIVES:], life]
         self._silence[owner] = 0.0
         changes: List[LeaseChange] = []
-        named = set(held)
+        let_go = (
+            f"{owner} has let go of it" if len(held) <= NAMES else f"{owner} holds more than {NAMES} goals"
+        )
+        held, suspended = held[-NAMES:], frozenset(suspended)
+        named = frozenset(held)
         for name, goal in self._goals.items():
             if goal.owner != owner or goal.state is LeaseState.LOST:
                 continue
+            if not goal.life:
+                continue  # this lease may have been on its way before the goal
             if goal.life != life:
                 self._set(changes, name, goal, LeaseState.LOST, f"{owner} was restarted")
             elif name not in named:
-                self._set(changes, name, goal, LeaseState.LOST, f"{owner} has let go of it", let_go=True)
+                self._set(changes, name, goal, LeaseState.LOST, let_go, let_go=True)
         for name in held:
             goal = self._goals.setdefault(name, _Goal(owner, life))
-            if not goal.owner:
+            if not goal.life:
                 goal.owner, goal.life = owner, life
             if goal.state is LeaseState.LOST:
                 continue
@@ -135,11 +150,18 @@ class LeaseBook:
                 self._set(changes, name, goal, LeaseState.HELD, "")
         return changes
 
-    def arrive(self, goal: str) -> None:
+    def leases(self, client: str) -> bool:
+        """Whether a node has ever sent a lease, as far as that is remembered."""
+        return client in self._lives
+
+    def arrive(self, goal: str, owner: str = "") -> None:
         """A goal is received. One whose client leases it is not foreign before it was named: the client may
-        have died between the goal and its lease."""
-        if goal.endswith(LEASED):
-            self._goals.setdefault(goal, _Goal("", ""))
+        have died between the goal and its lease.
+
+        :param owner: its client, where that is known to lease its goals; empty: the goal's id says so.
+        """
+        if owner or goal.endswith(LEASED):
+            self._goals.setdefault(goal, _Goal(owner, ""))
 
     def pass_time(self, seconds: float, connected: Optional[Collection[str]] = None) -> List[LeaseChange]:
         """Time passes, as the watcher counts it.
@@ -156,13 +178,15 @@ class LeaseBook:
                 if goal.age > KEEP_UNKNOWN:
                     del self._goals[name]
                 continue
-            if not goal.owner:
+            if not goal.life:
                 goal.age += seconds
                 if goal.age > UNNAMED_LOSE_AFTER:
                     self._set(changes, name, goal, LeaseState.LOST, "its client has never named it")
                     goal.age = 0.0
-                elif goal.age > UNNAMED_SUSPEND_AFTER:
+                    continue
+                if goal.age > UNNAMED_SUSPEND_AFTER:
                     self._set(changes, name, goal, LeaseState.SUSPENDED, "its client has not named it yet")
+            if not goal.owner:
                 continue
             silence = self._silence[goal.owner]
             gone = connected is not None and goal.owner not in connected
@@ -172,7 +196,13 @@ class LeaseBook:
                 self._set(changes, name, goal, LeaseState.LOST, f"its client {goal.owner} {what}")
             elif silence > self._suspend_after:
                 self._set(changes, name, goal, LeaseState.SUSPENDED, f"its client {goal.owner} is silent")
+        self._forget_lost()
         return changes
+
+    def _forget_lost(self) -> None:
+        lost = [(goal.age, name) for name, goal in self._goals.items() if goal.state is LeaseState.LOST]
+        for _, name in sorted(lost, reverse=True)[: max(0, len(lost) - KEEP_LOST)]:
+            del self._goals[name]
 
     def forget(self, goal: str) -> None:
         """A goal has ended."""

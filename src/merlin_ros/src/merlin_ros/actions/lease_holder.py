@@ -2,7 +2,7 @@
 
 import threading
 import uuid
-from typing import ClassVar, Dict, Optional, Sequence, Set
+from typing import ClassVar, Collection, Dict, Optional, Set
 
 import rospy
 from merlin_msgs.msg import Lease
@@ -11,7 +11,7 @@ from merlin_ros.actions.ownership import ownership
 from merlin_ros.publishing import publish
 
 PERIOD = 0.15  # s of wall time between two renewals
-LIFE = uuid.uuid4().hex[:12]  #: names this life of the process
+LIFE = uuid.uuid4().hex[:12]  #: names this process
 
 
 class _Held:
@@ -41,17 +41,21 @@ class LeaseHolder:
             self._lease.advertise()
 
     def hold(self, goal: str, owner: Optional[str] = None) -> None:
-        """From now on this process wants a goal.
+        """Leases a goal from now on.
 
         :param owner: the goal of this process's own server on whose behalf it was sent; None: not known.
         """
-        self._goals.add(goal)
-        self._lease.hold(goal, owner)
+        self.exchange([goal], [], owner)
 
     def release(self, goal: str) -> None:
-        """It wants it no more: the goal has ended, or was given up."""
-        self._goals.discard(goal)
-        self._lease.release([goal])
+        """Leases a goal no more: it has ended, or was given up."""
+        self.exchange([], [goal])
+
+    def exchange(self, held: Collection[str], released: Collection[str], owner: Optional[str] = None) -> None:
+        """Leases some goals from now on and others no more, in one message; see :meth:`hold`."""
+        self._goals.update(held)
+        self._goals.difference_update(released)
+        self._lease.exchange(held, released, owner)
 
     @property
     def watched(self) -> bool:
@@ -63,8 +67,8 @@ class LeaseHolder:
         self._lease.suspend(goal, suspended)
 
     def shutdown(self) -> None:
-        """Lets go of everything that it holds."""
-        self._lease.release(list(self._goals))
+        """Releases every lease."""
+        self._lease.exchange([], self._goals, None)
         self._goals.clear()
         with self._lock:
             self._lease.users -= 1
@@ -91,20 +95,19 @@ class _Lease:
     def watched(self) -> bool:
         return self._publisher is not None and self._publisher.get_num_connections() > 0
 
-    def hold(self, goal: str, owner: Optional[str]) -> None:
+    def exchange(self, held: Collection[str], released: Collection[str], owner: Optional[str]) -> None:
         with self._changed:
-            self._held[goal] = _Held(owner)
-            if self._thread is None:
+            idle = not self._held
+            gone = [goal for goal in released if self._held.pop(goal, None) is not None]
+            self._held.update({goal: _Held(owner) for goal in held})
+            if held and self._thread is None:
                 ownership.listen(self._renew)
                 self._thread = threading.Thread(target=self._beat, name=f"lease {self.topic}", daemon=True)
                 self._thread.start()
-            self._publish()
-            self._changed.notify_all()
-
-    def release(self, goals: Sequence[str]) -> None:
-        with self._changed:
-            if [goal for goal in goals if self._held.pop(goal, None) is not None]:
+            if held or gone:
                 self._publish()
+            if idle:  # otherwise the thread that renews is on its way, and would publish once more at once
+                self._changed.notify_all()
 
     def suspend(self, goal: str, suspended: bool) -> None:
         with self._changed:

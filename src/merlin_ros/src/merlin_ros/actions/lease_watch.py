@@ -2,6 +2,7 @@
 
 import threading
 import time
+import traceback
 from collections import deque
 from typing import Callable, Deque, List, Optional
 
@@ -12,7 +13,7 @@ from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseBook, Lease
 from merlin_ros.actions.peers import connected_peers
 
 TICK = 0.1  # s of wall time between two looks for owners that are silent
-LONGEST_TICK = 0.2  # s that one of them may count: a watcher that was itself starved does not blame the owner
+LONGEST_TICK = 0.2  # s that one look may count: a starved watcher must not take the owner for silent
 
 
 class LeaseWatch:
@@ -20,30 +21,34 @@ class LeaseWatch:
 
     :param topic: ``<action>/lease``.
     :param on_change: called with each change, in order, in a thread of this watch without its lock.
-    :param suspend_after: s of an owner's silence after which its goals are suspended.
-    :param lose_after: s of silence after which they are lost.
+    :param lose_after: s of an owner's silence after which its goals are lost.
     """
 
     def __init__(
         self,
         topic: str,
         on_change: Callable[[LeaseChange], None],
-        suspend_after: float = SUSPEND_AFTER,
         lose_after: float = LOSE_AFTER,
     ) -> None:
         self.topic = rospy.resolve_name(topic)
         self._on_change = on_change
         self._changed = threading.Condition()  # guards the fields below
-        self._book = LeaseBook(suspend_after, lose_after)
+        self._book = LeaseBook(SUSPEND_AFTER, lose_after)
         self._pending: Deque[LeaseChange] = deque()
         self._stopped = False
         self._thread: Optional[threading.Thread] = None
         self._subscriber = rospy.Subscriber(self.topic, Lease, self._receive, tcp_nodelay=True)
 
-    def arrive(self, goal: str) -> None:
-        """A goal is received."""
+    def arrive(self, goal: str, client: str = "") -> None:
+        """A goal is received.
+
+        :param client: the node that sent it, where the id of the goal does not say whether it is leased: it
+            is when that node publishes leases here, or has done so.
+        """
+        connected = bool(client) and client in connected_peers(self._subscriber)
         with self._changed:
-            self._book.arrive(goal)
+            leases = connected or self._book.leases(client)
+            self._book.arrive(goal, client if leases else "")
             if self._book.watching:
                 self._begin()
 
@@ -56,6 +61,21 @@ class LeaseWatch:
         """Why it is in that state, as part of a sentence; empty when it is held or foreign."""
         with self._changed:
             return self._book.reason(goal)
+
+    def tell(self, goal: str) -> None:
+        """Calls `on_change` with the state of a goal once more, unless its owner lives.
+
+        For a caller that could not take the change in when it came.
+        """
+        told = LeaseState.HELD
+        while True:
+            with self._changed:
+                change = LeaseChange(goal, self._book.state(goal), self._book.reason(goal))
+            if change.state in (told, LeaseState.FOREIGN):
+                return
+            self._on_change(change)
+            # If it has changed since, the thread of this watch may have said so before this.
+            told = change.state
 
     def owner(self, goal: str) -> str:
         """The node that holds a goal, or held it last; empty: no lease ever named it."""
@@ -115,4 +135,7 @@ class LeaseWatch:
                 changes = list(self._pending)
                 self._pending.clear()
             for change in changes:
-                self._on_change(change)
+                try:
+                    self._on_change(change)
+                except Exception:  # every other goal is still to be watched
+                    rospy.logerr(f"{self.topic}: {change.goal}: {traceback.format_exc()}")

@@ -1,4 +1,4 @@
-"""What this process serves whose owner is silent: it passes that on to what it has itself carried out.
+"""Served goals whose owner is silent: their state is passed on to the goals sent on their behalf.
 
 A server suspends the goals of a silent client here; the leases that this process publishes say so at once
 (:class:`.lease_holder.LeaseHolder`). Where it is known on behalf of which goal another one was sent,

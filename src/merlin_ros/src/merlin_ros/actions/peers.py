@@ -1,12 +1,15 @@
-"""Which publishers a subscription is connected to.
+"""To which nodes a topic is connected.
 
-rospy's own count is too high for a while when one has died: it tries to open the connection again, or waits
-for the master. The socket shows it at once.
+rospy's own count is too high for a while when one has died: it tries to open the connection again, waits for
+the master, or notices it with the next message. The socket shows it at once.
 """
 
-from typing import Any, List, Set
+import select
+from typing import Any, List, Mapping, Optional, Set
 
 import rospy
+
+_CLOSED = select.POLLHUP | select.POLLERR | getattr(select, "POLLRDHUP", 0)
 
 
 def connected_peers(subscriber: rospy.Subscriber) -> Set[str]:
@@ -14,6 +17,34 @@ def connected_peers(subscriber: rospy.Subscriber) -> Set[str]:
     connections: List[Any] = getattr(subscriber.impl, "connections", None) or []
     return {
         str(getattr(connection, "callerid_pub", ""))
-        for connection in connections
-        if getattr(connection, "socket", None) is not None
+        for connection in list(connections)
+        if not _closed(connection)
     }
+
+
+def came_over_open(subscriber: rospy.Subscriber, header: Optional[Mapping[str, str]]) -> bool:
+    """Whether the connection over which a message came is still open, and not one that came after it.
+
+    :param header: of the message, its ``_connection_header``; None: there was no message.
+    """
+    connections: List[Any] = getattr(subscriber.impl, "connections", None) or []
+    return header is not None and any(
+        getattr(connection, "header", None) is header and not _closed(connection)
+        for connection in list(connections)
+    )
+
+
+def reaches(publisher: rospy.Publisher, node: str) -> bool:
+    """Whether a connection to a node that subscribes is open."""
+    connections: List[Any] = getattr(publisher.impl, "connections", None) or []
+    return any(connection.endpoint_id == node and not _closed(connection) for connection in list(connections))
+
+
+def _closed(connection: Any) -> bool:
+    """Whether this side or the other one has closed it; the thread that reads may not have noticed yet."""
+    try:
+        poll = select.poll()
+        poll.register(connection.socket, _CLOSED)
+    except (AttributeError, OSError, TypeError, ValueError):  # it has no socket any more
+        return True
+    return bool(poll.poll(0))

@@ -71,8 +71,12 @@ class SerialActionServer:
                 self._next = None
                 goal.cancelled(text="cancelled before it began")
                 return
-        if self._on_cancel is not None:
+        if self._on_cancel is None:
+            return
+        try:
             self._on_cancel(goal)
+        except Exception:  # the execution sees its event all the same, and the newer goal is not concerned
+            rospy.logerr(f"action {self.name}: {traceback.format_exc()}")
 
     def _work(self) -> None:
         while True:
@@ -86,7 +90,8 @@ class SerialActionServer:
                     return
                 goal, self._next = self._next, None
                 self._running = goal
-            goal.accept()
+            if not goal.accept():  # it was answered meanwhile: nothing may run for it
+                continue
             try:
                 self._execute(goal)
             except BaseException as error:  # whatever a server's code does, the client gets an answer

@@ -1,4 +1,5 @@
-"""Nodes that do not register again by themselves, as those of roscpp and plain rospy: one does it for them.
+"""Nodes that do not register again by themselves, such as those of roscpp and plain rospy: one node of MERLIN
+registers them.
 
 What the master has of all nodes is looked at now and then. At a master that was started anew those are
 registered that it does not know and that live.
@@ -11,7 +12,14 @@ import rosgraph
 import rospy
 
 from merlin_ros.master import master_link
-from merlin_ros.master.registration import ERRORS, OWN_TIMEOUT, Registrations, answer_of, register_at
+from merlin_ros.master.registration import (
+    ERRORS,
+    OWN_TIMEOUT,
+    RegistrationError,
+    Registrations,
+    register_at,
+    topics_of,
+)
 
 
 class ForeignNodes:
@@ -21,6 +29,7 @@ class ForeignNodes:
         self._state: Any = None  # as the master gives it
         self._addresses: Dict[str, str] = {}  # node -> its XML-RPC server
         self._services: Dict[str, str] = {}  # service -> its address
+        self._begun: Set[str] = set()  # nodes of which the master has only a part
 
     def look(self, master: rosgraph.Master) -> None:
         """Notes what is registered now.
@@ -37,31 +46,43 @@ class ForeignNodes:
         self._state, self._addresses = state, addresses
 
     def restore(self, master: rosgraph.Master, going_on: Callable[[], bool]) -> List[str]:
-        """Registers those that a new master does not know.
+        """Registers those that a new master does not know, and those that an earlier try has left half done.
 
-        :param going_on: asked before each step.
+        :param going_on: asked before each node.
         :return: their names.
-        :raises OSError: when the master does not answer.
+        :raises OSError: when the master does not answer; to be tried again.
+        :raises RegistrationError: when a node is done in part only, the others as far as possible; likewise.
         """
         known = _asked(master, "lookupNode", list(self._addresses))
-        done = []
+        done: List[str] = []
+        fault: Optional[RegistrationError] = None
         for name, uri in self._addresses.items():
-            if name in known or name == rospy.get_name():
+            if (name in known and name not in self._begun) or name == rospy.get_name():
                 continue
             try:
                 things = self._registrations(name, uri)
-            except ERRORS:  # it has ended
+            except ERRORS as error:  # it has ended, or hangs
+                if name in self._begun and not isinstance(error, ConnectionRefusedError):
+                    fault = RegistrationError(f"{name} does not answer: {error}")
                 continue
-            if things is not None and going_on():
-                register_at(master, name, uri, things, going_on)
-                done.append(name)
+            if things is None or not going_on():
+                continue
+            self._begun.add(name)  # the master knows it from the first of its topics on
+            try:
+                register_at(master, name, uri, things, lambda: True)
+            except RegistrationError as error:
+                fault = error
+                continue
+            self._begun.discard(name)
+            done.append(name)
+        if fault is not None:
+            raise fault
         return done
 
     def _registrations(self, name: str, uri: str) -> Optional[Registrations]:
-        """What a node has, by its own words; None: another node has its address."""
+        """The registrations that a node reports; None: another node has its address."""
         node = master_link.bounded_proxy(uri, OWN_TIMEOUT)
-        published = dict(answer_of(node.getPublications(name)))
-        subscribed = dict(answer_of(node.getSubscriptions(name)))
+        published, subscribed = topics_of(node, name)
         if not self._topics(0, name) <= set(published) or not self._topics(1, name) <= set(subscribed):
             return None
         served = {service: self._services[service] for service in self._topics(2, name) & set(self._services)}

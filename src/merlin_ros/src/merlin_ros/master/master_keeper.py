@@ -1,5 +1,6 @@
 """Keeps a node registered with its master, and reports when the master is lost and when it is back."""
 
+import contextlib
 import queue
 import threading
 import time
@@ -14,7 +15,7 @@ from rospy.core import is_shutdown_requested
 from merlin_ros.master import master_link
 from merlin_ros.master.foreign_nodes import ForeignNodes
 from merlin_ros.master.master_watch import MasterWatch, WatchDecision
-from merlin_ros.master.registration import ERRORS, KeptParameters, register_again
+from merlin_ros.master.registration import ERRORS, KeptParameters, RegistrationError, register_again
 
 #: Between two questions to the master, s of wall time.
 PERIOD = 1.0
@@ -24,6 +25,8 @@ PING_TIMEOUT = 1.0
 LOOKS = 5
 #: s of wall time that nodes have to register at a master that was started anew, before it is done for them.
 FOREIGN_GRACE = 3.0
+#: s of wall time for which a node is tried again of which the master has got only a part.
+FOREIGN_PATIENCE = 30.0
 #: Longest wait for a registration that is under way when the node ends, s of wall time.
 END_TIMEOUT = 3.0
 
@@ -48,14 +51,14 @@ class MasterKeeper:
         self._registering = threading.Lock()  # held while something is registered
         self._foreign: Optional[ForeignNodes] = None
         self._foreign_due: Optional[float] = None  # monotonic time from which they are registered
-        self._told: queue.SimpleQueue[Optional[List[Callback]]] = queue.SimpleQueue()
+        self._news: queue.SimpleQueue[Optional[List[Callback]]] = queue.SimpleQueue()
         self._callbacks_lock = threading.Lock()  # guards the lists
         self._on_lost: List[Callback] = []
         self._on_back: List[Callback] = []
         self._on_replaced: List[Callback] = []
         self._threads = [
             threading.Thread(target=self._work, name="master keeper", daemon=True),
-            threading.Thread(target=self._tell, name="master news", daemon=True),
+            threading.Thread(target=self._call_back, name="master news", daemon=True),
         ]
 
     def on_lost(self, callback: Callback) -> None:
@@ -82,8 +85,14 @@ class MasterKeeper:
         self._look()
 
     def keep_foreign_nodes(self) -> None:
-        """Registers other nodes at a master that was started anew, where they do not do that themselves."""
-        self._foreign = ForeignNodes()
+        """Registers other nodes at a master that was started anew, where they do not do that themselves.
+
+        They are looked for at once: a master may be lost before the first of the regular looks.
+        """
+        foreign = ForeignNodes()
+        with contextlib.suppress(*ERRORS):
+            foreign.look(master_link.bounded_master(PING_TIMEOUT))
+        self._foreign = foreign  # from here on it is the thread's
 
     def start(self) -> None:
         """Begins to ask."""
@@ -94,7 +103,7 @@ class MasterKeeper:
     def stop(self) -> None:
         """Ends. Nothing is registered any more when this returns."""
         self._stopped.set()
-        self._told.put(None)
+        self._news.put(None)
         if self._registering.acquire(timeout=END_TIMEOUT):
             self._registering.release()
 
@@ -113,7 +122,7 @@ class MasterKeeper:
             elif decision is WatchDecision.TAKEN:
                 rospy.logerr(
                     f"{self._name}: the master has another node of this name; "
-                    "this one cannot be reached any more and has to be ended"
+                    "this one can no longer be reached and has to be ended"
                 )
             elif count % LOOKS == 0 and not self._watch.lost:
                 self._look()
@@ -158,10 +167,9 @@ class MasterKeeper:
             f"{self._name}: the master at {self._master_uri} does not answer; waiting for its return"
         )
         with self._callbacks_lock:
-            self._told.put(list(self._on_lost))
+            self._news.put(list(self._on_lost))
 
     def _register(self, decision: WatchDecision) -> None:
-        was_lost = self._watch.lost
         master_link.lost.clear()
         master = master_link.bounded_master(PING_TIMEOUT)
         with self._registering:
@@ -172,11 +180,14 @@ class MasterKeeper:
                     self._parameters.restore(master)
                 register_again(master, self._going_on)
             except ERRORS as error:
+                if self._watch.lost:
+                    master_link.lost.set()  # for the others it still is
                 if self._going_on():
-                    rospy.logwarn(f"{self._name}: cannot register again, goes on trying: {error}")
+                    rospy.logwarn(f"{self._name}: cannot register again, keeps trying: {error}")
                 return
         if not self._going_on():
             return
+        was_lost = self._watch.lost
         self._watch.registered()
         if decision is WatchDecision.BACK_NEW and self._foreign is not None:
             self._foreign_due = time.monotonic() + FOREIGN_GRACE
@@ -184,24 +195,29 @@ class MasterKeeper:
         rospy.logwarn(f"{self._name}: the master at {self._master_uri} {what}; this node is registered again")
         with self._callbacks_lock:
             if was_lost:
-                self._told.put(list(self._on_back))
+                self._news.put(list(self._on_back))
             if decision is WatchDecision.BACK_NEW:
-                self._told.put(list(self._on_replaced))
+                self._news.put(list(self._on_replaced))
 
     def _register_foreign(self) -> None:
         assert self._foreign is not None
         with self._registering:
             try:
                 done = self._foreign.restore(master_link.bounded_master(PING_TIMEOUT), self._going_on)
+            except RegistrationError as error:
+                if self._foreign_due is not None and time.monotonic() < self._foreign_due + FOREIGN_PATIENCE:
+                    return  # tried again in the next period
+                done = []
+                rospy.logerr(f"{self._name}: a node is registered at the new master only in part: {error}")
             except ERRORS:
                 return  # the next question shows whether the master is lost
         self._foreign_due = None
         if done:
             rospy.logwarn(f"{self._name}: registered {', '.join(done)} at the master that was started anew")
 
-    def _tell(self) -> None:
+    def _call_back(self) -> None:
         while True:
-            callbacks = self._told.get()
+            callbacks = self._news.get()
             if callbacks is None:
                 return
             for callback in callbacks:

@@ -14,11 +14,15 @@ from xml.parsers.expat import ExpatError
 
 import rosgraph
 import rospy
+from rospy.impl.masterslave import ROSHandler
+from rospy.impl.registration import RegManager
 
 #: Longest wait for an answer of the master, s of wall time.
 MASTER_TIMEOUT = 2.5
-#: The same, once a call of the same connection has had to wait in vain: others have waited behind it.
+#: The same, once a call of the same connection has timed out: others have waited behind it.
 SILENT_TIMEOUT = 1.0
+#: Longest wait for the registration of a node before its end is looked for, s of wall time.
+REGISTRATION_LOOK = 0.1
 #: Connections to the master that are kept between calls.
 KEPT = 2
 
@@ -151,7 +155,7 @@ _kept = _Kept()
 
 
 def bound_rospy() -> None:
-    """From now on rospy's own calls to the master end too; once, before `rospy.init_node`.
+    """Gives rospy's own calls to the master a timeout; call it once, before `rospy.init_node`.
 
     rospy registers through one connection, with a lock around it, and has no option for a timeout.
     """
@@ -159,6 +163,25 @@ def bound_rospy() -> None:
     transport = rospy.core.xmlrpcapi(uri)("transport")
     transport.__class__ = _BoundedTransport  # rospy has made it, and has no other place for it
     transport.bound(uri, MASTER_TIMEOUT, lost)
+
+
+def hasten_registration() -> None:
+    """From now on rospy notices at once that a node is registered; once, before `rospy.init_node`.
+
+    It looks for that before the registration has begun, and then again 0.1 s later.
+    """
+    registered = threading.Event()
+    run, is_registered = RegManager.run, ROSHandler._is_registered
+
+    def tell_and_run(manager: RegManager) -> None:
+        registered.set()  # rospy runs it when it has noted the registration
+        run(manager)
+
+    def wait_registered(handler: ROSHandler) -> bool:
+        registered.wait(REGISTRATION_LOOK)  # not longer: rospy looks whether the node was told to end
+        return bool(is_registered(handler))
+
+    RegManager.run, ROSHandler._is_registered = tell_and_run, wait_registered
 
 
 def master_answers() -> bool:

@@ -29,12 +29,10 @@ class MasterWatch:
     """Judges what came of each question to the master. For one thread.
 
     :param uri: this node's own XML-RPC address, as registered.
-    :param patience: questions without an answer after which the master is lost.
     """
 
-    def __init__(self, uri: str, patience: int = PATIENCE) -> None:
+    def __init__(self, uri: str) -> None:
         self._uri = uri
-        self._patience = patience
         self._failures = 0
         self._process: Optional[int] = None
         self._due: Optional[WatchDecision] = None  # what is to be registered and has not been confirmed
@@ -44,7 +42,7 @@ class MasterWatch:
     def failed(self) -> WatchDecision:
         """The master did not answer."""
         self._failures += 1
-        if self._failures < self._patience or self.lost:
+        if self._failures < PATIENCE or self.lost:
             return WatchDecision.NOTHING
         self.lost = True
         return WatchDecision.LOST

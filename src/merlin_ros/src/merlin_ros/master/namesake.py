@@ -35,7 +35,7 @@ class Namesake(NamedTuple):
 
 
 def living_namesake(name: str, master: rosgraph.Master) -> Optional[Namesake]:
-    """The living node of a name; None: there is none, or it is dead, or its machine cannot be reached.
+    """The living node of a name; None: no such node, or it is dead, or its machine cannot be reached.
 
     :param name: global.
     :param master: with calls that end.
@@ -72,4 +72,4 @@ def _name_of(node: xmlrpc.client.ServerProxy, name: str) -> str:
     try:
         return str(node.getName(name)[2])  # type: ignore[index]
     except xmlrpc.client.Fault:
-        return name  # only nodes in Python tell their name
+        return name  # only nodes in Python answer with their name

@@ -10,7 +10,7 @@ from rospy.impl.registration import RegManager
 
 
 def keep_all() -> None:
-    """Lets rospy connect to the publishers of every list that waits; for the whole process."""
+    """Makes rospy connect to the publishers of every waiting list, not only of the last one."""
     RegManager.publisher_update = _publisher_update
 
 

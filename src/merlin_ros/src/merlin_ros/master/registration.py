@@ -2,7 +2,7 @@
 
 import threading
 import xmlrpc.client
-from typing import Any, Callable, Dict, List, NamedTuple, Set
+from typing import Any, Callable, Dict, List, NamedTuple, Set, Tuple
 
 import rosgraph
 import rospy
@@ -50,7 +50,7 @@ class KeptParameters:
             self._names.add(name)
 
     def look(self, master: rosgraph.Master) -> None:
-        """Notes the present values. What is not set any more is kept as it was.
+        """Notes the present values. What is no longer set is kept as it was.
 
         :raises OSError: when the master does not answer.
         """
@@ -65,7 +65,7 @@ class KeptParameters:
                 self._values[name] = value
 
     def restore(self, master: rosgraph.Master) -> None:
-        """Sets each parameter that the master does not have.
+        """Sets each parameter that the master does not have. One that it cannot take is logged.
 
         :raises OSError: when the master does not answer.
         """
@@ -73,8 +73,11 @@ class KeptParameters:
             values = {**master_link.known_params(), **self._values}
         for name, value in values.items():
             for leaf, leaf_value in _leaves(name, value):
-                if not master.hasParam(leaf):
-                    master.setParam(leaf, leaf_value)
+                try:
+                    if not master.hasParam(leaf):
+                        master.setParam(leaf, leaf_value)
+                except UNSENDABLE as error:  # the node and its other parameters shall be there all the same
+                    rospy.logerr(f"the parameter {leaf} cannot be set at the new master: {error}")
 
 
 def _leaves(name: str, value: Any) -> List[Any]:
@@ -123,7 +126,10 @@ def register_at(
             return
         publishers = answer_of(master.handle.registerSubscriber(name, topic, kind, uri))
         if publishers:
-            node.publisherUpdate("/master", topic, publishers)
+            try:
+                node.publisherUpdate("/master", topic, publishers)
+            except OSError as error:  # of the node; the master answers
+                raise RegistrationError(f"{name} does not take the publishers of {topic}: {error}") from error
     for service, address in things.served.items():
         if not going_on():
             return
@@ -131,10 +137,9 @@ def register_at(
 
 
 def _own(node: xmlrpc.client.ServerProxy, name: str) -> Registrations:
-    """What this node has."""
+    """The registrations of this node."""
     # Asked as another node would ask: rospy's own list may be locked by a call that waits for the master.
-    published = dict(answer_of(node.getPublications(name)))
-    subscribed = dict(answer_of(node.getSubscriptions(name)))
+    published, subscribed = topics_of(node, name)
     services = get_service_manager()
     if not services.lock.acquire(timeout=OWN_TIMEOUT):
         raise master_link.MasterSilent(f"{name} is busy announcing a service")
@@ -155,16 +160,36 @@ def _take_back(master: rosgraph.Master, node: xmlrpc.client.ServerProxy, name: s
         master.handle.unregisterService(name, service, master.lookupService(service))
 
 
+def topics_of(node: xmlrpc.client.ServerProxy, name: str) -> Tuple[Dict[str, str], Dict[str, str]]:
+    """What a node publishes and subscribes to, by topic its type.
+
+    :param name: of the node.
+    :raises OSError: when it does not answer.
+    :raises RegistrationError: when it answers something else.
+    """
+    answers = answer_of(node.getPublications(name)), answer_of(node.getSubscriptions(name))
+    try:
+        published, subscribed = ({str(topic): str(kind) for topic, kind in topics} for topics in answers)
+    except (TypeError, ValueError) as error:
+        raise RegistrationError(f"{name} does not say what its topics are: {error}") from error
+    return published, subscribed
+
+
 def answer_of(answer: Any) -> Any:
     """The value in an answer of a master or a node.
 
-    :raises RegistrationError: when it is a refusal.
+    :raises RegistrationError: when it is a refusal, or no answer as ROS knows it.
     """
-    code, text, value = answer
+    try:
+        code, text, value = answer
+    except (TypeError, ValueError) as error:
+        raise RegistrationError(f"an answer is {answer!r}") from error
     if code != 1:
         raise RegistrationError(text)
     return value
 
 
+#: What a value may raise that XML-RPC cannot carry: a number beyond 32 bits, half of a character.
+UNSENDABLE = (TypeError, ValueError, OverflowError, xmlrpc.client.Error, rosgraph.MasterException)
 #: What a refused or unanswered registration may raise.
 ERRORS = (*master_link.ERRORS, RegistrationError)

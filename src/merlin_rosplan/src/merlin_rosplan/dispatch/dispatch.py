@@ -9,7 +9,7 @@ import math
 import queue
 import threading
 from collections import deque
-from typing import Any, Deque, Dict, FrozenSet, List, Optional, Set
+from typing import Any, Deque, Dict, FrozenSet, List, Optional, Set, Union
 
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_rosplan.dispatch.coming_conditions import ComingConditions
@@ -30,9 +30,11 @@ from merlin_rosplan.dispatch.dispatch_environment import (
 )
 from merlin_rosplan.dispatch.dispatch_running import Running, broken_over_all
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
+from merlin_rosplan.dispatch.operator_model import Conditions
 
 _log = logging.getLogger(__name__)
 _NOTHING: FrozenSet[str] = frozenset()
+_Queue = Union["queue.SimpleQueue[Event]", "queue.Queue[Event]"]
 
 
 class PlanDispatch:
@@ -60,17 +62,17 @@ class PlanDispatch:
         self._schedule = schedule
         self._environment = environment
         self._limits = limits
-        self._events: queue.Queue[Event] = queue.Queue() if events is None else events
+        self._events: _Queue = queue.SimpleQueue() if events is None else events  # its thread wakes sooner
         self._breakpoints = Breakpoints() if breakpoints is None else breakpoints
         self._taken_in: Deque[Event] = deque()  # taken from the queue and not handled
         self._cancelled = threading.Event()
         self._suspended = threading.Event()
         self._running: Dict[int, Running] = {}
         self._failure: Optional[DispatchFailure] = None
-        self._robot_left: Optional[DispatchFailure] = None  # what runs goes on, and nothing else starts
+        self._robot_left: Optional[DispatchFailure] = None  # what runs continues, and nothing else starts
         self._began = 0.0
         self._done = 0
-        self._untold = False  # whether the report has changed since it was told
+        self._unpublished = False  # whether the report has changed since it was published
         self._changes: Optional[FrozenSet[str]] = _NOTHING  # names that changed since over-all was checked
         self._last: Optional[PlannedAction] = None
         self._unanswered: List[PlannedAction] = []
@@ -85,12 +87,12 @@ class PlanDispatch:
         self._events.put(event)
 
     def cancel(self, reason: str = "cancelled") -> None:
-        """Stops the dispatch: no further action starts, running ones are told to stop."""
+        """Stops the dispatch: no further action starts, running ones get a cancel."""
         self._cancelled.set()
         self._events.put(CancelRequest(reason))
 
     def suspend(self, suspended: bool) -> None:
-        """While it is suspended no further action starts; what runs goes on."""
+        """While it is suspended no further action starts; what runs continues."""
         if suspended:
             self._suspended.set()
         else:
@@ -104,7 +106,7 @@ class PlanDispatch:
         try:
             self._began = self._environment.now()
             self._schedule.begin(self._began)
-            self._report()
+            self._unpublished = True  # it is published with the first actions
             self._loop()
         except DispatchError as error:
             self._fail(str(error))
@@ -130,7 +132,7 @@ class PlanDispatch:
                 self._failure = self._failure or self._robot_left
             if self._failure is not None or (self._schedule.finished and not self._running):
                 return
-            if self._untold:
+            if self._unpublished:
                 self._report()
             self._environment.wake_at(self._wake_time(looked))
             self._take_in(self._patience())
@@ -139,7 +141,7 @@ class PlanDispatch:
                 self._judge()
 
     def _take_in(self, patience: float) -> None:
-        """Waits for an event, and takes everything that is there."""
+        """Waits for an event, and takes all events that have arrived."""
         try:
             wait = None if math.isinf(patience) else max(patience, 0.001)
             self._taken_in.append(self._events.get(timeout=wait))
@@ -177,7 +179,7 @@ class PlanDispatch:
             if self._breakpoints.armed:
                 held = self._breakpoints.held
                 ready = [ready[index] for index in self._breakpoints.admit([str(each) for each in ready])]
-                self._untold = self._untold or self._breakpoints.held != held
+                self._unpublished = self._unpublished or self._breakpoints.held != held
             if not ready:
                 break
             tried.update(action.id for action in ready)
@@ -189,7 +191,7 @@ class PlanDispatch:
         if idle and not self._schedule.finished and self._wake_time(now) is None and not self._overtaken:
             waiting = self._schedule.waiting()
             if waiting:
-                self._fail(f"the plan cannot go on: nothing runs, and {waiting[0]} waits for what never ends")
+                self._fail(f"the plan cannot continue: no action runs, and {waiting[0]} waits forever")
         return now
 
     def _see_starts(self, now: float) -> None:
@@ -198,7 +200,7 @@ class PlanDispatch:
                 self._schedule.seen(action_id, now)
 
     def _start_all(self, ready: List[PlannedAction]) -> bool:
-        """Starts those whose conditions hold; whether to go on."""
+        """Starts those whose conditions hold; whether to continue."""
         records = [
             Running.make(action, self._environment.operator(action), self._environment, self._limits)
             for action in ready
@@ -217,7 +219,7 @@ class PlanDispatch:
             running = self._running.values()
             if not robot and self._coming.may_come(record.action, unmet, self._began, running):
                 continue
-            self._environment.tell(record.action, FeedbackStatus.PRECONDITION_FALSE)
+            self._environment.publish_feedback(record.action, FeedbackStatus.PRECONDITION_FALSE)
             self._fail(f"{record.action} cannot start: {unmet.as_false()}", record.action, robot)
             return False
         self._send(together)
@@ -229,14 +231,14 @@ class PlanDispatch:
         for record in records:
             self._coming.came(record.action.id)
             self._running[record.action.id] = record
-        self._report()  # first: an interface that has just started asks the status whether it is meant
         for record in records:
             action = self._last = record.action
             self._environment.send(action)
-            self._environment.tell(action, FeedbackStatus.ENABLED)
+            self._environment.publish_feedback(action, FeedbackStatus.ENABLED)
             if self._breakpoints.armed:
                 self._breakpoints.began(str(action))
             self._schedule.started(action.id, self._environment.now(), record.seen_at_once)
+        self._report()  # behind them: an interface that has just started begins when it names the action
 
     # --- what happens -------------------------------------------------------------------------------
 
@@ -268,7 +270,7 @@ class PlanDispatch:
     def _feedback(self, feedback: Feedback) -> None:
         record = self._running.get(feedback.action_id)
         if record is None or feedback.plan_id not in (0, self.plan_id):
-            return  # of an earlier run, or an answer told twice
+            return  # of an earlier run, or a repeated answer
         status = feedback.status
         final = status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
         if final and not record.taken and feedback.plan_id != self.plan_id:
@@ -277,7 +279,7 @@ class PlanDispatch:
             if record.is_affected(self._changes):  # while it still ran
                 self._check_over_all([record])
             self._done += 1
-            self._untold = True
+            self._unpublished = True
             del self._running[feedback.action_id]
             self._check_end(record)
             self._schedule.ended(feedback.action_id, self._environment.now())
@@ -303,8 +305,8 @@ class PlanDispatch:
         While others run, one of them may have changed that since, as planned: the order of the ends is what
         keeps it right.
         """
-        needed = record.needed_at_end
-        if self._running or needed.empty:
+        needed = Conditions() if self._running else record.needed_at_end
+        if needed.empty:
             return
         false = self._environment.false_of(record.action, needed)
         if not false.empty:
@@ -348,10 +350,10 @@ class PlanDispatch:
             self._answer(self._taken_in.popleft())
         if not self._running:
             return
-        self._report(DispatchState.CANCELLING)
         for record in self._running.values():
             self._environment.send_cancel(record.action)
         deadline = self._environment.deadline(self._limits.cancel)
+        self._report(DispatchState.CANCELLING)
         while self._running:
             left = deadline.remaining()
             if left <= 0:
@@ -389,7 +391,7 @@ class PlanDispatch:
             record.taken = True
 
     def _report(self, state: Optional[DispatchState] = None) -> DispatchReport:
-        self._untold = False
+        self._unpublished = False
         running = [record.action for record in self._running.values()]
         report = DispatchReport.of(
             state, self._failure, self._schedule, running, self._done, self._unanswered

@@ -39,8 +39,8 @@ class DispatchError(Exception):
 class DispatchLimits:
     """Patience of a dispatcher, s, on the monotonic clock less the simulator's pauses; None: no limit.
 
-    :param acknowledge: an action whose interface has never been heard of must be taken within this time.
-    :param accept: an action whose interface is alive must be taken within this time.
+    :param acknowledge: an action whose interface was never announced must be accepted within this time.
+    :param accept: an action whose interface is alive must be accepted within this time.
     :param liveness: an interface that announced itself regularly and has been silent this long is dead.
     :param cancel: how long a cancelled action's interface may take to answer.
     :param over_all_grace: an action whose own end effects break its over-all condition reports its end within
@@ -97,7 +97,7 @@ class DispatchReport:
         """The report of a dispatch.
 
         :param state: None: what follows from the rest.
-        :param failure: why it stops; None: it goes on, or every action has ended.
+        :param failure: why it stops; None: it continues, or every action has ended.
         :param unanswered: actions whose interfaces did not answer the cancel.
         """
         total = len(schedule.actions)
@@ -146,12 +146,12 @@ class DispatchEnvironment(abc.ABC):
         """Publishes the tombstone, so that a late subscriber does not execute the last action."""
 
     @abc.abstractmethod
-    def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
+    def publish_feedback(self, action: PlannedAction, status: FeedbackStatus) -> None:
         """Publishes the dispatcher's own feedback, if it publishes any."""
 
     @abc.abstractmethod
     def operator(self, action: PlannedAction) -> ActionModel:
-        """The ground operator of an action; raises DispatchError when there is none."""
+        """The ground operator of an action; raises DispatchError when it is unknown."""
 
     @abc.abstractmethod
     def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
@@ -164,7 +164,7 @@ class DispatchEnvironment(abc.ABC):
     def next_change(self, names: FrozenSet[str], until: float) -> Optional[float]:
         """The ROS time, s, of the last change of these names that the knowledge base waits for.
 
-        Only changes that come up to `until` count; None: there is none.
+        Only changes that come up to `until` count; None: no such change.
         """
         return None
 
@@ -193,7 +193,7 @@ class DispatchEnvironment(abc.ABC):
 
     @abc.abstractmethod
     def changed(self, report: DispatchReport) -> None:
-        """Something worth telling has happened."""
+        """Takes a sentence for the log."""
 
 
 class Feedback(NamedTuple):
@@ -204,7 +204,7 @@ class Feedback(NamedTuple):
     plan_id: int = 0
     reason: str = ""
     robot: str = ""
-    """The robot that takes no actions any more, which is why this one failed; those of others go on."""
+    """The robot that no longer takes actions, which is why this one failed; those of others continue."""
 
 
 class CancelRequest(NamedTuple):

@@ -9,7 +9,7 @@ _PAST = 1e-6  # s after a latest time at which it has passed
 
 
 class GraphSchedule(Schedule):
-    """As the edges of a plan graph allow; actions run in parallel.
+    """Dispatches as the edges of a plan graph allow; actions run in parallel.
 
     :param graph: ids of nodes and edges are their indices.
     :param actions: by index, as `Node.action` counts.
@@ -58,7 +58,7 @@ class GraphSchedule(Schedule):
         """Edges whose source has happened and whose sink has not."""
         return {
             edge
-            for node in list(self._time)  # a copy: the drawing thread reads while the dispatch goes on
+            for node in list(self._time)  # a copy: the drawing thread reads while the dispatch continues
             for edge in self._graph.nodes[node].edges_out
             if self._graph.edges[edge].sink not in self._time
         }

@@ -14,7 +14,7 @@ from merlin_rosplan.dispatch.operator_model import (
 
 
 class Fault(NamedTuple):
-    """Why a running action is given up; `gone`: there is nothing that would answer a cancel."""
+    """Why a running action is given up; `gone`: no node would answer a cancel."""
 
     reason: str
     gone: bool = False
@@ -25,7 +25,7 @@ class Running:
     """One running action.
 
     :param acknowledge, accept, settle: deadlines, from when it was sent.
-    :param watched: over-all conditions that hold and have to go on holding.
+    :param watched: over-all conditions that hold and have to stay true.
     :param pending: over-all conditions that the start effects bring about; watched once seen true.
     :param names: what the over-all conditions depend on.
     """
@@ -88,7 +88,7 @@ class Running:
             self.look |= not names or bool(names & self.operator.start_effects.names)
 
     def start_applied(self, environment: DispatchEnvironment) -> bool:
-        """Whether the start effects are there.
+        """Whether the start effects are applied.
 
         A knowledge base of ours lists the executions, and nothing else counts: a change may be of another
         action. Of others a change of what they change can be seen: where none comes, because the effect
@@ -120,7 +120,7 @@ class Running:
         unanswered = self._unanswered()
         dead = self.is_dead(silence, limits.liveness)
         if self.grace is not None and self.grace.remaining() <= 0:
-            return Fault(f"{action} cannot go on: {self.broken}")
+            return Fault(f"{action} cannot continue: {self.broken}")
         if unanswered and silence is None:
             return Fault(f"no action interface for {action.name}", gone=True)
         if dead and (self.taken or unanswered):
@@ -188,7 +188,7 @@ class Running:
 def broken_over_all(
     records: Sequence[Running], environment: DispatchEnvironment, limits: DispatchLimits
 ) -> Iterator[Tuple[Running, str]]:
-    """Asks for the over-all conditions of running actions, in one call; gives those that cannot go on."""
+    """Asks for the over-all conditions of running actions, in one call; gives those that cannot continue."""
     asked = [(record.action, record.pending + record.watched) for record in records]
     for record, false in zip(records, environment.false_of_each(asked) if asked else []):
         record.watched += record.pending - false  # what has come true has to stay so
@@ -199,7 +199,7 @@ def broken_over_all(
             continue
         record.broken = broken.as_false()
         if not record.breaks_itself(broken):
-            yield record, f"{record.action} cannot go on: {record.broken}"
+            yield record, f"{record.action} cannot continue: {record.broken}"
         elif record.grace is None:
             # Interfaces apply the end effects before they report the end.
             record.grace = environment.deadline(limits.over_all_grace)

@@ -34,7 +34,7 @@ class PlannedAction:
 class Overtaken(NamedTuple):
     """An action that has ended before something that has to come first.
 
-    :param action_id: it.
+    :param action_id: the id of the action.
     :param text: one sentence.
     :param certain: False where the news of the other may only be late.
     """
@@ -127,7 +127,7 @@ class SequentialSchedule(Schedule):
         self._next += 1
 
     def ended(self, action_id: int, now: float) -> None:
-        """It has succeeded."""
+        """Notes that an action has succeeded."""
         self._running = False
 
     def waiting(self) -> List[str]:

@@ -4,11 +4,13 @@ import threading
 from typing import Callable, Dict, Optional, Tuple
 
 DEAD = 5.0  # announcements missed after which the next one is that of a new interface
-YOUNG = 5.0  # s
+OPERATORS = 1000  # whose announcements are remembered; any node may make some
+KEEP = 60.0  # s of silence after which one may be forgotten for another
+JUST_ANNOUNCED = 5.0  # s after the first announcement
 
 
 class InterfaceWatch:
-    """Remembers when each operator's interface was last heard of; thread-safe.
+    """Remembers when each operator's interface was last announced; thread-safe.
 
     :param clock: s, monotonic; should stand still while the simulator is paused.
     """
@@ -16,26 +18,30 @@ class InterfaceWatch:
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock
         self._lock = threading.Lock()  # guards the register
-        self._heard: Dict[str, Tuple[float, float]] = {}  # operator -> (when, s since the one before)
-        self._first: Dict[str, float] = {}  # operator -> when its present life began
+        # Operator -> (when, s since the one before); the one that is silent for longest first.
+        self._heard: Dict[str, Tuple[float, float]] = {}
+        self._first: Dict[str, float] = {}  # operator -> when its present interface began
 
     def announce(self, operator: str) -> None:
         """The interface of an operator has announced itself."""
         now = self._clock()
         with self._lock:
-            known = self._heard.get(operator.lower())
+            name = operator.lower()
+            if name not in self._heard and not self._has_room(now):
+                return
+            known = self._heard.pop(name, None)
             if known is None or now - known[0] > DEAD * max(1.0, known[1]):
-                self._first[operator.lower()] = now
-            self._heard[operator.lower()] = (now, now - known[0] if known is not None else 0.0)
+                self._first[name] = now
+            self._heard[name] = (now, now - known[0] if known is not None else 0.0)
 
     def just_announced(self, operator: str) -> bool:
-        """Whether an operator's interface was first heard of less than :data:`YOUNG` seconds ago."""
+        """Whether an interface was first announced less than :data:`JUST_ANNOUNCED` seconds ago."""
         with self._lock:
             first = self._first.get(operator.lower())
-        return first is not None and self._clock() - first < YOUNG
+        return first is not None and self._clock() - first < JUST_ANNOUNCED
 
     def seconds_silent(self, operator: str) -> Optional[float]:
-        """Seconds since an operator's interface was heard of, None when it never was.
+        """Seconds since the last announcement of an interface, None without one.
 
         ROSPlan's interfaces count their second in ROS time: one that announces itself more slowly than once
         per second of ours is given proportionally more of them.
@@ -45,3 +51,14 @@ class InterfaceWatch:
         if known is None:
             return None
         return (self._clock() - known[0]) / min(max(1.0, known[1]), 10.0)
+
+    def _has_room(self, now: float) -> bool:
+        """Whether another operator can be remembered; one that has been silent for long is forgotten."""
+        if len(self._heard) < OPERATORS:
+            return True
+        oldest = next(iter(self._heard))
+        if now - self._heard[oldest][0] <= KEEP:
+            return False
+        del self._heard[oldest]
+        self._first.pop(oldest, None)
+        return True

@@ -1,6 +1,6 @@
 """What parser and dispatcher look at of an operator: its conditions and effects, sorted by time."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Dict, FrozenSet, Iterable, List, NamedTuple, Sequence, Set, Tuple
 
 from merlin_pddl import formula
@@ -49,7 +49,7 @@ class Inequality:
 class WatchedCondition:
     """A condition that is neither literal nor comparison.
 
-    :param condition: it; operator variables before grounding, objects after it.
+    :param condition: the formula; operator variables before grounding, objects after it.
     :param reads: names of the predicates and functions that it depends on.
     """
 
@@ -74,6 +74,8 @@ class Conditions:
     expressions: Tuple[WatchedCondition, ...] = ()
 
     def __add__(self, other: "Conditions") -> "Conditions":
+        if other.empty:
+            return self
         return Conditions(
             self.positive + other.positive,
             self.negative + other.negative,
@@ -98,6 +100,8 @@ class Conditions:
 
     def ground(self, binding: Dict[str, str]) -> "Conditions":
         """The operator's variables replaced."""
+        if self.empty:
+            return self
         return Conditions(
             _ground(self.positive, binding),
             _ground(self.negative, binding),
@@ -111,7 +115,7 @@ class Conditions:
         return not (self.positive or self.negative or self.comparisons or self.expressions)
 
     def as_false(self) -> str:
-        """That they are false, as part of a sentence."""
+        """Says that they are false, as part of a sentence."""
         parts = [f"{atom} does not hold" for atom in self.positive]
         parts += [f"{atom} holds" for atom in self.negative]
         parts += [
@@ -155,13 +159,14 @@ class TimedEffects:
 
     def ground(self, binding: Dict[str, str]) -> "TimedEffects":
         """Atoms and terms grounded."""
-        return replace(
-            self,
-            add=_ground(self.add, binding),
-            delete=_ground(self.delete, binding),
-            writes=_ground(self.writes, binding),
-            reads=_ground(self.reads, binding),
-            additive=_ground(self.additive, binding),
+        return TimedEffects(
+            _ground(self.add, binding),
+            _ground(self.delete, binding),
+            _ground(self.writes, binding),
+            _ground(self.reads, binding),
+            _ground(self.additive, binding),
+            self.wild,
+            self.wild_reads,
         )
 
 
@@ -246,7 +251,7 @@ def over_all_before_start(action: ActionModel) -> Conditions:
     Those its own start effects bring about do not: they hold from the start on, not before it.
     """
     effects = action.start_effects
-    if effects.empty:
+    if effects.empty or action.over_all.empty:
         return action.over_all
     added = {atom.key for atom in effects.add}
     deleted = {atom.key for atom in effects.delete}
@@ -269,7 +274,7 @@ def broken_by_own_end(action: ActionModel, atom: PlanTerm, negative: bool) -> bo
 
 
 def _ground(atoms: Iterable[PlanTerm], binding: Dict[str, str]) -> Tuple[PlanTerm, ...]:
-    return tuple(atom.ground(binding) for atom in atoms)
+    return tuple([atom.ground(binding) for atom in atoms])
 
 
 def _fluents(part: formula.Formula) -> Tuple[PlanTerm, ...]:

@@ -26,7 +26,7 @@ def plan_order(nodes: Sequence[Node], times: Sequence[float], happenings: Sequen
 
 
 def _sorted_group(nodes: List[Node], happenings: Sequence[Happening]) -> List[Node]:
-    """Providers before what they provide for, what keeps a fact before what changes it; else by id."""
+    """A provider before its consumer, a reader of a fact before its writer; else by id."""
     adders: Dict[PlanTerm, List[int]] = {}
     deleters: Dict[PlanTerm, List[int]] = {}
     for node in nodes:

@@ -1,9 +1,9 @@
-"""Whose the running dispatch is, and what becomes of it while that one is silent or when it is gone.
+"""The owner of the running dispatch; a silent owner suspends the dispatch, a lost one cancels it.
 
-A dispatch begun by a service belongs to its caller. A service call has no id that its caller could lease, so
-the goal that the caller holds on ``<dispatcher>/dispatch_plan/lease`` and that no earlier dispatch had counts
-as this dispatch, whether the lease comes before the call or behind it. A caller that leases nothing keeps its
-dispatch for as long as it likes. The action server watches the owner of a goal of ``dispatch_plan_action``.
+A dispatch begun by a service belongs to its caller. A service call has no id that its caller could lease.
+Therefore the caller leases a new goal on ``<dispatcher>/dispatch_plan/lease``, before the call or after it,
+and that goal stands for the dispatch. Without a lease the dispatch runs to its end. The action server watches
+the owner of a goal of ``dispatch_plan_action``.
 """
 
 import threading
@@ -36,6 +36,7 @@ class DispatchOwner:
         self._scope = scope
         self._lock = threading.Lock()  # guards the fields down to _earlier
         self._client: Optional[str] = None
+        self._dispatches = 0  # begun so far
         self._goal = ""
         self._silent = ""  # why it may not be there
         self._gone = ""  # why it is gone
@@ -51,11 +52,12 @@ class DispatchOwner:
         """
         with self._lock:
             self._client, self._dispatch = client, None
+            self._dispatches += 1
             self._silent = self._gone = ""
             held = [goal for goal in self._watch.goals_of(client) if goal not in self._earlier]
             self._goal = goal = held[-1] if client and held else ""
-        if goal and self._watch.state(goal) is not LeaseState.HELD:
-            self.changed(self._watch.state(goal), self._watch.reason(goal))
+        if goal:
+            self._watch.tell(goal)
 
     def attach(self, dispatch: PlanDispatch, key: str) -> None:
         """The dispatch that it owns is about to run.
@@ -91,12 +93,12 @@ class DispatchOwner:
         """Cancels the present dispatch when its owner is gone.
 
         Asks a node that leases nothing whether it lives, which takes 2 s at most. One that hangs is not gone,
-        and neither is one that the master does not tell about.
+        and neither is one that the master does not know.
 
         Returns why the dispatch stays, as part of a sentence; empty when it is being cancelled.
         """
         with self._lock:
-            client, goal, gone = self._client, self._goal, self._gone
+            client, goal, gone, number = self._client, self._goal, self._gone, self._dispatches
         if not gone:
             if not client:
                 return "for a client that is not known"
@@ -107,6 +109,10 @@ class DispatchOwner:
             except master_link.ERRORS:
                 return f"for {client}"
             with self._lock:
+                if self._client is None:
+                    return ""  # it has ended meanwhile
+                if self._dispatches != number:
+                    return f"for {self._client or 'a client that is not known'}"
                 self._gone = f"its owner {client} is gone"
         self._act()
         return ""
@@ -130,7 +136,7 @@ class DispatchOwner:
             self.changed(change.state, change.reason)
 
     def _act(self) -> None:
-        """Has the dispatch do what the state of its owner asks for."""
+        """Suspends, resumes or cancels the dispatch by the state of its owner."""
         with self._lock:
             dispatch, key, silent, gone = self._dispatch, self._key, self._silent, self._gone
         if dispatch is None:

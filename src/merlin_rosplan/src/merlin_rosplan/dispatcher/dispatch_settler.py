@@ -4,11 +4,11 @@ import threading
 from typing import Callable, Optional, Sequence
 
 import rospy
-from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 
 from merlin_ros.deadline import Deadline
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
+from merlin_sm.execution_journal import ExecutionJournal
 
 CALL_LIMIT = 10.0  # s of wall time for one call of the knowledge base
 #: s of running time after which an interface that lives is left to settle its execution itself
@@ -22,7 +22,7 @@ class DispatchSettler:
     An interface that lives, or comes back, settles its executions itself: a second INTERRUPT changes nothing.
 
     :param knowledge_base: its global name.
-    :param silence: s since the interface of an operator was heard of; None: never.
+    :param silence: s since the last announcement of an operator's interface; None: never announced.
     :param liveness: s of silence after which it is dead; None: never.
     """
 
@@ -35,8 +35,7 @@ class DispatchSettler:
         self._silence = silence
         self._liveness = liveness
         self._closed = threading.Event()
-        self._list = ServiceProxy(f"{knowledge_base}/executions", ListExecutions, timeout=CALL_LIMIT)
-        self._apply = ServiceProxy(f"{knowledge_base}/apply_effects", ApplyEffects, timeout=CALL_LIMIT)
+        self._journal = ExecutionJournal(knowledge_base, CALL_LIMIT)
 
     def settle(self, plan_id: int, actions: Sequence[PlannedAction]) -> None:
         """Settles each of the actions, in a thread of its own that ends after PATIENCE."""
@@ -64,7 +63,7 @@ class DispatchSettler:
                 return
 
     def _until_dead(self, operator: str) -> float:
-        """s after which the interface is dead if it stays silent; zero or less: it is."""
+        """s of silence until the interface counts as dead; zero or less: it does now."""
         silence = self._silence(operator)
         if silence is None:
             return 0.0
@@ -75,18 +74,13 @@ class DispatchSettler:
 
         :raises ServiceError: when the knowledge base does not answer.
         """
-        if not self._list.available():
+        if not self._journal.available():
             return  # the original ROSPlan: its interfaces apply effects by themselves
-        for execution in self._list(owner="").executions:
+        for execution in self._journal.open():
             if not execution.token.startswith(prefix):
                 continue
-            answer = self._apply(
-                operator_name=execution.operator_name,
-                parameters=execution.parameters,
-                phase=ApplyEffectsRequest.INTERRUPT,
-                token=execution.token,
-            )
-            if answer.success:
-                rospy.logwarn("%s is interrupted in the knowledge base: its interface is gone", text)
+            refused = self._journal.interrupt(execution)
+            if refused:
+                rospy.logerr("the execution of %s cannot be closed: %s", text, refused)
             else:
-                rospy.logerr("the execution of %s cannot be closed: %s", text, answer.message)
+                rospy.logwarn("%s is interrupted in the knowledge base: its interface is gone", text)

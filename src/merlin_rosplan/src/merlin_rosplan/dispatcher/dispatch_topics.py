@@ -15,6 +15,7 @@ from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.publishing import publish
+from merlin_ros.ros_alarm import RosAlarm
 from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchEnvironment,
     DispatchError,
@@ -27,7 +28,7 @@ from merlin_rosplan.dispatch.interface_watch import InterfaceWatch
 from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, Conditions, PlanTerm
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component
-from merlin_rosplan.transport.ros_alarm import RosAlarm
+from merlin_sm.robot_roster import RobotRoster, sender_of
 
 CANCEL_ACTION = "cancel_action"
 OWN_MARK = "dispatcher"  # key in `information` of feedback that a dispatcher published itself
@@ -47,7 +48,7 @@ class DispatchTopics(DispatchEnvironment):
     :param on_tick: called when a time asked for has come.
     :param on_feedback: called with each feedback the dispatcher publishes.
     :param on_change: called at each change of a dispatch.
-    :param breakpoints: of the dispatcher, which its status tells.
+    :param breakpoints: of the dispatcher, published in its status.
     """
 
     def __init__(
@@ -65,45 +66,44 @@ class DispatchTopics(DispatchEnvironment):
         self._on_feedback = on_feedback
         self._on_change = on_change
         self._breakpoints = breakpoints
-        self._telling = threading.Lock()  # keeps statuses in order; guards the field below
-        self._told = DispatchReport(DispatchState.IDLE, "nothing dispatched yet")
-        # Interfaces latch their last feedback: an id from an earlier life of this node must not fit again.
+        self._telling = threading.Lock()  # keeps statuses in order; guards the two fields below
+        self._reported = DispatchReport(DispatchState.IDLE, "nothing dispatched yet")
+        self._shown: Dict[int, RunningAction] = {}  # made once each: a status names all that run
+        # Interfaces latch their last feedback: an id from an earlier process of this node must not fit again.
         self.plan_id = int(time.time()) % 1_000_000 * 1000
         self._operators: Dict[str, ActionModel] = {}
         self._dispatched: Dict[int, rospy.Time] = {}
         self._interfaces = InterfaceWatch(running_time)
         self._lease = component.own(LeaseHolder(component.resolve("lease")))
-        self._leased: Dict[int, PlannedAction] = {}
+        self._leased: Set[str] = set()
         self._open_lock = threading.Lock()  # guards _open
         self._open: Dict[int, PlannedAction] = {}
         self._alarm = component.own(RosAlarm(on_tick, f"alarm of {component.scope}"))
         topic = str(component.param("action_dispatch_topic", "action_dispatch"))
         # Latched as in ROSPlan; its queue of one would lose actions and cancels sent back to back.
         self._actions = component.publisher(topic, ActionDispatch, queue_size=1000, latch=True)
-        # What an earlier life of this node has dispatched is not latched any more; this says so.
+        # What an earlier process of this node has dispatched is no longer latched; this says so.
         publish(self._actions, ActionDispatch(name=CANCEL_ACTION, action_id=-1, plan_id=self.plan_id))
         self._feedback: Optional[rospy.Publisher] = None
         if publishes_feedback:
             topic = str(component.param("action_feedback_topic", "action_feedback"))
             self._feedback = component.publisher(topic, ActionFeedback, queue_size=1000, latch=True)
         self._status = component.publisher("dispatch_status", DispatchStatus, queue_size=100, latch=True)
-        self.tell_again()
+        self.repeat_status()
         component.subscriber(
             f"{component.knowledge_base}/pddl_action_parameters",
             DomainFormula,
             lambda message: self._interfaces.announce(message.name),
         )
-        self._robots: Set[str] = set()  # of which a host was ever heard
-        component.subscriber(
-            f"{component.knowledge_base}/robots",
-            RobotHost,
-            lambda message: self._robots.add(message.robot.lower()),
-        )
+        self._robots = RobotRoster()  # of which a host was heard
+        component.subscriber(f"{component.knowledge_base}/robots", RobotHost, self._meet)
 
     def begin(self) -> int:
         """Another dispatch begins; returns its plan id."""
         self._operators.clear()
         self._dispatched.clear()
+        with self._telling:
+            self._shown.clear()
         with self._open_lock:
             self._open.clear()
         self.plan_id += 1
@@ -133,12 +133,10 @@ class DispatchTopics(DispatchEnvironment):
         return Deadline(SHUTDOWN_DEADLINE if self._component.closed and seconds is None else seconds)
 
     def send(self, action: PlannedAction) -> None:
-        """Publishes the action."""
+        """Publishes the action. Its lease follows with the next report: robots wait for the action."""
         self._dispatched[action.id] = rospy.Time.now()
         with self._open_lock:
             self._open[action.id] = action
-        self._leased[action.id] = action
-        self._lease.hold(self._goal(action), self.owner_key)
         publish(self._actions, self._message(action, action.name))
 
     def send_cancel(self, action: PlannedAction) -> None:
@@ -149,7 +147,7 @@ class DispatchTopics(DispatchEnvironment):
         """Publishes the tombstone: latched in place of the last action."""
         publish(self._actions, self._message(action, CANCEL_ACTION))
 
-    def tell(self, action: PlannedAction, status: FeedbackStatus) -> None:
+    def publish_feedback(self, action: PlannedAction, status: FeedbackStatus) -> None:
         """Publishes feedback of our own, marked as such."""
         if self._feedback is None:
             return
@@ -202,9 +200,14 @@ class DispatchTopics(DispatchEnvironment):
 
     def robot_left(self, action: PlannedAction, unmet: Conditions) -> str:
         """The robot of the action whose ``(available ?robot)`` does not hold; the bridges keep that fact."""
-        named = {value.lower() for _, value in action.parameters} & self._robots
+        named = {value.lower() for _, value in action.parameters if value.lower() in self._robots}
         lacking = [atom.arguments[0] for atom in unmet.positive if _is_available(atom)]
         return next((robot for robot in lacking if robot.lower() in named), "")
+
+    def _meet(self, word: RobotHost) -> None:
+        admission = self._robots.admit(word.robot.lower(), sender_of(word), time.monotonic())
+        if admission.refusal:
+            rospy.logwarn(admission.refusal)
 
     def seconds_silent(self, operator: str) -> Optional[float]:
         """Seconds since the operator's interface announced itself."""
@@ -219,15 +222,18 @@ class DispatchTopics(DispatchEnvironment):
         self._alarm.set(when)
 
     def changed(self, report: DispatchReport) -> None:
-        """Publishes the status while a dispatch runs; the end is told when the goals have been checked.
+        """Publishes the status while a dispatch runs; the end is published after the goals have been checked.
 
-        Lets go of what runs no more: an interface that did not answer stops by itself.
+        Leases what runs, and lets go of what runs no more: an interface that did not answer stops by itself.
         """
-        running = {action.id for action in report.running}
-        for action_id in [found for found in self._leased if found not in running]:
-            self._lease.release(self._goal(self._leased.pop(action_id)))
+        running = {self._goal(action) for action in report.running}
         if report.state in (DispatchState.RUNNING, DispatchState.CANCELLING):
-            self.tell_status(report)
+            running.add(f"{self.plan_id}/plan")  # between two actions the client must see its life, too
+        if running != self._leased:
+            self._lease.exchange(running - self._leased, self._leased - running, self.owner_key)
+            self._leased = running
+        if report.state in (DispatchState.RUNNING, DispatchState.CANCELLING):
+            self.report_status(report)
         self._on_change()
 
     def _goal(self, action: PlannedAction) -> str:
@@ -244,31 +250,22 @@ class DispatchTopics(DispatchEnvironment):
             dispatch_time=action.time,
         )
 
-    def tell_status(self, report: DispatchReport) -> None:
+    def report_status(self, report: DispatchReport) -> None:
         """Publishes how a dispatch stands; one that has ended is idle."""
         with self._telling:
-            self._told = report
+            self._reported = report
             self._publish_status(report)
 
-    def tell_again(self) -> None:
+    def repeat_status(self) -> None:
         """Publishes the last status with the breakpoints as they are now; from any thread."""
         with self._telling:
-            self._publish_status(self._told)
+            self._publish_status(self._reported)
 
     def _publish_status(self, report: DispatchReport) -> None:
         status = DispatchStatus(
             state=_WIRE_STATES.get(report.state, DispatchStatus.IDLE),
             plan_id=self.plan_id,
-            running=[
-                RunningAction(
-                    action_id=action.id,
-                    plan_id=self.plan_id,
-                    name=action.name,
-                    parameters=[KeyValue(key=label, value=value) for label, value in action.parameters],
-                    dispatched=self._dispatched.get(action.id, rospy.Time()),
-                )
-                for action in report.running
-            ],
+            running=[self._running(action) for action in report.running],
             steps_done=report.steps_done,
             steps_total=report.steps_total,
             failed_action=str(report.failed_action) if report.failed_action is not None else "",
@@ -281,6 +278,19 @@ class DispatchTopics(DispatchEnvironment):
         )
         status.header.stamp = rospy.Time.now()
         publish(self._status, status)
+
+    def _running(self, action: PlannedAction) -> RunningAction:
+        """A running action as the status names it; called with the lock of the status."""
+        shown = self._shown.get(action.id)
+        if shown is None:
+            shown = self._shown[action.id] = RunningAction(
+                action_id=action.id,
+                plan_id=self.plan_id,
+                name=action.name,
+                parameters=[KeyValue(key=label, value=value) for label, value in action.parameters],
+                dispatched=self._dispatched.get(action.id, rospy.Time()),
+            )
+        return shown
 
 
 def _is_available(atom: PlanTerm) -> bool:

@@ -28,7 +28,7 @@ class EsterelPlanDispatcher(PlanDispatcher):
     publishes_feedback = False
 
     def __init__(self, scope: str = SCOPE) -> None:
-        self._drawer: Optional[PlanGraphDrawer] = None  # plans may arrive before the rest is there
+        self._drawer: Optional[PlanGraphDrawer] = None  # plans may arrive before the other fields are set
         self._bounds, self._fraction = False, 0.0
         super().__init__(scope)
         self._bounds = bool(self.param("timeout_actions", False))
@@ -58,7 +58,7 @@ class EsterelPlanDispatcher(PlanDispatcher):
         return schedule
 
     def received(self, plan: EsterelPlan) -> None:
-        """Has a plan drawn that has just come, unless one runs."""
+        """Draws a plan that has just come, unless one runs."""
         with self._state:
             idle = self._dispatch is None
         if idle and self._drawer is not None:

@@ -6,7 +6,6 @@ import traceback
 from typing import Any, Optional, Type
 
 import rospy
-from merlin_msgs.msg import KnowledgeChanges
 from merlin_msgs.srv import Breakpoints as BreakpointsSrv
 from rosplan_dispatch_msgs.msg import (
     ActionFeedback,
@@ -16,7 +15,6 @@ from rosplan_dispatch_msgs.msg import (
     NonBlockingDispatchResult,
 )
 from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceRequest, DispatchServiceResponse
-from rosplan_knowledge_msgs.msg import StatusUpdate
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
 from merlin_pddl.breakpoints import Breakpoints
@@ -29,18 +27,20 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchLimits,
     DispatchReport,
     DispatchState,
+    Event,
     Feedback,
     FeedbackStatus,
-    KnowledgeChanged,
     Tick,
 )
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError, Schedule
 from merlin_rosplan.dispatcher.dispatch_owner import DispatchOwner
 from merlin_rosplan.dispatcher.dispatch_settler import DispatchSettler
 from merlin_rosplan.dispatcher.dispatch_topics import OWN_MARK, SHUTDOWN_DEADLINE, DispatchTopics
+from merlin_rosplan.dispatcher.knowledge_events import KnowledgeEvents
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component, caller
 from merlin_rosplan.transport.handover import Handover
+from merlin_rosplan.transport.service_server import after_answer
 from merlin_sm.breakpoint_service import BreakpointService
 
 SCOPE = "rosplan_plan_dispatcher"
@@ -60,14 +60,15 @@ class PlanDispatcher(Component):
 
     def __init__(self, scope: str = SCOPE) -> None:
         super().__init__(scope)
-        self._state = threading.Condition()  # guards the fields down to _goal
+        self._state = threading.Condition()  # guards the fields down to _unwanted
         self._plan: Optional[Any] = None
         self._fresh = False
         self._failure = ""  # of the last dispatch
         self._dispatch: Optional[PlanDispatch] = None
         self._busy = False
-        self._ending = False  # the end of a dispatch is told, and moments later it is not busy any more
+        self._ending = False  # the end of a dispatch is published shortly before it is no longer busy
         self._goal: Optional[ServerGoal] = None
+        self._unwanted = False  # cancelled before there was a dispatch to stop
         self._limits = DispatchLimits(
             acknowledge=limit(self.number("ack_timeout", 2.0, 0.0)),
             accept=limit(self.number("accept_timeout", 10.0, 0.0)),
@@ -95,10 +96,7 @@ class PlanDispatcher(Component):
         self._owner = self.own(DispatchOwner(self.scope, lose_owner_after))
         feedback_topic = str(self.param("action_feedback_topic", "action_feedback"))
         self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback)  # no answer may be dropped
-        self._changes = self.subscriber(
-            f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes
-        )
-        self.subscriber(f"{self.knowledge_base}/status/update", StatusUpdate, self._receive_update)
+        KnowledgeEvents(self, self._put)
         self._plan_topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
         self._plans = self.own(Handover.receiver(self._plan_topic, self._receive_plan))
         self.subscriber(self._plan_topic, self.plan_class, self._plans.from_topic, queue_size=1)
@@ -163,7 +161,10 @@ class PlanDispatcher(Component):
     def _serve_cancel(self, _: EmptyRequest) -> EmptyResponse:
         with self._state:
             dispatch = self._dispatch
-        if dispatch is None:
+            self._unwanted = begins = self._busy and dispatch is None
+        if begins:
+            rospy.loginfo("%s: cancel_dispatch: the plan is not begun", self.scope)
+        elif dispatch is None:
             rospy.loginfo("%s: cancel_dispatch: nothing is dispatched", self.scope)
         else:
             # As in ROSPlan the answer is not news of the end: that comes from dispatch_plan.
@@ -177,11 +178,19 @@ class PlanDispatcher(Component):
         ).start()
 
     def _run_goal(self, goal: ServerGoal, is_free: bool) -> None:
-        refusal = "" if is_free else self._take_over(goal)
-        if refusal:
-            goal.reject(NonBlockingDispatchResult(), refusal)
-            return
+        try:
+            refusal = "" if is_free else self._take_over(goal)
+            if refusal:
+                goal.reject(NonBlockingDispatchResult(), refusal)
+            else:
+                self._dispatch_goal(goal)
+        except Exception as error:  # the client gets its answer all the same
+            rospy.logerr("%s: %s", self.scope, traceback.format_exc())
+            goal.abort(NonBlockingDispatchResult(), f"{type(error).__name__}: {error}")
+
+    def _dispatch_goal(self, goal: ServerGoal) -> None:
         self._owner.begin("")
+        self._server.tell_owner(goal)  # what changed while the dispatcher was another goal's
         goal.accept()
         report = self._run()
         text = report.reason or "every action succeeded"
@@ -225,8 +234,8 @@ class PlanDispatcher(Component):
     def _occupy(self, goal: Optional[ServerGoal], wait: bool = False) -> bool:
         """Makes the dispatcher busy; False when it is.
 
-        :param wait: for the end of a dispatch that is being cancelled. One that has told its end is always
-            waited for: a client that hears of it may call at once.
+        :param wait: for the end of a dispatch that is being cancelled. A published end is always
+            waited for: a client that reads it may call at once.
         """
         patience = self._limits.cancel
         with self._state:
@@ -237,6 +246,7 @@ class PlanDispatcher(Component):
                 return False
             self._busy = True
             self._goal = goal
+            self._unwanted = False
             return True
 
     def _run(self) -> DispatchReport:
@@ -246,17 +256,14 @@ class PlanDispatcher(Component):
                 report = self._run_plan()
             except PlanError as error:
                 report = DispatchReport(DispatchState.FAILED, str(error))
-            except Exception as error:  # the caller gets its answer, and the dispatcher goes on
+            except Exception as error:  # the caller gets its answer, and the dispatcher continues
                 rospy.logerr("%s: %s", self.scope, traceback.format_exc())
                 report = DispatchReport(DispatchState.FAILED, f"{type(error).__name__}: {error}")
-            told = self._judged(report)
+            judged = self._judged(report)
             with self._state:
                 self._ending = True
-            self._topics.tell_status(told)
-            log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
-            log("%s: %s: %s", self.scope, report.state.name, report.reason)
-            if report.success and told.reason:
-                rospy.logwarn("%s: every action succeeded, but %s", self.scope, told.reason)
+            self._topics.report_status(judged)
+            after_answer(lambda: self._log(report, judged))
         finally:
             self._owner.end()
             with self._state:
@@ -264,7 +271,13 @@ class PlanDispatcher(Component):
                 self._busy = self._ending = False
                 self._state.notify_all()
                 self._failure = report.reason if report.state == DispatchState.FAILED else ""
-        return told
+        return judged
+
+    def _log(self, report: DispatchReport, judged: DispatchReport) -> None:
+        log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
+        log("%s: %s: %s", self.scope, report.state.name, report.reason)
+        if report.success and judged.reason:
+            rospy.logwarn("%s: every action succeeded, but %s", self.scope, judged.reason)
 
     def _run_plan(self) -> DispatchReport:
         plan = self._take_plan()
@@ -274,9 +287,9 @@ class PlanDispatcher(Component):
         )
         with self._state:
             self._dispatch = dispatch
-            goal = self._goal
+            goal, unwanted = self._goal, self._unwanted
         # A cancel before this point found no dispatch to stop.
-        if self.closed or (goal is not None and goal.cancel_requested):
+        if self.closed or unwanted or (goal is not None and goal.cancel_requested):
             dispatch.cancel("cancelled before it began")
         self._owner.attach(dispatch, self._topics.owner_key)
         try:
@@ -296,12 +309,15 @@ class PlanDispatcher(Component):
             return self._plan
 
     def _judged(self, report: DispatchReport) -> DispatchReport:
-        """A report with the truth about the goals; why a success is none becomes its reason."""
+        """A report whose success is checked against the goals; its reason says why it does not count."""
         try:
             unmet = tuple(self._knowledge.unmet_goals())
             reason = f"these goals do not hold: {', '.join(unmet)}" if unmet else ""
         except PlanKnowledgeError as error:
             unmet, reason = (), f"whether the goals hold is not known: {error}"
+        except Exception as error:  # a goal of another knowledge base may be what no text can say
+            rospy.logerr("%s: %s", self.scope, traceback.format_exc())
+            unmet, reason = (), f"whether the goals hold is not known: {type(error).__name__}: {error}"
         return dataclasses.replace(
             report,
             reason=reason if report.success else report.reason,
@@ -339,35 +355,16 @@ class PlanDispatcher(Component):
         if goal is not None:
             goal.feedback(NonBlockingDispatchFeedback(feedback=message))
 
-    def _receive_changes(self, message: KnowledgeChanges) -> None:
-        with self._state:
-            dispatch = self._dispatch
-        if dispatch is None:
-            return
-        if message.cleared:
-            dispatch.put(KnowledgeChanged())
-            return
-        names = {
-            item.attribute_name.lower()
-            for items in (message.added, message.removed, message.changed)
-            for item in items
-        }
-        dispatch.put(KnowledgeChanged(frozenset(names)))
-
-    def _receive_update(self, _: StatusUpdate) -> None:
-        with self._state:
-            dispatch = self._dispatch
-        if dispatch is not None:
-            # A knowledge base that publishes the changes themselves says there what they were.
-            told = self._changes.get_num_connections() > 0
-            dispatch.put(KnowledgeChanged(frozenset() if told else None))
-
     def _breakpoints_changed(self) -> None:
-        self._topics.tell_again()
+        self._topics.repeat_status()
         self._tick()
 
     def _tick(self) -> None:
+        self._put(Tick())
+
+    def _put(self, event: Event) -> None:
+        """Passes an event to the dispatch that runs, if one does."""
         with self._state:
             dispatch = self._dispatch
         if dispatch is not None:
-            dispatch.put(Tick())
+            dispatch.put(event)

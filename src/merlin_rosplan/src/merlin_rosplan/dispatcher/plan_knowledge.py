@@ -11,10 +11,12 @@ from rosplan_knowledge_msgs.srv import GetAttributeService
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.formula import Comparison
+from merlin_pddl.knowledge import Fact
 from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.messages.domain_file import DomainFile
 from merlin_rosplan.messages.domain_messages import operator_message, read_operator
 from merlin_rosplan.messages.expression_messages import FormulaWriter
@@ -51,7 +53,7 @@ class PlanKnowledge:
         self._lists: Optional[bool] = None  # whether there is such a service
 
     def operator(self, name: str) -> ActionModel:
-        """One operator of the domain; one that it does not have is an error too."""
+        """An operator of the domain; an unknown name is an error."""
         local = Component.in_process(self._client.name)
         domain: Optional[Domain] = getattr(local, "domain", None)
         if domain is None or name.lower() not in domain.operators:
@@ -89,13 +91,10 @@ class PlanKnowledge:
 
     def false_of_each(self, asked: Sequence[Conditions]) -> List[Conditions]:
         """:meth:`false_of` for several actions, all in one call."""
-        items: List[KnowledgeItem] = []
-        for conditions in asked:
-            atoms = [atom for atom in conditions.positive + conditions.negative if atom.name != "="]
-            items += [fact(atom.name, *atom.arguments) for atom in atoms]
-            items += [comparison_item(entry.condition) for entry in conditions.comparisons]
-            items += [expression_item(str(entry)) for entry in conditions.expressions]
-        results = iter(self.query(items) if items else [])
+        store = None
+        if not any(conditions.comparisons or conditions.expressions for conditions in asked):
+            store = getattr(Component.in_process(self._client.name), "store", None)
+        results = iter(self._query_each(asked) if store is None else _look_up(store, asked))
 
         def holds(atom: PlanTerm) -> bool:
             return _equal(atom) if atom.name == "=" else next(results)
@@ -109,6 +108,14 @@ class PlanKnowledge:
             )
             for conditions in asked
         ]
+
+    def _query_each(self, asked: Sequence[Conditions]) -> List[bool]:
+        items: List[KnowledgeItem] = []
+        for conditions in asked:
+            items += [fact(atom.name, *atom.arguments) for atom in _stored(conditions)]
+            items += [comparison_item(entry.condition) for entry in conditions.comparisons]
+            items += [expression_item(str(entry)) for entry in conditions.expressions]
+        return self.query(items) if items else []
 
     def query(self, items: Sequence[KnowledgeItem]) -> List[bool]:
         """Whether each item is true now; negative facts are asked as positive ones and turned round."""
@@ -178,6 +185,19 @@ def _answer(call: Callable[[], _Answer]) -> _Answer:
         return call()
     except ServiceError as error:
         raise PlanKnowledgeError(str(error)) from error
+
+
+def _stored(conditions: Conditions) -> List[PlanTerm]:
+    """The atoms of some conditions that a knowledge base has to be asked for."""
+    return [atom for atom in conditions.positive + conditions.negative if atom.name != "="]
+
+
+def _look_up(store: KnowledgeStore, asked: Sequence[Conditions]) -> List[bool]:
+    """Whether the atoms of some conditions hold in a store of this process: nothing is made a message.
+
+    A start waits for it: with ten robots the messages took a tenth of the time from an end to the next start.
+    """
+    return store.query([Fact(atom.name, atom.arguments) for each in asked for atom in _stored(each)])
 
 
 def comparison_item(comparison: Comparison) -> KnowledgeItem:

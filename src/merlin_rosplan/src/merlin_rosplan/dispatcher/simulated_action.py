@@ -9,9 +9,9 @@ import rospy
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
+from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.transport.component import Component, ComponentError, run_component
-from merlin_rosplan.transport.ros_alarm import RosAlarm
 from merlin_sm.knowledge_client import KnowledgeError, knowledge_client
 
 SCOPE = "simulated_action"

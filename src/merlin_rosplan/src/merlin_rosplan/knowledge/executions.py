@@ -62,7 +62,7 @@ def open_executions(state: KnowledgeTables, owner: str = "") -> List[OpenExecuti
 class Executions:
     """Opens and closes executions inside a transaction.
 
-    Every method returns what is worth telling the caller, and raises :class:`UpdateRefused` when the request
+    Every method returns a sentence for the caller, and raises :class:`UpdateRefused` when the request
     is refused as a whole.
 
     :param transaction: takes the changes.
@@ -173,19 +173,19 @@ class Executions:
         counts: List[Count] = row.get("counts", [])
         specials = passed(row["since"], self._transaction.now, row.get("duration"))
         operator = find_operator(self._state, row["operator"])
-        told = [apply_continuous(self._transaction, operator, dict(row.get("parameters", ())), specials)]
+        notes = [apply_continuous(self._transaction, operator, dict(row.get("parameters", ())), specials)]
         if not declared and not counts:
-            told.append(self._restore(token, row))
-            return "; ".join(filter(None, told))
+            notes.append(self._restore(token, row))
+            return "; ".join(filter(None, notes))
         # An execution has to come to its end whatever happened to the objects it was about.
         possible = [literal for literal in declared if self._objects_exist(literal[1])]
         _bring_about(RecordedChanges(self._transaction), possible)
         failed = apply_counts(self._transaction, counts, specials)
         self._close(token, row["operator"])
         gone = [_text(literal) for literal in declared if literal not in possible]
-        told.append(f"not applied, because an object is gone: {', '.join(gone)}" if gone else "")
-        told.append(f"not applied, because there is no number: {', '.join(failed)}" if failed else "")
-        return "; ".join(filter(None, told))
+        notes.append(f"not applied, because an object is gone: {', '.join(gone)}" if gone else "")
+        notes.append(f"not applied, because there is no number: {', '.join(failed)}" if failed else "")
+        return "; ".join(filter(None, notes))
 
     # --- rows -----------------------------------------------------------------------------------
 
@@ -227,7 +227,7 @@ class Executions:
     # --- literals -------------------------------------------------------------------------------
 
     def _no_longer_running(self, token: str, row: _Row) -> None:
-        """Takes `while_running` back, except what another open execution needs: that one inherits it."""
+        """Undoes `while_running`; facts that another open execution needs pass on to that execution."""
         mine: List[Note] = []
         for note in row.get("running", []):
             heir = self._heir(token, note)
@@ -238,7 +238,7 @@ class Executions:
         take_back(self._transaction, mine)
 
     def _bequeath(self, note: Note, mine: StoredNote, heir: StoredNote) -> None:
-        running: List[Note] = heir.data["running"]  # type: ignore[assignment]
+        running: List[Note] = heir.data["running"]
         both = [note, *running] if mine.order < heir.order else [*running, note]
         self._transaction.note(self._state.executions, heir.name, {**heir.data, "running": both})
 

@@ -100,7 +100,7 @@ def _result(
 ) -> Any:
     objects: Dict[str, Tuple[str, ...]] = dict.fromkeys(state.objects(("object",)), ("object",))
     try:
-        node = read_expression(f"(+ 0 {text})")  # a single word is no expression
+        node = read_expression(f"(+ 0 {text})")  # a single word is not an expression
         value = Evaluator(state.domain, state, specials).number(
             _LooseReader(state.domain, objects).numeric(node, {})
         )
@@ -110,7 +110,7 @@ def _result(
 
 
 class _LooseReader(FormulaReader):
-    """Reads what was checked when the execution began; the types of objects do not matter any more."""
+    """Reads what was checked when the execution began; the types of objects no longer matter."""
 
     def types_of(self, term: str, scope: Mapping[str, Tuple[str, ...]]) -> Tuple[str, ...]:
         """Every type."""

@@ -21,7 +21,7 @@ from merlin_pddl.formula import (
     Preference,
     to_pddl,
 )
-from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance, Metric
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Metric, StoredGoal
 from merlin_pddl.text_reader import is_name, shortened, suggestion
 from merlin_pddl.type_hierarchy import OBJECT
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
@@ -38,7 +38,7 @@ class KnowledgeChecks:
     """Checks updates against a domain and the objects that exist.
 
     :param state: knows the domain and the objects.
-    :param warn: is told what is accepted and looks wrong: an object of another type than the domain declares.
+    :param warn: gets a sentence when an accepted item looks wrong: an object of an undeclared type.
     """
 
     def __init__(self, state: KnowledgeTables, warn: Callable[[str], None] = lambda text: None) -> None:
@@ -83,15 +83,15 @@ class KnowledgeChecks:
             raise UpdateRefused(f"the value of {item.text()} is {item.value}, no finite number")
         return FunctionValue(signature.name, args, item.value, item.since, item.op)
 
-    def goal(self, item: Goal) -> Goal:
+    def goal(self, item: StoredGoal) -> StoredGoal:
         """A goal that may be added.
 
         :raises UpdateRefused: it names something unknown.
         """
         if item.instance is not None:
-            return Goal(None, self.instance(item.instance), item.since)
+            return StoredGoal(None, self.instance(item.instance), item.since)
         assert item.condition is not None
-        return Goal(self._condition(item.condition), None, item.since)
+        return StoredGoal(self._condition(item.condition), None, item.since)
 
     def metric(self, item: Metric) -> Metric:
         """A metric that may be set.

@@ -1,11 +1,11 @@
 """The content of a knowledge base, without locks: tables, and the questions asked of them."""
 
-from typing import Any, Dict, List, Optional, Tuple, Union
+from typing import Any, Callable, Dict, List, Optional, Tuple, Union
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.evaluation import Evaluator, WorldState
 from merlin_pddl.formula import Atom, Condition
-from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance, Key, Metric, Row, Timed
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Key, Metric, Row, StoredGoal, Timed
 from merlin_rosplan.knowledge.knowledge_table import ArgumentTable, InstanceTable, Table
 
 
@@ -49,7 +49,7 @@ class KnowledgeTables(WorldState):
         self.facts: ArgumentTable[Fact] = ArgumentTable("fact")
         self.values: ArgumentTable[FunctionValue] = ArgumentTable("value")
         self.timed: Table[Timed] = Table("timed")
-        self.goals: Table[Goal] = Table("goal")
+        self.goals: Table[StoredGoal] = Table("goal")
         self.metric: Table[MetricRow] = Table("metric")
         self.sensed: Table[Note] = Table("sensed")
         self.executions: Table[Note] = Table("execution")
@@ -128,20 +128,30 @@ class KnowledgeTables(WorldState):
             found[lower] = (*found.get(lower, ()), instance.type_name.lower())
         return found
 
-    def evaluator(self) -> Evaluator:
-        """Evaluates formulas in this state as it is now."""
-        return Evaluator(self.domain, self)
+    def evaluator(self, between: Callable[[], None] = lambda: None) -> Evaluator:
+        """Evaluates formulas in this state as it is now.
 
-    def true(self, item: Union[Instance, Fact, FunctionValue, Condition]) -> bool:
-        """Whether something holds. An empty name or argument fits anything."""
+        :param between: as of :class:`Evaluator`.
+        """
+        return Evaluator(self.domain, self, between=between)
+
+    def true(
+        self,
+        item: Union[Instance, Fact, FunctionValue, Condition],
+        between: Callable[[], None] = lambda: None,
+    ) -> bool:
+        """Whether something holds. An empty name or argument fits anything.
+
+        :param between: as of :class:`Evaluator`.
+        """
         if isinstance(item, Instance):
             return self._instance_true(item)
         if isinstance(item, Fact):
-            return self._fact_true(item)
+            return self._fact_true(item, between)
         if isinstance(item, FunctionValue):
             key = item.key
             return next(self.values.match(key[0], key[1:]), None) is not None
-        return self.evaluator().holds(item)
+        return self.evaluator(between).holds(item)
 
     def _instance_true(self, item: Instance) -> bool:
         wanted = item.type_name.lower()
@@ -152,7 +162,7 @@ class KnowledgeTables(WorldState):
             return bool(types)
         return any(self.domain.types.is_a(actual.lower(), wanted) for actual in types)
 
-    def _fact_true(self, item: Fact) -> bool:
+    def _fact_true(self, item: Fact, between: Callable[[], None]) -> bool:
         name, *args = item.key
         if not name:
             return bool(self.facts.rows)
@@ -160,7 +170,8 @@ class KnowledgeTables(WorldState):
             return (args[0] == args[1]) != item.negative
         if "" not in args:
             atom = Atom(name, tuple(args))
-            true = self.evaluator().holds(atom) if name in self.domain.derived else self.holds(item.key)
+            derived = name in self.domain.derived
+            true = self.evaluator(between).holds(atom) if derived else self.holds(item.key)
             return true != item.negative
         some = any(not self.facts.rows[key].negative for key in self.facts.match(name, args))
         return some != item.negative

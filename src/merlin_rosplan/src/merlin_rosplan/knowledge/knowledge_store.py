@@ -14,14 +14,14 @@ from typing import Callable, Deque, Dict, Iterator, List, Optional, Sequence, Tu
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.formula import And, Atom, Condition, Exists, Forall, Not, Or
-from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance, Metric, Row, Timed
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Metric, Row, StoredGoal, Timed
 from merlin_pddl.problem import Problem
 from merlin_rosplan.knowledge.executions import OpenExecution, open_executions
 from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
-from merlin_rosplan.knowledge.transaction import Change, Item, Step, Transaction
+from merlin_rosplan.knowledge.transaction import Item, StateChange, Step, Transaction
 
-LONG = 500  # items of one question from which on it is asked of a copy
+LONG = 500  # items of one question from when it is asked of a copy
 
 
 class JournalError(UpdateRefused):
@@ -29,7 +29,7 @@ class JournalError(UpdateRefused):
 
 
 class Journal:
-    """Keeps what a store is told, beyond the life of the process."""
+    """Keeps a store's state beyond the life of the process."""
 
     def load(self) -> Tuple[int, List[Tuple[str, Row]]]:
         """Version and rows (with the kind of their table) of the last commit, in their order."""
@@ -54,7 +54,7 @@ class KnowledgeStore:
         everything.
     :param clock: now, in nanoseconds of ROS time.
     :param journal: where every transaction is written before it counts; its content is loaded first.
-    :param warn: is told what a strict store accepts although it looks wrong; must not block.
+    :param warn: gets a sentence when a strict store accepts what looks wrong; must not block.
 
     What the journal raises when it cannot be read is passed on.
     """
@@ -77,8 +77,8 @@ class KnowledgeStore:
         self._journal = journal
         self._next_order = 1
         self._due: List[Tuple[int, int]] = []  # heap of (time, key) of timed items, some of them gone
-        self._listeners: List[Callable[[Change], None]] = []
-        self._undelivered: Deque[Change] = deque()
+        self._listeners: List[Callable[[StateChange], None]] = []
+        self._undelivered: Deque[StateChange] = deque()
         self._delivery = threading.Lock()  # held while the listeners are called: keeps versions in order
         if journal is not None:
             try:
@@ -109,7 +109,7 @@ class KnowledgeStore:
 
     # --- changes --------------------------------------------------------------------------------
 
-    def listen(self, callback: Callable[[Change], None]) -> None:
+    def listen(self, callback: Callable[[StateChange], None]) -> None:
         """Calls back after every transaction that changed something, in the order of versions."""
         self._listeners.append(callback)
 
@@ -143,7 +143,7 @@ class KnowledgeStore:
             self._deliver()
 
     def _deliver(self) -> None:
-        # another thread may be telling this change already: its listeners are through when the lock is free
+        # another thread may be publishing this change: its listeners have returned when the lock is free
         with self._delivery:
             while self._undelivered:
                 change = self._undelivered.popleft()
@@ -166,7 +166,7 @@ class KnowledgeStore:
             for row in problem.timed:
                 transaction.add(row.item, transaction.now + row.at)
             for condition in problem.goals:
-                transaction.add_goal(Goal(condition))
+                transaction.add_goal(StoredGoal(condition))
             if problem.metric is not None:
                 transaction.set_metric(problem.metric)
 
@@ -184,7 +184,7 @@ class KnowledgeStore:
             return self._due[0][0] if self._due else None
 
     def fire_due(self, client: str = "") -> List[str]:
-        """Lets every timed item become true whose time has come; returns why some could not.
+        """Applies every timed item whose time has come; returns why some could not be applied.
 
         :raises JournalError: the journal cannot be written; what is due stays due.
         """
@@ -228,7 +228,7 @@ class KnowledgeStore:
             rows = self._state.timed.all()
         return [row for row in rows if not name or getattr(row.item, "name", "").lower() == name.lower()]
 
-    def goals(self) -> List[Goal]:
+    def goals(self) -> List[StoredGoal]:
         """All goals."""
         with self._lock:
             return self._state.goals.all()
@@ -279,8 +279,13 @@ class KnowledgeStore:
         with self._lock:
             return open_executions(self._state, owner)
 
-    def query(self, items: Sequence[Union[Item, Condition, None]]) -> List[bool]:
-        """Whether each of the items holds, all at the same moment; None never does."""
+    def query(
+        self, items: Sequence[Union[Item, Condition, None]], between: Callable[[], None] = lambda: None
+    ) -> List[bool]:
+        """Whether each of the items holds, all at the same moment; None never does.
+
+        :param between: called now and then while an answer takes long; what it raises ends the query.
+        """
         long = len(items) > LONG or any(self._searches(item) for item in items)
         with self._lock:
             if not long:
@@ -288,7 +293,7 @@ class KnowledgeStore:
             if self._copy is None:
                 self._copy = self._state.copy()
             state = self._copy
-        return [item is not None and state.true(item) for item in items]
+        return [item is not None and state.true(item, between) for item in items]
 
     def _searches(self, item: Union[Item, Condition, None]) -> bool:
         """Whether the time that an answer takes grows with the number of objects."""

@@ -9,7 +9,7 @@ from typing import Any, Callable, Dict, Generic, Iterator, List, Optional, Seque
 from merlin_pddl.knowledge import Instance, Key, Row
 
 R = TypeVar("R", bound=Row)
-T = TypeVar("T", bound="Table")
+T = TypeVar("T", bound="Table[Any]")
 
 
 class Table(Generic[R]):
@@ -33,7 +33,7 @@ class Table(Generic[R]):
         self.rows[key] = row
 
     def remove(self, key: Any) -> None:
-        """Drops a row that is there."""
+        """Drops an existing row."""
         del self.rows[key]
         self._leave(key)
 
@@ -223,6 +223,6 @@ class InstanceTable(Table[Instance]):
         return [self.rows[key] for key in self._made()[1].get(name, ())]
 
     def spelling(self, name: str) -> Optional[str]:
-        """An object (lower-case) as it was first written; None when there is none."""
+        """An object (lower-case) as it was first written; None when it is unknown."""
         keys = self._made()[1].get(name)
         return None if not keys else self.rows[next(iter(keys))].name

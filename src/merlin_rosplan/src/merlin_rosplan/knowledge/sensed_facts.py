@@ -71,12 +71,12 @@ def facts_of(predicate: str, result: Any, choices: Sequence[Sequence[str]]) -> D
 
 
 def _plain(value: Any) -> Any:
-    """numpy's bools and numbers are none of Python's."""
+    """Converts numpy's bools and numbers to Python's."""
     return value.item() if type(value).__module__ == "numpy" and not getattr(value, "shape", True) else value
 
 
 class SensedFacts:
-    """What was sensed last, and what of it the knowledge base has not been told. Not thread-safe."""
+    """What was sensed last, and what of it was not sent to the knowledge base. Not thread-safe."""
 
     def __init__(self) -> None:
         self._values: Dict[Fact, Value] = {}
@@ -91,18 +91,18 @@ class SensedFacts:
                 self._news.add(fact)
         return bool(self._news)
 
-    def forget_told(self, names: Iterable[str] = ()) -> bool:
+    def forget_sent(self, names: Iterable[str] = ()) -> bool:
         """Another client changed these predicates (none: all): they are sent again, if there are any."""
         wanted = {name.lower() for name in names}
         self._news |= {fact for fact in self._values if not wanted or fact[0].lower() in wanted}
         return bool(self._news)
 
     def take_news(self) -> Dict[Fact, Value]:
-        """What has to be told; counts as told from now on."""
+        """What has to be sent; counts as sent from now on."""
         news = {fact: self._values[fact] for fact in sorted(self._news)}
         self._news.clear()
         return news
 
     def keep_news(self, facts: Iterable[Fact]) -> None:
-        """Telling these did not work."""
+        """These could not be sent."""
         self._news |= set(facts)

@@ -10,10 +10,10 @@ from merlin_pddl.knowledge import (
     OPERATIONS,
     Fact,
     FunctionValue,
-    Goal,
     Instance,
     Metric,
     Row,
+    StoredGoal,
     Timed,
 )
 from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, UpdateRefused
@@ -24,7 +24,7 @@ Item = Union[Instance, Fact, FunctionValue]
 
 
 @dataclass
-class Change:
+class StateChange:
     """What one transaction changed, for listeners. Facts that turned round are removed and added."""
 
     version: int
@@ -32,8 +32,8 @@ class Change:
     added: List[Item] = field(default_factory=list)
     removed: List[Item] = field(default_factory=list)
     changed: List[FunctionValue] = field(default_factory=list)
-    goals_added: List[Goal] = field(default_factory=list)
-    goals_removed: List[Goal] = field(default_factory=list)
+    goals_added: List[StoredGoal] = field(default_factory=list)
+    goals_removed: List[StoredGoal] = field(default_factory=list)
     cleared: bool = False
 
 
@@ -73,7 +73,7 @@ class Transaction:
         self.steps.append((table, row.key, replacing, row))
 
     def drop(self, table: "Table[Any]", key: Any) -> None:
-        """Drops a row if it is there."""
+        """Drops a row if it exists."""
         row = table.get(key)
         if row is not None:
             table.remove(key)
@@ -133,7 +133,7 @@ class Transaction:
             self.put(self.state.instances, item)
 
     def add_fact(self, item: Fact) -> None:
-        """Adds a checked fact: one that is there stays, one of the opposite sign turns round."""
+        """Adds a checked fact: an existing one stays, one of the opposite sign changes its sign."""
         key = item.key
         known_key = key if "" not in key else next(self.state.facts.match(key[0], key[1:]), None)
         known = self.state.facts.get(known_key) if known_key is not None else None
@@ -174,7 +174,7 @@ class Transaction:
             self.put(self.state.values, changed, replacing=known)
 
     def remove(self, item: Item, at: int = 0) -> None:
-        """Removes knowledge; an empty name or argument fits anything. What is not there is no error.
+        """Removes knowledge; an empty name or argument fits anything. What does not exist is not an error.
 
         With a time that is still to come, the first timed item of exactly that time that fits; if there is
         none, what holds now.
@@ -208,8 +208,8 @@ class Transaction:
                 for key in table.mentioning(name):
                     self.drop(table, key)
 
-    def add_goal(self, goal: Goal) -> None:
-        """Adds a goal unless it is there.
+    def add_goal(self, goal: StoredGoal) -> None:
+        """Adds a goal unless it exists.
 
         :raises UpdateRefused: it names something unknown.
         """
@@ -218,7 +218,7 @@ class Transaction:
         if self.state.goals.get(checked.key) is None:
             self.put(self.state.goals, checked)
 
-    def remove_goal(self, goal: Goal) -> None:
+    def remove_goal(self, goal: StoredGoal) -> None:
         """Removes every goal that fits; an empty name or argument fits anything."""
         if not _has_wildcard(goal):
             self.drop(self.state.goals, goal.key)
@@ -255,7 +255,7 @@ class Transaction:
             self.put(table, Note(name, data), replacing=table.get(name))
 
     def fire(self, row: Timed) -> None:
-        """Lets a timed item become true now. A negative fact takes the positive one away, as in ROSPlan.
+        """Applies a timed item now. A negative fact takes the positive one away, as in ROSPlan.
 
         :raises UpdateRefused: it no longer fits: its objects are gone.
         """
@@ -265,14 +265,14 @@ class Transaction:
         else:
             self.add(row.item)
 
-    def change(self, version: int, client: str) -> Change:
+    def change(self, version: int, client: str) -> StateChange:
         """The net effect so far."""
-        found = Change(version, client, cleared=self.cleared)
+        found = StateChange(version, client, cleared=self.cleared)
         first: Dict[Tuple[str, Any], Any] = {}
         last: Dict[Tuple[str, Any], Any] = {}
         for table, key, before, after in self.steps:
             if key is None:
-                # watchers are told by `cleared`; what the transaction did before is gone with the rest
+                # watchers get `cleared`; what the transaction did before is gone with the rest
                 for kind, known in list(first):
                     if kind == table.kind:
                         first.pop((kind, known))
@@ -321,7 +321,7 @@ def key_fits(pattern: Tuple[str, ...], key: Tuple[str, ...]) -> bool:
     )
 
 
-def goal_fits(pattern: Goal, goal: Goal) -> bool:
+def goal_fits(pattern: StoredGoal, goal: StoredGoal) -> bool:
     """Whether a goal is what a pattern describes."""
     if pattern.instance is not None or goal.instance is not None:
         return (
@@ -337,7 +337,7 @@ def goal_fits(pattern: Goal, goal: Goal) -> bool:
     return wanted[1] == actual[1] and key_fits(_atom_key(wanted[0]), _atom_key(actual[0]))
 
 
-def _has_wildcard(goal: Goal) -> bool:
+def _has_wildcard(goal: StoredGoal) -> bool:
     if goal.instance is not None:
         return not goal.instance.name
     literal = goal.literal

@@ -1,4 +1,4 @@
-"""The domain of a knowledge base in another process, from the file it was told to read."""
+"""The domain of a knowledge base in another process, from the file that its parameter names."""
 
 import os
 import threading

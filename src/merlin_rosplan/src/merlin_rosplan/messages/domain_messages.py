@@ -1,4 +1,4 @@
-"""The domain as ROSPlan's messages tell it."""
+"""The domain in ROSPlan's messages."""
 
 from typing import Any, Dict, List, Tuple
 

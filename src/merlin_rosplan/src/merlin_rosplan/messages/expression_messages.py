@@ -8,21 +8,15 @@ from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase
 from merlin_pddl.domain import Domain
 from merlin_pddl.formula import Arithmetic, Atom, Comparison, Fluent, Number, Numeric, Special
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
+from merlin_sm.knowledge_text import COMPARISONS, OPERATORS
 
-_COMPARISONS = {
-    ">": DomainInequality.GREATER,
-    ">=": DomainInequality.GREATEREQ,
-    "<": DomainInequality.LESS,
-    "<=": DomainInequality.LESSEQ,
-    "=": DomainInequality.EQUALS,
-}
-_COMPARISON_NAMES = {number: name for name, number in _COMPARISONS.items()}
-_OPERATIONS = {"+": ExprBase.ADD, "-": ExprBase.SUB, "*": ExprBase.MUL, "/": ExprBase.DIV}
-_OPERATION_NAMES = {number: name for name, number in _OPERATIONS.items()}
+_COMPARISON_NAMES = {number: name for name, number in COMPARISONS.items()}
+_OPERATION_NAMES = {number: name for name, number in OPERATORS.items()}
 _SPECIALS = {"#t": ExprBase.HASHT, "total-time": ExprBase.TOTAL_TIME, "?duration": ExprBase.DURATION}
 _SPECIAL_NAMES = {number: name for name, number in _SPECIALS.items()}
 _NAMED_SPECIALS = ("total-cost", "is-violated")  # no number of their own: carried as functions
 _MAX_TOKENS = 10_000
+_DEEPEST = 100  # levels of a numeric expression
 
 
 class FormulaWriter:
@@ -77,14 +71,14 @@ class FormulaWriter:
         # operators of the messages take two operands: (+ a b c) becomes (+ (+ a b) c)
         tokens = self._tokens(value.parts[0])
         for part in value.parts[1:]:
-            operator = ExprBase(expr_type=ExprBase.OPERATOR, op=_OPERATIONS[value.op])
+            operator = ExprBase(expr_type=ExprBase.OPERATOR, op=OPERATORS[value.op])
             tokens = [operator, *tokens, *self._tokens(part)]
         return tokens
 
     def comparison(self, comparison: Comparison) -> DomainInequality:
         """The message of a comparison."""
         return DomainInequality(
-            comparison_type=_COMPARISONS[comparison.op],
+            comparison_type=COMPARISONS[comparison.op],
             LHS=self.expression(comparison.left),
             RHS=self.expression(comparison.right),
         )
@@ -126,14 +120,14 @@ def read_expression(message: ExprComposite, term: Callable[[KeyValue], str] = _o
     return stack[0]
 
 
-def _depth_exceeded(size: int, value: Numeric, limit: int = 100) -> bool:
-    """Whether an expression is nested more than `limit` deep; short ones cannot be."""
-    if size <= limit:
+def _depth_exceeded(size: int, value: Numeric) -> bool:
+    """Whether an expression is nested more than `_DEEPEST` levels deep; short ones cannot be."""
+    if size <= _DEEPEST:
         return False
     depth, level = 0, [value]
     while level:
         depth += 1
-        if depth > limit:
+        if depth > _DEEPEST:
             return True
         level = [part for node in level if isinstance(node, Arithmetic) for part in node.parts]
     return False

@@ -16,9 +16,9 @@ from merlin_pddl.knowledge import (
     SCALE_UP,
     Fact,
     FunctionValue,
-    Goal,
     Instance,
     Metric,
+    StoredGoal,
     Timed,
 )
 from merlin_pddl.problem_reader import parse_condition
@@ -35,6 +35,9 @@ _ASSIGNMENTS = {
     KnowledgeItem.AP_SCALE_DOWN: SCALE_DOWN,
 }
 _ASSIGNMENT_NUMBERS = {name: number for number, name in _ASSIGNMENTS.items()}
+
+#: Characters of an expression that is read: a million take about a second, and a robot waits for the answer.
+MAX_EXPRESSION = 1_000_000
 
 #: Gives all objects with their types; asked only when an item comes as text.
 Objects = Callable[[], Mapping[str, Tuple[str, ...]]]
@@ -71,15 +74,15 @@ class KnowledgeReader:
             return FunctionValue(message.attribute_name, args, message.function_value, since, op, labels)
         raise UpdateRefused(f"knowledge_type {kind} is not an instance, fact or function value")
 
-    def goal(self, message: KnowledgeItem, objects: Objects) -> Goal:
+    def goal(self, message: KnowledgeItem, objects: Objects) -> StoredGoal:
         """A goal: instance, fact, inequality, or an expression with PDDL text in `attribute_name`.
 
-        :raises UpdateRefused: it is none of them, or malformed.
+        :raises UpdateRefused: when its type is unknown, or it is malformed.
         """
         since = message.initial_time.to_nsec()
         if message.knowledge_type == KnowledgeItem.INSTANCE:
-            return Goal(None, Instance(message.instance_type, message.instance_name), since)
-        return Goal(self.condition(message, objects), None, since)
+            return StoredGoal(None, Instance(message.instance_type, message.instance_name), since)
+        return StoredGoal(self.condition(message, objects), None, since)
 
     def condition(self, message: KnowledgeItem, objects: Objects) -> Condition:
         """The condition that a fact, inequality or expression item states.
@@ -94,6 +97,10 @@ class KnowledgeReader:
             comparison = read_comparison(message.ineq)
             return Not(comparison) if message.is_negative else comparison
         if kind == KnowledgeItem.EXPRESSION and message.attribute_name:
+            if len(message.attribute_name) > MAX_EXPRESSION:
+                raise UpdateRefused(
+                    f"an expression of {len(message.attribute_name)} characters, more than {MAX_EXPRESSION}"
+                )
             try:
                 condition = parse_condition(message.attribute_name, self._domain, objects())
             except PddlError as error:
@@ -159,7 +166,7 @@ class KnowledgeWriter:
         message.initial_time = _time(row.at)
         return message
 
-    def goal(self, goal: Goal) -> KnowledgeItem:
+    def goal(self, goal: StoredGoal) -> KnowledgeItem:
         """A goal. One that is neither literal nor comparison is an EXPRESSION with its text."""
         literal, comparison = goal.literal, goal.comparison
         if goal.instance is not None:

@@ -13,6 +13,8 @@ from merlin_rosplan.dispatch.dispatch_schedule import PlanError
 from merlin_rosplan.dispatch.plan_graph import Node, NodeType, PlanGraph
 from merlin_rosplan.messages.plan_graph_messages import graph_from_message, graph_to_dot
 
+#: s of wall time between a change and its drawing: the dispatch goes first, and what it does is drawn at once
+DELAY = 0.03
 SMALL = 500  # edges: such a graph is drawn at every change, a larger one only when there is a subscriber
 
 
@@ -80,6 +82,7 @@ class PlanGraphDrawer(rospy.SubscribeListener):
             with self._changed:
                 while not self._dirty and not self._stopping:
                     self._changed.wait()
+                self._changed.wait_for(lambda: self._stopping, DELAY)
                 if self._stopping:
                     return
                 self._dirty = False

@@ -191,7 +191,7 @@ def _read_items(data: bytes, position: int, max_items: int) -> Tuple[int, List[W
     """The items of a list, or none of them and their number when they are too many."""
     (count,) = _LENGTH.unpack_from(data, position)
     position += _LENGTH.size
-    # An item is at least as long as this: a number that cannot be true is none to be told.
+    # An item has at least this length: a larger count cannot be true, and is not read.
     if count * _SHORTEST > len(data) - position:
         raise genpy.DeserializationError(f"{len(data) - position} bytes cannot hold {count} items")
     if 0 < max_items < count:
@@ -255,7 +255,7 @@ def bounded(service_class: Type[Any], max_items: int) -> Type[Any]:
 
 
 def refuse_too_many(request: Any) -> None:
-    """Lets the call of a request fail that was too long to be read.
+    """Fails the call of a request that is too long to be read.
 
     :raises rospy.ServiceException: it was.
     """

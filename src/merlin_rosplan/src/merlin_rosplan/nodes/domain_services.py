@@ -1,4 +1,4 @@
-"""The services of a knowledge base that tell the domain."""
+"""The services of a knowledge base that return the domain."""
 
 from typing import Callable, Dict
 
@@ -35,7 +35,7 @@ class DomainServices:
     """Offers ``domain/...`` below a component. The answers never change, so they are made once.
 
     :param component: offers the services.
-    :param domain: is told.
+    :param domain: is returned.
     :param sensed: whether a predicate is kept by the sensing interface.
     """
 

@@ -1,6 +1,6 @@
 """Goals that belong to a living client: the knowledge base removes them when that dies or hangs.
 
-The client holds a lease on ``<kb>/goals/lease`` while its goals are there. The id of the lease is a unique
+The client holds a lease on ``<kb>/goals/lease`` while its goals are stored. The id of the lease is a unique
 word, a blank, and the goals as PDDL text; so a lease says by itself what it is about, whatever comes first,
 the goals or their lease. Goals that no lease names stay until they are removed.
 """

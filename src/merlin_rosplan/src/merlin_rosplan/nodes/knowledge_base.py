@@ -28,7 +28,7 @@ from merlin_pddl.text_reader import PddlError, shortened
 from merlin_ros.health import OK, Health
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
-from merlin_rosplan.knowledge.transaction import Change
+from merlin_rosplan.knowledge.transaction import StateChange
 from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.messages.update_messages import UpdateReader
 from merlin_rosplan.messages.wire_items import AnyItem, UpdateArray, bounded, refuse_too_many
@@ -89,12 +89,12 @@ class KnowledgeBase(Component):
         self.service("update_constraints_oneof", KnowledgeUpdateServiceArray, self._oneof)
         self.service("update_sensed_predicates", SetNamedBool, self._sensed)
         self._refusals = Refusals()
-        self.service("last_refusal", Trigger, self._refusals.tell)
+        self.service("last_refusal", Trigger, self._refusals.answer)
         ExecutionServices(self, self.store, self._status)
         self._goal_leases = GoalLeases(self.scope, self.store, self._updates)
 
     def on_shutdown(self) -> None:
-        """Watches no owner any more, and closes the store."""
+        """Stops watching owners, and closes the store."""
         self._goal_leases.shutdown()
         self.store.close()
 
@@ -127,8 +127,8 @@ class KnowledgeBase(Component):
         except StateFileError as error:
             raise ComponentError(str(error)) from error
         if path:
-            # Decided once per launch: a respawned process goes on with the same file and what it holds, also
-            # at a master that was started anew, which has another /run_id or none.
+            # Decided once per launch: a respawned process continues with the same file, also at a master
+            # that was restarted, which has another /run_id or none.
             rospy.set_param(self.resolve("state_file"), path)
             if reset:
                 rospy.set_param(self.resolve("reset_state"), False)
@@ -154,7 +154,7 @@ class KnowledgeBase(Component):
         if not path:
             return
         if self.store.version:
-            rospy.loginfo("%s goes on with what its state file holds; %s is not read", self.scope, path)
+            rospy.loginfo("%s continues with the content of its state file; %s is not read", self.scope, path)
             return
         try:
             problem = read_problem(str(path), self.domain)
@@ -168,7 +168,7 @@ class KnowledgeBase(Component):
 
     # --- changes --------------------------------------------------------------------------------
 
-    def _publish_change(self, change: Change) -> None:
+    def _publish_change(self, change: StateChange) -> None:
         if not self._changes.get_num_connections():
             return
         write = self._writer
@@ -231,7 +231,7 @@ class KnowledgeBase(Component):
         return EmptyResponse()
 
     def _oneof(self, request: KnowledgeUpdateServiceArrayRequest) -> KnowledgeUpdateServiceArrayResponse:
-        """Keeps a group of which one is true; nothing reads it, in ROSPlan neither."""
+        """Stores a group of facts of which one is true. As in ROSPlan, no service uses it."""
         client = caller(request)
         try:
             with self.store.transaction(client) as transaction:

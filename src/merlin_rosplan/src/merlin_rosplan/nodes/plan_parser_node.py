@@ -43,7 +43,7 @@ class PlanParser(Component):
         topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
         self._plan = self.publisher(topic, self.plan_class, queue_size=1, latch=True)
         self._hand_over = self.own(Handover.sender(topic))
-        self.service(digest_service(topic), Trigger, self._hand_over.tell_digest)
+        self.service(digest_service(topic), Trigger, self._hand_over.answer_digest)
         self._planner_topic = self.resolve(str(self.param("planner_topic", "planner_output")))
         self._outputs = self.own(Handover.receiver(self._planner_topic, self._receive))
         self.subscriber(self._planner_topic, String, self._outputs.from_topic, queue_size=1)
@@ -51,7 +51,7 @@ class PlanParser(Component):
         self.service("parse_plan_from_file", ParsingService, self._serve_file)
 
     def on_shutdown(self) -> None:
-        """Lets a waiting call go."""
+        """Ends a waiting call."""
         with self._state:
             self._state.notify_all()
 
@@ -154,7 +154,7 @@ class EsterelPlanParser(PlanParser):
     plan_class = EsterelPlan
 
     def __init__(self, scope: str = SCOPE) -> None:
-        self._epsilon = self._full_graph_limit = 0.0  # a call may come before the rest is there
+        self._epsilon = self._full_graph_limit = 0.0  # a call may come before the other fields are set
         super().__init__(scope)
         self._epsilon = self.number("epsilon_time", 0.01, 0.0)
         self._full_graph_limit = self.number("full_graph_limit", 50, 0)

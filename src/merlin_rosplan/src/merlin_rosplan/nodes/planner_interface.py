@@ -5,8 +5,7 @@ import dataclasses
 import itertools
 import os
 import threading
-from pathlib import Path
-from typing import Any, Optional, Sequence, Set, Type
+from typing import Any, Callable, Optional, Sequence, Set, Type
 
 import rospy
 from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutFeedback, PlanWithoutResult
@@ -20,6 +19,7 @@ from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import get_param
+from merlin_ros.publishing import publish
 from merlin_rosplan.nodes.preview_service import PreviewService
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
@@ -58,9 +58,9 @@ class PlannerInterface(Component):
         topic = self.resolve(str(self.param("planner_topic", "planner_output")))
         self._output = self.publisher(topic, String, queue_size=1, latch=True)
         self._hand_over = self.own(Handover.sender(topic))
-        self.service(digest_service(topic), Trigger, self._hand_over.tell_digest)
+        self.service(digest_service(topic), Trigger, self._hand_over.answer_digest)
         self._status = self.publisher("planner_status", PlannerStatus, queue_size=10, latch=True)
-        self._tell(PlannerStatus(state=PlannerStatus.IDLE, reason="nothing planned yet"))
+        self._report(PlannerStatus(state=PlannerStatus.IDLE, reason="nothing planned yet"))
         self._problem_topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
         self._problems = self.own(Handover.receiver(self._problem_topic, self._receive_problem))
         self.subscriber(self._problem_topic, String, self._problems.from_topic, queue_size=1)
@@ -133,19 +133,25 @@ class PlannerInterface(Component):
         return PlanningServiceResponse(plan_found=outcome.solved)
 
     def _execute(self, goal: ServerGoal) -> None:
-        goal.feedback(PlanFeedback(current_phase="planning", current_status="RUNNING"))
-        self._end(goal, goal.goal, PlanResult, ())
+        feedback = PlanFeedback(current_phase="planning", current_status="RUNNING")
+        self._end(goal, goal.goal, PlanResult, (), feedback)
 
     def _execute_without(self, goal: ServerGoal) -> None:
-        goal.feedback(PlanWithoutFeedback(current_phase="planning", current_status="RUNNING"))
-        self._end(goal, goal.goal.plan, PlanWithoutResult, tuple(goal.goal.without))
+        feedback = PlanWithoutFeedback(current_phase="planning", current_status="RUNNING")
+        self._end(goal, goal.goal.plan, PlanWithoutResult, tuple(goal.goal.without), feedback)
 
     def _end(
-        self, goal: ServerGoal, wanted: PlanGoal, result_class: Type[Any], without: Sequence[str]
+        self,
+        goal: ServerGoal,
+        wanted: PlanGoal,
+        result_class: Type[Any],
+        without: Sequence[str],
+        feedback: Any,
     ) -> None:
         """Plans for a goal and answers it.
 
         :param without: see :class:`PlannerSettings`.
+        :param feedback: is published when the planner works.
         """
         request = PlanningServiceRequest(
             wanted.domain_path,
@@ -156,7 +162,7 @@ class PlannerInterface(Component):
         )
         if not (wanted.domain_path or wanted.problem_path or wanted.use_problem_topic):
             request = self._request_of_params()
-        outcome = self._plan(request, goal, without)
+        outcome = self._plan(request, goal, without, lambda: goal.feedback(feedback))
         result = result_class(result_status=outcome.state.name)
         text = outcome.reason
         if outcome.solved:
@@ -186,12 +192,13 @@ class PlannerInterface(Component):
         request: PlanningServiceRequest,
         goal: Optional[ServerGoal] = None,
         without: Sequence[str] = (),
+        on_begin: Callable[[], None] = lambda: None,
     ) -> PlanningOutcome:
         with self._planning_lock:
-            outcome = self._plan_one(request, goal, without)
+            outcome = self._plan_one(request, goal, without, on_begin)
         with self._state:
             self._last = outcome
-        self._tell(
+        self._report(
             PlannerStatus(
                 state=int(outcome.state),
                 reason=outcome.reason,
@@ -215,7 +222,11 @@ class PlannerInterface(Component):
         )
 
     def _plan_one(
-        self, request: PlanningServiceRequest, goal: Optional[ServerGoal], without: Sequence[str]
+        self,
+        request: PlanningServiceRequest,
+        goal: Optional[ServerGoal],
+        without: Sequence[str],
+        on_begin: Callable[[], None],
     ) -> PlanningOutcome:
         problem_path = request.problem_path
         if request.use_problem_topic:
@@ -242,9 +253,13 @@ class PlannerInterface(Component):
         # A cancel before this point found no planning to kill.
         if self.closed or (goal is not None and goal.cancel_requested):
             planning.cancel()
-        self._tell(PlannerStatus(state=PlannerStatus.RUNNING, reason=f"planning {problem_path}"))
+
+        def begun() -> None:
+            on_begin()
+            self._report(PlannerStatus(state=PlannerStatus.RUNNING, reason=f"planning {problem_path}"))
+
         try:
-            outcome = planning.run()
+            outcome = planning.run(begun)
         finally:
             with self._state:
                 self._current = self._current_goal = None
@@ -267,15 +282,23 @@ class PlannerInterface(Component):
             problem = self._problem
         if problem is None:
             raise ValueError(f"no problem was received on {self._problem_topic}")
-        path = Path(problem_path) if problem_path else Path(self._folder.name) / "problem.pddl"
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.{next(self._numbers)}")
+        # Not pathlib, as in Planning.
+        path = problem_path or os.path.join(self._folder.name, "problem.pddl")
         try:
-            temporary.write_text(problem)
-            temporary.replace(path)
+            if problem_path:
+                name = f".{os.path.basename(path)}.{os.getpid()}.{next(self._numbers)}"
+                temporary = os.path.join(os.path.dirname(path), name)
+                _write(temporary, problem)
+                os.replace(temporary, path)
+            else:
+                # Read by one planning after the other. To replace a file, ext4 writes the disk: 1 to 10 ms.
+                with contextlib.suppress(FileNotFoundError):
+                    os.unlink(path)
+                _write(path, problem)
         except OSError as error:  # also when the folder of this process goes away with its end
             what = error.strerror or error
             raise ValueError(f"{self.scope} ends, or cannot write the problem to {path}: {what}") from error
-        return str(path)
+        return path
 
     def _data_folder(self, data_path: str) -> Optional[str]:
         if not data_path:
@@ -291,9 +314,14 @@ class PlannerInterface(Component):
         path = get_param(f"{self.knowledge_base}/domain_path", "")
         return str(path or get_param("/rosplan/domain_path", ""))
 
-    def _tell(self, status: PlannerStatus) -> None:
+    def _report(self, status: PlannerStatus) -> None:
         status.header.stamp = rospy.Time.now()
-        self._status.publish(status)
+        publish(self._status, status)
+
+
+def _write(path: str, text: str) -> None:
+    with open(path, "w") as file:
+        file.write(text)
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 from merlin_pddl.domain import Domain
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_writer import ProblemWriteError, write_problem
+from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.nodes.world_reader import WorldReader
 from merlin_rosplan.transport.component import Component, ComponentError, run_component
@@ -40,12 +41,17 @@ class ProblemInterface(Component):
         topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
         self._hand_over = self.own(Handover.sender(topic))
         self._publisher = self.publisher(topic, String, queue_size=1, latch=True)
-        self.service(digest_service(topic), Trigger, self._hand_over.tell_digest)
+        self.service(digest_service(topic), Trigger, self._hand_over.answer_digest)
         self.service("problem_generation_server", Empty, self._generate)
         self.service("problem_generation_server_params", ProblemService, self._generate_with)
 
     def _path(self, wanted: str) -> str:
-        return wanted or str(self.param("problem_path", ""))
+        if wanted:
+            return wanted
+        try:
+            return str(get_param(self.resolve("problem_path"), ""))  # read anew each time, as ROSPlan does
+        except MasterSilent:  # and it was not set when there was a master
+            return ""
 
     def _generate(self, _request: EmptyRequest) -> EmptyResponse:
         try:
@@ -87,7 +93,7 @@ class ProblemInterface(Component):
 
 
 def _write(path: str, text: str) -> None:
-    """Writes a file in one step: a planner that is reading the old one goes on reading it."""
+    """Writes a file in one step: a planner that reads the old file is not disturbed."""
     folder = os.path.dirname(os.path.abspath(path))
     try:
         os.makedirs(folder, exist_ok=True)

@@ -26,7 +26,7 @@ class Refusals:
             if len(self._reasons) > KEPT:
                 self._reasons.popitem(last=False)
 
-    def tell(self, request: TriggerRequest) -> TriggerResponse:
+    def answer(self, request: TriggerRequest) -> TriggerResponse:
         """The answer of the service: the last refusal of the client that asks; no success without one."""
         with self._lock:
             reason = self._reasons.get(caller(request))

@@ -1,4 +1,4 @@
-"""ROSPlan's sensing interface: keeps facts and function values as topics and services tell them."""
+"""ROSPlan's sensing interface: updates facts and function values from topics and services."""
 
 import importlib.util
 import inspect
@@ -14,10 +14,10 @@ from merlin_msgs.msg import KnowledgeChanges
 from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
 from rosplan_knowledge_msgs.srv import SetNamedBool
 
+from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_rosplan.knowledge.sensed_facts import facts_of, is_wildcard, parameter_choices
 from merlin_rosplan.transport.component import Component, ComponentError, run_component
-from merlin_rosplan.transport.ros_alarm import RosAlarm
 from merlin_rosplan.transport.sensed_updater import LOG_PERIOD, SensedUpdater
 from merlin_sm.knowledge_client import knowledge_client
 
@@ -50,7 +50,7 @@ class Sensor:
 class SensingInterface(Component):
     """Sensors as ``~topics`` and ``~services`` configure them, with functions of the script ``~functions``.
 
-    News is told at once, in batches of at most ``~main_rate`` per second.
+    News is sent at once, in batches of at most ``~main_rate`` per second.
     """
 
     def __init__(self, scope: str = SCOPE) -> None:
@@ -65,7 +65,7 @@ class SensingInterface(Component):
             raise ComponentError(str(error)) from error
         self._script = self._load_script()
         self._mark_sensed()
-        self._teller = SensedUpdater(self._knowledge, period, self.scope)
+        self._updater = SensedUpdater(self._knowledge, period, self.scope)
         self._changes = self.subscriber(
             f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes
         )
@@ -79,7 +79,7 @@ class SensingInterface(Component):
 
     def on_shutdown(self) -> None:
         """Ends the thread that updates the knowledge base."""
-        self._teller.close()
+        self._updater.close()
 
     # --- configuration ------------------------------------------------------------------------------
 
@@ -111,7 +111,7 @@ class SensingInterface(Component):
             path = re.sub(r"\$\(find ([^)]+)\)", lambda found: packages.get_path(found.group(1)), path)
             spec = importlib.util.spec_from_file_location("sensing_functions", path)
             if spec is None or spec.loader is None:
-                raise ComponentError(f"{self.resolve('functions')}: {path} is no Python file")
+                raise ComponentError(f"{self.resolve('functions')}: {path} is not a Python file")
             script = importlib.util.module_from_spec(spec)
             script.get_kb_attribute = self._knowledge.propositions  # type: ignore[attr-defined]
             spec.loader.exec_module(script)
@@ -171,7 +171,7 @@ class SensingInterface(Component):
             return compile(expression, f"<operation of {predicate}>", "eval")
         except SyntaxError as error:
             raise ComponentError(
-                f"the operation of '{predicate}' is no Python expression: {error}"
+                f"the operation of '{predicate}' is not a Python expression: {error}"
             ) from error
 
     def _add_topic(self, predicate: str, entry: Dict[str, Any]) -> None:
@@ -200,7 +200,9 @@ class SensingInterface(Component):
         request = self._request(predicate, entry, service_class)
         period = self._required(predicate, entry, "time_between_calls")
         if isinstance(period, bool) or not isinstance(period, (int, float)) or not math.isfinite(period):
-            raise ComponentError(f"the sensor of '{predicate}': time_between_calls is {period!r}, no number")
+            raise ComponentError(
+                f"the sensor of '{predicate}': time_between_calls is not a number: {period!r}"
+            )
         proxy = ServiceProxy(str(self._required(predicate, entry, "service")), service_class, timeout=10.0)
 
         def call() -> None:
@@ -227,7 +229,7 @@ class SensingInterface(Component):
         scope[service_class._request_class.__name__] = service_class._request_class
         return lambda: eval(code, scope)
 
-    # --- sensing and telling --------------------------------------------------------------------------
+    # --- sensing and sending --------------------------------------------------------------------------
 
     def _sense(self, sensor: Sensor, message: Any, source: str) -> None:
         try:
@@ -237,12 +239,12 @@ class SensingInterface(Component):
             ]
             choices = parameter_choices(sensor.given, instances)
             facts = facts_of(sensor.predicate, sensor.evaluate(message, choices, source), choices)
-        except Exception as error:  # user code may raise anything; the other sensors go on
+        except Exception as error:  # user code may raise anything; the other sensors continue
             rospy.logerr_throttle_identical(
                 LOG_PERIOD, f"{self.scope}: sensing '{sensor.predicate}': {type(error).__name__}: {error}"
             )
             return
-        self._teller.sense(facts)
+        self._updater.sense(facts)
 
     def _receive_changes(self, message: KnowledgeChanges) -> None:
         if message.client == rospy.get_name():
@@ -250,22 +252,22 @@ class SensingInterface(Component):
         items = [*message.added, *message.removed, *message.changed]
         names = {item.attribute_name for item in items if item.attribute_name}
         if message.cleared:
-            self._teller.tell_again()
+            self._updater.send_again()
         elif names:
-            self._teller.tell_again(sorted(names))
+            self._updater.send_again(sorted(names))
         if any(item.knowledge_type == KnowledgeItem.INSTANCE for item in message.added):
-            self._teller.objects_appeared()
+            self._updater.objects_appeared()
 
     def _receive_update(self, message: StatusUpdate) -> None:
         # A knowledge base that publishes the changes themselves says more there.
         if message.last_update_client != rospy.get_name() and self._changes.get_num_connections() == 0:
-            self._teller.tell_again()
+            self._updater.send_again()
 
 
 def _takes_topic(function: Callable[..., Any]) -> bool:
     try:
         return len(inspect.signature(function).parameters) > 2
-    except (TypeError, ValueError):  # some builtins do not tell
+    except (TypeError, ValueError):  # some builtins have no signature
         return False
 
 

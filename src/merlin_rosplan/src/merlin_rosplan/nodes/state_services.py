@@ -1,6 +1,7 @@
-"""The services of a knowledge base that tell its state."""
+"""The services of a knowledge base that return its state."""
 
-from typing import Any
+import time
+from typing import Any, Callable
 
 import rospy
 from rosplan_knowledge_msgs.srv import (
@@ -30,12 +31,16 @@ from merlin_rosplan.messages.wire_items import (
 )
 from merlin_rosplan.transport.component import Component
 
+#: s of wall time that the answer to one ``query_state`` may take
+MAX_QUERY_TIME = 60.0
+
 
 class StateServices:
     """Offers ``state/...`` and ``query_state`` below a component."""
 
     def __init__(self, component: Component, store: KnowledgeStore, max_items: int) -> None:
         self._name = component.scope
+        self._max_query_time = component.number("max_query_time", MAX_QUERY_TIME, 0)
         self._store = store
         self._reader = KnowledgeReader(store.domain)
         self._writer = KnowledgeWriter(store.domain)
@@ -69,9 +74,25 @@ class StateServices:
 
     def _query(self, request: QueryRequest) -> QueryResponse:
         refuse_too_many(request)
-        results = self._store.query([self._asked(message) for message in request.knowledge])
+        asked = [self._asked(message) for message in request.knowledge]
+        results = self._store.query(asked, self._limit())
         false = [message for message, result in zip(request.knowledge, results) if not result]
         return QueryResponse(results, false)
+
+    def _limit(self) -> Callable[[], None]:
+        """Ends a query that takes too long, whose client may be gone: three quantifiers can take hours."""
+        end = time.monotonic() + self._max_query_time
+
+        def check() -> None:
+            if rospy.is_shutdown():
+                raise rospy.ServiceException("the knowledge base ends")
+            if self._max_query_time and time.monotonic() > end:
+                raise rospy.ServiceException(
+                    f"not answered within the {self._max_query_time:g} s of ~max_query_time: its quantifiers "
+                    "go through too many objects"
+                )
+
+        return check
 
     def _asked(self, message: AnyItem) -> Any:
         try:

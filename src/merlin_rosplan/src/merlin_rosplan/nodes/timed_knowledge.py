@@ -1,4 +1,4 @@
-"""Lets timed knowledge become true on time."""
+"""Applies timed knowledge on time."""
 
 import threading
 import time
@@ -9,7 +9,7 @@ from rospy.rostime import get_rostime_cond, is_wallclock
 
 from merlin_pddl.text_reader import shortened
 from merlin_rosplan.knowledge.knowledge_store import JournalError, KnowledgeStore
-from merlin_rosplan.knowledge.transaction import Change
+from merlin_rosplan.knowledge.transaction import StateChange
 
 RETRY = 1.0  # s of wall time before a state file that could not be written is tried again
 
@@ -33,7 +33,7 @@ class TimedKnowledge:
         self._thread = threading.Thread(target=self._run, name=f"{client} timed knowledge", daemon=True)
         self._thread.start()
 
-    def _wake(self, _change: Change) -> None:
+    def _wake(self, _change: StateChange) -> None:
         if self._store.next_due() != self._due:
             with self._time:
                 self._changed = True

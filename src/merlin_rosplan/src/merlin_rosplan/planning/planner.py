@@ -16,7 +16,7 @@ class PlannerSettings:
         ``+``; empty: kairos.
     :param fallback: use kairos when the command's program is missing.
     :param time_limit: running time for one planning, s; 0 means none. A ``timeout N`` in the command wins.
-    :param anytime: s that an engine may go on looking for a better plan after the last one; 0 takes the
+    :param anytime: s that an engine may continue looking for a better plan after the last one; 0 takes the
         first.
     :param check_input: check domain and problem before planning.
     :param memory_limit: MB for the planner and everything it starts, and of addresses for each; 0 means none.
@@ -57,7 +57,7 @@ class Attempt:
     """How an engine ended.
 
     :param planner: name of the engine.
-    :param state: SOLVED with candidate plans, else why there are none.
+    :param state: SOLVED with candidate plans, else why there is no plan.
     :param reason: one sentence; empty when SOLVED.
     :param plans: the one to prefer first. They may be cut off or wrong: the first that validates counts.
     """

@@ -42,6 +42,11 @@ class PlannerCommand:
                     return os.path.basename(word)
         return name
 
+    @property
+    def reads_problem(self) -> bool:
+        """Whether the problem is among its arguments: a script that prints a stored plan needs none."""
+        return any(match.group(1) == "PROBLEM" for match in _PLACEHOLDER.finditer(self.text))
+
     def program_path(self) -> Optional[str]:
         """Where the program is, None when it is missing or not executable."""
         return shutil.which(self.program)
@@ -70,7 +75,7 @@ class PlannerCommand:
 def parse_command(text: str) -> PlannerCommand:
     """Takes a command apart.
 
-    :raises PlannerCommandError: quotes do not match, there is no program, or PROBLEM is missing.
+    :raises PlannerCommandError: quotes do not match, or there is no program.
     """
     try:
         words = shlex.split(text)
@@ -97,8 +102,6 @@ def parse_command(text: str) -> PlannerCommand:
             break
     if index >= len(words):
         raise PlannerCommandError(f"planner command '{text}' names no program")
-    if not re.search(r"\bPROBLEM\b", text):
-        raise PlannerCommandError(f"planner command '{text}' lacks the placeholder PROBLEM")
     return PlannerCommand(text, words[index], limit)
 
 

@@ -14,8 +14,8 @@ class Engines(NamedTuple):
 
     :param commands: ``kairos`` or whole command lines, at most two.
     :param name: for messages.
-    :param limit: the longest time that a ``timeout N`` in a command grants, s; None where there is none.
-    :param warning: why an engine was left out.
+    :param limit: the longest time that a ``timeout N`` in a command grants, s; None: no limit.
+    :param warning: why an engine was left out, or does not see the problem.
     """
 
     commands: List[str]
@@ -38,6 +38,7 @@ def engines(text: str, fallback: bool) -> Engines:
     names: List[str] = []
     limits: List[float] = []
     missing: List[str] = []
+    warning = None
     for part in wanted:
         if part.lower() == KAIROS:
             if installed():
@@ -53,13 +54,14 @@ def engines(text: str, fallback: bool) -> Engines:
         if command.program_path() is None:
             missing.append(command.program)
             continue
+        if not command.reads_problem:
+            warning = f"planner command '{line}' lacks the placeholder PROBLEM: it plans without the problem"
         found.append(line)
         names.append(command.name)
         if command.limit is not None:
             limits.append(command.limit)
     if missing and not fallback:
         raise PlannerCommandError(f"the planner {missing[0]} is not installed")
-    warning = None
     if missing:
         if not found and not installed():
             raise PlannerCommandError(f"the planner {missing[0]} is not installed, and {MISSING}")

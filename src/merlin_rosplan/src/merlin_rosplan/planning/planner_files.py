@@ -1,4 +1,4 @@
-"""What a planner writes: how much it may be, and what is kept of it."""
+"""The output of a planner: how much it may write, and how much is kept."""
 
 import contextlib
 import os

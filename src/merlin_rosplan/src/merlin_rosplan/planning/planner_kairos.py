@@ -10,7 +10,9 @@ from typing import Any, List, Optional
 
 from merlin_pddl.checks.kairos_check import PlanValidator
 from merlin_pddl.plan_text import NO_DURATION, PlanStep, restore_case
+from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.planning.metric_goal import MetricGoal
+from merlin_rosplan.planning.plan_shortcuts import PlanShortcuts, has_detours
 from merlin_rosplan.planning.planner import Attempt, PlannerSettings, Task
 from merlin_rosplan.planning.planning_outcome import PlannerState
 
@@ -86,7 +88,8 @@ class KairosPlanner:
             first = _steps(plan)
             goal = MetricGoal.of(task.problem) if settings.anytime else None
             if goal is None:
-                return Attempt(KAIROS, PlannerState.SOLVED, "", [first])
+                plans = [_direct(task, first), first] if settings.anytime else [first]
+                return Attempt(KAIROS, PlannerState.SOLVED, "", plans)
             left = settings.time_limit - (time.monotonic() - began) if settings.time_limit else _DAY
             better = self._improved(kairos, domain, task, goal, first, min(left, settings.anytime))
             return Attempt(KAIROS, PlannerState.SOLVED, "", [better, first])
@@ -163,6 +166,17 @@ def _best_plan(search: Any) -> Optional[Any]:
             return search.next_plan(0.0) or best
 
 
+def _direct(task: Task, plan: Plan) -> Plan:
+    """A plan without detours; the plan itself where it has none."""
+    if not has_detours(plan):
+        return plan
+    try:
+        shortcuts = PlanShortcuts(task.domain, task.problem, PlanValidator(task.domain, task.problem))
+    except (ValueError, PddlError):  # the readers are stricter than kairos
+        return plan
+    return shortcuts.taken(restore_case(plan, task.problem))
+
+
 def _steps(plan: Any) -> List[PlanStep]:
     # An action without duration has the duration 0 in kairos.
     return [
@@ -174,5 +188,5 @@ def _steps(plan: Any) -> List[PlanStep]:
 def _why(messages: List[str]) -> str:
     """What kairos tried, in one line; hints that do not speak of the missing plan are left out."""
     texts = [" ".join(message.split()) for message in messages]
-    telling = [text for text in texts if text.startswith("no plan")] or texts
-    return "; ".join(text[len("no plan: ") :] if text.startswith("no plan: ") else text for text in telling)
+    decisive = [text for text in texts if text.startswith("no plan")] or texts
+    return "; ".join(text[len("no plan: ") :] if text.startswith("no plan: ") else text for text in decisive)

@@ -41,7 +41,7 @@ class PlannerProcess:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()  # guards the fields below; a kill never meets a reaped process
-        self._process: Optional[subprocess.Popen] = None
+        self._process: Optional[subprocess.Popen[bytes]] = None
         self._timed_out = False
         self._stopped = False
 

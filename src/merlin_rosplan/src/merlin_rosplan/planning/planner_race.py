@@ -11,7 +11,7 @@ from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.planning.planner import Attempt, Planner, Task
 from merlin_rosplan.planning.planning_outcome import PlannerState
 
-# Of engines that found no plan the first of these is told: what is certain before what is not.
+# Of engines that found no plan, the first state of this list is reported: certain ones first.
 _TOLD_FIRST = (
     PlannerState.UNSOLVABLE,
     PlannerState.NO_PLAN,
@@ -38,7 +38,7 @@ class Entry:
 class PlannerRace:
     """Runs engines, each in a thread and a folder of its own.
 
-    When one has a plan that validates, the others may go on for ``anytime`` s; when one has proved that
+    When one has a plan that validates, the others may continue for ``anytime`` s; when one has proved that
     there is no plan, they are stopped at once.
 
     :param planners: the engines.

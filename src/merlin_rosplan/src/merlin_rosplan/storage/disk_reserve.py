@@ -11,13 +11,11 @@ SIZE = 256 * 1024
 class DiskReserve:
     """A file that only takes space, and gives it back when it is needed.
 
-    :param path: of the file. A killed process leaves it, the next one goes on with it.
-    :param size: bytes.
+    :param path: of the file. A killed process leaves it, the next one continues with it.
     """
 
-    def __init__(self, path: str, size: int = SIZE) -> None:
+    def __init__(self, path: str) -> None:
         self._path = path
-        self._size = size
         self._file: Optional[int] = None
         self._held = False
 
@@ -28,7 +26,7 @@ class DiskReserve:
         try:
             if self._file is None:
                 self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-            os.posix_fallocate(self._file, 0, self._size)
+            os.posix_fallocate(self._file, 0, SIZE)
         except OSError:
             self._free()
             return False

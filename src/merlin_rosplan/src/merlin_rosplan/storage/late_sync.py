@@ -48,4 +48,4 @@ class LateSync:
             try:
                 os.fdatasync(self._file)
             except OSError as error:
-                _log.error("what was told last may be lost in a power cut: %s", error)
+                _log.error("the last changes may be lost in a power cut: %s", error)

@@ -4,7 +4,7 @@ import dataclasses
 from typing import Any, Dict, List, Optional, Tuple, Type
 
 from merlin_pddl import formula
-from merlin_pddl.knowledge import Fact, FunctionValue, Goal, Instance, Metric, Row, Timed
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Metric, Row, StoredGoal, Timed
 from merlin_rosplan.knowledge.knowledge_state import MetricRow, Note
 
 _FORMULAS: Dict[str, Type[Any]] = {
@@ -62,7 +62,7 @@ def encode_row(row: Row) -> List[Any]:
     if isinstance(row, Timed):
         kind = {Instance: "instance", Fact: "fact", FunctionValue: "value"}[type(row.item)]
         return [row.at, kind, encode_row(row.item)]
-    if isinstance(row, Goal):
+    if isinstance(row, StoredGoal):
         instance = None if row.instance is None else encode_row(row.instance)
         return [encode_formula(row.condition), instance, row.since]
     if isinstance(row, MetricRow):
@@ -101,7 +101,7 @@ def decode_row(kind: str, data: Any) -> Row:
         assert declared is None or isinstance(declared, Instance)
         if declared is None and condition is None:
             raise ValueError("a goal without a condition")
-        return Goal(decode_formula(condition), declared, _whole(since))
+        return StoredGoal(decode_formula(condition), declared, _whole(since))
     if kind == "metric":
         optimization, value = data
         return MetricRow(Metric(_text(optimization), decode_formula(value)))

@@ -182,7 +182,7 @@ class StateFile(Journal):
         except sqlite3.Error as error:
             raise OSError(f"{self._path}: {error}") from error
         if not ends:
-            self._reserve.hold()  # there is space again, if there was none
+            self._reserve.hold()  # the disk has space again
         if self._sync is not None and not journalled:
             self._sync.soon()
 

@@ -34,7 +34,7 @@ class StateLock:
         os.pwrite(self._file, f"{os.getpid()}\n".encode(), 0)
 
     def close(self) -> None:
-        """Lets another process in. A second call does nothing."""
+        """Releases the lock. A second call does nothing."""
         if self._file >= 0:
             os.close(self._file)
             self._file = -1

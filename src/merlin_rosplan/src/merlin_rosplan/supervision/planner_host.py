@@ -2,10 +2,13 @@
 
 import contextlib
 import json
+import os
+import select
 import socket
 import subprocess
 import sys
 import threading
+import time
 from typing import Any, Dict, List, Optional
 
 #: s within which a cancel is answered even when the supervising process does not answer
@@ -28,11 +31,15 @@ class PlannerHost:
         # The modules of this process, without a PYTHONPATH that planners written in Python would inherit.
         program = f"import sys; sys.path[:] = {sys.path!r}; from {_MODULE} import main; main()"
         command = [sys.executable, "-c", program, str(theirs.fileno())]
+        environment = dict(os.environ)
+        if environment.pop("RESPAWN_TUNED", ""):  # by scripts/respawn: it would slow down a search
+            environment.pop("GLIBC_TUNABLES", "")
         try:
             with theirs:
                 self._process = subprocess.Popen(
                     command,
                     pass_fds=[theirs.fileno()],
+                    env=environment,
                     stdin=subprocess.DEVNULL,
                     start_new_session=True,
                 )
@@ -78,14 +85,16 @@ class PlannerHost:
         timer.daemon = True
         timer.start()
 
-    def wait(self) -> Dict[str, Any]:
+    def wait(self, limit: Optional[float] = None) -> Dict[str, Any]:
         """How the planning ended.
 
-        :raises HostError: the process ended instead.
+        :param limit: s for the answer; None: as long as the process lives.
+        :raises HostError: the process ended instead, or hangs.
         """
+        end = None if limit is None else time.monotonic() + limit
         try:
             while True:
-                *lines, self._received = (self._received + self._receive()).split(b"\n")
+                *lines, self._received = (self._received + self._receive(end)).split(b"\n")
                 for line in lines:
                     answer: Dict[str, Any] = json.loads(line)
                     if answer["job"] == self._number:
@@ -100,7 +109,16 @@ class PlannerHost:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(CANCEL_LIMIT)
 
-    def _receive(self) -> bytes:
+    def _receive(self, end: Optional[float]) -> bytes:
+        if end is not None:
+            poll = select.poll()
+            poll.register(self._channel, select.POLLIN)
+            if not poll.poll(1000.0 * max(0.0, end - time.monotonic())):
+                self._lost.set()
+                raise HostError(
+                    f"the planner's supervising process {self.pid} does not answer: it hangs; another one is "
+                    "started for the next planning"
+                )
         try:
             received = self._channel.recv(65536)
         except OSError:

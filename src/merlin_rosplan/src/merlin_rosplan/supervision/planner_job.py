@@ -56,7 +56,7 @@ _PROBLEM = "(define (problem warm) (:domain warm) (:objects o - t) (:init) (:goa
 
 
 def warm_up() -> None:
-    """Does once what every planning does: a forked process pays for each page that it touches first."""
+    """Loads once what every planning needs: a forked process pays for each page that it touches first."""
     kairos_check.check_input(_DOMAIN, _PROBLEM, "", "")
     validator = kairos_check.PlanValidator(_DOMAIN, _PROBLEM)
     for plan in candidate_plans("0.000: (a o) [1.000]\n"):
@@ -68,7 +68,7 @@ def warm_up() -> None:
 
 
 def work(message: Dict[str, Any], folder: Path) -> Dict[str, Any]:
-    """Does a planning.
+    """Runs a planning.
 
     :param message: a :class:`PlannerJob` as a mapping; further keys are left alone.
     :param folder: of this planning.
@@ -118,8 +118,8 @@ def _plan(job: PlannerJob, folder: Path) -> Dict[str, Any]:
         fault = check()
         if fault is not None:
             return _outcome(PlannerState.INVALID, fault, KAIROS)
-        return _told(PlannerRace(planners, task).run(), keep_in, task)
-    return _told(PlannerRace(planners, task).run(check), keep_in, task)
+        return _answer_of(PlannerRace(planners, task).run(), keep_in, task)
+    return _answer_of(PlannerRace(planners, task).run(check), keep_in, task)
 
 
 def _read(path: str) -> str:
@@ -136,7 +136,7 @@ def _why(attempt: Attempt, task: Task) -> str:
     return f"{why} ({attempt.reason})" if found else f"{attempt.reason}; {why}"
 
 
-def _told(entry: Entry, keep_in: Optional[Path], task: Task) -> Dict[str, Any]:
+def _answer_of(entry: Entry, keep_in: Optional[Path], task: Task) -> Dict[str, Any]:
     attempt = entry.attempt
     if attempt.state != PlannerState.SOLVED:
         return _outcome(attempt.state, _why(attempt, task), attempt.planner)

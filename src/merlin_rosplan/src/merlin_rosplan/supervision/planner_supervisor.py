@@ -24,6 +24,7 @@ import signal
 import socket
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from pathlib import Path
@@ -50,7 +51,7 @@ Work = Callable[[Answer, Path], Answer]
 
 
 class _Child(NamedTuple):
-    """A child that waits for its job, its folder, and the socket that takes the job and tells of its end."""
+    """A child that waits for its job, its folder, and the socket that takes the job and closes at its end."""
 
     pid: int
     folder: str
@@ -208,6 +209,10 @@ class Supervisor:
                 shutil.rmtree(str(folder), ignore_errors=True)
                 os._exit(0)
             job = json.loads(text)
+            watch = threading.Thread(
+                target=_end_with_supervisor, args=(line, folder), name="end of the supervisor", daemon=True
+            )
+            watch.start()
             _limit(resource.RLIMIT_AS, job["memory_limit"])
             _limit(resource.RLIMIT_FSIZE, job["output_limit"])
             try:
@@ -223,6 +228,15 @@ class Supervisor:
             sys.stderr.flush()
             os._exit(1)
         os._exit(0)
+
+
+def _end_with_supervisor(line: socket.socket, folder: Path) -> None:
+    """In the child: ends it and what it has started when the supervising process is killed."""
+    with contextlib.suppress(OSError):
+        line.recv(1)  # nothing is sent: it returns when the other end closes
+    end_descendants(ENDING)
+    shutil.rmtree(str(folder), ignore_errors=True)
+    os._exit(1)
 
 
 def _answer(state: PlannerState, reason: str) -> Answer:
@@ -269,7 +283,7 @@ def main() -> None:
             supervisor.serve()
         finally:
             supervisor.close()
-            os._exit(0)  # kairos' bindings have much to tell at the end of an interpreter
+            os._exit(0)  # kairos' bindings print much at the end of an interpreter
 
 
 if __name__ == "__main__":

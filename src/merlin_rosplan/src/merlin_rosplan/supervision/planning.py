@@ -1,9 +1,9 @@
-"""A planning as a node sees it: asked for, cancelled from any thread, and told how it ended."""
+"""A planning as a node sees it: started, cancelled from any thread, and with a result."""
 
+import os
 import threading
 import time
-from pathlib import Path
-from typing import Optional
+from typing import Callable, Optional
 
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planner_command import PlannerCommandError
@@ -14,6 +14,9 @@ from merlin_rosplan.supervision.planner_job import PlannerJob
 
 #: s of running time, beyond the planner's, for reading and validating what it left
 READING = 5.0
+#: s of running time, beyond both, after which the supervising process counts as hung; it ends what it has
+#: started within some seconds
+HANGS = 10.0
 
 
 class Planning:
@@ -34,9 +37,11 @@ class Planning:
         hosts: Optional[PlannerHosts] = None,
     ) -> None:
         self._settings = settings
-        self._domain = Path(domain_path).absolute()
-        self._problem = Path(problem_path).absolute()
-        self._data = Path(data_path).absolute() if data_path else None
+        # Texts and no pathlib: that enters each part of a path into Python's table of names, which grows by
+        # half a megabyte in a node that plans often.
+        self._domain = os.path.join(os.getcwd(), domain_path)
+        self._problem = os.path.join(os.getcwd(), problem_path)
+        self._data = os.path.join(os.getcwd(), data_path) if data_path else ""
         self._hosts = hosts or PlannerHosts.of_process()
         self._lock = threading.Lock()  # guards the two fields below
         self._cancelled = False
@@ -50,11 +55,14 @@ class Planning:
             if self._host is not None:
                 self._host.cancel()
 
-    def run(self) -> PlanningOutcome:
-        """Plans and says how it ended; raises nothing."""
+    def run(self, on_begin: Callable[[], None] = lambda: None) -> PlanningOutcome:
+        """Plans and says how it ended; raises nothing.
+
+        :param on_begin: called once the planner works; not when it cannot begin.
+        """
         began = time.monotonic()
         try:
-            outcome = self._run()
+            outcome = self._run(on_begin)
         except PlannerCommandError as error:
             outcome = PlanningOutcome(PlannerState.CRASHED, str(error))
         except HostError as error:
@@ -64,11 +72,11 @@ class Planning:
             outcome.state, outcome.reason, outcome.plan, outcome.planner, time.monotonic() - began
         )
 
-    def _run(self) -> PlanningOutcome:
+    def _run(self, on_begin: Callable[[], None]) -> PlanningOutcome:
         for path in (self._domain, self._problem):
-            if "\0" in str(path):
+            if "\0" in path:
                 return PlanningOutcome(
-                    PlannerState.INVALID, f"cannot read {str(path)!r}: the path has a null byte"
+                    PlannerState.INVALID, f"cannot read {path!r}: the path has a null byte"
                 )
         settings = self._settings
         chosen = engines(settings.command, settings.fallback)
@@ -77,11 +85,11 @@ class Planning:
         if chosen.limit is not None:
             limit = chosen.limit if len(chosen.commands) == 1 else max(limit, chosen.limit)
         job = PlannerJob(
-            str(self._domain),
-            str(self._problem),
+            self._domain,
+            self._problem,
             chosen.commands,
             chosen.name,
-            str(self._data or ""),
+            self._data,
             limit,
             limit + READING if limit else 0.0,
             settings.anytime,
@@ -97,7 +105,8 @@ class Planning:
                     return PlanningOutcome(PlannerState.CANCELLED, "cancelled before it began")
                 host.begin(job._asdict())
                 self._host = host
-            answer = host.wait()
+            on_begin()
+            answer = host.wait(job.time_limit + HANGS if job.time_limit else None)
         finally:
             with self._lock:
                 self._host = None

@@ -8,10 +8,10 @@ import tempfile
 import time
 from pathlib import Path
 
-YOUNG = 60.0  # s; a folder is locked moments after it was made
+NEW = 60.0  # s within which a folder may not be locked yet
 
 
-class ScratchFolder(tempfile.TemporaryDirectory):
+class ScratchFolder(tempfile.TemporaryDirectory):  # type: ignore[type-arg]  # no generic on Python 3.8
     """A temporary folder. One whose process was killed is removed when the next of its kind is made.
 
     The process holds a lock on its folder, which the system releases with it.
@@ -26,7 +26,7 @@ class ScratchFolder(tempfile.TemporaryDirectory):
         fcntl.flock(self._lock, fcntl.LOCK_SH)
 
     def cleanup(self) -> None:
-        """Removes it, and what is in it."""
+        """Removes the folder with its contents."""
         super().cleanup()
         if self._lock >= 0:
             os.close(self._lock)
@@ -36,7 +36,7 @@ class ScratchFolder(tempfile.TemporaryDirectory):
 def _remove_left(kind: str) -> None:
     for folder in Path(tempfile.gettempdir()).glob(f"{kind}-*"):
         with contextlib.suppress(OSError):  # of another user, or another process removes it too
-            if folder.is_symlink() or time.time() - folder.stat().st_mtime < YOUNG:
+            if folder.is_symlink() or time.time() - folder.stat().st_mtime < NEW:
                 continue
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
             try:

@@ -1,1 +1,1 @@
-"""How components serve, hand over, wait and tell."""
+"""How components serve, hand over, wait and publish."""

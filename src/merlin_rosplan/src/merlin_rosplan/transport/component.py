@@ -30,7 +30,7 @@ def caller(request: Any) -> str:
 
 
 class ComponentError(Exception):
-    """A component cannot start; the text says what is wrong and what to do about it."""
+    """A component cannot start; the text names the mistake and the remedy."""
 
 
 class _ComponentType(type):
@@ -158,7 +158,7 @@ class Component(metaclass=_ComponentType):
         """How the component does, for ``/diagnostics``; must not block."""
         return Health()
 
-    # --- life -----------------------------------------------------------------------------------
+    # --- start and end --------------------------------------------------------------------------
 
     @property
     def closed(self) -> bool:
@@ -212,7 +212,7 @@ class Component(metaclass=_ComponentType):
 
 
 def run_components(node_name: str, make: Callable[[str], Any]) -> int:
-    """Runs components as a node until it is told to end.
+    """Runs components as a node until a signal or rospy ends it.
 
     :param node_name: default name of the node.
     :param make: gets the node's base name and makes the components; what it raises ends the node.

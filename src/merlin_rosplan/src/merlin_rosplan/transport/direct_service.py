@@ -22,7 +22,7 @@ _offers: Dict[str, _Offer] = {}  # resolved name -> the service that this proces
 
 
 def offer(service: rospy.Service, ended: threading.Event) -> None:
-    """Lets this process call a service of its own directly.
+    """Offers a service to this process without a connection.
 
     :param service: registered with the master already.
     :param ended: set when it is offered no more.

@@ -10,7 +10,7 @@ import hashlib
 import io
 import threading
 from collections import deque
-from typing import Any, Callable, ClassVar, Deque, Dict, List, Optional
+from typing import Any, Callable, ClassVar, Deque, Dict, List, NamedTuple, Optional
 
 import rospy
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
@@ -29,13 +29,22 @@ def digest_service(topic: str) -> str:
     return f"{topic}/digest"
 
 
+class Handed(NamedTuple):
+    """A message that was handed over."""
+
+    number: int
+    """Counts the messages of this process: a newer one has a larger number."""
+    message: Any
+
+
 class Handover:
     """The topics of this process whose receivers are served directly."""
 
     _lock: ClassVar[threading.Lock] = threading.Lock()  # guards the registers
-    _receivers: ClassVar[Dict[str, List[Receiver]]] = {}
+    _receivers: ClassVar[Dict[str, List["Subscription"]]] = {}
     _senders: ClassVar[Dict[str, int]] = {}
-    _last: ClassVar[Dict[str, Any]] = {}  # message handed over last
+    _last: ClassVar[Dict[str, "Handed"]] = {}  # message handed over last
+    _count = 0  # messages handed over so far
 
     @classmethod
     def sender(cls, topic: str) -> "Sender":
@@ -51,12 +60,23 @@ class Handover:
         A stage may be called while the next one of its process is still being made: what it has handed over
         before is received at once.
         """
+        subscription = Subscription(topic, receive)
         with cls._lock:
-            cls._receivers.setdefault(topic, []).append(receive)
+            cls._receivers.setdefault(topic, []).append(subscription)
             last = cls._last.get(topic)
         if last is not None:
-            receive(last)
-        return Subscription(topic, receive)
+            subscription.from_sender(last)
+        return subscription
+
+    @classmethod
+    def deliver(cls, topic: str, message: Any) -> None:
+        """Gives a message to every receiver of its topic, in the calling thread."""
+        with cls._lock:
+            cls._count += 1
+            handed = cls._last[topic] = Handed(cls._count, message)
+            subscriptions = list(cls._receivers.get(topic, ()))
+        for subscription in subscriptions:
+            subscription.from_sender(handed)
 
 
 class Sender:
@@ -69,19 +89,15 @@ class Sender:
     def hand_over(self, message: Any) -> None:
         """Gives the message to every receiver of this process, in the calling thread. Publish it after."""
         self._last = message
-        with Handover._lock:
-            Handover._last[self._topic] = message
-            receivers = list(Handover._receivers.get(self._topic, ()))
-        for receive in receivers:
-            receive(message)
+        Handover.deliver(self._topic, message)
 
-    def tell_digest(self, _: TriggerRequest) -> TriggerResponse:
+    def answer_digest(self, _: TriggerRequest) -> TriggerResponse:
         """Callback of :func:`digest_service`; success is whether there was a message."""
         last = self._last
         return TriggerResponse(last is not None, _digest(last) if last is not None else "")
 
     def shutdown(self) -> None:
-        """From now on the topic alone carries the messages."""
+        """Ends the direct handover; the topic alone carries the messages."""
         with Handover._lock:
             count = Handover._senders.get(self._topic, 0)
             if count > 1:
@@ -97,10 +113,19 @@ class Subscription:
     def __init__(self, topic: str, receive: Receiver) -> None:
         self._topic = topic
         self._receive = receive
+        self._order = threading.RLock()  # guards _newest, and keeps messages that are handed over in order
+        self._newest = 0  # number of the last one
         self._arrived = threading.Condition()  # guards _recent
         self._recent: Deque[Any] = deque(maxlen=RECENT)
         self._caught_up = ""  # the digest last waited for; only its caller's thread uses it
         self._sender: Optional[ServiceProxy] = None
+
+    def from_sender(self, handed: Handed) -> None:
+        """Receives what is handed over; drops what is older than the last one: two threads may hand over."""
+        with self._order:
+            if handed.number > self._newest:
+                self._newest = handed.number
+                self._receive(handed.message)
 
     def from_topic(self, message: Any) -> None:
         """Callback for a rospy.Subscriber of the topic: drops what was handed over already."""
@@ -116,7 +141,7 @@ class Subscription:
     def catch_up(self) -> None:
         """Waits for what a sender in another process has published and has not arrived; at most `IN_FLIGHT`.
 
-        A sender that cannot tell (the original's, a script's) is not waited for.
+        A sender without such a service (the original's, a script's) is not waited for.
         """
         with Handover._lock:
             if self._topic in Handover._senders:
@@ -139,9 +164,9 @@ class Subscription:
     def shutdown(self) -> None:
         """Receives no more."""
         with Handover._lock:
-            receivers = Handover._receivers.get(self._topic, [])
-            if self._receive in receivers:
-                receivers.remove(self._receive)
+            subscriptions = Handover._receivers.get(self._topic, [])
+            if self in subscriptions:
+                subscriptions.remove(self)
 
 
 def _digest(message: Any) -> str:

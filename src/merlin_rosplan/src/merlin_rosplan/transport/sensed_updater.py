@@ -13,6 +13,8 @@ from merlin_sm.knowledge_client import ADD, KnowledgeError, Update, fact, functi
 RETRY = 1.0  # s of wall time after the knowledge base did not take something
 LONGEST_RETRY = 32.0  # s; what it refuses again and again, a fact of an object that is gone, may wait
 LOG_PERIOD = 5.0  # s between two log lines with the same reason
+#: What a knowledge base does not take, and what users' sensors find that no message can carry.
+REFUSED = (KnowledgeError, ValueError, TypeError, OverflowError)
 
 
 class SensedUpdater:
@@ -43,10 +45,10 @@ class SensedUpdater:
             if self._facts.sense(facts):
                 self._wake()
 
-    def tell_again(self, names: Sequence[str] = ()) -> None:
+    def send_again(self, names: Sequence[str] = ()) -> None:
         """Another client changed these predicates; none: all of them."""
         with self._changed:
-            if self._facts.forget_told(names):
+            if self._facts.forget_sent(names):
                 self._wake()
 
     def objects_appeared(self) -> None:
@@ -56,7 +58,7 @@ class SensedUpdater:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Ends telling."""
+        """Ends sending."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -79,7 +81,7 @@ class SensedUpdater:
                 self._news = False
                 news = self._facts.take_news()
             began = time.monotonic()
-            self._note(news, self._tell(news))
+            self._note(news, self._send(news))
             with self._changed:
                 left = self._period - (time.monotonic() - began)
                 self._changed.wait_for(lambda: self._closed, max(0.0, left))
@@ -100,21 +102,21 @@ class SensedUpdater:
             elif not self._refused:
                 self._patience = RETRY
 
-    def _tell(self, news: Dict[Fact, Value]) -> Dict[Fact, Value]:
+    def _send(self, news: Dict[Fact, Value]) -> Dict[Fact, Value]:
         """Sends facts, one by one when they are refused together; returns those that were refused."""
         try:
             self._knowledge.update([_update(sensed, value) for sensed, value in news.items()])
             return {}
         except ServiceError as error:
             return self._gone(news, error)
-        except KnowledgeError as error:
+        except REFUSED as error:
             self._log(error)
         left = dict(news)
         for sensed, value in news.items() if len(news) > 1 else ():
             try:
                 self._knowledge.update([_update(sensed, value)])
                 del left[sensed]
-            except KnowledgeError:
+            except REFUSED:
                 continue
             except ServiceError as error:
                 return self._gone(left, error)

@@ -1,14 +1,14 @@
 """Services that answer every request, or close its connection; and a door that is not blocked by one client.
 
 rospy reads the greeting of one connection after the other, lets five more wait, and forgets a connection
-whose request it cannot decode: the client waits for ever.
+whose request it cannot decode: the client waits forever.
 """
 
 import contextlib
 import socket
 import struct
 import threading
-from typing import Any, Callable, Dict, List
+from typing import Any, Callable, Dict, List, Optional
 
 import rospy
 from rospy.exceptions import TransportException, TransportTerminated
@@ -26,6 +26,26 @@ MAX_REQUEST = 128 * 1024 * 1024
 _LENGTH = struct.Struct("<I")
 
 
+class _Serving(threading.local):
+    """What the calling thread does once the request that it serves is answered; None: it serves none."""
+
+    later: Optional[List[Callable[[], None]]] = None
+
+
+_serving = _Serving()
+
+
+def after_answer(call: Callable[[], None]) -> None:
+    """Has a function called behind the answer to the request that this thread serves.
+
+    For what a caller must not wait for: a line of a log. At once where the thread serves none.
+    """
+    if _serving.later is None:
+        call()
+    else:
+        _serving.later.append(call)
+
+
 class Service(rospy.Service):
     """A service whose connections end with an answer when a request of theirs cannot be decoded."""
 
@@ -35,7 +55,7 @@ class Service(rospy.Service):
             persistent = header.get("persistent", "").lower() in ("1", "true")
             while header.get("probe") != "1":
                 for request in self._receive(transport):
-                    self._handle_request(transport, request)
+                    self._answer(transport, request)
                 if not persistent:
                     break
         except TransportTerminated:
@@ -47,6 +67,16 @@ class Service(rospy.Service):
                 self._write_service_error(transport, f"the request cannot be read: {reason}")
         finally:
             transport.close()
+
+    def _answer(self, transport: Any, request: Any) -> None:
+        later: List[Callable[[], None]] = []
+        _serving.later = later
+        try:
+            self._handle_request(transport, request)
+        finally:
+            _serving.later = None
+            for call in later:
+                call()
 
     def _receive(self, transport: Any) -> List[Any]:
         """Waits for the next request.
@@ -133,5 +163,5 @@ class _Greeter:
 
 
 def _limit_receiving(connection: Any, seconds: float) -> None:
-    """Lets the kernel end each wait for bytes; 0 is no limit."""
+    """Limits each wait for bytes in the kernel; 0 means no limit."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", int(seconds), 0))

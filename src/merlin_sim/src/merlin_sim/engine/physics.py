@@ -1,29 +1,29 @@
 """The physical world: PyBullet without a window, filled from a world file."""
 
+import itertools
 import math
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from tempfile import NamedTemporaryFile
-from typing import Any, Dict, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
-from merlin_sim.engine.muted_output import muted_output
-
-with muted_output():  # the engine greets on standard output when it is imported
-    import pybullet
-    from pybullet_utils.bullet_client import BulletClient
-
 from merlin_reactive.pose import Pose
 from merlin_reactive.recognition.object_classes import PERSON
-from merlin_sim.engine.appearance import WALL, Appearance
-from merlin_sim.robot.camera import CAMERA_LINK, CameraModel, CameraPose
+from merlin_sim.engine.bullet import BASE, links_seen, load_robot, new_engine, place_of
+from merlin_sim.engine.muted_output import muted_output
+from merlin_sim.rendering.appearance import WALL, Parts, floor, parts_of
+from merlin_sim.rendering.shot import Shot
+from merlin_sim.robot.camera import CAMERA_LINK, Camera, CameraPose
 from merlin_sim.robot.drive import DriveGeometry
 from merlin_sim.world.world_model import Solid, World, WorldObject
 
+with muted_output():  # the engine greets on standard output when it is imported
+    import pybullet
+
 PhysicsError = pybullet.error
+_numbers = itertools.count(1)  # of the scenes of this process
 WHEEL_TORQUE = 12.0  # Nm
-LIGHT = (-1.0, -0.6, 2.0)  # where it comes from
 BURIED = -50.0  # m; where things are that are not there at the moment
 TOUCHES = (2, -3)  # the engine's own group and mask of what never moves by itself
 
@@ -34,11 +34,7 @@ class RobotBody:
     def __init__(self, engine: Any, urdf: str, start: Pose, geometry: DriveGeometry) -> None:
         self._engine = engine
         self._held: Optional[Tuple[float, float]] = None  # wheel angles while it stands
-        with NamedTemporaryFile("w", suffix=".urdf") as file:
-            file.write(urdf)
-            file.flush()
-            with muted_output():
-                self.body = engine.loadURDF(file.name, useFixedBase=False)
+        self.body = load_robot(engine, urdf)
         joints = {}
         self._camera: Optional[int] = None
         for index in range(engine.getNumJoints(self.body)):
@@ -125,15 +121,19 @@ class Physics:
     """
 
     def __init__(self, world: World, step: float) -> None:
-        with muted_output():
-            self._engine = BulletClient(pybullet.DIRECT)
+        self._engine = new_engine()
+        self._number = next(_numbers)
+        self._seen: List[Tuple[int, int]] = []  # bodies, and their links
+        self._looks: List[Parts] = []  # of those
         self._engine.setGravity(0, 0, -9.81)
         self._engine.setTimeStep(step)
         self._engine.setPhysicsEngineParameter(numSolverIterations=50)
-        self._appearance = Appearance(self._engine)
-        floor = self._engine.createCollisionShape(pybullet.GEOM_PLANE)
-        ground = self._engine.createMultiBody(0, floor, self._appearance.floor(world.bounds()))
+        # What is seen is drawn elsewhere. Without it the engine makes a mesh of each shape: 8 MB for a plane.
+        self._speck = self._engine.createVisualShape(pybullet.GEOM_BOX, halfExtents=[0.001, 0.001, 0.001])
+        plane = self._engine.createCollisionShape(pybullet.GEOM_PLANE)
+        ground = self._engine.createMultiBody(0, plane, self._speck)
         self._engine.changeDynamics(ground, -1, lateralFriction=1.0, restitution=0.0)
+        self._enter(ground, floor(world.bounds()))
         self._solids: Dict[str, int] = {}
         self._frozen: Set[str] = set()  # things with a mass that are not there
         self._untouchable: Set[str] = set()
@@ -153,7 +153,7 @@ class Physics:
     def add(self, solid: Solid, bottom: float = 0.0, kind: str = "", tag: Optional[int] = None) -> None:
         """Puts a thing into the world, `bottom` m above the floor; without mass robots cannot push it.
 
-        :param kind, tag: what it looks like, see :meth:`merlin_sim.engine.appearance.Appearance.of`.
+        :param kind, tag: what it looks like, see :func:`.appearance.parts_of`.
         """
         if solid.radius is not None:
             shape = self._engine.createCollisionShape(
@@ -163,16 +163,17 @@ class Physics:
             assert solid.size is not None
             half = [solid.size[0] / 2, solid.size[1] / 2, solid.height / 2]
             shape = self._engine.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
-        body = self._engine.createMultiBody(solid.mass, shape, self._appearance.of(solid, kind, tag))
+        body = self._engine.createMultiBody(solid.mass, shape, self._speck)
         self._engine.changeDynamics(body, -1, lateralFriction=0.5, restitution=0.0)
         self._solids[solid.name] = body
+        self._enter(body, parts_of(solid, kind, tag))
         self._put(body, solid.pose, bottom + solid.height / 2)
 
     def put_solid(self, solid: Solid, there: bool, bottom: float = 0.0) -> None:
         """Moves a thing to where it is said to stand, or out of the world."""
         body = self._solids[solid.name]
         if solid.mass and there == (solid.name in self._frozen):
-            # Without a mass it does not fall for ever.
+            # Without a mass it does not fall forever.
             self._engine.changeDynamics(body, -1, mass=solid.mass if there else 0.0)
             self._frozen ^= {solid.name}
         self._put(body, solid.pose, bottom + solid.height / 2 if there else BURIED)
@@ -203,33 +204,33 @@ class Physics:
 
     def add_robot(self, urdf: Path, start: Pose, geometry: DriveGeometry) -> RobotBody:
         """Adds a robot."""
-        return RobotBody(self._engine, _massive_part(urdf), start, geometry)
+        robot = RobotBody(self._engine, _massive_part(urdf), start, geometry)
+        for link, parts in links_seen(self._engine, robot.body):
+            self._enter(robot.body, parts, link)
+        return robot
 
-    def picture(self, model: CameraModel, pose: CameraPose) -> np.ndarray:
-        """What a camera sees now: height x width x 3, RGB, 0..255."""
-        _, _, pixels, _, _ = self._engine.getCameraImage(
-            model.width,
-            model.height,
-            viewMatrix=pose.view_matrix(),
-            projectionMatrix=model.projection_matrix(),
-            shadow=0,
-            lightDirection=LIGHT,
-            lightAmbientCoeff=0.7,
-            lightDiffuseCoeff=0.4,
-            lightSpecularCoeff=0.0,
-            renderer=pybullet.ER_TINY_RENDERER,
-            flags=pybullet.ER_NO_SEGMENTATION_MASK,
+    def shot(self, camera: Camera, pose: CameraPose, tick: int) -> Shot:
+        """What a camera sees now, for a picture that is made elsewhere."""
+        return Shot(
+            scene=self._number,
+            looks=tuple(self._looks),
+            places=np.array([place_of(self._engine, body, link) for body, link in self._seen]),
+            camera=camera,
+            pose=pose,
+            tick=tick,
         )
-        return np.reshape(np.asarray(pixels, dtype=np.uint8), (model.height, model.width, 4))[:, :, :3]
 
     def step(self) -> None:
-        """Lets one step of time pass."""
+        """Simulates one step."""
         self._engine.stepSimulation()
 
     def close(self) -> None:
         """Gives the engine back."""
         self._engine.disconnect()
-        self._appearance.close()
+
+    def _enter(self, body: int, look: Parts, link: int = BASE) -> None:
+        self._seen.append((body, link))
+        self._looks.append(look)
 
     def _put(self, body: int, pose: Pose, height: float) -> None:
         turn = self._engine.getQuaternionFromEuler([0, 0, pose.yaw])

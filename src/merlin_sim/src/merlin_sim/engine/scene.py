@@ -1,4 +1,4 @@
-"""Where everything in a simulated world is now, and the only one to move it.
+"""Where everything in a simulated world is now; only this class moves it.
 
 The physics engine pushes what has a mass; this follows, and takes along what stands on it or on a robot.
 """
@@ -41,7 +41,7 @@ class PlacedObject:
 
 
 class Scene:
-    """The things of a world: what is there, where, and what goes along with what.
+    """The things of a world: their poses, and which thing carries which.
 
     :param robots: by what they are called here; see :data:`ROBOT`.
     """
@@ -52,9 +52,7 @@ class Scene:
         self.outlines = ScanOutlines(LASER_HEIGHT)
         self.movable = [solid.name for solid in world.furniture + world.unmapped if solid.mass]
         self.furniture: Dict[str, Solid] = {}  # where it is now, or was when it went
-        self._there: Dict[
-            str, Solid
-        ] = {}  # all that stands on the floor and is there, but robots and objects
+        self._there: Dict[str, Solid] = {}  # all present things on the floor, but robots and objects
         self.objects: Dict[str, PlacedObject] = {}
         for solid in [*world.furniture, *world.unmapped]:
             self.furniture[solid.name] = solid

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, List
+from typing import TYPE_CHECKING, Dict, List, Optional
 
 import numpy as np
 
@@ -12,11 +12,15 @@ from merlin_sim.engine.physics import Physics
 from merlin_sim.engine.scene import ROBOT, Scene
 from merlin_sim.engine.world_control import WorldControl
 from merlin_sim.engine.world_events import WorldEvents
-from merlin_sim.robot.camera import CAMERA_LINK, Camera, CameraError, CameraModel
+from merlin_sim.rendering.shot import Shot
+from merlin_sim.robot.camera import CAMERA_LINK, Camera, CameraError, CameraModel, CameraPose
 from merlin_sim.robot.drive import BaseController, DriveGeometry, DriveLimits, OdometryNoise, WheelOdometry
 from merlin_sim.robot.lidar import Lidar, LidarModel
 from merlin_sim.world.world_model import World
 from merlin_sim.world.world_places import ROBOT_RADIUS
+
+if TYPE_CHECKING:
+    from merlin_sim.rendering.picture_engine import PictureEngine
 
 PHYSICS_RATE = 100  # steps per simulated second
 ODOMETRY_EVERY = 5  # steps
@@ -39,7 +43,7 @@ class RobotSpec:
     command_timeout: float = 0.5  # s
 
 
-class SimulatedRobot:
+class WorldRobot:
     """A robot's body, base controller, odometry, laser and camera."""
 
     def __init__(self, spec: RobotSpec, physics: Physics, urdf: Path, seed: int) -> None:
@@ -79,13 +83,14 @@ class Simulation:
         self.world = world
         self.tick = 0  # physics steps so far; everything random is indexed by it
         self.physics = Physics(world, 1.0 / PHYSICS_RATE)
-        self.robots: Dict[str, SimulatedRobot] = {
-            spec.name: SimulatedRobot(spec, self.physics, urdf, seed) for spec in specs
+        self.robots: Dict[str, WorldRobot] = {
+            spec.name: WorldRobot(spec, self.physics, urdf, seed) for spec in specs
         }
 
         bodies = {name or ROBOT: robot.body for name, robot in self.robots.items()}
         self.scene = Scene(world, self.physics, bodies)
         self.control = WorldControl(world, self.scene)
+        self._pictures: Optional[PictureEngine] = None  # of this process
         self._events = WorldEvents(world, self.scene.put_solid)
 
     @property
@@ -99,7 +104,7 @@ class Simulation:
         return any(robot.base.neglected(self.time) for robot in self.robots.values())
 
     def step(self) -> None:
-        """Lets one physics step pass."""
+        """Simulates one physics step."""
         now = self.time
         for robot in self.robots.values():
             robot.drive(now)
@@ -114,7 +119,7 @@ class Simulation:
             self._events.step(self.time, places, ROBOT_RADIUS)
             self.control.step(self.time, ODOMETRY_EVERY / PHYSICS_RATE)
 
-    def scan(self, robot: SimulatedRobot) -> np.ndarray:
+    def scan(self, robot: WorldRobot) -> np.ndarray:
         """What the robot's laser sees now, m."""
         others = [
             (pose.x, pose.y, ROBOT_RADIUS)
@@ -124,16 +129,33 @@ class Simulation:
         ]
         return robot.lidar.scan(robot.body.pose(), self.scene.outlines, others, self.tick)
 
-    def picture(self, robot: SimulatedRobot) -> np.ndarray:
-        """What the robot's camera sees now: height x width x 3, RGB, 0..255. Takes tens of milliseconds.
+    def shot(self, robot: WorldRobot) -> Shot:
+        """What the robot's camera sees now, for a picture that is made while the simulation continues.
 
         :raises CameraError: its description has no camera.
         """
-        pose = robot.body.camera_pose()
-        if pose is None:
-            raise CameraError(f"the robot's description has no link {CAMERA_LINK} with a mass")
-        return robot.camera.expose(self.physics.picture(robot.spec.camera, pose), self.tick)
+        return self.physics.shot(robot.camera, _camera_pose(robot), self.tick)
+
+    def picture(self, robot: WorldRobot) -> np.ndarray:
+        """What the robot's camera sees now: height x width x 3, RGB, 0..255. Takes its time.
+
+        :raises CameraError: its description has no camera.
+        """
+        from merlin_sim.rendering.picture_engine import PictureEngine  # 45 MB; the node does without
+
+        if self._pictures is None:
+            self._pictures = PictureEngine()
+        return self._pictures.expose(self.shot(robot))
 
     def close(self) -> None:
-        """Gives the physics engine back."""
+        """Gives the engines back."""
         self.physics.close()
+        if self._pictures is not None:
+            self._pictures.close()
+
+
+def _camera_pose(robot: WorldRobot) -> CameraPose:
+    pose = robot.body.camera_pose()
+    if pose is None:
+        raise CameraError(f"the robot's description has no link {CAMERA_LINK} with a mass")
+    return pose

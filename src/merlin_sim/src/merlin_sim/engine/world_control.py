@@ -58,7 +58,7 @@ class WorldControl:
         return list(self._people.values())
 
     def step(self, now: float, elapsed: float) -> None:
-        """Lets people walk on; `elapsed` s have passed since the last call."""
+        """Moves people on their walks by `elapsed` s."""
         for walker in self._people.values():
             did = (walker.state, walker.waits_for)
             if walker.step(now, elapsed):
@@ -103,7 +103,7 @@ class WorldControl:
         sit: bool = False,
         yaw: Optional[float] = None,
     ) -> int:
-        """Lets a person walk; an empty path stops.
+        """Starts a walk of a person; an empty path stops.
 
         :param speed: m/s; 0: the person's own.
         :param sit: sits down at the end.
@@ -292,7 +292,7 @@ class WorldControl:
         self._scene.put_solid(walker.solid, walker.state is not WalkState.ABSENT, walker.bottom)
 
     def _is_new(self, name: str) -> bool:
-        """Whether nothing has this name; a name that could not be one is refused."""
+        """Whether the name is free; a malformed name is refused."""
         if not NAME.match(name):
             raise ChangeRefused(f"{name!r} is not a name: a letter, then letters, digits, _ and -")
         scene = self._scene

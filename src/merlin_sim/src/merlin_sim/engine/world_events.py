@@ -26,7 +26,7 @@ class WorldEvents:
         self._pending: List[WorldEvent] = list(world.events)
 
     def step(self, now: float, robots: List[Point], robot_radius: float) -> None:
-        """Does what is due at a time, s."""
+        """Applies the events that are due at a time, s."""
         waiting: Set[str] = set()  # doors, whose later events wait as well
         for event in [event for event in self._pending if event.at <= now]:
             door = event.door if isinstance(event, DoorEvent) else ""

@@ -17,7 +17,8 @@ class Pacer:
     def __init__(self, factor: float) -> None:
         self._changed = threading.Condition()  # guards the fields below
         self._factor = factor
-        self._paused = False
+        self._paused = False  # whether a pause was asked for
+        self._stepping = False  # whether a step that was due is under way
         self._stopped = False
         self._due: Optional[float] = None  # monotonic time at which the next step is due
         self._measured_from = (time.monotonic(), 0.0)
@@ -30,8 +31,8 @@ class Pacer:
 
     @property
     def paused(self) -> bool:
-        """Whether time stands still."""
-        return self._paused
+        """Whether time stands still: the step under way when a pause was asked for has ended."""
+        return self._paused and not self._stepping
 
     def set_factor(self, factor: float) -> None:
         """Changes the factor from the next step on."""
@@ -41,11 +42,12 @@ class Pacer:
             self._changed.notify_all()
 
     def set_paused(self, paused: bool) -> None:
-        """Stops time, or lets it go on."""
+        """Pauses time, or lets it run. A pause waits for the step under way; the loop must not call this."""
         with self._changed:
             self._paused = paused
             self._due = None
             self._changed.notify_all()
+            self._changed.wait_for(lambda: not (self._paused and self._stepping) or self._stopped)
 
     def stop(self) -> None:
         """Ends every wait, now and later."""
@@ -55,6 +57,8 @@ class Pacer:
 
     def wait(self, step: float, limit: float = math.inf) -> bool:
         """Waits until the next step of `step` simulated seconds is due; False when it was stopped.
+
+        After True the caller carries the step out and calls :meth:`step_ended`.
 
         :param limit: factor that this step must not exceed.
         """
@@ -72,9 +76,16 @@ class Pacer:
                     if pace < math.inf:
                         self._due += step / pace
                     self._simulated += step
+                    self._stepping = True
                     return True
                 self._changed.wait(left)
             return False
+
+    def step_ended(self) -> None:
+        """The step that was due has been carried out."""
+        with self._changed:
+            self._stepping = False
+            self._changed.notify_all()
 
     def achieved(self) -> float:
         """The factor really achieved since the last call."""

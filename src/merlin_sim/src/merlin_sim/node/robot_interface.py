@@ -1,8 +1,10 @@
 """The ROS side of one simulated robot: commands in; odometry, transforms and sensors out."""
 
 import math
-from typing import List, Optional, Tuple
+from concurrent.futures import Future
+from typing import List, NamedTuple, Optional
 
+import numpy as np
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Twist
 from nav_msgs.msg import Odometry
@@ -12,8 +14,10 @@ from merlin_reactive.pose import Pose
 from merlin_reactive.prompt_publisher import PromptPublisher
 from merlin_reactive.ros_messages import pose_message, transform
 from merlin_ros.publishing import publish
-from merlin_sim.engine.simulation import ODOMETRY_EVERY, PHYSICS_RATE, SimulatedRobot, Simulation
+from merlin_sim.engine.simulation import ODOMETRY_EVERY, PHYSICS_RATE, Simulation, WorldRobot
+from merlin_sim.node.pending_pictures import PendingPictures
 from merlin_sim.node.sensor_messages import camera_info, image_message
+from merlin_sim.rendering.shot import PictureError
 from merlin_sim.robot.camera import CameraError
 from merlin_sim.robot.truth_localization import TruthLocalization, map_to_odom
 
@@ -22,20 +26,42 @@ JOINTS_PERIOD = 20  # 5 Hz, for rviz only
 POSE_PERIOD = 50  # 2 Hz, amcl's habit
 
 
+class Capture(NamedTuple):
+    """A picture that is being made.
+
+    :ivar pixels: height x width x 3, RGB, or a PictureError.
+    :ivar transforms: that place the camera at that moment, without those broadcast already.
+    """
+
+    pixels: "Future[np.ndarray]"
+    info: CameraInfo
+    transforms: List[TransformStamped]
+
+    def image(self) -> Image:
+        """The picture as a message; waits for it.
+
+        :raises PictureError: there is none.
+        """
+        return image_message(self.pixels.result(), self.info.header.frame_id, self.info.header.stamp)
+
+
 class RobotInterface:
     """Topics and frames of one robot, below its namespace.
 
     :param localization: makes map→odom; None when something else does.
+    :param pictures: where its pictures are made.
     :param camera_rate: pictures per s of simulated time, while there is a subscriber.
     """
 
     def __init__(
         self,
         simulation: Simulation,
-        robot: SimulatedRobot,
+        robot: WorldRobot,
         localization: Optional[TruthLocalization],
+        pictures: PendingPictures,
         camera_rate: float,
     ) -> None:
+        self._pictures = pictures
         self.attach(simulation, robot, localization)
         name = robot.spec.name
         topics = f"/{name}" if name else ""
@@ -51,7 +77,7 @@ class RobotInterface:
         self._commands = rospy.Subscriber(f"{topics}/cmd_vel", Twist, self._command, tcp_nodelay=True)
 
     def attach(
-        self, simulation: Simulation, robot: SimulatedRobot, localization: Optional[TruthLocalization]
+        self, simulation: Simulation, robot: WorldRobot, localization: Optional[TruthLocalization]
     ) -> None:
         """Speaks for another body from now on: the world began anew."""
         self._simulation = simulation
@@ -81,30 +107,37 @@ class RobotInterface:
             transforms += self._publish_picture(stamp)
         return transforms
 
-    def picture(self, stamp: rospy.Time) -> Tuple[Image, CameraInfo, List[TransformStamped]]:
-        """What the camera sees now, and the transforms that place it, without those broadcast already.
+    def capture(self, stamp: rospy.Time) -> Capture:
+        """Has a picture made of what the camera sees now.
 
         :raises CameraError: the robot has no camera.
         """
-        pixels = self._simulation.picture(self._robot)
-        frame = self._prefix + "camera_optical_frame"
+        pixels = self._pictures.take(self._simulation.shot(self._robot), stamp)
+        info = camera_info(self._robot.spec.camera, self._prefix + "camera_optical_frame", stamp)
         # Between two beats of odometry, and while time stands still, nothing else says where the robot is.
         transforms = [] if self._placed_at == self._simulation.tick else self._transforms(stamp)
-        info = camera_info(self._robot.spec.camera, frame, stamp)
-        return image_message(pixels, frame, stamp), info, transforms
+        return Capture(pixels, info, transforms)
 
     def _publish_picture(self, stamp: rospy.Time) -> List[TransformStamped]:
-        """Publishes it when there is a subscriber; returns the transforms that are not broadcast yet."""
+        """Has it published when it is made, if there is a subscriber; returns the transforms to broadcast."""
         if not self._image.get_num_connections():
             return []
         try:
-            image, info, transforms = self.picture(stamp)
+            capture = self.capture(stamp)
         except CameraError as error:
             rospy.logwarn_once(f"merlin_sim: {error}")
             return []
+        capture.pixels.add_done_callback(lambda _: self._publish_image(capture))
+        return capture.transforms
+
+    def _publish_image(self, capture: Capture) -> None:
+        try:
+            image = capture.image()
+        except PictureError as error:
+            rospy.logwarn(f"no camera image: {error}")
+            return
         publish(self._image, image)
-        publish(self._info, info)
-        return transforms
+        publish(self._info, capture.info)
 
     def _publish_odometry(self, tick: int, stamp: rospy.Time) -> None:
         odometry = self._robot.odometry

@@ -11,10 +11,10 @@ from merlin_reactive.ros_messages import pose_message
 from merlin_sim.robot.camera import CameraModel
 
 
-def grid_message(grid: OccupancyGrid, frame: str, stamp: rospy.Time) -> GridMessage:
+def grid_message(grid: OccupancyGrid, stamp: rospy.Time) -> GridMessage:
     """A map as a message."""
     message = GridMessage()
-    message.header.frame_id, message.header.stamp = frame, stamp
+    message.header.frame_id, message.header.stamp = "map", stamp
     message.info.map_load_time = stamp
     message.info.resolution = grid.resolution
     message.info.height, message.info.width = grid.cells.shape

@@ -30,6 +30,7 @@ class SimParameters:
     localization: str
     pose_noise: PoseNoise
     camera_rate: float
+    camera_latency: float
 
 
 def read_parameters() -> SimParameters:
@@ -59,6 +60,7 @@ def read_parameters() -> SimParameters:
             yaw=number("~localization_noise_yaw", PoseNoise.yaw, 0.0),
         ),
         camera_rate=number("~camera_rate", 2.0, 0.1),
+        camera_latency=number("~camera_latency", 0.2, 0.01),
     )
 
 

@@ -31,14 +31,18 @@ from merlin_ros.health import OK, WARN, Health, HealthReporter
 from merlin_ros.master.master_link import bounded_master
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
+from merlin_ros.process_priority import lower_priority
 from merlin_ros.publishing import publish
 from merlin_sim.engine.physics import PhysicsError
 from merlin_sim.engine.simulation import PHYSICS_RATE, Simulation
 from merlin_sim.node.pacer import Pacer
+from merlin_sim.node.pending_pictures import PendingPictures
 from merlin_sim.node.robot_interface import RobotInterface
 from merlin_sim.node.sensor_messages import grid_message
 from merlin_sim.node.sim_parameters import read_parameters, read_robots
 from merlin_sim.node.world_services import WorldServices
+from merlin_sim.rendering.renderer import Renderer
+from merlin_sim.rendering.shot import PictureError
 from merlin_sim.robot.camera import CameraError
 from merlin_sim.robot.truth_localization import TruthLocalization
 from merlin_sim.world.survey import map_of
@@ -47,6 +51,7 @@ from merlin_sim.world.world_file import WorldError, load_world
 CLOCK_PERIOD = 2  # physics steps: 50 Hz
 KEPT_UP = 0.9  # share of the factor asked for that counts as reached
 STATUS_PERIOD = 1.0  # s of wall time
+NICENESS = 5  # the robot's nodes go first: a late world catches up, a late decision costs its task time
 
 
 class SimulatorNode:
@@ -65,7 +70,7 @@ class SimulatorNode:
         self._status = rospy.Publisher("~status", SimStatus, queue_size=10, latch=True)
         self._tf = PromptPublisher("/tf", TFMessage, queue_size=50)
         self._map = rospy.Publisher("/map", GridMessage, queue_size=1, latch=True)
-        # One tick, so that rospy takes the time as set; it runs once the world is there.
+        # One tick, so that rospy takes the time as set; it runs once the world is loaded.
         self._publish_clock(1)
         world = load_world(self._parameters.world)
         urdf = self._parameters.urdf or Path(rospkg.RosPack().get_path("merlin_sim")) / "urdf" / "rb1.urdf"
@@ -83,6 +88,8 @@ class SimulatorNode:
             raise ParameterError(
                 f"parameter ~urdf: {urdf} is not a robot that can be driven: {error}"
             ) from error
+        self._renderer = Renderer(lambda text: rospy.logwarn(f"merlin_sim: {text}"))
+        self._pictures = PendingPictures(self._renderer, self._parameters.camera_latency)
         self._robots: Dict[str, RobotInterface] = {}
         for robot in self.simulation.robots.values():
             start = robot.spec.start
@@ -93,10 +100,10 @@ class SimulatorNode:
             )
             localization = self._localization(robot.spec.name)
             self._robots[robot.spec.name] = RobotInterface(
-                self.simulation, robot, localization, self._parameters.camera_rate
+                self.simulation, robot, localization, self._pictures, self._parameters.camera_rate
             )
         self._grid = map_of(world)
-        self._map.publish(grid_message(self._grid, "map", _time(1)))
+        self._map.publish(grid_message(self._grid, _time(1)))
         self._stopped = threading.Event()
         rospy.on_shutdown(self._stop)
         # Services come last: a client that waited for one may call it at once.
@@ -120,12 +127,18 @@ class SimulatorNode:
         """Runs until ROS shuts down."""
         threading.Thread(target=self._report, name="simulator status", daemon=True).start()
         step = 1.0 / PHYSICS_RATE
-        while self._pacer.wait(step, 1.0 if self.simulation.neglected else math.inf):
+        while self._next_step(step):
             with self._world_lock:
                 self.simulation.step()
                 self._publish(self.simulation.tick)
+            self._pacer.step_ended()
         with self._world_lock:
             self.simulation.close()
+
+    def _next_step(self, step: float) -> bool:
+        """Waits until a step of `step` s is due; False: ROS shuts down."""
+        self._pictures.hold(_time(self._begun + self.simulation.tick + 1))
+        return self._pacer.wait(step, 1.0 if self.simulation.neglected else math.inf)
 
     def _localization(self, robot: str) -> Optional[TruthLocalization]:
         if self._parameters.localization != "truth":
@@ -133,7 +146,7 @@ class SimulatorNode:
         return TruthLocalization(self._parameters.pose_noise, self._seed, robot)
 
     def _begin_anew(self, seed: int) -> None:
-        """Resets the world to its file; time goes on, so that timers and transforms of nodes stay valid."""
+        """Resets the world to its file; time continues, so that timers and transforms of nodes stay valid."""
         with self._world_lock:
             old = self.simulation
             specs = [robot.spec for robot in old.robots.values()]
@@ -146,7 +159,7 @@ class SimulatorNode:
             self._world_services.attach(self.simulation)
             old.close()
             # Nodes that localise or plan on a map forget the old world.
-            self._map.publish(grid_message(self._grid, "map", _time(self._begun)))
+            self._map.publish(grid_message(self._grid, _time(self._begun)))
         self._publish_status()
 
     def _reset(self) -> TriggerResponse:
@@ -160,14 +173,15 @@ class SimulatorNode:
     def _capture(self, robot: str, _: CaptureImageRequest) -> CaptureImageResponse:
         with self._world_lock:
             try:
-                image, info, transforms = self._robots[robot].picture(
-                    _time(self._begun + self.simulation.tick)
-                )
+                capture = self._robots[robot].capture(self._now())
             except CameraError as error:
                 return CaptureImageResponse(success=False, message=str(error))
-            if transforms:
-                self._tf.publish(TFMessage(transforms=transforms))
-        return CaptureImageResponse(success=True, image=image, info=info)
+            if capture.transforms:
+                self._tf.publish(TFMessage(transforms=capture.transforms))
+        try:
+            return CaptureImageResponse(success=True, image=capture.image(), info=capture.info)
+        except PictureError as error:
+            return CaptureImageResponse(success=False, message=str(error))
 
     def _publish(self, tick: int) -> None:
         if tick % CLOCK_PERIOD == 0:
@@ -227,9 +241,14 @@ class SimulatorNode:
             return Health(WARN, f"the machine reaches factor {achieved:.2f} of {wanted:g}", values)
         return Health(OK, f"factor {achieved:.2f}", values)
 
+    def camera_health(self) -> Health:
+        """How the latest picture of any camera went."""
+        return self._pictures.health()
+
     def _stop(self) -> None:
         self._stopped.set()
         self._pacer.stop()
+        self._renderer.close()
 
 
 def _refuse_second_clock() -> None:
@@ -246,10 +265,11 @@ def _time(tick: int) -> rospy.Time:
 
 def main() -> int:
     """The executable ``merlin_sim``; returns its exit code."""
+    lower_priority(NICENESS)
     return run_node("merlin_sim", _start, WorldError)
 
 
 def _start() -> Callable[[], None]:
     node = SimulatorNode()
-    HealthReporter({"world": node.health}).start()
+    HealthReporter({"world": node.health, "camera": node.camera_health}).start()
     return node.run

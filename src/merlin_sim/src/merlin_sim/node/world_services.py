@@ -26,7 +26,7 @@ STANDING_PERIOD = 100  # otherwise
 class WorldServices:
     """Serves one simulator.
 
-    :param lock: held while the world goes on; the services take it, callers of the methods hold it.
+    :param lock: held while the world continues; the services take it, callers of the methods hold it.
     :param now: the time on the clock.
     :param simulation: of the world as it begins.
     """
@@ -34,7 +34,7 @@ class WorldServices:
     def __init__(self, lock: threading.Lock, now: Callable[[], rospy.Time], simulation: Simulation) -> None:
         self._lock = lock
         self._now = now
-        self._told = -1  # changes of the people when they were last published
+        self._published = -1  # changes of the people when they were last published
         self._people = rospy.Publisher("~people", SimPeople, queue_size=10, latch=True)
         self.attach(simulation)
         self._services = [
@@ -53,12 +53,12 @@ class WorldServices:
         due = tick % STANDING_PERIOD == 0
         if tick % WALKING_PERIOD == 0 and not due:
             due = any(walker.state is WalkState.WALKING for walker in control.people)
-        if due or control.changes != self._told:
+        if due or control.changes != self._published:
             self._publish(stamp)
 
     def _publish(self, stamp: rospy.Time) -> None:
         control = self._simulation.control
-        self._told = control.changes
+        self._published = control.changes
         message = SimPeople(people=[_person(walker) for walker in control.people])
         message.header.frame_id, message.header.stamp = "map", stamp
         self._people.publish(message)

@@ -14,7 +14,7 @@ class Answers:
     :param patterns: regular expressions looked for in the question, case aside; the first that fits counts.
     :param answers: the answer to each pattern.
     :param otherwise: when no pattern fits, one of these; empty: says nothing.
-    :raises ValueError: they do not go together, or a pattern is none; a sentence that says which.
+    :raises ValueError: when they do not fit together, or a pattern is invalid; the text says which.
     """
 
     def __init__(

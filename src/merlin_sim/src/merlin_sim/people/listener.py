@@ -11,12 +11,14 @@ from merlin_ros.parameters import ParameterError, number
 from merlin_sim.people.answers import Answers
 
 HEARING = 4.0  # m
+FACED = 0.5  # cosine of the angle to either side within which a robot faces a person
+ASIDE = 2.0
 VOICE = "en-us"
 KEYS = ("voice", "answers", "hearing", "position")
 
 
 @dataclass
-class Listener:
+class HearingPerson:
     """A person that hears and answers.
 
     :param name: of the person in the world; empty: none of them.
@@ -47,15 +49,30 @@ class Listener:
 
 
 def nearest(
-    listeners: Iterable[Listener], robot: Optional[Point], people: Mapping[str, Point]
-) -> Optional[Listener]:
-    """The listener that answers: the nearest one that hears the robot; None: none hears it."""
-    hearing = [(listener.distance(robot, people), listener.name, listener) for listener in listeners]
+    listeners: Iterable[HearingPerson],
+    robot: Optional[Point],
+    people: Mapping[str, Point],
+    heading: Optional[float] = None,
+) -> Optional[HearingPerson]:
+    """The listener that answers: the nearest one that hears the robot; None: none hears it.
+
+    A person whom the robot does not face counts as ``ASIDE`` times as far: it speaks to whom it faces.
+
+    :param heading: of the robot, rad; None: it faces all of them.
+    """
+    hearing = []
+    for listener in listeners:
+        distance = listener.distance(robot, people)
+        place = listener.place if listener.place is not None else people.get(listener.name)
+        if robot is not None and place is not None and heading is not None:
+            aside = math.atan2(place[1] - robot[1], place[0] - robot[0]) - heading
+            distance *= 1.0 if math.cos(aside) >= FACED else ASIDE
+        hearing.append((distance, listener.name, listener))
     distance, _, listener = min(hearing, key=lambda item: item[:2])
     return listener if math.isfinite(distance) else None
 
 
-def read_listeners() -> List[Listener]:
+def read_listeners() -> List[HearingPerson]:
     """The people of the parameters: those of ``~people``, or the one that the other parameters describe.
 
     :raises ParameterError: a parameter cannot be used.
@@ -82,7 +99,7 @@ def _keys(name: str, fields: Any) -> Dict[str, Any]:
     return fields
 
 
-def _listener(where: str, name: str, fields: Dict[str, Any]) -> Listener:
+def _listener(where: str, name: str, fields: Dict[str, Any]) -> HearingPerson:
     answers, hearing, position = fields["answers"], fields["hearing"], fields.get("position")
     if not isinstance(answers, list) or not all(isinstance(answer, str) for answer in answers):
         raise ParameterError(f"parameter {where}answers is {answers!r}, not a list of sentences")
@@ -93,7 +110,7 @@ def _listener(where: str, name: str, fields: Dict[str, Any]) -> Listener:
         if not numbers or len(position) != 2:
             raise ParameterError(f"parameter {where}position is {position!r}, not [x, y] or a person's name")
         position = (float(position[0]), float(position[1]))
-    return Listener(
+    return HearingPerson(
         name,
         Answers(answers),
         str(fields["voice"]),

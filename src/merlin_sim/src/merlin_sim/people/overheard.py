@@ -1,4 +1,4 @@
-"""Which sentence of the robot was heard by whom. Without ROS.
+"""Which person heard which sentence of the robot. Without ROS.
 
 The text, the sound, the begin and the end of a sentence come over connections of their own: on a busy machine
 in any order.

@@ -23,7 +23,7 @@ from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_ros.parameters import number
 from merlin_sim.people.answers import Answers
-from merlin_sim.people.listener import Listener, nearest, read_listeners
+from merlin_sim.people.listener import HearingPerson, nearest, read_listeners
 from merlin_sim.people.overheard import Overheard, Sentence
 
 CHUNK = 0.2  # s of sound per message
@@ -32,13 +32,13 @@ HEARD = 200.0  # RMS, of 32767, from which the robot's voice is heard
 
 
 class PersonVoice:
-    """Lets the nearest person answer each time the robot has finished speaking near enough.
+    """Plays the nearest person's answer each time the robot has spoken near enough.
 
     :raises ParameterError: a parameter cannot be used.
     """
 
     def __init__(self) -> None:
-        self._listeners: Dict[str, Listener] = {listener.name: listener for listener in read_listeners()}
+        self._listeners: Dict[str, HearingPerson] = {listener.name: listener for listener in read_listeners()}
         self._delay = number("~delay", 0.8, 0.0)
         self._noise = number("~noise", 30.0, 0.0)
         self._seed = round(number("~seed", 1, 0))
@@ -46,15 +46,16 @@ class PersonVoice:
         self._clock = RosClock()
         self._stopped = threading.Event()
         self._changed = threading.Condition()  # guards the fields below and the listeners' answers
-        self._overheard: Overheard[Listener] = Overheard()
-        self._asked: Deque[Sentence[Listener]] = deque()  # what is still to be answered
+        self._overheard: Overheard[HearingPerson] = Overheard()
+        self._asked: Deque[Sentence[HearingPerson]] = deque()  # what is still to be answered
         self._robot: Optional[Point] = None
+        self._heading: Optional[float] = None  # rad
         self._people: Optional[Dict[str, Point]] = None  # where the present persons are, by name
         self._known: Tuple[str, ...] = ()  # to the world, there or not
         self._trouble = ""
         self._given = 0  # answers
         self._microphone = rospy.Publisher("audio/microphone", AudioData, queue_size=50)
-        self._told = rospy.Publisher("~heard", PersonHeard, queue_size=10)
+        self._heard = rospy.Publisher("~heard", PersonHeard, queue_size=10)
         self._service = rospy.Service("~set_answers", SetAnswers, self._set_answers)
         self._subscribers = [
             rospy.Subscriber("audio/speaker", AudioData, self._hear, tcp_nodelay=True, queue_size=50),
@@ -103,12 +104,12 @@ class PersonVoice:
             if self._trouble:
                 return Health(ERROR, self._trouble, values)
             if missing and self._people is None:
-                return Health(WARN, "no simulator has told where people are", values)
+                return Health(WARN, "no simulator publishes where people are", values)
         if missing:
             return Health(WARN, f"not in this world: {', '.join(missing)}", values)
         return Health(OK, "ready to answer", values)
 
-    def _answer(self, listener: Listener, question: str) -> None:
+    def _answer(self, listener: HearingPerson, question: str) -> None:
         # By the second, not by count: an answer does not depend on what was asked before.
         moment = int(rospy.get_time())
         random = draw(self._seed, "/".join(filter(None, [rospy.get_name(), listener.name])), moment)
@@ -116,7 +117,7 @@ class PersonVoice:
             text = listener.answers.to(question, random)
         heard = PersonHeard(person=listener.name, question=question, answer=text)
         heard.header.stamp = rospy.Time.now()
-        self._told.publish(heard)
+        self._heard.publish(heard)
         who = listener.name or "the person"
         if not text:
             rospy.loginfo(f"{who} says nothing")
@@ -146,7 +147,7 @@ class PersonVoice:
         if not len(samples) or math.sqrt(float(np.mean(samples**2))) <= HEARD:
             return
         with self._changed:
-            hearer = nearest(self._listeners.values(), self._robot, self._people or {})
+            hearer = nearest(self._listeners.values(), self._robot, self._people or {}, self._heading)
             if hearer is not None:
                 self._ask(self._overheard.sound(hearer))
 
@@ -162,7 +163,7 @@ class PersonVoice:
             else:
                 self._ask(self._overheard.end())
 
-    def _ask(self, sentence: Optional[Sentence[Listener]]) -> None:
+    def _ask(self, sentence: Optional[Sentence[HearingPerson]]) -> None:
         """Notes a sentence that is to be answered; called with the lock held."""
         if sentence is not None:
             self._asked.append(sentence)
@@ -171,6 +172,8 @@ class PersonVoice:
     def _see(self, message: Odometry) -> None:
         with self._changed:
             self._robot = (message.pose.pose.position.x, message.pose.pose.position.y)
+            turn = message.pose.pose.orientation
+            self._heading = 2.0 * math.atan2(turn.z, turn.w)
 
     def _see_people(self, message: SimPeople) -> None:
         with self._changed:

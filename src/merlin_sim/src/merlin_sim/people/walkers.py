@@ -39,7 +39,7 @@ class Way(Protocol):
 
 
 class Patrol:
-    """The path of a world file, there and back again, for ever."""
+    """The path of a world file, there and back again, forever."""
 
     def __init__(self, person: Person, robots: Blocker) -> None:
         self._person = person
@@ -99,7 +99,7 @@ class Walk:
 class Walker:
     """A person of the world: where, and doing what.
 
-    :param way: what the person does unless told otherwise.
+    :param way: what the person does without another request.
     """
 
     def __init__(self, person: Person, way: Optional[Way] = None) -> None:
@@ -107,7 +107,7 @@ class Walker:
         self.pose = Pose(*person.path[0])
         self.state = WalkState.ABSENT if person.absent else WalkState.STANDING
         self.waits_for = ""
-        self.walk = 0  # number of the last walk told at run time
+        self.walk = 0  # number of the last walk requested at run time
         self._way = None if person.absent else way
         self._end: Tuple[WalkState, Optional[float]] = (
             WalkState.STANDING,
@@ -144,7 +144,7 @@ class Walker:
         return self.walk
 
     def step(self, now: float, elapsed: float) -> bool:
-        """Lets time pass; returns whether the person moved, turned, sat down or stood up."""
+        """Moves the person on; returns whether the person moved, turned, sat down or stood up."""
         step = self._way.next(now, elapsed) if self._way is not None else None
         if self._way is None or step is None:
             return False

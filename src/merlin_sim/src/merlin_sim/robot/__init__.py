@@ -1,1 +1,1 @@
-"""The parts of a simulated robot: base, laser, camera, and a localisation that is told the truth."""
+"""The parts of a simulated robot: base, laser, camera, and a localisation from ground truth."""

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import List
 
 import numpy as np
 
@@ -46,16 +45,6 @@ class CameraModel:
             ]
         )
 
-    def projection_matrix(self) -> List[float]:
-        """The same for OpenGL, column by column."""
-        depth = NEAR - FAR
-        matrix = np.zeros((4, 4))
-        matrix[0, 0] = 2 * self.focal / self.width
-        matrix[1, 1] = 2 * self.focal / self.height
-        matrix[2, 2], matrix[2, 3] = (FAR + NEAR) / depth, 2 * FAR * NEAR / depth
-        matrix[3, 2] = -1.0
-        return matrix.ravel(order="F").tolist()
-
 
 @dataclass(frozen=True)
 class CameraPose:
@@ -71,14 +60,6 @@ class CameraPose:
         matrix[:3, 3] = self.position
         return matrix
 
-    def view_matrix(self) -> List[float]:
-        """Map to OpenGL's camera axes (x right, y up, z back), column by column."""
-        axes = self.optical()[:3, :3] * (1.0, -1.0, -1.0)
-        matrix = np.eye(4)
-        matrix[:3, :3] = axes.T
-        matrix[:3, 3] = -axes.T @ self.position
-        return matrix.ravel(order="F").tolist()
-
 
 class Camera:
     """One robot's camera."""
@@ -93,4 +74,10 @@ class Camera:
             return picture.copy()
         random = draw(self._seed, self._stream, tick)
         grain = random.standard_normal(picture.shape[:2], dtype=np.float32) * self.model.noise
-        return np.clip(picture + grain[:, :, None], 0, 255).astype(np.uint8)
+        exposed, noisy = np.empty(picture.shape, dtype=np.uint8), np.empty_like(grain)
+        # One colour after the other, in one place: new memory for each costs more than the sums.
+        for color in range(picture.shape[2]):
+            np.add(picture[:, :, color], grain, out=noisy)
+            np.clip(noisy, 0, 255, out=noisy)
+            exposed[:, :, color] = noisy
+        return exposed

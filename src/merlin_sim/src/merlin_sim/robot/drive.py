@@ -86,7 +86,7 @@ class OdometryNoise:
 
 
 class WheelOdometry:
-    """The pose that the wheels' encoders tell, in the odom frame."""
+    """The pose by the wheels' encoders, in the odom frame."""
 
     def __init__(self, geometry: DriveGeometry, noise: OdometryNoise, seed: int, name: str) -> None:
         self._geometry = geometry

@@ -32,7 +32,7 @@ class ScanOutlines:
             self._edges = None
 
     def remove(self, name: str) -> None:
-        """Removes a thing, if it is there."""
+        """Removes a thing, if it exists."""
         if self._solids.pop(name, None) is not None:
             self._edges = None
 
@@ -42,7 +42,7 @@ class ScanOutlines:
         """How far each ray gets, m; infinite when it meets nothing within reach.
 
         :param angles: directions in the map frame, rad.
-        :param others: circles that are there as well.
+        :param others: further circles.
         """
         edges = self._outline()
         directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -63,7 +63,7 @@ class FloorPlan:
         if max(width, height) > MOST:
             raise ValueError(f"a floor of {width:g} x {height:g} m is too large; {MOST:g} m at most")
         if rooms < 1:
-            raise ValueError(f"a floor of {rooms} rooms is none")
+            raise ValueError(f"a floor needs at least one room, not {rooms}")
         self._random = draw(seed, "floor plan", 0)
         self.name = f"floor_{seed}"
         self.rooms = [Room(0.0, 0.0, round(width, 1), round(height, 1))]
@@ -92,7 +92,7 @@ class FloorPlan:
         return self._data(self._places(map_of(self._world())))
 
     def _world(self) -> World:
-        """As it is so far; the middles of its rooms show what is inside, whatever stands there."""
+        """The present world; points in the middle of its rooms mark the inside, also below furniture."""
         world = parse_world(self._data([]), self.name)
         world.starts = [room_middle(room) for room in self.rooms]
         return world

@@ -1,10 +1,10 @@
 """The map of a world as a survey would draw it: what map_server would publish."""
 
 import math
-from typing import Iterable, List
+from typing import Iterable, List, Tuple
 
-import cv2
 import numpy as np
+from scipy.ndimage import label
 
 from merlin_reactive.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from merlin_reactive.pose import Point
@@ -39,10 +39,18 @@ def map_of(world: World) -> OccupancyGrid:
 
 
 def _hide_unreachable(grid: OccupancyGrid, seen: Iterable[Point]) -> None:
-    free = (grid.cells == FREE).astype(np.uint8)
-    _, labels = cv2.connectedComponents(free, connectivity=4)
-    inside = {labels[cell] for cell in map(grid.cell, seen) if cell is not None and free[cell]}
-    grid.cells[(free == 1) & ~np.isin(labels, list(inside))] = UNKNOWN
+    free = grid.cells == FREE
+    grid.cells[free & ~reachable(free, [cell for cell in map(grid.cell, seen) if cell is not None])] = UNKNOWN
+
+
+def reachable(free: np.ndarray, starts: Iterable[Tuple[int, int]]) -> np.ndarray:
+    """The free cells that are connected with one of some cells over their edges.
+
+    :param free: by row and column, boolean.
+    :param starts: rows and columns; those that are not free count for nothing.
+    """
+    parts, _ = label(free)
+    return free & np.isin(parts, [parts[start] for start in starts if free[start]])
 
 
 def mark(grid: OccupancyGrid, solid: Solid, value: int = OCCUPIED) -> None:

@@ -24,7 +24,7 @@ from merlin_sim.world.world_objects import misplaced, read_objects
 from merlin_sim.world.world_places import OVERLAP, why_no_place
 from merlin_sim.world.world_schema import SCHEMA
 
-REPORTED = 5  # errors told at once
+REPORTED = 5  # errors reported at once
 RESERVED = re.compile(r"wall_\d+_\d+\Z|robot\Z")  # names of walls and of a robot without a namespace
 LARGEST = 10**15  # whole number that is surely a mistake
 MAX_CELLS = 25_000_000  # of the map: 250 m x 250 m at 0.05 m
@@ -51,14 +51,14 @@ def parse_world(data: Any, source: str = "world") -> World:
     try:
         infinite = [f"{_place(path)}: {value} is not a finite number" for path, value in _infinite(data)]
     except RecursionError as error:
-        raise WorldError(_told(source, ["something in it contains itself"])) from error
+        raise WorldError(_in_words(source, ["something in it contains itself"])) from error
     if infinite:
-        raise WorldError(_told(source, infinite))
+        raise WorldError(_in_words(source, infinite))
     errors = sorted(
         jsonschema.Draft7Validator(SCHEMA).iter_errors(data), key=lambda error: list(map(str, error.path))
     )
     if errors:
-        raise WorldError(_told(source, [f"{_place(error.path)}: {error.message}" for error in errors]))
+        raise WorldError(_in_words(source, [f"{_place(error.path)}: {error.message}" for error in errors]))
     wall = data.get("wall", {})
     furniture = data.get("furniture", [])
     world = World(
@@ -79,9 +79,9 @@ def parse_world(data: Any, source: str = "world") -> World:
         resolution=data.get("resolution", 0.05),
     )
     world.objects = read_objects(data.get("objects", []), world.furniture + world.unmapped)
-    nonsense = [*_nonsense(world), *misplaced(world)]
-    if nonsense:
-        raise WorldError(_told(source, nonsense))
+    faults = [*_impossible(world), *misplaced(world)]
+    if faults:
+        raise WorldError(_in_words(source, faults))
     return world
 
 
@@ -100,13 +100,13 @@ def _read(path: Union[str, Path]) -> Any:
         ) from error
 
 
-def _told(source: str, problems: List[str]) -> str:
+def _in_words(source: str, problems: List[str]) -> str:
     more = f"; and {len(problems) - REPORTED} more" if len(problems) > REPORTED else ""
     return f"world file {source}: " + "; ".join(problems[:REPORTED]) + more
 
 
 def _infinite(data: Any, path: Tuple[Any, ...] = ()) -> Iterator[Tuple[Tuple[Any, ...], float]]:
-    """The numbers that are none (.nan and .inf are YAML), and where they are."""
+    """The numbers that are not finite (.nan and .inf are YAML), and where they are."""
     if isinstance(data, int) and abs(data) > LARGEST:
         yield path, math.inf
     elif isinstance(data, float) and not math.isfinite(data):
@@ -158,7 +158,7 @@ def _event(item: Dict[str, Any]) -> WorldEvent:
     return MoveEvent(float(item["at"]), item["move"], Pose(*map(float, item["to"])))
 
 
-def _nonsense(world: World) -> Iterator[str]:
+def _impossible(world: World) -> Iterator[str]:
     """What the schema cannot see."""
     for index, wall in enumerate(world.walls):
         if wall.start == wall.end:

@@ -11,6 +11,8 @@ from typing import Dict, List, Optional, Tuple, Union
 from merlin_reactive.pose import Point, Pose
 from merlin_reactive.recognition.object_classes import CLOTHES, PERSON_HEIGHT, PERSON_RADIUS
 
+TOLERANCE = 0.01  # m beside a wall within which a door is in it
+
 
 @dataclass(frozen=True)
 class Solid:
@@ -57,7 +59,7 @@ class Solid:
         return math.hypot(max(beside[0], 0.0), max(beside[1], 0.0)) + min(max(beside), 0.0)
 
     def moved(self, pose: Pose) -> "Solid":
-        """The same thing somewhere else."""
+        """A copy at another place."""
         return replace(self, pose=pose)
 
 
@@ -91,7 +93,7 @@ class Person:
     :param delay: s of simulated time before the first step.
     :param pause: s at each end of the path.
     :param polite: stops for robots that are in the way.
-    :param absent: is not there at first.
+    :param absent: the world begins without it.
     """
 
     name: str
@@ -117,7 +119,7 @@ class WorldObject:
     :param bottom: m above the floor at which it stands.
     :param support: the furniture that it stands on; None: it stands at `bottom` by itself.
     :param tag: number of the ArUco tag (4x4) on it, if there is one.
-    :param absent: is not there at first.
+    :param absent: the world begins without it.
     """
 
     kind: str
@@ -244,17 +246,17 @@ def _cut(wall: Wall, doors: List[Door]) -> List[Tuple[Point, Point]]:
     return pieces
 
 
-def span_on(wall: Wall, door: Door, tolerance: float = 0.01) -> Optional[Tuple[float, float]]:
+def span_on(wall: Wall, door: Door) -> Optional[Tuple[float, float]]:
     """Where along a wall (m from its start) a door lies, or None when it is not in this wall."""
     (x0, y0), (x1, y1) = wall.start, wall.end
     length = math.hypot(x1 - x0, y1 - y0)
     ux, uy = (x1 - x0) / length, (y1 - y0) / length
     along = []
     for x, y in (door.start, door.end):
-        if abs((x - x0) * uy - (y - y0) * ux) > tolerance:
+        if abs((x - x0) * uy - (y - y0) * ux) > TOLERANCE:
             return None
         along.append((x - x0) * ux + (y - y0) * uy)
     first, last = sorted(along)
-    if first < -tolerance or last > length + tolerance:
+    if first < -TOLERANCE or last > length + TOLERANCE:
         return None
     return first, last

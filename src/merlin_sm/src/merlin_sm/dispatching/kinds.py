@@ -1,7 +1,7 @@
 """What differs between dispatchers: ROSPlan's own publish no status, ours do.
 
 Not thread-safe. :class:`merlin_sm.dispatch_client.DispatchClient` begins with :class:`SilentDispatcher` and
-goes on with :class:`ReportingDispatcher` from the first status on.
+continues with :class:`ReportingDispatcher` from the first status on.
 """
 
 from abc import ABC, abstractmethod
@@ -31,7 +31,7 @@ class DispatcherKind(ABC):
     reports: bool
     #: It may still hold an older plan when it is called.
     may_hold_old_plan: bool
-    #: It waits for ever for an action interface that was not there in time.
+    #: It waits forever for an action interface that was not there in time.
     needs_interfaces: bool
     #: It stops the other actions by itself when one fails.
     stops_after_failure: bool
@@ -140,7 +140,7 @@ class ReportingDispatcher(DispatcherKind):
         return self.busy
 
     def failure_grace(self, slack: Optional[float]) -> Optional[float]:
-        """It stops the other actions itself, within its own deadline."""
+        """Our dispatcher stops the other actions itself, within its own deadline."""
         return slack
 
     def to_cancel(self, progress: DispatchProgress) -> List[Action]:

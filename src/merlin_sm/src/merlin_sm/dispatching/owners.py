@@ -22,13 +22,15 @@ class DispatchOwners:
         """A lease of the dispatcher was renewed or released."""
         if lease.owner == self._node:
             return
+        now = running_time()
+        self._renewed = {owner: last for owner, last in self._renewed.items() if now - last < LOSE_AFTER}
         if lease.held:
-            self._renewed[lease.owner] = running_time()
+            self._renewed[lease.owner] = now
         else:
             self._renewed.pop(lease.owner, None)
 
     @property
     def living(self) -> str:
-        """One that lives; empty when there is none."""
+        """One that lives; empty when none does."""
         now = running_time()
         return next((owner for owner, last in self._renewed.items() if now - last < LOSE_AFTER), "")

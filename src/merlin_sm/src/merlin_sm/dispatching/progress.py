@@ -9,12 +9,12 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set
 PART = "the planning system's plan dispatcher"
 Ground = Tuple[str, Tuple[str, ...]]
 NO_REASON = "no reason given"
+#: Key of an answer's information; its value :data:`NO` says that the action could not be stopped.
 STOPPED = "stopped"
-"""Key of an answer's information; its value :data:`NO` says that the action could not be stopped."""
 NO = "no"
+#: Another key: another try of the action cannot help. Its value is the actions of which that is true, as PDDL
+#: text with ``*`` for any argument, or :data:`YES`: this action.
 FINAL = "final"
-"""Another key: another try of the action cannot help. Its value is the actions of which that is true, as PDDL
-text with ``*`` for any argument, or :data:`YES`: this action."""
 YES = "yes"
 _CANCELLED = "cancelled"
 _UNANSWERED = "no answer to the cancel from "
@@ -39,7 +39,7 @@ class DispatchResult(NamedTuple):
     """The action that failed, as PDDL text."""
     reason: str = ""
     unstopped: Tuple[str, ...] = ()
-    """Actions that may still run, as PDDL text: they were told to stop and did not, or nothing answered."""
+    """Actions that may still run, as PDDL text: they were cancelled and did not stop, or nothing answered."""
     gone: bool = False
     """The dispatcher is not there, or does not answer."""
     unmet: Tuple[str, ...] = ()
@@ -76,7 +76,7 @@ class Action(NamedTuple):
 
     @property
     def text(self) -> str:
-        """As PDDL text: ``(navigate hall kitchen)``."""
+        """The action as PDDL text: ``(navigate hall kitchen)``."""
         return f"({' '.join([self.name, *self.arguments])})"
 
 
@@ -117,7 +117,7 @@ class DispatchProgress:
         return self._first is not None and self._seen != self._first
 
     def stop(self) -> None:
-        """The dispatch is to be cancelled: an action that fails from now on was told to."""
+        """The dispatch is to be cancelled: an action that fails from now on was cancelled."""
         self._stopping = True
 
     def dispatched(self, action: Action) -> None:

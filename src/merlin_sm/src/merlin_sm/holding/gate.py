@@ -11,7 +11,7 @@ CONTAINERS = (smach.StateMachine, smach.Concurrence, smach.Iterator)
 
 
 def gate(machine: smach.Container, name: str, outcomes: Outcomes) -> None:
-    """Has a machine ask before it enters a state and when it leaves one, also those of nested machines.
+    """Makes a machine ask before it enters a state and when it leaves one, nested machines included.
 
     Once for each machine.
 

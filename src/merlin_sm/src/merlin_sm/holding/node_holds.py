@@ -18,8 +18,8 @@ from std_msgs.msg import Header, String
 from merlin_pddl.breakpoints import BreakpointError
 from merlin_ros.parameters import ParameterError
 from merlin_ros.publishing import publish
+from merlin_sm.autonomy import LEVELS, read_level
 from merlin_sm.breakpoint_service import BreakpointService
-from merlin_sm.holding.autonomy import LEVELS, read_level
 from merlin_sm.holding.outcomes import Left, NoSuchState, Outcomes
 from merlin_sm.holding.state_holds import StateHolds
 
@@ -27,9 +27,9 @@ from merlin_sm.holding.state_holds import StateHolds
 SERVICE = "state_breakpoints"
 LEAVE_SERVICE = "leave_state"
 AUTONOMY_SERVICE = "set_autonomy"
-#: Where every node tells what it holds.
+#: Topic on which every node publishes what it holds.
 HOLDS_TOPIC = "merlin/machine_holds"
-#: Where every node tells how a state was left on which an operator had decided.
+#: Topic on which every node publishes how a state was left for which an operator had decided.
 OUTCOMES_TOPIC = "merlin/state_outcomes"
 #: Where every console that follows that says so.
 CONSOLES_TOPIC = "merlin/consoles"
@@ -58,9 +58,9 @@ class NodeHolds:
         self._lefts: Optional[rospy.Publisher] = None
 
     def offer(self) -> None:
-        """Takes what operators wish from now on, and tells what is held; further calls do nothing.
+        """Takes operators' requests from now on, and publishes what is held; further calls do nothing.
 
-        :raises ParameterError: the parameter ``~autonomy`` is no level.
+        :raises ParameterError: when the parameter ``~autonomy`` is not a level.
         """
         level = usual_level()
         with self._lock:
@@ -68,10 +68,10 @@ class NodeHolds:
                 return
             self._lefts = rospy.Publisher(OUTCOMES_TOPIC, StateOutcome, queue_size=10)
             self._publisher = rospy.Publisher(HOLDS_TOPIC, MachineHolds, queue_size=10, latch=True)
-        self.states.on_change, self.outcomes.on_left = self._tell, self._tell_left
+        self.states.on_change, self.outcomes.on_left = self._publish, self._publish_left
         self.states.on_lost = rospy.logwarn
         rospy.Subscriber(CONSOLES_TOPIC, String, lambda _: self.states.followed(), queue_size=10)
-        BreakpointService(self.states, self._tell).offer(f"~{SERVICE}")
+        BreakpointService(self.states, self._publish).offer(f"~{SERVICE}")
         rospy.Service(f"~{LEAVE_SERVICE}", LeaveState, self._leave)
         rospy.Service(f"~{AUTONOMY_SERVICE}", SetAutonomy, self._set_autonomy)
         self.states.set_level(level, usual=True)
@@ -92,7 +92,7 @@ class NodeHolds:
             return SetAutonomyResponse(False, str(error))
         return SetAutonomyResponse(True, f"The autonomy level is {request.level}.")
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         states, level = self.states, self.outcomes.level
         with self._lock:
             header = Header(stamp=rospy.Time.now())
@@ -103,7 +103,7 @@ class NodeHolds:
                 MachineHolds(header, rospy.get_name(), states.texts, states.waiting, level, paths, outcomes),
             )
 
-    def _tell_left(self, left: Left) -> None:
+    def _publish_left(self, left: Left) -> None:
         header = Header(stamp=rospy.Time.now())
         publish(self._lefts, StateOutcome(header, rospy.get_name(), *left[:5], list(left.unset)))
 

@@ -11,7 +11,7 @@ import weakref
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from merlin_pddl.breakpoints import BreakpointError
-from merlin_sm.holding.autonomy import LEVELS, read_level
+from merlin_sm.autonomy import LEVELS, read_level
 from merlin_sm.holding.seat import ENDED, HELD, OUT, RUNS, Seat, Wish
 from merlin_sm.holding.state_holds import Pattern, StateHolds, read_state_pattern
 from merlin_sm.states.merlin_state import PREEMPTED, MerlinState, merlin_states
@@ -62,7 +62,7 @@ class Outcomes:
         return LEVELS[self.holds.level] if used else ""
 
     def set_level(self, text: str) -> None:
-        """Sets the level; what waits for a confirmation that is not needed any more is taken.
+        """Sets the level; what waits for a confirmation that is no longer needed is taken.
 
         :raises ValueError: there is no such level.
         """
@@ -107,7 +107,7 @@ class Outcomes:
     # --- for the gate -------------------------------------------------------------------------------------
 
     def add(self, seat: Seat) -> None:
-        """There is such a state."""
+        """Notes that a state exists."""
         labels = tuple(seat.path.upper().split("/"))
         with self._lock:
             self._seats.setdefault(labels, weakref.WeakSet()).add(seat)
@@ -119,7 +119,7 @@ class Outcomes:
                 seat.cancelled = False
 
     def cancel(self, seat: Seat) -> None:
-        """A state is preempted by its machine; called before the state hears of it."""
+        """A state is preempted by its machine; called before the state is preempted."""
         with self._lock:
             seat.cancelled = seat.marked = True
 
@@ -128,7 +128,7 @@ class Outcomes:
         with self._lock:
             wish = self._end(seat)
         if wish is not None:
-            self._tell(seat, wish, "", "it has raised an exception")
+            self._report(seat, wish, "", "it has raised an exception")
 
     def before(self, seat: Seat) -> Optional[str]:
         """Waits where the machine is held before a state.
@@ -145,7 +145,7 @@ class Outcomes:
             unentered = wish is not None and not cancelled
             seat.stage = OUT if unentered else RUNS
         if wish is not None:
-            self._tell(seat, wish, "", "it was cancelled first" if cancelled else "")
+            self._report(seat, wish, "", "it was cancelled first" if cancelled else "")
         if unentered and wish is not None:
             _note(seat.state, wish)
             return wish.outcome
@@ -173,7 +173,7 @@ class Outcomes:
             if waits and (wish is None or refused):
                 seat.stage, seat.outcome = ENDED, outcome
         if wish is not None:
-            self._tell(seat, wish, outcome, refused)
+            self._report(seat, wish, outcome, refused)
             if not refused:
                 _note(seat.state, wish)
                 return wish.outcome
@@ -194,9 +194,9 @@ class Outcomes:
             if cancelled and PREEMPTED in seat.state.get_registered_outcomes():
                 seat.state.service_preempt()
         if not followed:
-            self._tell(seat, Wish(outcome, ""), outcome)
+            self._report(seat, Wish(outcome, ""), outcome)
         if wish is not None:
-            self._tell(seat, wish, outcome, "it was cancelled first" if cancelled else "")
+            self._report(seat, wish, outcome, "it was cancelled first" if cancelled else "")
         if cancelled and PREEMPTED in seat.state.get_registered_outcomes():
             _note(seat.state, Wish(PREEMPTED, ""), "cancelled")
             return PREEMPTED
@@ -207,13 +207,13 @@ class Outcomes:
         return wish.outcome
 
     def _end(self, seat: Seat) -> Optional[Wish]:
-        """The run of a state is over, as far as operators are concerned; the lock is held."""
+        """Ends a state's run for operators; the lock is held."""
         wish, seat.wish = seat.wish, None
         seat.stage, seat.outcome = OUT, ""
         seat.marked = seat.cancelled = False
         return wish
 
-    def _tell(self, seat: Seat, wish: Wish, ended: str, refused: str = "") -> None:
+    def _report(self, seat: Seat, wish: Wish, ended: str, refused: str = "") -> None:
         unset = () if refused or wish.outcome == ended else tuple(seat.unset())
         self.on_left(Left(seat.path, wish.by, wish.outcome, ended, refused, unset))
 
@@ -269,7 +269,7 @@ def _inside(state: Any) -> List[MerlinState]:
 
 
 def _note(state: Any, wish: Wish, reason: str = "") -> None:
-    """Leaves with a state of MERLIN how it was left, for what asks it."""
+    """Notes in a state of MERLIN with which outcome it was left."""
     if isinstance(state, MerlinState):
         state.outcome, state.given_up, state.about = wish.outcome, False, ""
     if hasattr(state, "reason"):

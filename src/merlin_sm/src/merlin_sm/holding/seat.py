@@ -13,7 +13,7 @@ class Machine:
 
 
 class Wish:
-    """That a state is left with an outcome.
+    """A request to end a state with an outcome.
 
     :param outcome: with which one.
     :param by: the operator.
@@ -29,7 +29,7 @@ class Seat:
 
     :param machine: its outermost one.
     :param path: of the state: ``NAVIGATE/DRIVE``.
-    :param state: it.
+    :param state: the state.
     :param within: the containers around it, outermost first.
     """
 
@@ -55,7 +55,7 @@ class Seat:
         return (
             self.cancelled
             or any(container.preempt_requested() for container in self.within)
-            # A wish that has preempted it is no cancel.
+            # A wish that has preempted it does not count as a cancel.
             or (self.wish is None and bool(self.state.preempt_requested()))
         )
 

@@ -2,7 +2,7 @@
 
 Pure. The process owns its breakpoints and its level. A hold before a state ends with a step or a continue,
 one behind it with a confirmation or a higher level. Both end with the preempt of the state, the end of the
-process, and by themselves when no console has followed them for :data:`GRACE`: nothing is held for ever.
+process, and by themselves when no console has followed them for :data:`GRACE`: nothing is held forever.
 """
 
 import re
@@ -11,11 +11,11 @@ import time
 from typing import Callable, Dict, List, Optional, Sequence, Set, Tuple
 
 from merlin_pddl.breakpoints import ANY, LONGEST, MOST, BreakpointError
-from merlin_sm.holding.autonomy import FULL, LEVELS
+from merlin_sm.autonomy import FULL, LEVELS
 from merlin_sm.holding.seat import Machine
 
 HEARTBEAT = 1.0  # s between two calls of `on_change` while something is held
-GRACE = 30.0  # s of wall time without a console, after which what is held goes on
+GRACE = 30.0  # s of wall time without a console, after which what is held continues
 _LABEL = re.compile(r"[^()/]+\Z")
 Pattern = Tuple[str, ...]
 
@@ -33,7 +33,7 @@ def read_state_pattern(text: str) -> Pattern:
     labels = tuple(label.strip().upper() for label in text.strip().strip("/").split("/"))
     if len(labels) < 2 or len(text) > LONGEST or not all(map(_LABEL.match, labels)):
         shown = text if len(text) <= 60 else f"{text[:57]}..."
-        raise BreakpointError(f"'{shown}' is no state; write its machine and its label, like NAVIGATE/DRIVE")
+        raise BreakpointError(f"'{shown}' is not a state; write its machine and label, like NAVIGATE/DRIVE")
     return labels
 
 
@@ -56,7 +56,7 @@ class _Held:
     ) -> None:
         self.machine, self.state, self.path, self.since = machine, state, path, since
         self.outcome, self.required = outcome, required
-        self.lost = False  # it goes on as there is no console
+        self.lost = False  # it continues as there is no console
 
 
 class StateHolds:
@@ -73,7 +73,7 @@ class StateHolds:
         self.on_change: Callable[[], None] = lambda: None
         """Called after each change of what is held, and once per :data:`HEARTBEAT` while something is."""
         self.on_lost: Callable[[str], None] = lambda text: None
-        """Called with a sentence when what is held goes on because there is no console."""
+        """Called with a sentence when what is held continues because there is no console."""
         self._clock = clock
         self._changed = threading.Condition()  # guards the fields below, and changes of those above
         self._level = self._usual = FULL
@@ -103,23 +103,23 @@ class StateHolds:
 
     @property
     def level(self) -> int:
-        """The place of the autonomy level in :data:`~merlin_sm.holding.autonomy.LEVELS`."""
+        """The place of the autonomy level in :data:`~merlin_sm.autonomy.LEVELS`."""
         return self._level
 
     @property
     def held(self) -> str:
-        """The same as text; empty: nothing."""
+        """What is held, as text; empty: nothing."""
         return ", ".join(self.waiting)
 
     def declare(self, name: str, paths: Sequence[str]) -> None:
-        """There is a machine with these states; one of that name before is no more."""
+        """Adds a machine with these states, in place of an earlier one of that name."""
         with self._changed:
             self._paths[name] = [tuple(path.upper().split("/")) for path in paths]
 
     def set(self, texts: Sequence[str]) -> None:
         """Replaces the breakpoints by those that some machine here has; what is held stays so.
 
-        :raises BreakpointError: one of them is none, or they are too many; those of before stay.
+        :raises BreakpointError: when one is not a state, or they are too many; the old ones stay.
         """
         if len(texts) > MOST:
             raise BreakpointError(f"there can be {MOST} breakpoints at most")
@@ -134,7 +134,7 @@ class StateHolds:
             self._arm()
 
     def set_level(self, level: int, usual: bool = False) -> None:
-        """Sets the autonomy level; outcomes that it allows do not wait any more.
+        """Sets the autonomy level; outcomes that it allows no longer wait.
 
         :param usual: it is the one to which the level goes back when there is no console.
         """
@@ -156,7 +156,7 @@ class StateHolds:
         self._release(False)
 
     def followed(self) -> None:
-        """A console shows what is held: it may go on being held."""
+        """A console shows what is held: it may stay held."""
         with self._changed:
             self._followed = self._clock()
 
@@ -197,14 +197,14 @@ class StateHolds:
         return not held.lost
 
     def release(self, state: object) -> None:
-        """A state is not held any more; `over` of its wait has to be true before."""
+        """A state is no longer held; `over` of its wait has to be true before."""
         with self._changed:
             self._held = [held for held in self._held if held.state is not state]
             self._arm()
             self._changed.notify_all()
 
     def end_step(self, machine: Machine) -> None:
-        """A run of a machine begins or has ended: a step of it does not go on."""
+        """A run of a machine begins or has ended: a step of it does not continue."""
         if self.armed:
             with self._changed:
                 self._stepping.discard(machine)
@@ -240,7 +240,7 @@ class StateHolds:
             self._stepping.clear()
             self._arm()
             self._changed.notify_all()
-        kept = f"no breakpoints any more, the autonomy level is {LEVELS[self._usual]}"
+        kept = f"no more breakpoints, the autonomy level is {LEVELS[self._usual]}"
         self.on_lost(f"no console for {GRACE:g} s: {paths} goes on, and there are {kept}")
         return True
 

@@ -41,7 +41,7 @@ class ActionState(MerlinState):
 
     Ends with succeeded when the server says SUCCEEDED, with preempted when it was preempted and the server
     stopped, else with aborted and the reason. A server that does not stop within `cancel_limit` is reported
-    by name, and its goal given up: it has no owner any more.
+    by name, and its goal given up: it no longer has an owner.
 
     :param name: of the action.
     :param action_spec: the generated ``...Action`` class.

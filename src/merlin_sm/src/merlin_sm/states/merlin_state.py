@@ -70,11 +70,11 @@ class MerlinState(smach.State):
 
     def fail(self, reason: str) -> str:
         """Remembers why and returns the outcome aborted."""
-        self.reason = reason
+        self.reason = str(reason)  # users give the error itself
         return ABORTED
 
     def give_up(self, reason: str, about: str = "") -> str:
-        """As :meth:`fail`, when another try cannot help: the Executor plans without this action.
+        """Like :meth:`fail`, when another try cannot help: the Executor plans without this action.
 
         :param about: an argument of the action on account of which no action of this operator can help;
             empty: only the action with all its arguments is left out.

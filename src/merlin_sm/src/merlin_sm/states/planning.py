@@ -1,6 +1,6 @@
 """States for the stages of the planning system (paper, section 3.2.2: a state for every component)."""
 
-from typing import Any, Callable, Optional, Sequence
+from typing import Any, Callable, List, Optional, Sequence
 
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
@@ -64,7 +64,7 @@ class PlanningState(MerlinState):
 
 
 class GenerateProblemState(PlanningState):
-    """Has the problem written from the knowledge base.
+    """Generates the problem from the knowledge base.
 
     :param client: of the planning system; None: one with the usual names.
     """
@@ -83,7 +83,7 @@ class GenerateProblemState(PlanningState):
 
 
 class PlanState(PlanningState):
-    """Has a plan made. A preempt cancels the planner.
+    """Calls the planner. A preempt cancels the planner.
 
     Further outcomes are unsolvable (proven), no_plan (the planner gave up) and timeout.
 
@@ -113,7 +113,7 @@ class PlanState(PlanningState):
 
 
 class ParsePlanState(PlanningState):
-    """Has the plan parsed and puts its actions, as PDDL text, into ``userdata.plan``.
+    """Calls the parser and puts the plan's actions, as PDDL text, into ``userdata.plan``.
 
     :param client: of the planning system; None: one with the usual names.
     :param on_plan: called with the actions.
@@ -122,7 +122,7 @@ class ParsePlanState(PlanningState):
     def __init__(
         self,
         client: Optional[PlanningClient] = None,
-        on_plan: Callable[[list], None] = lambda actions: None,
+        on_plan: Callable[[List[ActionDispatch]], None] = lambda actions: None,
     ) -> None:
         super().__init__(output_keys=["plan"])
         self._client = client or PlanningClient()
@@ -140,7 +140,7 @@ class ParsePlanState(PlanningState):
 
 
 class DispatchPlanState(PlanningState):
-    """Has the plan dispatched. A preempt cancels the dispatch.
+    """Dispatches the plan. A preempt cancels the dispatch.
 
     Outcomes: succeeded when the goal holds, failed when an action failed or the goal does not hold (plan
     again), cancel_timeout when something did not stop in time, preempted, aborted.

@@ -21,7 +21,7 @@ class Recognized(NamedTuple):
 
     @property
     def position(self) -> Tuple[float, float, float]:
-        """Of its middle, m, in the frame of ``detection.header``; recognisers here use ``map``."""
+        """Position of its middle, m, in the frame of ``detection.header``; recognisers here use ``map``."""
         place = self.detection.results[0].pose.pose.position
         return place.x, place.y, place.z
 
@@ -53,7 +53,7 @@ class RecognizeState(ActionState):
 
 
 def recognized(result: RecognizeResult) -> Sequence[Recognized]:
-    """What a result of ``recognize`` holds, as far as its detections have a known name."""
+    """The detections of a result of ``recognize`` that have a known name."""
     return [
         Recognized(result.names[detection.results[0].id], detection)
         for detection in result.detections.detections

@@ -5,6 +5,7 @@ from typing import Any, Callable, List, Optional, Sequence
 
 import rospy
 
+from merlin_ros.call_scope import CallScope
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import MasterSilent
@@ -46,25 +47,33 @@ class ServiceCallState(MerlinState):
         self._proxy = ServiceProxy(name, service_class, timeout)
 
     def run(self, userdata: Any) -> str:
-        """Calls the service; a preempt ends the wait, the call itself goes on at the server."""
+        """Calls the service; a preempt ends the wait, and no request is sent after it."""
         request = self._request(userdata) if callable(self._request) else self._request
         ended = threading.Event()
+        calls = CallScope()
         answers: List[Any] = []
 
         def call() -> None:
             try:
                 if not self._proxy.wait(self._wait):
                     raise ServiceError(f"no service {self._proxy.name} within {self._wait:g} s")
-                answers.append(self._proxy() if request is None else self._proxy(request))
+                if ended.is_set():  # preempted: what it was to ask for is no longer wanted
+                    return
+                with calls:
+                    answers.append(self._proxy() if request is None else self._proxy(request))
             except Exception as error:  # besides a ServiceError: a request of another type
                 answers.append(error)
             ended.set()
 
+        def preempt() -> None:
+            calls.end()
+            ended.set()
+
         threading.Thread(target=call, name=f"call of {self._proxy.name}", daemon=True).start()
-        self.interruptible(ended.set)
+        self.interruptible(preempt)
         Deadline(None).wait_event(ended)
         self.interruptible(None)
-        if not answers:
+        if not answers or (self.preempt_requested() and isinstance(answers[0], ServiceError)):
             return PREEMPTED
         if isinstance(answers[0], ServiceError):
             return self.fail(str(answers[0]))

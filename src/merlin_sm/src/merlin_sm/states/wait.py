@@ -3,9 +3,8 @@
 import threading
 from typing import Any
 
-import rospy
-
 from merlin_ros.deadline import Deadline
+from merlin_ros.ros_alarm import call_after
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 
@@ -25,9 +24,9 @@ class WaitState(MerlinState):
     def run(self, userdata: Any) -> str:
         """Waits."""
         over = threading.Event()
-        timer = rospy.Timer(rospy.Duration(max(self._seconds, 1e-4)), lambda _: over.set(), oneshot=True)
+        alarm = call_after(self._seconds, over.set, f"wait of {self._seconds:g} s")
         self.interruptible(over.set)
         Deadline(None).wait_event(over)
         self.interruptible(None)
-        timer.shutdown()
+        alarm.shutdown()
         return PREEMPTED if self.preempt_requested() else SUCCEEDED

@@ -9,13 +9,14 @@ from py_trees.common import Status
 
 import smach
 from merlin_ros.deadline import Deadline
+from merlin_ros.ros_alarm import call_after
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, merlin_states
 from merlin_sm.trees.state_behaviour import StateBehaviour
 from merlin_sm.trees.state_run import StateRun
 from merlin_sm.trees.tree_view import Behaviour, Branch
 
+#: Ticks one after the other, each of which changes something, before the tree is called endless.
 MOST_TICKS = 1000
-"""Ticks one after the other, each of which changes something, before the tree is called endless."""
 
 
 class BehaviourTree(Branch):
@@ -44,7 +45,7 @@ class BehaviourTree(Branch):
         self._unstopped = ""  # why the tree has to end
 
     def wake(self) -> None:
-        """Has the tree ticked; from any thread, when something that a behaviour looks at has changed."""
+        """Requests a tick; from any thread, when something that a behaviour looks at has changed."""
         with self._changed:
             self._woken = True
             self._changed.notify_all()
@@ -142,13 +143,13 @@ class BehaviourTree(Branch):
     def _wait(self) -> None:
         """Waits until something happens."""
         period = self._shortest_period()
-        timer = None
+        alarm = None
         if period > 0.0:
-            timer = rospy.Timer(rospy.Duration(period), lambda _: self.wake(), oneshot=True)
+            alarm = call_after(period, self.wake, f"period of {self.root.name}")
         with self._changed:
             Deadline(None).wait(self._changed, lambda: self._woken)
-        if timer is not None:
-            timer.shutdown()
+        if alarm is not None:
+            alarm.shutdown()
 
     def _shortest_period(self) -> float:
         asked = [
@@ -224,7 +225,7 @@ class BehaviourTree(Branch):
 
 
 def _decisive(node: Behaviour) -> Iterator[Behaviour]:
-    """The leaves whose failure made a tree fail: of a selector the last one, which had the last word."""
+    """The leaves whose failure made a tree fail; of a selector, the last child decides."""
     failed = [child for child in node.children if child.status == Status.FAILURE]
     if isinstance(node, py_trees.composites.Selector):
         failed = failed[-1:]

@@ -76,7 +76,7 @@ class StateBehaviour(py_trees.behaviour.Behaviour):
         self.feedback_message = ""
 
     def update(self) -> Status:
-        """Tells whether the state runs, or how it ended.
+        """Returns whether the state runs, or how it ended.
 
         :raises BaseException: what the state has raised.
         """

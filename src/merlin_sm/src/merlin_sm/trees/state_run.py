@@ -11,7 +11,7 @@ from merlin_sm.merlin_sm import MerlinSM
 class StateRun:
     """Runs a machine once.
 
-    :param machine: it; no other run of it is under way.
+    :param machine: the state machine; no other run of it is under way.
     :param on_end: called with this run, in its thread, when it has ended.
     :ivar outcome: of the machine, once it has ended.
     :ivar error: what the machine has raised instead.
@@ -29,7 +29,7 @@ class StateRun:
 
     @property
     def interrupted(self) -> bool:
-        """Whether it was told to stop."""
+        """Whether its stop was requested."""
         return self._interrupted
 
     def start(self, after: Callable[[], None]) -> None:

@@ -27,7 +27,7 @@ class BehaviourView(smach.State):
 class Branch(smach.Container):
     """A composite or a decorator: its children, which of them run, and how one leads to another.
 
-    :param node: it.
+    :param node: the composite or the decorator.
     :param available: userdata keys that something of the tree, or its action, sets.
     :param ends: outcomes for SUCCESS and FAILURE; further ones follow.
     """
@@ -68,7 +68,7 @@ class Branch(smach.Container):
         return [label for label, child in self._nodes.items() if _acts(child)]
 
     def get_internal_edges(self) -> List[Edge]:
-        """Of a sequence success leads on, of a selector failure does; else each child ends the branch."""
+        """In a sequence success leads to the next child, in a selector failure does; else the branch ends."""
         succeeded, failed = self._ends[0], self._ends[1]
         labels = list(self._nodes)
         following: List[Optional[str]] = [*labels[1:], None]
@@ -91,7 +91,7 @@ class Branch(smach.Container):
     def _in_turn(self) -> bool:
         return isinstance(self.node, (py_trees.composites.Sequence, py_trees.composites.Selector))
 
-    # --- what the tree tells -----------------------------------------------------------------------------
+    # --- what the tree shows -----------------------------------------------------------------------------
 
     def branches(self) -> Iterator["Branch"]:
         """The branches in it."""

@@ -1,6 +1,6 @@
 """Hierarchical state machines in pure Python, API of SMACH.
 
-The package needs neither ROS nor any other library. What the names do is told in the package's README.
+The package needs neither ROS nor any other library. The README describes the names.
 """
 
 from smach import util

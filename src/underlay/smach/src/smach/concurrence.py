@@ -3,10 +3,10 @@
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence
 
 import smach
-from smach import construction
-from smach.concurrent_run import ConcurrentRun
 from smach.container import Container, Edge, remapping_of
 from smach.exceptions import InvalidStateError, InvalidTransitionError, InvalidUserCodeError
+from smach.execution import construction
+from smach.execution.concurrent_run import ConcurrentRun
 from smach.state import State
 from smach.user_data import UserData
 
@@ -80,7 +80,7 @@ class Concurrence(Container):
     def check_consistency(self) -> None:
         """Checks that there are children and that the outcome map speaks of them.
 
-        :raises InvalidStateError: there are none, or the map names a child that does not exist.
+        :raises InvalidStateError: when it has no children, or the map names a child that does not exist.
         :raises InvalidTransitionError: the map names an outcome that its child does not have.
         """
         if not self._states:
@@ -112,12 +112,12 @@ class Concurrence(Container):
     def set_initial_state(self, initial_states: Sequence[str], userdata: Optional[UserData] = None) -> None:
         """Adds to the userdata; the initial states are always all children.
 
-        :raises InvalidStateError: a label that is no child.
+        :raises InvalidStateError: when a label is not a child.
         """
         unknown = [label for label in initial_states if label not in self._states]
         if unknown:
             raise InvalidStateError(
-                f"Concurrence '{self._path()}': initial states {unknown} are no children; "
+                f"Concurrence '{self._path()}': initial states {unknown} are not children; "
                 f"children: {list(self._states)}"
             )
         if initial_states and set(initial_states) != set(self._states):
@@ -143,7 +143,7 @@ class Concurrence(Container):
 
     # --- running -------------------------------------------------------------------------------------------
 
-    def execute(self, parent_ud: Any = None) -> Optional[str]:
+    def execute(self, parent_ud: Any = None) -> Optional[str]:  # type: ignore[override]
         """Executes all children at once and waits for them.
 
         :param parent_ud: userdata that input keys are copied from and output keys to.

@@ -7,10 +7,10 @@ import weakref
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import smach
-from smach import construction
-from smach.exceptions import InvalidStateError, InvalidUserCodeError
+from smach.exceptions import InvalidStateError, InvalidUserCodeError, SmachError
+from smach.execution import construction
+from smach.execution.preemption import PreemptibleContainer
 from smach.log import wake_at_shutdown
-from smach.preemption import PreemptibleContainer
 from smach.state import State, names
 from smach.user_data import Remapper, UserData
 
@@ -88,12 +88,13 @@ class Container(PreemptibleContainer):
         construction.push(self)
 
     def close(self) -> None:
-        """Ends :meth:`open`.
+        """Ends :meth:`open`. What is wrong with the definition, or missing, is logged as an error.
 
-        :raises SmachError: the definition is not complete or contradicts itself.
+        It may be opened again and completed; :meth:`execute` raises what is still wrong.
         """
         construction.pop(self)
-        self.check_consistency()
+        with contextlib.suppress(SmachError):  # logged when it was made
+            self.check_consistency()
 
     def is_opened(self) -> bool:
         """Whether this thread has it open."""
@@ -132,7 +133,7 @@ class Container(PreemptibleContainer):
     def _adopt(self, label: str, state: State) -> None:
         """Checks a child that is being added, and makes it one.
 
-        :raises InvalidStateError: the label is taken, or the state is none.
+        :raises InvalidStateError: when the label is taken, or the object is not a state.
         """
         where = self._path(label)
         if not isinstance(label, str) or not label:

@@ -4,9 +4,9 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Seque
 from typing import Iterator as Items
 
 import smach
-from smach import construction
 from smach.container import Container, Edge, names
 from smach.exceptions import InvalidStateError, InvalidTransitionError, InvalidUserCodeError
+from smach.execution import construction
 from smach.state import State
 from smach.user_data import UserData
 
@@ -160,7 +160,7 @@ class Iterator(Container):
 
     # --- running -------------------------------------------------------------------------------------------
 
-    def execute(self, parent_ud: Any = None) -> Optional[str]:
+    def execute(self, parent_ud: Any = None) -> Optional[str]:  # type: ignore[override]
         """Executes the child for each item.
 
         :param parent_ud: userdata that input keys are copied from and output keys to.

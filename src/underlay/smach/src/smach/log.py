@@ -45,7 +45,7 @@ def set_loggers(
 
     Note the order of the arguments, which is that of SMACH.
     """
-    smach.loginfo, smach.logwarn, smach.logdebug, smach.logerr = info, warn, debug, error
+    vars(smach).update(loginfo=info, logwarn=warn, logdebug=debug, logerr=error)
 
 
 def set_shutdown_check(cb: Callable[[], bool]) -> None:

@@ -1,10 +1,9 @@
 """A set that keeps the order in which its members came: structure messages are the same everywhere."""
 
-from collections.abc import MutableSet
-from typing import Any, Dict, Iterable, Iterator, Optional, Tuple
+from typing import Any, Dict, Iterable, Iterator, MutableSet, Optional, Tuple
 
 
-class OrderedSet(MutableSet):
+class OrderedSet(MutableSet[Any]):
     """A set with the order of insertion.
 
     :param items: the first members.

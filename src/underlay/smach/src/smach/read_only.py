@@ -3,7 +3,7 @@
 import copy
 import types
 import weakref
-from typing import Any, Callable, Dict
+from typing import Any, Callable, Dict, SupportsIndex
 
 # Calling or comparing these through a proxy would only lose their identity; they carry no data to protect.
 _BARE = (type, types.FunctionType, types.BuiltinFunctionType, types.MethodType, types.ModuleType)
@@ -49,7 +49,7 @@ class ReadOnly:
     def __init__(self, wrapped: Any) -> None:
         object.__setattr__(self, "_wrapped", wrapped)
 
-    @property
+    @property  # type: ignore[misc]
     def __class__(self) -> type:
         # isinstance() asks for this.
         return type(object.__getattribute__(self, "_wrapped"))
@@ -69,7 +69,7 @@ class ReadOnly:
     def __delitem__(self, key: Any) -> None:
         raise TypeError(_refusal(self, f"item {key!r}"))
 
-    def __reduce_ex__(self, protocol: int) -> Any:
+    def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
         return unwrap(self).__reduce_ex__(protocol)
 
     def __copy__(self) -> Any:

@@ -2,8 +2,8 @@
 
 from typing import Any, Iterable, Mapping, Optional
 
-from smach import construction
 from smach.exceptions import InvalidStateError
+from smach.execution import construction
 from smach.state import State
 from smach.state_machine import StateMachine
 

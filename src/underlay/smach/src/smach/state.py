@@ -3,8 +3,8 @@
 from typing import Any, Callable, Iterable, List, Mapping, Optional, Tuple
 
 from smach.cb_interface import has_smach_interface
+from smach.execution.run_context import flag_lock, next_number
 from smach.ordered_set import OrderedSet
-from smach.run_context import flag_lock, next_number
 
 __all__ = ["CBState", "State"]
 
@@ -130,9 +130,10 @@ class CBState(State):
         self._args = list(cb_args)
         self._kwargs = dict(cb_kwargs or {})
         if has_smach_interface(cb):
-            self.register_outcomes(cb.get_registered_outcomes())
-            self.register_input_keys(cb.get_registered_input_keys())
-            self.register_output_keys(cb.get_registered_output_keys())
+            interface: Any = cb
+            self.register_outcomes(interface.get_registered_outcomes())
+            self.register_input_keys(interface.get_registered_input_keys())
+            self.register_output_keys(interface.get_registered_output_keys())
 
     def execute(self, ud: Any) -> str:
         """Calls the function."""
@@ -143,7 +144,7 @@ def names(values: Optional[Iterable[str]], what: str) -> List[str]:
     """Checks a list of outcomes or keys.
 
     :param what: the argument's name, for the error.
-    :raises TypeError: a single string (its letters are not meant), or something that is no string.
+    :raises TypeError: when it is a single string instead of a list, or an item is not a string.
     """
     if values is None:
         return []

@@ -3,9 +3,9 @@
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence
 
 import smach
-from smach import construction
 from smach.container import Container, Edge, remapping_of
 from smach.exceptions import InvalidStateError, InvalidTransitionError, InvalidUserCodeError
+from smach.execution import construction
 from smach.state import State
 from smach.user_data import UserData
 
@@ -123,7 +123,7 @@ class StateMachine(Container):
     ) -> None:
         """Checks the transitions of a state.
 
-        :raises InvalidTransitionError: a target that is no text, or an outcome the state does not have.
+        :raises InvalidTransitionError: when a target is not a text, or the state lacks an outcome.
         """
         for outcome, target in (transitions or {}).items():
             if outcome not in state.get_registered_outcomes():
@@ -132,7 +132,7 @@ class StateMachine(Container):
                 )
             if target is not None and not isinstance(target, str):
                 raise InvalidTransitionError(
-                    f"'{self._path(label)}': outcome '{outcome}' leads to {target!r}, which is no label"
+                    f"'{self._path(label)}': outcome '{outcome}' leads to {target!r}, which is not a label"
                 )
 
     def check_consistency(self) -> None:
@@ -209,7 +209,7 @@ class StateMachine(Container):
 
     # --- running -------------------------------------------------------------------------------------------
 
-    def execute(self, parent_ud: Any = None) -> Optional[str]:
+    def execute(self, parent_ud: Any = None) -> Optional[str]:  # type: ignore[override]
         """Executes states from the initial one until a transition leaves the machine.
 
         :param parent_ud: userdata that input keys are copied from and output keys to.

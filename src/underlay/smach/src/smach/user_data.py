@@ -6,8 +6,8 @@ import threading
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Set
 
 import smach
-from smach import run_context
 from smach.exceptions import InvalidUserCodeError
+from smach.execution import run_context
 from smach.read_only import read_only, unwrap
 
 _strict = True

@@ -4,6 +4,7 @@ actionlib's own client waits by polling, cannot tell a dead server and lets the 
 """
 
 import itertools
+import select
 import threading
 import time
 from typing import Any, Dict, List, Optional, Tuple
@@ -25,6 +26,7 @@ TERMINAL = (
     GoalStatus.RECALLED,
     GoalStatus.LOST,
 )
+_CLOSED = select.POLLHUP | select.POLLERR | getattr(select, "POLLRDHUP", 0)
 _numbers = itertools.count(1)
 
 
@@ -112,22 +114,19 @@ class ActionConnection:
         """Whether a server is connected in all directions.
 
         A link for results counts when a status has come after it: rospy's publisher greets a subscriber
-        before it sends to it, so the result of a goal that is sent at once could be lost.
+        before it sends to it, so the result of a goal that is sent at once could be lost. Links to a process
+        that has ended do not count: its successor has the same name.
         """
         server = self._server
         return bool(server) and all(
             (
-                self._goal_publisher.impl.has_connection(server),
-                self._cancel_publisher.impl.has_connection(server),
+                _reaches(self._goal_publisher, server),
+                _reaches(self._cancel_publisher, server),
                 self._proved == server,
-                self._listens_to(self._result_subscriber, server),
-                self._listens_to(self._status_subscriber, server),
+                _listens_to(self._result_subscriber, server),
+                _listens_to(self._status_subscriber, server),
             )
         )
-
-    @staticmethod
-    def _listens_to(subscriber: rospy.Subscriber, server: str) -> bool:
-        return any(connection.callerid_pub == server for connection in subscriber.impl.connections)
 
     def send(self, goal: Any) -> SentGoal:
         """Sends a goal."""
@@ -175,7 +174,7 @@ class ActionConnection:
             self._goals.pop(goal.id, None)
 
     def why_lost(self, goal: SentGoal) -> str:
-        """Why the server will not answer any more, or an empty text."""
+        """Why the server will no longer answer, or an empty text."""
         wall, ros = _now()
         if self._status_subscriber.get_num_connections():
             self._connected_at = wall
@@ -202,7 +201,7 @@ class ActionConnection:
         with self.changed:
             self._server = message._connection_header["callerid"]
             self._status_at = _now()
-            self._proved = self._server if self._listens_to(self._result_subscriber, self._server) else ""
+            self._proved = self._server if _listens_to(self._result_subscriber, self._server) else ""
             lost: List[SentGoal] = []
             if self._goals:
                 known = {status.goal_id.id: status for status in message.status_list}
@@ -218,7 +217,7 @@ class ActionConnection:
                         goal.status = status.status
             for goal in lost:
                 goal.status = GoalStatus.LOST
-                goal.text = f"the action server {self.name} does not know the goal any more; it was restarted"
+                goal.text = f"the action server {self.name} no longer knows the goal; it was restarted"
             self.changed.notify_all()
 
 
@@ -232,6 +231,26 @@ class _Listener(rospy.SubscribeListener):
     def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
         with self._changed:
             self._changed.notify_all()
+
+
+def _reaches(publisher: rospy.Publisher, server: str) -> bool:
+    links = list(publisher.impl.connections)
+    return any(link.endpoint_id == server and _is_open(link) for link in links)
+
+
+def _listens_to(subscriber: rospy.Subscriber, server: str) -> bool:
+    links = list(subscriber.impl.connections)
+    return any(link.callerid_pub == server and _is_open(link) for link in links)
+
+
+def _is_open(link: Any) -> bool:
+    """Whether neither side has closed a connection; rospy's publisher notices it with its next message."""
+    try:
+        poll = select.poll()
+        poll.register(link.socket, _CLOSED)
+    except (TypeError, ValueError):  # it has no socket any more
+        return False
+    return not poll.poll(0)
 
 
 def _now() -> Tuple[float, float]:

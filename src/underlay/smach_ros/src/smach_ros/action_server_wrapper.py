@@ -1,16 +1,17 @@
 """A container offered as an action server."""
 
 import copy
+import io
 import threading
 import traceback
-from typing import Any, Dict, Iterable, List, Mapping, Optional
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Type
 
 import actionlib
 import rospy
 
 import smach
-from smach import run_context
 from smach.container import Container
+from smach.execution import run_context
 from smach.state import names
 from smach_ros.user_callback import check_slots
 
@@ -162,9 +163,12 @@ class ActionServerWrapper:
             kind = self._outcome_kinds.get(outcome or "", "aborted")
             text = f"outcome of the container: {outcome}"
             result = self._result()
-        except Exception as error:
+            result.serialize(io.BytesIO())  # users fill it, and what cannot be sent would be no answer
+        except BaseException as error:  # users' code may raise anything; the client gets its answer
             rospy.logerr(f"Action {self._server_name}: the goal failed\n{traceback.format_exc()}")
-            kind, text = "aborted", f"{type(error).__name__}: {error}"
+            result = self._result_type()
+            # Of an error of a state, the lines after the first are its traceback.
+            kind, text = "aborted", f"{type(error).__name__}: {error}".partition("\n")[0]
         finally:
             run_context.leave(outer)
             self.userdata._end_run()
@@ -202,7 +206,7 @@ class ActionServerWrapper:
         return result
 
     @staticmethod
-    def _slots(message_type: type, slots_map: Mapping[str, str], pack: bool) -> List[Any]:
+    def _slots(message_type: Type[Any], slots_map: Mapping[str, str], pack: bool) -> List[Any]:
         packed = [(slot, slot) for slot in message_type.__slots__ if pack and slot not in slots_map]
         return [*packed, *slots_map.items()]
 
@@ -218,4 +222,6 @@ class ActionServerWrapper:
         )
         for slot, key in slots:
             setattr(feedback, slot, userdata[key])
+        # rospy would put the half that it can write in front of the next one.
+        feedback.serialize(io.BytesIO())
         goal.publish_feedback(feedback)

@@ -1,21 +1,19 @@
 """The state that waits until a condition holds."""
 
-import threading
 from typing import Any, Callable, Iterable, Optional
 
 import rospy
 
 import smach
-from smach import run_context
-from smach.log import wake_at_shutdown
 from smach.state import names
 from smach_ros.user_callback import UserCallback
 from smach_ros.waiting import Duration, RosDeadline, wait
+from smach_ros.waiting_state import WaitingState
 
 POLL_RATE = rospy.Duration(0.05)
 
 
-class ConditionState(smach.State):
+class ConditionState(WaitingState):
     """Asks a condition again and again until it is true.
 
     Outcomes: ``true``, ``false``, ``preempted``.
@@ -43,22 +41,6 @@ class ConditionState(smach.State):
         self._poll_rate = poll_rate
         self._timeout = timeout
         self._max_checks = max_checks
-        self._changed = threading.Condition(threading.RLock())  # wakes the wait between two questions
-        wake_at_shutdown(self._changed)
-
-    def request_preempt(self) -> None:
-        """Ends the wait between two questions at once."""
-        super().request_preempt()
-        with self._changed:
-            self._changed.notify_all()
-
-    def execute(self, ud: Any) -> str:
-        """Asks until the answer is true."""
-        by_container = run_context.begin_run(self)
-        try:
-            return self._execute(ud)
-        finally:
-            run_context.end_run(self, by_container)
 
     def _execute(self, ud: Any) -> str:
         deadline = RosDeadline(self._timeout)

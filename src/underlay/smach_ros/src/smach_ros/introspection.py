@@ -104,7 +104,8 @@ class IntrospectionServer:
         if worker is not threading.current_thread():
             worker.join(5.0)
         for topic in topics:
-            topic.unregister()
+            if topic is not None:
+                topic.unregister()
 
     def clear(self) -> None:
         """Forgets the containers; :meth:`start` finds them anew."""

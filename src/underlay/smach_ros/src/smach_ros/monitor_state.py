@@ -8,16 +8,15 @@ from typing import Any, Callable, Deque, Iterable, Optional
 import rospy
 
 import smach
-from smach import run_context
-from smach.log import wake_at_shutdown
 from smach.state import names
 from smach_ros.user_callback import UserCallback
 from smach_ros.waiting import Duration, RosDeadline, wait
+from smach_ros.waiting_state import WaitingState
 
 QUEUE = 10  # messages that wait for the condition; more wait in the connection
 
 
-class MonitorState(smach.State):
+class MonitorState(WaitingState):
     """Checks each message of a topic until a check fails.
 
     Outcomes: ``valid``, ``invalid``, ``preempted`` and those that ``cond_cb`` declares.
@@ -26,7 +25,7 @@ class MonitorState(smach.State):
     :param msg_type: the message class.
     :param cond_cb: ``cond_cb(ud, msg)``: what is false (or an exception) ends the state with ``invalid``; the
         name of an outcome ends it with that.
-    :param max_checks: number of true checks after which it ends with ``valid``; -1: it goes on.
+    :param max_checks: number of true checks after which it ends with ``valid``; -1: it continues.
     :param timeout: ROS time after which it ends: ``valid`` if all checks were true and there was one, else
         ``invalid``; None: no limit.
     """
@@ -50,18 +49,8 @@ class MonitorState(smach.State):
         if cond_cb is None:
             raise smach.InvalidStateError(f"MonitorState of {topic}: cond_cb is missing")
         self._cond_cb = UserCallback(cond_cb, (), {}, self, input_keys, output_keys, "cond_cb")
-        self._changed = threading.Condition(threading.RLock())  # guards the queues; wakes the wait
-        wake_at_shutdown(self._changed)
 
-    def request_preempt(self) -> None:
-        """Ends the wait for messages at once."""
-        super().request_preempt()
-        with self._changed:
-            self._changed.notify_all()
-
-    def execute(self, ud: Any) -> str:
-        """Subscribes and checks messages."""
-        by_container = run_context.begin_run(self)
+    def _execute(self, ud: Any) -> str:
         messages = _Queue(self._changed)
         # A connection takes time; not even that is worth it for a state that is to end.
         subscriber = None
@@ -74,7 +63,6 @@ class MonitorState(smach.State):
             messages.close()
             if subscriber is not None:
                 subscriber.unregister()
-            run_context.end_run(self, by_container)
 
     def _preempted(self) -> str:
         self.service_preempt()

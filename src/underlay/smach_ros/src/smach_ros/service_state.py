@@ -5,23 +5,22 @@ import socket
 import threading
 import traceback
 import xmlrpc.client
-from typing import Any, Callable, Iterable, Mapping, Optional
+from typing import Any, Callable, Iterable, Mapping, Optional, Type
 
 import rosgraph.network
 import rospy
 from rospy.impl.validators import ParameterInvalid
 
 import smach
-from smach import run_context
-from smach.log import wake_at_shutdown
 from smach.state import names
 from smach_ros.user_callback import UserCallback, check_slots, fill
 from smach_ros.waiting import Duration, WallDeadline, wait
+from smach_ros.waiting_state import WaitingState
 
 ASK_MASTER = 0.1  # s between questions for a service that does not exist yet; there is no event for it
 
 
-class ServiceState(smach.State):
+class ServiceState(WaitingState):
     """Calls a service and ends with its response.
 
     Outcomes: ``succeeded``, ``aborted``, ``preempted`` and those of ``response_cb`` and ``outcomes``.
@@ -42,7 +41,7 @@ class ServiceState(smach.State):
     def __init__(
         self,
         service_name: str,
-        service_spec: type,
+        service_spec: Type[Any],
         request: Any = None,
         request_cb: Optional[Callable[..., Any]] = None,
         request_cb_args: Iterable[Any] = (),
@@ -87,22 +86,6 @@ class ServiceState(smach.State):
         self._response_cb = UserCallback(
             response_cb, response_cb_args, response_cb_kwargs, self, input_keys, output_keys, "response_cb"
         )
-        self._changed = threading.Condition(threading.RLock())  # wakes the wait for the answer
-        wake_at_shutdown(self._changed)
-
-    def request_preempt(self) -> None:
-        """Ends the wait for the service or for its answer at once."""
-        super().request_preempt()
-        with self._changed:
-            self._changed.notify_all()
-
-    def execute(self, ud: Any) -> str:
-        """Calls the service."""
-        by_container = run_context.begin_run(self)
-        try:
-            return self._execute(ud)
-        finally:
-            run_context.end_run(self, by_container)
 
     def _execute(self, ud: Any) -> str:
         if not self._wait_for_service():

@@ -8,7 +8,7 @@ import rospy
 from actionlib_msgs.msg import GoalStatus
 
 import smach
-from smach import run_context
+from smach.execution import run_context
 from smach.state import names
 from smach_ros.action_connection import ActionConnection, SentGoal
 from smach_ros.user_callback import UserCallback, check_slots, fill
@@ -250,7 +250,7 @@ class SimpleActionState(smach.State):
         if sent.status == GoalStatus.SUCCEEDED and not timed_out:
             by_status = "succeeded"
         elif sent.status in (GoalStatus.PREEMPTED, GoalStatus.RECALLED) and self.preempt_requested():
-            # Otherwise the goal ended by itself, and the request goes on to the states that follow.
+            # Otherwise the goal ended by itself, and the request continues to the states that follow.
             by_status = self._preempted()
         if by_status == "aborted" and outcome is None:
             rospy.logwarn(

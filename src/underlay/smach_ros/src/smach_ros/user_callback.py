@@ -1,7 +1,7 @@
 """A user's callback, and filling messages from userdata."""
 
 import copy
-from typing import Any, Callable, Iterable, List, Mapping, Optional
+from typing import Any, Callable, Iterable, List, Mapping, Optional, Type
 
 import smach
 from smach.read_only import unwrap
@@ -52,7 +52,7 @@ class UserCallback:
         return self._cb(view, *first, *self._args, **self._kwargs)
 
 
-def check_slots(message_type: type, slots: Iterable[str], what: str) -> List[str]:
+def check_slots(message_type: Type[Any], slots: Iterable[str], what: str) -> List[str]:
     """Checks that a message type has the fields.
 
     :raises smach.InvalidConstructionError: it has not; names those it has.
@@ -67,7 +67,7 @@ def check_slots(message_type: type, slots: Iterable[str], what: str) -> List[str
 
 
 def fill(
-    message_type: type,
+    message_type: Type[Any],
     template: Any,
     key: Optional[str],
     slots: Iterable[str],
@@ -79,7 +79,7 @@ def fill(
     Nothing that outlives the call is shared with it, so editing it in place changes it alone.
 
     :raises Exception: what the callback raised, or a key that has no value.
-    :raises TypeError: the result is no message of the type.
+    :raises TypeError: when the result is not a message of the type.
     """
     message = copy.deepcopy(template) if template is not None else message_type()
     if key is not None:

@@ -40,7 +40,7 @@ def encode(values: Dict[str, Any]) -> str:
 def decode(text: str) -> Dict[str, Any]:
     """The values in ``local_data``, of which no code is run.
 
-    :raises UserDataError: it is no such text, or holds something else than plain values and ROS messages.
+    :raises UserDataError: when it is not such a text, or holds other things than plain values and messages.
     """
     if not text:
         return {}
@@ -55,7 +55,7 @@ def decode(text: str) -> Dict[str, Any]:
     except UserDataError:
         raise
     except Exception as error:
-        raise UserDataError(f"local_data is no pickle: {type(error).__name__}: {error}") from error
+        raise UserDataError(f"local_data is not a pickle: {type(error).__name__}: {error}") from error
     if not isinstance(values, dict) or not all(isinstance(key, str) for key in values):
         raise UserDataError(f"local_data holds no dict of texts but a {type(values).__name__}")
     return values
@@ -135,7 +135,7 @@ def _reconstruct(cls: type, base: type, state: Any) -> Any:
     """How older protocols make a message."""
     if base is not object or not issubclass(cls, (genpy.Message, genpy.TVal)):
         raise UserDataError(f"local_data rebuilds a {cls!r}")
-    return cls.__new__(cls)
+    return object.__new__(cls)
 
 
 _PLAIN: Dict[Any, Any] = {

@@ -15,7 +15,7 @@ def set_preempt_handler(sc: Any, timeout: float = 10.0) -> None:
     one that executes the container, the request is made and the container ends afterwards.
 
     :param sc: any container.
-    :param timeout: s of wall time after which the shutdown goes on although the container still runs.
+    :param timeout: s of wall time after which the shutdown continues although the container still runs.
     """
 
     def preempt() -> None:

@@ -51,7 +51,7 @@ class WallDeadline(RosDeadline):
 
 def seconds(duration: Duration) -> float:
     """A duration as a number."""
-    return duration.to_sec() if hasattr(duration, "to_sec") else float(duration)  # type: ignore[union-attr]
+    return duration.to_sec() if hasattr(duration, "to_sec") else float(duration)
 
 
 def wait(

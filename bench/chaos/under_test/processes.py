@@ -1,0 +1,169 @@
+"""Finds the processes of a system under test, and what they hold.
+
+Each of them carries a mark in its environment, so they are found without asking a node or the master, hung
+ones and those that left their process group included.
+"""
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import List, NamedTuple, Optional, Sequence
+
+#: Environment variable with the name of the run.
+MARK = "MERLIN_CHAOS_RUN"
+#: s that a killed process may take to disappear.
+END_LIMIT = 5.0
+
+
+class Usage(NamedTuple):
+    """What a process holds."""
+
+    memory_mb: float
+    threads: int
+    descriptors: int
+    sockets: int
+
+
+def marked(run: str, proc: Path = Path("/proc")) -> List[int]:
+    """Ids of all living processes of a run, this one not among them."""
+    return [pid for pid in ids(proc) if is_marked(run, pid, proc)]
+
+
+def is_marked(run: str, pid: int, proc: Path = Path("/proc")) -> bool:
+    """Whether a process belongs to a run and is not this one."""
+    return pid != os.getpid() and f"{MARK}={run}".encode() in _fields(proc / str(pid) / "environ")
+
+
+def ids(proc: Path = Path("/proc")) -> List[int]:
+    """Ids of all processes."""
+    return [int(entry.name) for entry in proc.iterdir() if entry.name.isdigit()]
+
+
+def node_pid(run: str, node: str, parents: Sequence[int], proc: Path = Path("/proc")) -> Optional[int]:
+    """The process of a node, the newest of several; None when there is none.
+
+    :param parents: the processes that start nodes. A child that a dead node has left behind has the command
+        line of the node, but another parent.
+    """
+    word = f"__name:={node}".encode()
+    named = {
+        pid: _parent(proc, pid) for pid in marked(run, proc) if word in _fields(proc / str(pid) / "cmdline")
+    }
+    # What starts a node again has its command line, too.
+    again = {pid for pid, parent in named.items() if parent in parents and _starts_again(proc, pid)}
+    found = [
+        pid for pid, parent in named.items() if parent in again or (parent in parents and pid not in again)
+    ]
+    return max(found, key=lambda pid: _started(proc, pid)) if found else None
+
+
+def respawner(pid: int, proc: Path = Path("/proc")) -> Optional[int]:
+    """The process that starts a node again when it dies; None when there is none.
+
+    :param pid: of the node.
+    """
+    parent = _parent(proc, pid)
+    return parent if _starts_again(proc, parent) else None
+
+
+def with_word(run: str, word: str, proc: Path = Path("/proc")) -> List[int]:
+    """Ids of the processes of a run of whose command line a word ends with a text."""
+    wanted = word.encode()
+    return [
+        pid
+        for pid in marked(run, proc)
+        if any(field.endswith(wanted) for field in _fields(proc / str(pid) / "cmdline"))
+    ]
+
+
+def usage(pid: int, proc: Path = Path("/proc")) -> Optional[Usage]:
+    """What a process holds; None when it has ended."""
+    folder = proc / str(pid)
+    try:
+        fields = dict(
+            line.split(":", 1) for line in (folder / "status").read_text().splitlines() if ":" in line
+        )
+        links = [os.readlink(entry) for entry in (folder / "fd").iterdir() if entry.is_symlink()]
+    except (OSError, ValueError):
+        return None
+    memory = float(fields.get("VmRSS", "0 kB").split()[0]) / 1024
+    sockets = sum(link.startswith("socket:") for link in links)
+    return Usage(memory, int(fields["Threads"]), len(links), sockets)
+
+
+def kill_marked(run: str) -> int:
+    """Kills every process of a run, those that they start meanwhile included; returns how many."""
+    killed = set()
+    end = time.monotonic() + END_LIMIT
+    while time.monotonic() < end:
+        left = [pid for pid in marked(run) if not _zombie(pid)]
+        if not left:
+            break
+        for pid in left:
+            send(pid, signal.SIGKILL)
+            killed.add(pid)
+        reap()
+        time.sleep(0.02)  # the kernel reports an end to the parent only
+    return len(killed)
+
+
+def send(pid: int, number: int) -> bool:
+    """Sends a signal; False when the process has ended already."""
+    try:
+        os.kill(pid, number)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def reap() -> None:
+    """Takes away ended grandchildren that this process has adopted.
+
+    Children of subprocess.Popen are left alone as long as Popen knows them: it finds them ended all the same.
+    """
+    for pid in ids():
+        if _parent(Path("/proc"), pid) == os.getpid() and _zombie(pid):
+            try:
+                os.waitpid(pid, os.WNOHANG)
+            except ChildProcessError:
+                continue
+
+
+def alive(pid: int) -> bool:
+    """Whether a process is there and not a zombie."""
+    return Path(f"/proc/{pid}").exists() and not _zombie(pid)
+
+
+def _fields(path: Path) -> List[bytes]:
+    try:
+        return path.read_bytes().split(b"\0")
+    except OSError:
+        return []
+
+
+def _starts_again(proc: Path, pid: int) -> bool:
+    """Whether a process is the script `respawn` of the package merlin."""
+    return any(field.endswith(b"/respawn") for field in _fields(proc / str(pid) / "cmdline")[:3])
+
+
+def _stat(proc: Path, pid: int) -> List[str]:
+    try:
+        return (proc / str(pid) / "stat").read_text().rsplit(")", 1)[1].split()
+    except (OSError, IndexError):
+        return []
+
+
+def _parent(proc: Path, pid: int) -> int:
+    fields = _stat(proc, pid)
+    return int(fields[1]) if fields else -1
+
+
+def _started(proc: Path, pid: int) -> int:
+    fields = _stat(proc, pid)
+    return int(fields[19]) if fields else -1
+
+
+def _zombie(pid: int) -> bool:
+    fields = _stat(Path("/proc"), pid)
+    return not fields or fields[0] in ("Z", "X")

@@ -1,0 +1,1 @@
+"""Benchmarks of the executive layer: state machines, cancels and interruptions."""

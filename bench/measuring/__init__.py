@@ -1,0 +1,1 @@
+"""The parts that all benchmarks share: figures, budgets, the speed of the machine, processes of ROS."""

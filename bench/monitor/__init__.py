@@ -1,0 +1,1 @@
+"""Benchmarks of the monitor: page, clients, history."""

@@ -1,0 +1,1 @@
+"""Benchmarks of the planning system: knowledge, planning, dispatch, engines."""

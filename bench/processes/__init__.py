@@ -1,0 +1,1 @@
+"""Benchmarks of processes: start, first motion, memory."""

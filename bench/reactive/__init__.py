@@ -1,0 +1,1 @@
+"""Benchmarks of the reactive layer: driving, the velocity guard."""

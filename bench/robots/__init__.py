@@ -1,0 +1,1 @@
+"""Benchmarks of several robots in one plan."""

@@ -1,0 +1,97 @@
+"""Sends what is published from the publishing thread, as far as the connection takes it at once.
+
+rospy hands each message to a thread of its own for each connection: two changes of thread, and in Python a
+wait for the interpreter, before the first byte leaves. Here a thread exists only while a subscriber is slow.
+"""
+
+import socket
+import threading
+from typing import Any, List
+
+import rospy
+from rospy.exceptions import TransportInitError, TransportTerminated
+from rospy.impl.tcpros_pubsub import QueuedConnection
+
+
+def send_promptly() -> None:
+    """Lets rospy connect its publishers like this; for the whole process, before topics have connections."""
+    rospy.topics.QueuedConnection = PromptConnection
+
+
+class PromptConnection(QueuedConnection):
+    """The connection of a publisher to a subscriber; publishing never waits for it.
+
+    What the kernel does not take at once waits in the queue, as in rospy: when that is full, the oldest
+    message is dropped. A message of which a part was sent is always completed.
+
+    :param connection: rospy's transport.
+    :param queue_size: messages that may wait; zero: any number.
+    """
+
+    def __init__(self, connection: Any, queue_size: int) -> None:
+        # Not rospy's own, which starts a thread.
+        self._connection = connection
+        self._queue_size = queue_size
+        self._lock = threading.Lock()  # guards the fields below
+        self._queue: List[bytes] = []
+        self._rest = b""  # of the message that was sent in part
+        self._working = False  # a thread sends what waits
+        self._error: Any = None
+
+    def write_data(self, data: bytes) -> bool:
+        """Sends a message, or queues it.
+
+        :raises TransportTerminated: the connection is broken; its publisher closes it.
+        """
+        with self._lock:
+            if self._error is not None:
+                error, self._error = self._error, None
+                raise error
+            if not self._working:
+                self._rest = data[self._send(data) :]
+                if not self._rest:
+                    return True
+                self._working = True
+                threading.Thread(
+                    target=self._work, name=f"sending to {self._connection.endpoint_id}", daemon=True
+                ).start()
+                return True
+            if self._queue_size > 0 and len(self._queue) == self._queue_size:
+                del self._queue[0]
+            self._queue.append(data)
+        return True
+
+    def _send(self, data: bytes) -> int:
+        """Sends without waiting; returns how many bytes the kernel has taken."""
+        connection = self._connection
+        peer = connection.socket
+        if connection.done:
+            raise TransportTerminated("connection closed")
+        if peer is None:
+            raise TransportInitError("the connection is not open")
+        try:
+            sent = int(peer.send(data, socket.MSG_DONTWAIT))
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise TransportTerminated(str(error)) from error
+        if sent == len(data):
+            connection.stat_bytes += sent
+            connection.stat_num_msg += 1
+        return sent
+
+    def _work(self) -> None:
+        """Sends what waits, until nothing does."""
+        while True:
+            with self._lock:
+                data = self._rest or (self._queue.pop(0) if self._queue else b"")
+                self._rest = b""
+                if not data or self._connection.done:
+                    self._working = False
+                    return
+            try:
+                self._connection.write_data(data)
+            except Exception as error:  # whatever it is, the next message finds it out, as in rospy
+                with self._lock:
+                    self._error, self._working = error, False
+                    return

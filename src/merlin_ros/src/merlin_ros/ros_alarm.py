@@ -1,0 +1,99 @@
+"""An alarm at a ROS time: woken by the clock that ROS uses, wall or simulated, also when it jumps back."""
+
+import threading
+import traceback
+from typing import Callable, Optional
+
+import rospy
+
+LONGEST = 3600.0  # s that the alarm sleeps at once: Python cannot wait for more than some hundred years
+
+
+class RosAlarm:
+    """Calls back once when a ROS time has come; setting it again moves it.
+
+    :param callback: called in the alarm's own thread.
+    :param name: of that thread.
+    """
+
+    def __init__(self, callback: Callable[[], None], name: str) -> None:
+        self._callback = callback
+        self._name = name
+        self._changed = threading.Condition()  # guards the fields below
+        self._asked: Optional[float] = None
+        self._when: Optional[float] = None  # `_asked`, moved along when the clock jumped back
+        self._seen = 0.0  # ROS time at the last look
+        self._stopping = False
+        self._thread: Optional[threading.Thread] = None
+
+    def set(self, when: Optional[float]) -> None:
+        """Rings at a ROS time, s; None: not at all. A time that is past rings at once."""
+        with self._changed:
+            if when == self._asked:
+                return
+            self._asked = self._when = when
+            self._seen = rospy.get_time()
+            if when is not None and self._thread is None:
+                self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+                self._thread.start()
+            self._changed.notify_all()
+        self._poke()
+
+    def shutdown(self) -> None:
+        """Ends the thread."""
+        with self._changed:
+            self._stopping = True
+            self._asked = self._when = None
+            self._changed.notify_all()
+        self._poke()
+
+    @staticmethod
+    def _poke() -> None:
+        if not rospy.rostime.is_wallclock():
+            condition = rospy.rostime.get_rostime_cond()
+            with condition:
+                condition.notify_all()
+
+    def _run(self) -> None:
+        while not rospy.is_shutdown():
+            with self._changed:
+                while self._when is None and not self._stopping:
+                    self._changed.wait()
+                if self._stopping:
+                    return
+                now = rospy.get_time()
+                if now < self._seen:  # what was to come in so many seconds still is
+                    self._when -= self._seen - now
+                self._seen = now
+                left = self._when - now
+                due = left <= 0
+                if due:
+                    self._asked = self._when = None
+                elif rospy.rostime.is_wallclock():
+                    self._changed.wait(min(LONGEST, left))
+            if due:
+                try:
+                    self._callback()
+                except Exception:  # the alarm is set again, by whatever else happens
+                    rospy.logerr("%s: %s", self._name, traceback.format_exc())
+            elif not rospy.rostime.is_wallclock():
+                condition = rospy.rostime.get_rostime_cond()
+                with condition:
+                    condition.wait(0.5)  # every tick of /clock notifies; the limit is for shutdown
+
+
+def call_after(seconds: float, call: Callable[[], None], name: str) -> RosAlarm:
+    """Calls once after some ROS time, also when the clock jumps back meanwhile; rospy's timer dies of that.
+
+    :param seconds: s of ROS time.
+    :param name: of the thread that calls.
+    :return: the alarm; its shutdown prevents the call, and ends the thread at once.
+    """
+
+    def ring() -> None:
+        alarm.shutdown()
+        call()
+
+    alarm = RosAlarm(ring, name)
+    alarm.set(rospy.get_time() + seconds)
+    return alarm

@@ -1,0 +1,1 @@
+"""What things look like, and the process that makes pictures of them. Knows no ROS."""

@@ -1,0 +1,70 @@
+"""The process that makes pictures: ``main`` serves one simulator until that one ends, however it ends.
+
+It has no connections of ROS. Shots (:class:`.shot.Shot`) come over a socket; their pixels go into memory that
+both processes share, and the number of bytes, or the text of an error, is sent back.
+"""
+
+import contextlib
+import ctypes
+import mmap
+import os
+import signal
+import socket
+import sys
+
+from merlin_ros.process_priority import inherit_priority
+from merlin_sim.rendering.channel import receive, send
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def main() -> None:
+    """Entry point of the process; its arguments: socket, shared memory, the simulator's process id."""
+    descriptor, memory, simulator = (int(argument) for argument in sys.argv[-3:])
+    # The simulator says when to end, not a terminal; a SIGTERM means this process alone.
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    _end_with(simulator)
+    inherit_priority()  # the simulator yields to the robots' software
+    with socket.socket(fileno=descriptor) as channel, contextlib.suppress(EOFError, OSError):
+        channel.setblocking(True)  # it is not, where the simulator has a default time limit for sockets
+        _serve(channel, memory)
+    os._exit(0)
+
+
+def _serve(channel: socket.socket, memory: int) -> None:
+    try:
+        from merlin_sim.rendering.picture_engine import PictureEngine  # takes its time
+
+        engine = PictureEngine()
+    except (ImportError, RuntimeError) as error:  # the library is missing, or a part of it
+        send(channel, str(error))
+        return
+    send(channel, None)  # ready
+    while True:
+        shot = receive(channel)
+        try:
+            length = _share(engine.expose(shot).tobytes(), memory)
+        except Exception as error:  # told to the client; the next shot brings everything again
+            engine.close()
+            send(channel, f"{type(error).__name__}: {error}")
+            continue
+        send(channel, length)
+
+
+def _share(pixels: bytes, memory: int) -> int:
+    if os.fstat(memory).st_size < len(pixels):
+        os.ftruncate(memory, len(pixels))
+    with mmap.mmap(memory, len(pixels)) as shared:
+        shared[:] = pixels
+    return len(pixels)
+
+
+def _end_with(simulator: int) -> None:
+    """Lets the kernel kill this process when the thread that started it has gone.
+
+    A closed socket says the same, but is not noticed by a process that was stopped.
+    """
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != simulator:
+        os._exit(0)  # it went before

@@ -1,0 +1,127 @@
+"""The simulator's end of the process that makes pictures (:mod:`merlin_sim.rendering.picture_process`)."""
+
+import contextlib
+import mmap
+import os
+import select
+import socket
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from merlin_sim.rendering.channel import receive, send
+from merlin_sim.rendering.shot import PictureError, Shot
+
+_MODULE = "merlin_sim.rendering.picture_process"
+#: What the process is called in a list of processes.
+NAME = "merlin_sim_pictures"
+#: s of wall time without any progress while it starts, when it waits for a disk.
+START_LIMIT = 30.0
+#: Most processor time for a picture: s, and s per million pixels. Some thirty times as much as usual.
+WORK_LIMIT, WORK_LIMIT_PER_MEGAPIXEL = 5.0, 10.0
+
+
+class WorkerLost(PictureError):
+    """The process has ended or does not answer."""
+
+
+class PictureWorker:
+    """A process that makes one picture at a time.
+
+    To be made and closed in a thread that lives as long: the process ends with it.
+
+    :raises WorkerLost: it cannot be started.
+    """
+
+    def __init__(self) -> None:
+        self._channel, theirs = socket.socketpair()
+        self._memory = os.memfd_create("pictures")
+        # The modules of this process, wherever they come from.
+        program = f"import sys; sys.path[:] = {sys.path!r}; from {_MODULE} import main; main()"
+        descriptors = (theirs.fileno(), self._memory)
+        command = [sys.executable, "-c", program, NAME, *map(str, (*descriptors, os.getpid()))]
+        try:
+            with theirs:
+                self._process = subprocess.Popen(
+                    command, pass_fds=descriptors, stdin=subprocess.DEVNULL, start_new_session=True
+                )
+        except OSError as error:
+            self._channel.close()
+            os.close(self._memory)
+            raise WorkerLost(f"the process that makes pictures cannot be started: {error}") from error
+        self._scene, self._known = -1, 0  # the scene that it has, and how many of its bodies
+        self._ready = False
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    def expose(self, shot: Shot, limit: float) -> np.ndarray:
+        """The picture of a shot: height x width x 3, RGB, 0..255.
+
+        :param limit: s of wall time without an answer or any processor time, after which it counts as hung.
+        :raises PictureError: the picture cannot be made.
+        :raises WorkerLost: the process is no longer of use; close it.
+        """
+        known = self._known if shot.scene == self._scene else 0
+        try:
+            if not self._ready:
+                problem = self._answer(START_LIMIT, WORK_LIMIT)
+                if problem is not None:
+                    raise WorkerLost(f"the process that makes pictures cannot start: {problem}")
+                self._ready = True
+            self._channel.settimeout(limit)
+            send(self._channel, replace(shot, looks=shot.looks[known:]))
+            pixels = shot.camera.model.width * shot.camera.model.height
+            answer = self._answer(limit, WORK_LIMIT + WORK_LIMIT_PER_MEGAPIXEL * pixels / 1e6)
+        except socket.timeout:
+            raise WorkerLost("the process that makes pictures hangs") from None
+        except (EOFError, OSError):
+            raise WorkerLost("the process that makes pictures has ended") from None
+        if isinstance(answer, str):
+            self._scene = -1
+            raise PictureError(f"the picture cannot be made: {answer}")
+        self._scene, self._known = shot.scene, len(shot.looks)
+        model = shot.camera.model
+        with mmap.mmap(self._memory, answer, access=mmap.ACCESS_READ) as shared:
+            return np.frombuffer(shared[:], dtype=np.uint8).reshape(model.height, model.width, 3)
+
+    def _answer(self, limit: float, most: float) -> Any:
+        """Waits for an answer as long as the process works for it: on a busy machine that may take its time.
+
+        :param most: s of processor time.
+        """
+        poll = select.poll()
+        poll.register(self._channel, select.POLLIN)
+        began = before = self._worked()
+        while not poll.poll(limit * 1000.0):
+            now = self._worked()
+            if now == before or now - began > most:
+                raise socket.timeout
+            before = now
+        return receive(self._channel)
+
+    def _worked(self) -> float:
+        """Processor time of the process so far, s."""
+        try:
+            fields = Path(f"/proc/{self.pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
+        except OSError as error:
+            raise EOFError from error
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def interrupt(self) -> None:
+        """Ends a wait for a picture, from another thread."""
+        with contextlib.suppress(OSError):  # closed on the other side
+            self._channel.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._process.kill()
+        self._process.wait()
+        self._channel.close()
+        os.close(self._memory)

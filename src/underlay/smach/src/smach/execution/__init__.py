@@ -1,0 +1,1 @@
+"""How containers are built, run and preempted; SMACH programs use the modules beside this package."""

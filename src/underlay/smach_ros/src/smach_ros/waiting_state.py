@@ -1,0 +1,37 @@
+"""What the states that wait for something have in common: a preempt ends the wait at once."""
+
+import threading
+from typing import Any
+
+import smach
+from smach.execution import run_context
+from smach.log import wake_at_shutdown
+
+
+class WaitingState(smach.State):
+    """A state whose waits end with a preempt and with the shutdown of the node.
+
+    A subclass waits on ``_changed``, and implements :meth:`_execute`. Parameters: as of ``smach.State``.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._changed = threading.Condition(threading.RLock())  # wakes the wait
+        wake_at_shutdown(self._changed)
+
+    def request_preempt(self) -> None:
+        """Ends the wait at once."""
+        super().request_preempt()
+        with self._changed:
+            self._changed.notify_all()
+
+    def execute(self, ud: Any) -> str:
+        """Runs the state; returns its outcome."""
+        by_container = run_context.begin_run(self)
+        try:
+            return self._execute(ud)
+        finally:
+            run_context.end_run(self, by_container)
+
+    def _execute(self, ud: Any) -> str:
+        raise NotImplementedError

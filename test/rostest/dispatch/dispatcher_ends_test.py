@@ -1,0 +1,122 @@
+#!/usr/bin/env python3
+"""A plan dispatcher that ends, by a signal or killed: its actions stop, and its client gets the reason."""
+
+import contextlib
+import os
+import signal
+import tempfile
+import threading
+import unittest
+from unittest import mock
+from xmlrpc.client import ServerProxy
+
+import rosgraph
+import rosnode
+import rospy
+from dispatch_fixture import LONG, Interfaces, named
+from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
+
+import rostest
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_sm import dispatch_client
+from merlin_sm.dispatch_client import DispatchClient
+from merlin_test.topic_links import wait_for_publishers
+
+
+class DispatcherEnds(unittest.TestCase):
+    def begin(self, dispatcher, **answers):
+        """Gives it a plan of one action; returns what answers for the action."""
+        interfaces = Interfaces(dispatcher)
+        self.addCleanup(interfaces.close)
+        interfaces.answers.update({"paint": [(1,)], **answers})
+        parse = ServiceProxy("/simple_parser/parse_plan_from_file", ParsingService)
+        self.assertTrue(parse.wait(LONG))
+        with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
+            file.write("0.0: (paint ann leg) [5.0]\n")
+            file.flush()
+            self.assertTrue(parse(plan_path=file.name).plan_parsed)
+        return interfaces
+
+    def test_one_that_is_told_to_end_cancels_what_runs_and_is_gone(self):
+        dispatcher = "/ending_dispatcher"
+        dispatch = ServiceProxy(f"{dispatcher}/dispatch_plan", DispatchService)
+        self.assertTrue(dispatch.wait(LONG))
+        interfaces = self.begin(dispatcher, on_cancel=(10, "cancelled"))
+        ended = threading.Event()
+
+        def call():
+            with contextlib.suppress(ServiceError):
+                dispatch()
+            ended.set()
+
+        threading.Thread(target=call, daemon=True).start()
+        interfaces.wait(named("paint"))
+        rosnode.kill_nodes([dispatcher])
+        interfaces.wait(named("cancel_action"))
+        self.assertTrue(ended.wait(LONG))
+        while dispatch.available():  # its connections are closed before its services are
+            rospy.rostime.wallsleep(0.05)
+
+    def dispatched_and_killed(self, dispatcher, deadline, sent=signal.SIGKILL, **answers):
+        """A client whose dispatcher is killed under it, its interfaces, and what gives the result.
+
+        :param sent: what it gets instead.
+        """
+        client = DispatchClient(dispatcher, cancel_deadline=deadline)
+        self.assertTrue(client.wait_status(LONG))
+        interfaces = self.begin(dispatcher, **answers)
+        wait_for_publishers(interfaces.subscriber, count=2)  # the dispatcher, and the client
+        results = []
+        thread = threading.Thread(target=lambda: results.append(client.dispatch(lambda interrupt: None)))
+        thread.start()
+
+        def result():
+            thread.join(LONG)
+            return results[0]
+
+        interfaces.wait(named("paint"))
+        with client._changed:
+            self.assertTrue(client._changed.wait_for(lambda: client._progress.unanswered, LONG))
+        uri = rosnode.get_api_uri(rosgraph.Master(rospy.get_name()), dispatcher)
+        _, _, pid = ServerProxy(uri).getPid("/test")
+        os.kill(pid, sent)
+        if sent == signal.SIGSTOP:
+            self.addCleanup(os.kill, pid, signal.SIGCONT)
+        return client, interfaces, result
+
+    def test_the_actions_of_one_that_is_killed_are_cancelled_by_its_client(self):
+        _, interfaces, result = self.dispatched_and_killed(
+            "/killed_dispatcher", LONG, on_cancel=(10, "cancelled")
+        )
+        interfaces.wait(named("cancel_action"))
+        ended = result()
+        self.assertTrue(ended.gone)
+        self.assertEqual((ended.cancelled, ended.action, ended.unstopped), (False, "", ()))
+
+    @mock.patch.object(dispatch_client, "ORPHAN_GRACE", LONG)
+    def test_a_cancel_after_it_was_killed_is_complete_when_the_action_has_ended(self):
+        client, interfaces, result = self.dispatched_and_killed("/dead_dispatcher", LONG)
+        action = interfaces.wait(named("cancel_action"))
+        client.cancel()
+        interfaces.answer(action, 10, "cancelled")
+        ended = result()
+        self.assertTrue(ended.gone and ended.cancelled)
+        self.assertEqual(ended.unstopped, ())
+
+    @mock.patch.object(dispatch_client, "ORPHAN_GRACE", 10.0)  # s in which this test has to cancel
+    def test_a_cancel_after_it_was_killed_names_the_action_that_does_not_answer(self):
+        client, interfaces, result = self.dispatched_and_killed("/lost_dispatcher", 0.2)
+        interfaces.wait(named("cancel_action"))
+        client.cancel()
+        self.assertEqual(result().unstopped, ("(paint ann leg)",))
+
+    def test_one_that_hangs_is_given_up_also_when_no_action_answers(self):
+        _, _, result = self.dispatched_and_killed("/hanging_dispatcher", 0.5, signal.SIGSTOP)
+        ended = result()
+        self.assertTrue(ended.timed_out)
+        self.assertEqual((ended.cancelled, ended.unstopped), (False, ("(paint ann leg)",)))
+
+
+if __name__ == "__main__":
+    rospy.init_node("dispatcher_ends_test")
+    rostest.rosrun("merlin_test", "dispatcher_ends", DispatcherEnds)

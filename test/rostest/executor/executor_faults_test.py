@@ -1,0 +1,330 @@
+#!/usr/bin/env python3
+"""Processes around the Executor die, hang, or do not obey (docs/reliability.md).
+
+The robot stops, the answer is true, and the next goal works without help.
+"""
+
+import os
+import signal
+import subprocess
+import threading
+import unittest
+from contextlib import contextmanager
+
+import rospy
+from actionlib_msgs.msg import GoalStatusArray
+from executor_faults_fixture import Changes, Guard, Watch, client_process, kill, pid_of, start
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus
+from rosplan_dispatch_msgs.srv import DispatchService
+from std_srvs.srv import Empty
+
+import rostest
+from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
+from merlin_executor.resending import RESEND
+from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update, fact
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test.held_drives import HeldDrives
+
+LONG = 60.0
+TOPICS = {
+    "rosplan_planner_interface/problem_instance": "rosplan_problem_interface/problem_instance",
+    "rosplan_parsing_interface/planner_output": "rosplan_planner_interface/planner_output",
+    "rosplan_plan_dispatcher/complete_plan": "rosplan_parsing_interface/complete_plan",
+}
+
+
+class Faults(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.drives = HeldDrives()
+        cls.dispatch = Watch("rosplan_plan_dispatcher/dispatch_status", DispatchStatus)
+        cls.status = Watch("merlin/status", ExecutorStatus)
+        cls.knowledge = MerlinROSPlanAssistant()
+        cls.guard = Guard()
+        cls.planning = cls.start_planning()
+        assert cls.knowledge.knowledge.wait(LONG)
+
+    @classmethod
+    def tearDownClass(cls):
+        kill(cls.planning)
+
+    @classmethod
+    def start_planning(cls):
+        remaps = [f"{own}:={other}" for own, other in TOPICS.items()]
+        return start("merlin_rosplan", "planning_system", "__name:=planning_system", *remaps)
+
+    def setUp(self):
+        self.guard.says(moving=False)
+        self.guard.halted.clear()
+        self.guard.braked.clear()
+        if self.planning.poll() is not None:
+            type(self).planning = self.start_planning()
+            self.assertTrue(KnowledgeClient("rosplan_knowledge_base").wait(LONG))
+        self.client = MerlinExecutorClient()
+        self.addCleanup(lambda: kill(self.executor))
+        self.addCleanup(self.drives.end)
+        self.start_executor()
+        checked = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "main_door")]
+        self.knowledge.remove_facts([*checked, *self.knowledge.facts("robot_at")])
+        self.knowledge.add_facts("(robot_at bathroom)")  # so that the kitchen is a drive away
+
+    def start_executor(self, *parameters):
+        self.executor = start("merlin_executor", "executor", "__name:=merlin_executor", *parameters)
+        self.assertTrue(self.client.wait_for_executor(LONG))
+
+    def restart_executor(self, *parameters):
+        for parameter in parameters:  # it would stay for the executors of other tests
+            name = parameter.split(":=")[0].replace("_", "/merlin_executor/", 1)
+            self.addCleanup(rospy.delete_param, name)
+        kill(self.executor, signal.SIGTERM)
+        self.wait_executor_gone()
+        self.start_executor(*parameters)
+
+    def wait_executor_gone(self):
+        deadline = rospy.Time.now() + rospy.Duration(LONG)
+        while self.client.executor_alive:
+            self.assertLess(rospy.Time.now(), deadline)
+            rospy.rostime.wallsleep(0.05)
+
+    def driving(self, **options):
+        """Has the kitchen checked; returns the request when the robot drives, until something stops it."""
+        self.drives.hold()
+        request = self.client.send("(checked kitchen)", **options)
+        self.drives.wait_driving()
+        return request
+
+    @contextmanager
+    def client_driving(self, *arguments):
+        """A client of its own that wants the kitchen checked, and has the robot drive likewise."""
+        self.drives.hold()
+        with client_process(*arguments) as client:
+            self.drives.wait_driving()
+            yield client
+
+    def assertOutcome(self, result, name):
+        self.assertEqual(outcome_name(result.outcome), name, result.reason)
+
+    def assertNextGoalWorks(self, goal="(checked main_door)"):
+        self.knowledge.remove_facts(goal)
+        self.assertOutcome(self.client.execute(goal, LONG), "SUCCEEDED")
+        self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
+        self.assertNotIn(goal, self.knowledge.goals())
+        self.assertNotIn("(checked kitchen)", self.knowledge.goals())
+
+    # --- the Executor -----------------------------------------------------------------------------------
+
+    def test_an_executor_that_is_killed_leaves_nothing_that_moves(self):
+        request = self.driving()
+        killed = rospy.Time.now()
+        kill(self.executor)
+        self.drives.wait_stopped()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "INTERNAL")
+        self.wait_executor_gone()
+        self.start_executor()
+        self.dispatch.wait_idle(killed)
+        self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
+        self.assertNextGoalWorks()
+
+    def test_the_goals_of_a_hung_executor_are_removed_before_it_goes_on(self):
+        changes = Changes("(checked kitchen)")
+        request = self.driving()
+        node = pid_of("/merlin_executor")
+        os.kill(node, signal.SIGSTOP)
+        try:
+            self.drives.wait_stopped()
+            changes.wait_removed()
+            self.assertTrue(request.wait(LONG))
+            self.assertOutcome(request.result, "INTERNAL")
+        finally:
+            resumed = rospy.Time.now()
+            os.kill(node, signal.SIGCONT)
+        status = self.status.wait_idle(resumed)
+        self.assertIn("cancelled", status.reason)
+        self.assertFalse(self.knowledge.holds("(checked kitchen)"))
+        self.assertNextGoalWorks()
+
+    def test_an_executor_that_hung_carries_on_what_its_client_still_wants(self):
+        changes = Changes("(checked kitchen)")
+        with self.client_driving("--go-on") as client:
+            kill(client)  # so that nothing but the Executor itself decides about the request
+            node = pid_of("/merlin_executor")
+            stopped = rospy.Time.now()
+            os.kill(node, signal.SIGSTOP)
+            try:
+                changes.wait_removed()
+                self.dispatch.wait_idle(stopped)
+            finally:
+                resumed = rospy.Time.now()
+                os.kill(node, signal.SIGCONT)
+            status = self.status.wait_idle(resumed)
+        self.assertTrue(self.knowledge.holds("(checked kitchen)"), status.reason)
+        self.assertNextGoalWorks()
+
+    def test_a_mission_survives_its_executor(self):
+        request = self.driving(on_lost=RESEND)
+        kill(self.executor)
+        self.drives.wait_stopped()
+        self.wait_executor_gone()
+        self.start_executor()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "SUCCEEDED")
+        self.assertTrue(self.knowledge.holds("(checked kitchen)"))
+        self.assertNextGoalWorks()
+
+    def test_a_request_that_met_a_dying_executor_is_carried_out_by_the_next(self):
+        os.kill(pid_of("/merlin_executor"), signal.SIGSTOP)
+        request = self.client.send("(robot_at kitchen)")
+        kill(self.executor)
+        self.start_executor()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "SUCCEEDED")
+
+    def test_a_second_executor_names_the_first_and_does_not_serve(self):
+        second = start("merlin_executor", "executor", "__name:=another", output=subprocess.PIPE)
+        output, _ = second.communicate(timeout=LONG)
+        self.assertNotEqual(second.returncode, 0)
+        self.assertIn("/merlin_executor is an executor of the same planning system already", output)
+        self.assertNextGoalWorks()
+
+    # --- its client -------------------------------------------------------------------------------------
+
+    def test_a_client_that_dies_takes_its_request_along(self):
+        with self.client_driving() as client:
+            killed = rospy.Time.now()
+            kill(client)
+            self.drives.wait_stopped()
+        status = self.status.wait_idle(killed)
+        self.assertIn("its client /executor_victim", status.reason)
+        self.assertNextGoalWorks()
+
+    def test_a_request_may_go_on_without_its_client(self):
+        with self.client_driving("--go-on") as client:
+            killed = rospy.Time.now()
+            kill(client)
+            self.drives.end()
+            status = self.status.wait_idle(killed)
+        self.assertTrue(self.knowledge.holds("(checked kitchen)"), status.reason)
+
+    # --- the planning system ----------------------------------------------------------------------------
+
+    def test_a_planning_system_that_returns_is_used_again(self):
+        self.restart_executor(f"_planning_system_return:={LONG}")
+        request = self.driving()
+        kill(self.planning)
+        self.drives.wait_stopped()
+        type(self).planning = self.start_planning()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "SUCCEEDED")
+        self.assertGreater(request.result.replans, 0)
+        self.assertNextGoalWorks()
+
+    def test_a_planning_system_that_stays_away_is_named(self):
+        self.restart_executor("_planning_system_return:=1.0")
+        request = self.driving()
+        kill(self.planning)
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "INTERNAL")
+        self.assertIn("the planning system's plan dispatcher", request.result.reason)
+        self.assertIn("did not return within 1 s", request.result.reason)
+        self.assertNotIn("Errno", request.result.reason)
+        self.drives.wait_stopped()
+
+    def test_a_hung_planning_system_is_told_within_ten_seconds_of_the_cancel(self):
+        self.restart_executor(f"_planning_system_return:={LONG}")  # until then it waits for the cancel
+        request = self.driving()
+        os.kill(self.planning.pid, signal.SIGSTOP)
+        try:
+            self.drives.wait_stopped()  # nothing owns the drive any more
+            request.cancel()
+            self.assertTrue(request.wait(LONG))
+        finally:
+            os.kill(self.planning.pid, signal.SIGCONT)
+        self.assertOutcome(request.result, "CANCEL_TIMEOUT")
+        self.assertIn("the planning system's plan dispatcher", request.result.reason)
+        self.assertIn("the guard has halted the base", request.result.reason)
+        self.assertNextGoalWorks()
+
+    def test_a_cancel_does_not_wait_for_a_knowledge_base_that_hangs(self):
+        client = MerlinExecutorClient(knowledge_base=None)
+        self.assertTrue(client.wait_for_executor(LONG))
+        statuses = Watch("merlin/execute/status", GoalStatusArray)
+        os.kill(self.planning.pid, signal.SIGSTOP)
+        try:
+            request = client.send("(checked kitchen)")
+            statuses.wait(lambda status: request.id in [goal.goal_id.id for goal in status.status_list])
+            request.cancel()
+            self.assertTrue(request.wait(LONG))
+        finally:
+            os.kill(self.planning.pid, signal.SIGCONT)
+        self.assertOutcome(request.result, "CANCELLED")
+        self.assertIn("the planning system's knowledge base: service", request.result.reason)
+        self.assertNextGoalWorks()
+
+    def test_a_plan_without_an_owner_gives_way(self):
+        self.knowledge.knowledge.update([Update(ADD_GOAL, fact("checked", "kitchen"))])
+        for service in (
+            "rosplan_problem_interface/problem_generation_server",
+            "rosplan_planner_interface/planning_server",
+            "rosplan_parsing_interface/parse_plan",
+        ):
+            rospy.ServiceProxy(service, Empty)()
+        dispatch = rospy.ServiceProxy("rosplan_plan_dispatcher/dispatch_plan", DispatchService)
+        by_hand = threading.Thread(target=dispatch, name="dispatch by hand", daemon=True)
+        self.drives.hold()
+        by_hand.start()
+        self.drives.wait_driving()
+        self.knowledge.knowledge.update([Update(REMOVE_GOAL, fact("checked", "kitchen"))])
+        self.assertNextGoalWorks()
+        by_hand.join(LONG)
+        self.assertFalse(self.knowledge.holds("(checked kitchen)"))
+
+    # --- what does not stop -----------------------------------------------------------------------------
+
+    def test_what_does_not_stop_is_named_and_the_base_halted(self):
+        request = self.driving()
+        self.guard.wait_heard()
+        self.assertFalse(self.guard.braked.is_set())
+        host = pid_of("/merlin_fsm_host")
+        os.kill(host, signal.SIGSTOP)
+        try:
+            request.cancel()
+            # At once, though what has to end the drive hangs.
+            self.assertTrue(self.guard.braked.wait(LONG))
+            self.assertFalse(request.done)
+            self.assertTrue(request.wait(LONG))
+        finally:
+            os.kill(host, signal.SIGCONT)
+        self.assertOutcome(request.result, "CANCEL_TIMEOUT")
+        self.assertIn("(navigate", request.result.reason)
+        self.assertIn("did not stop; the guard has halted the base", request.result.reason)
+        self.assertTrue(self.guard.halted.is_set())
+        self.drives.wait_stopped()
+        self.assertNextGoalWorks()
+
+    def test_a_cancel_is_not_complete_while_the_base_moves(self):
+        request = self.driving()
+        self.guard.wait_heard()
+        self.guard.says(moving=True)
+        request.cancel()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "CANCEL_TIMEOUT")
+        self.assertIn("the base still moves", request.result.reason)
+        self.assertTrue(self.guard.halted.is_set())
+
+    def test_a_base_that_comes_to_rest_a_moment_later_is_a_complete_cancel(self):
+        self.restart_executor(f"_stand_wait:={LONG}")
+        self.guard.wait_heard()
+        request = self.driving()
+        self.guard.says(moving=True)
+        request.cancel()
+        self.drives.wait_stopped()
+        self.guard.says(moving=False)
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "CANCELLED")
+        self.assertFalse(self.guard.halted.is_set())
+
+
+if __name__ == "__main__":
+    rospy.init_node("executor_faults_test")
+    rostest.rosrun("merlin_test", "executor_faults", Faults)

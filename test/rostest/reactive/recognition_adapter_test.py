@@ -1,0 +1,62 @@
+#!/usr/bin/env python3
+"""The node that docs/real-robot.md shows, as it stands there, between a detector and MERLIN."""
+
+import re
+import signal
+import subprocess
+import sys
+import unittest
+from pathlib import Path
+
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from merlin_msgs.msg import RecognizeAction, RecognizeGoal
+from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithPose
+
+import rostest
+from merlin_ros.actions.action_client import ActionClient
+
+LONG = 60.0  # s of wall time
+DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "real-robot.md"
+CUP, PERSON = 0, 2
+
+
+def detection(number, x):
+    hypothesis = ObjectHypothesisWithPose(id=number, score=0.9)
+    hypothesis.pose.pose.position.x = x
+    return Detection3D(results=[hypothesis])
+
+
+class RecognitionAdapter(unittest.TestCase):
+    def setUp(self):
+        (code,) = re.findall(r"```python\n(.*?SerialActionServer\(.*?)```", DOCUMENT.read_text(), re.S)
+        self.adapter = subprocess.Popen([sys.executable, "-c", code])
+        self.addCleanup(self.adapter.wait, LONG)
+        self.addCleanup(self.adapter.send_signal, signal.SIGINT)
+        self.client = ActionClient("recognize", RecognizeAction)
+        self.assertTrue(self.client.wait_for_server(LONG))
+
+    def look(self, *classes):
+        goal = self.client.send(RecognizeGoal(classes=classes))
+        self.assertTrue(goal.wait(LONG))
+        return goal
+
+    def test_detections_reach_whoever_asks_for_them(self):
+        silent = self.look()
+        self.assertEqual(
+            (silent.status, silent.text), (GoalStatus.ABORTED, "the detector sent nothing within 5 s")
+        )
+        detector = rospy.Publisher("detections", Detection3DArray, latch=True, queue_size=1)
+        self.addCleanup(detector.unregister)
+        detector.publish(Detection3DArray(detections=[detection(CUP, 1.0), detection(PERSON, 2.0)]))
+        for classes, expected in (((), [1.0, 2.0]), (("person",), [2.0]), (("bottle",), [])):
+            goal = self.look(*classes)
+            self.assertEqual(goal.status, GoalStatus.SUCCEEDED, goal.text)
+            seen = goal.result.detections.detections
+            self.assertEqual([found.results[0].pose.pose.position.x for found in seen], expected)
+            self.assertEqual(goal.result.names[PERSON], "person")
+
+
+if __name__ == "__main__":
+    rospy.init_node("recognition_adapter_test")
+    rostest.rosrun("merlin_test", "recognition_adapter", RecognitionAdapter)

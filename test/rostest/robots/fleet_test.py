@@ -1,0 +1,170 @@
+#!/usr/bin/env python3
+"""Two robots of a fleet over a real etcd: one is killed at work, and nothing is lost or done twice."""
+
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import threading
+import unittest
+
+import rospy
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray
+from merlin_msgs.msg import ExecuteActionResult, KnowledgeChanges
+
+import rostest
+from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
+from merlin_executor.goal_check import GoalError
+from merlin_fleet.fleet_client import ACHIEVED, FleetClient
+from merlin_fleet.testing.etcd_process import EtcdProcess
+from merlin_sm.knowledge_client import REMOVE, Update, fact, knowledge_client
+from merlin_test.topic_links import wait_for_publishers
+
+LIMIT = 120.0
+POINTS = ("kitchen", "bathroom", "dorm_room", "main_door")
+ROBOTS = ("r1", "r2")
+
+
+class Fleet(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, self.folder)
+        self.etcd = EtcdProcess()
+        self.addCleanup(self.etcd.close)
+        self.client = FleetClient("lab", [self.etcd.endpoint])
+        self.addCleanup(self.client.close)
+        self.changed = threading.Condition()  # guards the fields below
+        self.health = {}
+        self.active = {robot: set() for robot in ROBOTS}
+        self.ended = {robot: [] for robot in ROBOTS}
+        self.processes = {}
+        self.learned = set()  # points that r1 has got from the fleet
+        rospy.Subscriber("/diagnostics", DiagnosticArray, self.take_health)
+        results = []
+        for robot in ROBOTS:
+            action = f"/{robot}/merlin/execute"
+            results.append(rospy.Subscriber(f"{action}/result", ExecuteActionResult, self.take_result, robot))
+            rospy.Subscriber(f"{action}/status", GoalStatusArray, self.take_status, robot)
+        changes = rospy.Subscriber("/r1/rosplan_knowledge_base/changes", KnowledgeChanges, self.take_changes)
+        wait_for_publishers(changes, *results)
+
+    def take_health(self, message):
+        with self.changed:
+            self.health.update({status.name: status.message for status in message.status})
+            self.changed.notify_all()
+
+    def take_status(self, message, robot):
+        with self.changed:
+            self.active[robot] = {
+                status.goal_id.id for status in message.status_list if status.status == GoalStatus.ACTIVE
+            }
+            self.changed.notify_all()
+
+    def take_changes(self, message):
+        with self.changed:
+            if "fleet" in message.client:
+                self.learned |= {it.values[0].value for it in message.added if it.attribute_name == "checked"}
+            self.changed.notify_all()
+
+    def take_result(self, message, robot):
+        with self.changed:
+            self.ended[robot].append(outcome_name(message.result.outcome))
+            self.changed.notify_all()
+
+    def until(self, holds, what):
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(holds, LIMIT), f"{what}: {vars(self)}")
+
+    def begin(self, robot):
+        command = [
+            "rosrun",
+            "merlin_fleet",
+            "fleet_robot",
+            f"__ns:=/{robot}",
+            "_fleet:=lab",
+            "_lease:=12.0",
+            "_fleet_facts:=checked=r2",
+        ]
+        command += [f"_hub:={self.etcd.endpoint}", f"_outbox:={self.folder}/{robot}"]
+        self.processes[robot] = subprocess.Popen(command, start_new_session=True)
+        self.addCleanup(self.kill, robot)
+
+    def join(self, robot):
+        self.begin(robot)
+        # r1 says that it has old facts as long as r2, which writes them, is not there.
+        joined = ("joined", "it plans with old facts: 'checked' of r2 may be older than 60 s")
+        self.until(lambda: self.health.get(f"{robot}/merlin_fleet: fleet") in joined, f"{robot} joins")
+
+    def kill(self, robot):
+        process = self.processes[robot]
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+    @staticmethod
+    def of_r1(requests):
+        return [it for it in requests if it.news is not None and it.news.owner == "r1"]
+
+    def test_a_robot_dies_and_the_other_one_does_its_goals(self):
+        self.join("r1")
+        requests = [self.client.send(f"(checked {point})", domain="home") for point in POINTS]
+        self.until(lambda: self.active["r1"], "r1 begins")
+        owned = self.client.wait(lambda: len(self.of_r1(requests)) == 2, LIMIT)
+        self.assertTrue(owned, [it.news for it in requests])
+        own = self.of_r1(requests)
+        self.join("r2")
+        for request in requests:
+            if request not in own:
+                self.assertTrue(request.wait(LIMIT), request.news)
+        told = {it.news.goal.goals[0].strip("()").split()[1] for it in requests if it not in own}
+        self.until(lambda: self.learned == told, "r1 knows what r2 has done")
+        self.kill("r1")
+        # Its Executor has lost the client that owns the goal, and stops it.
+        self.until(lambda: self.ended["r1"] and not self.active["r1"], "r1 stops")
+        for request in own:
+            self.assertTrue(request.wait(LIMIT), request.news)
+        self.assertEqual({it.result.robot for it in requests}, {"r2"})
+        self.assertLessEqual({it.result.outcome for it in requests}, set(ACHIEVED))
+        self.until(lambda: self.ended["r2"].count("SUCCEEDED") == len(POINTS), "r2's results")
+        self.assertEqual(set(self.ended["r1"]), {"CANCELLED"})
+        # One that gets a signal leaves at once, not when its lease ends.
+        self.processes["r2"].send_signal(signal.SIGINT)
+        self.assertEqual(self.processes["r2"].wait(LIMIT), 0)
+        self.assertTrue(
+            self.client.wait(lambda: not any(joined for _, joined in self.client.robots()), LIMIT)
+        )
+        asked = [fact("checked", point) for point in POINTS]
+        found = {robot: knowledge_client(f"/{robot}/rosplan_knowledge_base").query(asked) for robot in ROBOTS}
+        self.assertEqual(found, {"r1": [point in told for point in POINTS], "r2": [True] * 4})
+
+    def test_without_the_hub_it_works_for_itself_and_joins_later(self):
+        done = fact("checked", POINTS[0])
+        knowledge_client("/r2/rosplan_knowledge_base").update([Update(REMOVE, done)])
+        self.etcd.kill()
+        self.begin("r2")
+        alone = "without the hub; it works for itself"
+        self.until(lambda: self.health.get("r2/merlin_fleet: fleet") == alone, "r2 begins without the hub")
+        local = MerlinExecutorClient("/r2/merlin/execute", "/r2/rosplan_knowledge_base")
+        self.assertTrue(local.wait_for_executor(LIMIT))
+        result = local.execute(f"(checked {POINTS[0]})", LIMIT)
+        self.assertEqual(outcome_name(result.outcome), "SUCCEEDED", result.reason)
+        self.etcd.start()
+        self.until(lambda: self.health["r2/merlin_fleet: fleet"] == "joined", "r2 joins")
+        self.assertIn(self.client.execute(f"(checked {POINTS[1]})", LIMIT).outcome, ACHIEVED)
+        # Goals from the fleet pass the checks of local ones.
+        for text, unknown in (("(checked garage)", "garage"), ("(painted kitchen)", "painted")):
+            wrong = self.client.send(text)
+            told = self.client.wait(lambda: wrong.news and wrong.news.hopeless, LIMIT)  # noqa: B023
+            self.assertTrue(told, wrong.news)
+            self.assertIn(unknown, wrong.news.refusals["r2"])
+            with self.assertRaises(GoalError):
+                local.send(text)
+            wrong.cancel()
+            self.assertTrue(wrong.wait(LIMIT))
+
+
+if __name__ == "__main__":
+    rospy.init_node("fleet_test")
+    rostest.rosrun("merlin_test", "fleet", Fleet)

@@ -1,0 +1,106 @@
+"""Services over real connections: servers that die, hang, refuse, and come back."""
+
+import os
+import signal
+import threading
+import unittest
+from unittest import mock
+
+import rospy
+from std_srvs.srv import Trigger, TriggerResponse
+from transport_victim import start_victim
+
+from merlin_ros import service_proxy
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
+
+LONG = 60.0
+
+
+class Services(unittest.TestCase):
+    def test_a_restarted_server_is_found_again(self):
+        ask = ServiceProxy("victim/ask", Trigger)
+        for _ in range(2):
+            victim = start_victim()
+            try:
+                self.assertTrue(ask.wait(LONG))
+                self.assertEqual(ask().message, "/victim")
+            finally:
+                os.kill(victim.pid, signal.SIGKILL)
+                victim.wait()
+        with self.assertRaises(ServiceError) as caught:
+            ask()
+        self.assertIn("/victim/ask", str(caught.exception))
+
+    def test_threads_share_a_proxy(self):
+        service = rospy.Service("shared", Trigger, lambda request: TriggerResponse(True, "yes"))
+        self.addCleanup(service.shutdown)
+        proxy = ServiceProxy("shared", Trigger)
+        answers = []
+        threads = [
+            threading.Thread(target=lambda: answers.extend(proxy().message for _ in range(50)))
+            for _ in range(8)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        self.assertEqual(answers, ["yes"] * 400)
+
+    def test_a_server_that_hangs_is_given_up(self):
+        release = threading.Event()
+        self.addCleanup(release.set)
+        service = rospy.Service("hangs", Trigger, lambda request: release.wait() and TriggerResponse())
+        self.addCleanup(service.shutdown)
+        with self.assertRaises(ServiceError):
+            ServiceProxy("hangs", Trigger, timeout=0.2)()
+
+    def test_a_time_limit_that_passes_while_the_server_is_looked_up_ends_the_call(self):
+        service = rospy.Service("looked_up", Trigger, lambda request: TriggerResponse(True, "too late"))
+        self.addCleanup(service.shutdown)
+        passed, give_up = threading.Event(), ServiceProxy._give_up
+
+        def note(proxy):
+            give_up(proxy)
+            passed.set()
+
+        class SlowMaster:
+            def lookupService(self, name):
+                assert passed.wait(LONG)
+                return rospy.get_master().lookupService(name)[2]
+
+        with mock.patch.object(ServiceProxy, "_give_up", staticmethod(note)), mock.patch.object(
+            service_proxy, "bounded_master", SlowMaster
+        ), self.assertRaisesRegex(ServiceError, "no answer within 0.2 s"):
+            ServiceProxy("looked_up", Trigger, timeout=0.2)()
+
+    def test_the_first_call_waits_for_a_server_that_is_being_started(self):
+        offered = []
+        ask = ServiceProxy("comes_late", Trigger, patience=LONG)
+        look = ask.available
+
+        def start_after_the_first_look():
+            found = look()
+            if not offered:
+                offered.append(rospy.Service("comes_late", Trigger, lambda _: TriggerResponse(True, "here")))
+            return found
+
+        ask.available = start_after_the_first_look
+        self.addCleanup(lambda: offered[0].shutdown())
+        self.assertEqual(ask().message, "here")
+
+    def test_a_refusal_is_told_in_the_words_of_the_server(self):
+        def refuse(_):
+            raise rospy.ServiceException("battery of 'anna' is \"flat\", naïve")
+
+        service = rospy.Service("refuses", Trigger, refuse)
+        self.addCleanup(service.shutdown)
+        with self.assertRaises(ServiceError) as caught:
+            ServiceProxy("refuses", Trigger)()
+        self.assertEqual(
+            str(caught.exception), "service /refuses failed: battery of 'anna' is \"flat\", naïve"
+        )
+
+    def test_a_missing_service_is_named(self):
+        with self.assertRaises(ServiceError) as caught:
+            ServiceProxy("nowhere", Trigger)()
+        self.assertIn("/nowhere", str(caught.exception))

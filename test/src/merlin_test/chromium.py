@@ -1,0 +1,126 @@
+"""The distribution's Chromium, driven by playwright, for tests and benchmarks of the monitor's page."""
+
+import contextlib
+import re
+import shutil
+import time
+from typing import Any, Dict, Iterator, List, Optional
+
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+
+# The shell has no window to draw for each page, which takes most of the time of the whole browser.
+BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser")
+LONG = 60.0  # s
+LOOK = 0.03  # s between two looks at the page
+# That the monitor was gone for a moment, or refused something, is not a fault of the page.
+EXPECTED = re.compile(
+    r"ERR_(CONNECTION|EMPTY_RESPONSE|INCOMPLETE_CHUNKED_ENCODING)|responded with a status of (403|409)"
+)
+
+
+class NoBrowser(RuntimeError):
+    """There is no Chromium."""
+
+
+@contextlib.contextmanager
+def chromium() -> Iterator[Browser]:
+    """A browser without a window.
+
+    :raises NoBrowser: it is not installed.
+    """
+    found = (shutil.which(name) for name in BROWSERS)
+    executable = next((path for path in found if path is not None), None)
+    if executable is None:
+        raise NoBrowser("there is no Chromium; install the package chromium-headless-shell of apt.txt")
+    with sync_playwright() as playwright:
+        # Without a sandbox, because tests run as root in containers; it sees only pages of this machine.
+        browser = playwright.chromium.launch(
+            executable_path=executable, args=["--no-sandbox", "--disable-gpu"], timeout=1000 * LONG
+        )
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class Visit:
+    """A page that is open, with what it complained about.
+
+    :param beside: another page of the same window.
+    :param options: of the browser's context, such as viewport and color_scheme.
+    """
+
+    def __init__(
+        self, browser: Browser, address: str, beside: Optional["Visit"] = None, **options: Any
+    ) -> None:
+        self.context: BrowserContext = beside.context if beside else browser.new_context(**options)
+        self.page: Page = self.context.new_page()
+        self.page.set_default_timeout(1000 * LONG)
+        self.complaints: List[str] = []
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("console", self._console)
+        self.page.goto(address)
+        self.wait("() => document.documentElement.dataset.panels === 'shown'")
+
+    def wait(self, expression: str, argument: Any = None, limit: float = LONG) -> None:
+        """Waits until a JavaScript function, which may be async, returns something true.
+
+        :param limit: s of wall time.
+
+        :raises AssertionError: it does not.
+        """
+        # Chromium's own waiting takes an async function's promise for true.
+        end = time.monotonic() + limit
+        while not self.page.evaluate(expression, argument):
+            assert time.monotonic() < end, f"after {limit:.0f} s not true: {expression} ({argument})"
+            self.page.wait_for_timeout(1000 * LOOK)
+
+    def text(self, selector: str) -> str:
+        """The text of an element."""
+        return self.page.text_content(selector) or ""
+
+    def texts(self, selector: str) -> List[str]:
+        """The texts of all elements that fit."""
+        return self.page.locator(selector).all_text_contents()
+
+    def wait_text(self, selector: str, wanted: str, limit: float = LONG) -> None:
+        """Waits until an element contains a text."""
+        self.wait(
+            "([selector, wanted]) => [...document.querySelectorAll(selector)]"
+            ".some((element) => element.textContent.includes(wanted))",
+            [selector, wanted],
+            limit,
+        )
+
+    def now(self) -> Dict[str, str]:
+        """What the robot does, as it is said at one moment: mission, goal, action, state, because → text.
+
+        Of goal and action also the PDDL, as ``goal pddl`` and ``action pddl``.
+        """
+        chain, because = self.page.evaluate(
+            "() => [[...document.querySelectorAll('#now-chain li')]"
+            ".map((item) => [item.textContent, item.title]),"
+            " document.getElementById('now-because').textContent]"
+        )
+        shown = {"because": because}
+        for text, pddl in chain:
+            what, words = text.split(": ", 1)
+            shown.update({what: words, f"{what} pddl": pddl})
+        return shown
+
+    def choose_kinds(self, *kinds: str) -> None:
+        """Shows these kinds of events in the history, and no others."""
+        buttons = self.page.locator("#history-kinds button")
+        for index in range(buttons.count()):
+            button = buttons.nth(index)
+            wanted = (button.text_content() or "").split()[-1] in kinds
+            if wanted != (button.get_attribute("aria-pressed") == "true"):
+                button.click()
+
+    def close(self) -> None:
+        """Closes it, and those beside it."""
+        self.context.close()
+
+    def _console(self, message: Any) -> None:
+        if message.type == "error" and not EXPECTED.search(message.text):
+            self.complaints.append(message.text)

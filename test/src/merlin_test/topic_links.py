@@ -1,0 +1,42 @@
+"""Which publishers send to this node. rospy's own count says so before the connection is open."""
+
+import time
+from typing import Any, Set
+
+import rospy
+
+from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
+
+LONG = 120.0
+
+
+def publishers_of(subscriber: rospy.Subscriber) -> Set[str]:
+    """The nodes that send to this node: it hears of a connection before its publisher uses it."""
+    name, me = subscriber.resolved_name, rospy.get_name()
+    state: Any = bounded_master().getSystemState()
+    return {node for node in dict(state[0]).get(name, []) if sends(node, name, me)}
+
+
+def sends(node: str, topic: str, other: str) -> bool:
+    """Whether a node sends a topic to another one."""
+    try:
+        uri: Any = bounded_master().lookupNode(node)
+        info: Any = bounded_proxy(uri, LONG).getBusInfo(rospy.get_name())
+    except ERRORS:  # it has ended
+        return False
+    return any((entry[1], entry[2], entry[4]) == (other, "o", topic) for entry in info[2])
+
+
+def wait_for_publisher(subscriber: rospy.Subscriber, node: str) -> None:
+    """Waits until a node sends to a subscriber."""
+    while node not in publishers_of(subscriber):
+        rospy.rostime.wallsleep(0.01)
+
+
+def wait_for_publishers(*subscribers: rospy.Subscriber, count: int = 1) -> None:
+    """Waits until so many nodes send to each of the subscribers."""
+    end = time.monotonic() + LONG
+    for subscriber in subscribers:
+        while len(publishers_of(subscriber)) < count:
+            assert time.monotonic() < end, f"{subscriber.resolved_name}: {publishers_of(subscriber)}"
+            rospy.rostime.wallsleep(0.01)

@@ -1,0 +1,168 @@
+"""Which robots take actions: known from their hosts' messages and silence."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from merlin_actions.core.application_check import ApplicationWorld, Needs
+from merlin_actions.core.robot_book import GONE_AFTER, HostWord, RobotBook, RobotChange
+from merlin_actions.core.robot_check import check_robots, robot_parameters
+from merlin_actions.core.robot_parameter import robot_parameter
+
+ANN = HostWord("ann", "/ann/merlin_fsm_host", "one", parameters=(("drive", "r"),))
+
+
+@pytest.fixture
+def book():
+    book = RobotBook()
+    assert book.hear(ANN) == [RobotChange("ann", True)]
+    return book
+
+
+def test_a_host_says_where_its_robot_is_and_which_parameter_names_it(book):
+    assert book.available("ann") and book.namespace("ann") == "/ann/" and book.parameter("DRIVE") == "r"
+    assert book.hear(ANN) == []
+
+
+def test_a_robot_that_was_never_heard_of_has_no_reason():
+    book = RobotBook()
+    assert not book.available("ann") and book.why_not("ann") == "" and book.robots == []
+
+
+def test_a_silent_robot_is_gone_and_one_that_speaks_again_is_back(book):
+    assert book.pass_time(GONE_AFTER) == []
+    (change,) = book.pass_time(0.1)
+    assert not change.available and not change.answers and "is silent" in change.reason
+    assert book.pass_time(10.0) == [] and book.parameter("drive") == "r"
+    assert book.hear(ANN) == [RobotChange("ann", True)]
+
+
+def test_a_restarted_host_has_lost_what_ran(book):
+    lost, back = book.hear(ANN._replace(life="two"))
+    assert not lost.available and not lost.answers and "restarted" in lost.reason and back.available
+    assert book.hear(ANN) == [] and book.available("ann"), "a late word of the life before"
+
+
+def test_a_robot_that_is_taken_out_still_answers(book):
+    (change,) = book.hear(ANN._replace(out="was taken out by its operator"))
+    assert change == RobotChange("ann", False, "robot ann was taken out by its operator", True)
+    assert book.hear(ANN) == [RobotChange("ann", True)]
+
+
+def test_a_robot_that_leaves_says_so(book):
+    (change,) = book.hear(ANN._replace(leaving=True))
+    assert not change.available and "has ended" in change.reason
+    assert book.hear(ANN) == []
+
+
+def test_two_hosts_of_one_robot_get_nothing(book):
+    (change,) = book.hear(HostWord("ann", "/bob/merlin_fsm_host", "three"))
+    assert not change.available and change.answers
+    assert (
+        "two hosts say that they are robot ann: /ann/merlin_fsm_host and /bob/merlin_fsm_host"
+        in change.reason
+    )
+    assert book.hear(HostWord("ann", "/bob/merlin_fsm_host", "three", leaving=True)) == [
+        RobotChange("ann", True)
+    ]
+
+
+def test_a_suspected_robot_is_gone_until_its_next_word(book):
+    (change,) = book.suspect("ann", "its process is gone")
+    assert not change.available and not change.answers and "its process is gone" in change.reason
+    assert book.hear(ANN) == [RobotChange("ann", True)]
+    assert book.suspect("bob", "") == []
+
+
+def test_what_hosts_say_without_end_does_not_grow_without_end(book):
+    for number in range(100):
+        changes = book.hear(HostWord("ann", f"/h{number}/host", "one"))
+    assert changes == [] and len(book.why_not("ann")) < 500
+    book.hear(HostWord("bob", "/bob/host", "one", parameters=tuple((f"o{n}", "r") for n in range(3000))))
+    assert book.parameter("o0") == "r" and book.parameter("o2999") == "" and book.parameter("drive") == "r"
+    assert book.pass_time(0.0) == [] and book.forget("bob").forgotten
+    assert book.robots == ["ann"] and book.parameter("o0") == ""
+    assert book.pass_time(GONE_AFTER + 0.1) and book.hear(ANN) == [RobotChange("ann", True)]
+
+
+_words = st.builds(
+    HostWord,
+    st.sampled_from(["ann", "bob"]),
+    st.sampled_from(["/ann/host", "/bob/host"]),
+    st.sampled_from(["one", "two", "three"]),
+    st.sampled_from(["", "was taken out"]),
+    st.booleans(),
+)
+_events = st.one_of(_words, st.floats(0.0, 3.0), st.sampled_from(["ann", "bob"]))
+
+
+@given(st.lists(_events, max_size=40))
+def test_changes_tell_everything_and_nothing_twice(events):
+    book, told = RobotBook(), {}
+    for event in events:
+        if isinstance(event, HostWord):
+            changes = book.hear(event)
+        elif isinstance(event, float):
+            changes = book.pass_time(event)
+        else:
+            changes = book.suspect(event, "its process is gone")
+        for change in changes:
+            before = told.get(change.robot, RobotChange(change.robot, False))
+            assert (change.available, change.reason) != (before.available, before.reason)
+            assert change.available != bool(change.reason)
+            told[change.robot] = change
+        for robot in ("ann", "bob"):
+            assert book.available(robot) == (robot in told and told[robot].available)
+    book.pass_time(GONE_AFTER + 0.1)
+    assert not any(book.available(robot) for robot in book.robots)
+
+
+DRIVE = Needs("Drive", "drive", ("r", "to"))
+WORLD = ApplicationWorld(
+    {
+        "drive": [("r", "waiter"), ("to", "place")],
+        "print": [("n", "note")],
+        "hand": [("a", "robot"), ("b", "robot")],
+    },
+    {"waiter": ["ann", "bob"], "robot": ["ann", "bob"], "place": ["hall"], "note": []}.__getitem__,
+    [],
+    parents={"waiter": "robot", "robot": "object", "place": "object", "note": "object"},
+)
+
+
+def test_the_type_or_the_class_says_which_parameter_names_the_robot():
+    operators = WORLD.operators
+    assert robot_parameter("drive", operators["drive"], WORLD.parents) == "r"
+    assert robot_parameter("print", operators["print"], WORLD.parents) == ""
+    assert robot_parameter("print", operators["print"], WORLD.parents, "n") == "n"
+    with pytest.raises(ValueError, match=r"has the robots \?a and \?b; say with robot_parameter"):
+        robot_parameter("hand", operators["hand"], WORLD.parents)
+    assert robot_parameters([DRIVE, Needs("Hand", "hand", ("a", "b"))], WORLD) == {"drive": "r"}
+
+
+@pytest.mark.parametrize(
+    "needs, robots, said",
+    [
+        (DRIVE, ["ann", "bob"], ""),
+        (DRIVE, [], ""),
+        (DRIVE, ["ann", "ann"], "robot ann is named twice"),
+        (DRIVE, ["carl"], "robot carl is not an object of the problem, as ?r of drive has to be"),
+        (DRIVE, ["hall"], "robot hall is of type place, not waiter"),
+        (
+            DRIVE._replace(concurrent=2),
+            ["ann"],
+            "Drive runs on a robot, one at a time; take out concurrent = 2",
+        ),
+        (
+            DRIVE._replace(robot_parameter="x"),
+            [],
+            "robot_parameter is 'x', but operator drive has the parameters",
+        ),
+        (DRIVE._replace(concurrent=0), [], "Drive.concurrent has to be 1 or more, not 0"),
+        (Needs("Print", "print", ("n",)), ["ann"], "no action has a parameter of type robot"),
+        (Needs("Hand", "hand", ("a", "b")), ["ann"], "say with robot_parameter which one runs it"),
+    ],
+)
+def test_each_mistake_is_one_sentence(needs, robots, said):
+    found = check_robots([needs], WORLD, robots)
+    assert len(found) == bool(said) and said in "".join(found)

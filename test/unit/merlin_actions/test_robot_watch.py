@@ -1,0 +1,165 @@
+"""What the knowledge says of robots, and who hears of them: one robot that is wrong hides no other one."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, Dict, Iterator, List, Sequence
+
+import pytest
+from diagnostic_msgs.msg import KeyValue
+from merlin_msgs.msg import RobotHost
+from rosplan_knowledge_msgs.msg import DomainFormula
+
+from merlin_actions import robot_watch
+from merlin_actions.core.robot_book import AVAILABLE
+from merlin_actions.robot_watch import AvailableFacts, RobotWatch
+from merlin_ros.service_proxy import ServiceUnavailable
+from merlin_sm.knowledge_client import ADD, KnowledgeError, Update, fact
+from merlin_sm.robot_roster import OF_ONE
+
+LONG = 60.0
+
+
+class Knowledge:
+    """A knowledge base that knows some robots, and others not."""
+
+    name = "/kb"
+
+    def __init__(self, *robots: str) -> None:
+        self.changed = threading.Condition()
+        self.available: Dict[str, bool] = dict.fromkeys(robots, True)
+        self.silent = 0  # updates that it does not answer
+
+    def predicates(self) -> Dict[str, DomainFormula]:
+        return {AVAILABLE: DomainFormula(name=AVAILABLE, typed_parameters=[KeyValue("r", "robot")])}
+
+    def propositions(self, predicate: str) -> List[Any]:
+        return [fact(predicate, robot) for robot, there in self.available.items() if there]
+
+    def update(self, updates: Sequence[Update]) -> None:
+        (update,) = updates
+        (robot,) = [value.value for value in update.item.values]
+        with self.changed:
+            if self.silent:
+                self.silent -= 1
+                raise ServiceUnavailable("it is being started again")
+            if robot not in self.available:
+                raise KnowledgeError(f"unknown object '{robot}'")
+            self.available[robot] = update.kind == ADD
+            self.changed.notify_all()
+
+    def wait(self, **expected: bool) -> bool:
+        with self.changed:
+            return self.changed.wait_for(lambda: expected.items() <= self.available.items(), LONG)
+
+
+@pytest.fixture(autouse=True)
+def without_ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    ends = threading.Event()
+    rospy = SimpleNamespace(
+        is_shutdown=ends.is_set,
+        Subscriber=lambda *_, **__: None,
+        **dict.fromkeys(("loginfo", "logwarn", "logerr", "logwarn_throttle"), lambda *_: None),
+    )
+    monkeypatch.setattr(robot_watch, "rospy", rospy)
+    monkeypatch.setattr(robot_watch, "RETRY", 0.01)
+    yield
+    ends.set()
+
+
+def test_a_robot_that_the_knowledge_does_not_know_hides_no_other_one() -> None:
+    knowledge = Knowledge("r1", "r2")
+    facts = AvailableFacts(knowledge)  # type: ignore[arg-type]
+    facts.put("ghost", True)
+    facts.put("r1", False)
+    facts.put("r2", False)
+    assert knowledge.wait(r1=False, r2=False)
+    knowledge.available["ghost"] = False  # it is added to the problem
+    assert knowledge.wait(ghost=True)
+
+
+def test_robots_that_were_never_heard_are_told_after_a_knowledge_base_was_silent() -> None:
+    knowledge = Knowledge("r1", "r2")
+    knowledge.silent = 1
+    AvailableFacts(knowledge).settle()  # type: ignore[arg-type]
+    assert knowledge.wait(r1=False, r2=False)
+
+
+def test_a_listener_that_fails_hides_no_later_change() -> None:
+    watch = RobotWatch(Knowledge("r1", "r2"))  # type: ignore[arg-type]
+    heard, both = [], threading.Event()
+
+    def listen(change: Any) -> None:
+        heard.append(change.robot)
+        if len(heard) == 2:
+            both.set()
+        raise ValueError("this name is none for a topic")
+
+    watch.listen(listen)
+    for robot in ("r1", "r2"):
+        watch._receive(RobotHost(robot=robot, node=f"/{robot}/host", life="a"))
+    assert both.wait(LONG), heard
+
+
+def sent(robot: str, sender: str) -> RobotHost:
+    message = RobotHost(robot=robot, node=f"/{robot}/host", life="one")
+    message._connection_header = {"callerid": sender}
+    return message
+
+
+def test_a_node_that_names_robots_without_end_hides_no_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: List[str] = []
+    monkeypatch.setattr(robot_watch.rospy, "logwarn", told.append)
+    ghosts = [f"ghost{number}" for number in range(2000)]
+    knowledge = Knowledge("r1", "r2", *ghosts)
+    watch = RobotWatch(knowledge)  # type: ignore[arg-type]
+    watch._receive(sent("r1", "/r1/host"))
+    for ghost in ghosts:
+        watch._receive(sent(ghost, "/flood"))
+    watch._receive(sent("r2", "/r2/host"))
+    known = watch.why_not_each()
+    assert len(known) < 100 and known["r1"] == known["r2"] == ""
+    assert knowledge.wait(r1=True, r2=True)
+    assert len([text for text in told if "/flood names more than" in text]) == 1
+
+
+def test_robots_that_come_and_go_for_ever_leave_nothing() -> None:
+    knowledge = Knowledge("r1", *(f"guest{number}" for number in range(20)))
+    facts = AvailableFacts(knowledge)  # type: ignore[arg-type]
+    facts.put("r1", True)
+    for number in range(20):
+        for available in (True, False):
+            facts.put(f"guest{number}", available)
+            facts.wait_published(f"guest{number}", LONG)
+    assert [robot for robot, there in knowledge.available.items() if there] == ["r1"]
+    assert not facts._availability.robots - {"r1"}
+
+
+def test_a_robot_that_is_forgotten_is_told_to_those_that_listen(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = SimpleNamespace(monotonic=lambda: clock.now, sleep=lambda _: None, now=0.0)
+    monkeypatch.setattr(robot_watch, "time", clock)
+    guests = [f"guest{number}" for number in range(OF_ONE + 1)]
+    watch = RobotWatch(Knowledge(*guests))  # type: ignore[arg-type]
+    told, heard = threading.Event(), []
+
+    def listen(change: Any) -> None:
+        heard.append((change.robot, change.forgotten))
+        if change.forgotten:
+            told.set()
+
+    watch.listen(listen)
+    for guest in guests:
+        clock.now += 60.0
+        watch._receive(sent(guest, "/relay"))
+    assert told.wait(LONG) and ("guest0", True) in heard
+    assert "guest0" not in watch.why_not_each()
+
+
+@pytest.mark.parametrize("node", ["", "host", "/two words/host", "//host", "/a\nb/host"])
+def test_a_host_of_an_impossible_name_is_told_and_no_robot(
+    monkeypatch: pytest.MonkeyPatch, node: str
+) -> None:
+    told: List[str] = []
+    monkeypatch.setattr(robot_watch.rospy, "logwarn_throttle", lambda _, text: told.append(text))
+    watch = RobotWatch(Knowledge("r1"))  # type: ignore[arg-type]
+    watch._receive(RobotHost(robot="r1", node=node, life="a"))
+    assert watch.why_not_each() == {} and len(told) == 1 and repr(node) in told[0]

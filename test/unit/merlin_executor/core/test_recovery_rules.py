@@ -1,0 +1,216 @@
+"""Remains are settled, actions that did not stop are reported, and two executors are noticed."""
+
+from typing import Dict, List
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from merlin_msgs.msg import ExecuteResult, MissionStatus
+
+from merlin_executor.core.leftovers import ATTEMPTS, BRIDGE_GRACE, Leftovers
+from merlin_executor.core.outcome import Outcome, Verdict, crashed, outcome_name
+from merlin_executor.core.request_limits import MAX_GOALS, MAX_TEXT, MAX_TOKENS, RequestTooLarge, check_size
+from merlin_executor.core.rivals import must_yield, publishers_by_topic, rival_executors
+from merlin_executor.core.standstill import Halt, still_moving, together, unstopped
+from merlin_executor.mission.mission_progress import PAUSED_TEXT, MissionProgress, MissionState, PauseSwitch
+
+
+def constants(message_class: type) -> Dict[str, int]:
+    return {name: getattr(message_class, name) for name in dir(message_class) if name.isupper()}
+
+
+def test_the_numbers_are_those_of_the_messages() -> None:
+    assert {outcome.name: int(outcome) for outcome in Outcome} == constants(ExecuteResult)
+    assert {state.name: int(state) for state in MissionState} == constants(MissionStatus)
+
+
+def test_names_of_outcomes() -> None:
+    assert outcome_name(2) == "CANCELLED"
+    assert outcome_name(77) == "77"
+
+
+def test_a_crash_is_told_in_one_line() -> None:
+    verdict = crashed(RecursionError("maximum recursion depth exceeded"))
+    assert verdict.outcome is Outcome.INTERNAL and verdict.outcome.of_software
+    assert "RecursionError: maximum recursion depth exceeded" in verdict.reason
+    assert len(crashed(ValueError("x" * 100000)).reason) < 1000
+
+
+# --- executions that are open ---------------------------------------------------------------------------
+
+
+def test_bridges_have_time_to_settle_their_own() -> None:
+    leftovers = Leftovers()
+    assert leftovers.look(10.0, ["a"]).wait == pytest.approx(BRIDGE_GRACE)
+    assert not leftovers.look(10.0 + BRIDGE_GRACE - 0.1, ["a"]).settle
+    assert leftovers.look(10.2, []).done
+
+
+def test_what_no_bridge_settles_is_settled() -> None:
+    leftovers = Leftovers()
+    leftovers.look(0.0, ["a", "b"])
+    look = leftovers.look(BRIDGE_GRACE, ["b"])
+    assert look.settle == ["b"] and not look.done
+    assert leftovers.look(BRIDGE_GRACE, []).done
+
+
+def test_what_cannot_be_settled_is_given_up_and_named() -> None:
+    leftovers = Leftovers()
+    leftovers.look(0.0, ["a"])
+    for _ in range(ATTEMPTS):
+        assert leftovers.look(BRIDGE_GRACE, ["a"]).settle == ["a"]
+    look = leftovers.look(BRIDGE_GRACE, ["a"])
+    assert look.done and look.stuck == ["a"]
+
+
+def test_one_that_was_closed_and_opened_again_has_its_time_again() -> None:
+    leftovers = Leftovers()
+    leftovers.look(0.0, ["a"])
+    leftovers.look(1.0, [])
+    assert leftovers.look(BRIDGE_GRACE, ["a"]).wait == pytest.approx(BRIDGE_GRACE)
+
+
+@given(st.lists(st.sets(st.sampled_from("abc")), max_size=30), st.floats(0.1, 3.0))
+def test_a_recovery_ends(looks: List[set], step: float) -> None:
+    """Whatever is open at each look, in bounded time there is nothing to wait for."""
+    leftovers = Leftovers()
+    now = 0.0
+    for open_tokens in looks:
+        now += step
+        look = leftovers.look(now, sorted(open_tokens))
+        assert set(look.settle) | set(look.stuck) <= open_tokens
+        assert 0.0 <= look.wait <= BRIDGE_GRACE
+    for _ in range(ATTEMPTS * 3 + 1):
+        now += BRIDGE_GRACE
+        if leftovers.look(now, ["a", "b", "c"]).done:
+            return
+    raise AssertionError("it never ends")
+
+
+# --- what did not stop ----------------------------------------------------------------------------------
+
+HALTED = Halt(True, True)
+NO_GUARD = Halt(False)
+DEAF = Halt(True, False, "its node does not run")
+
+
+@pytest.mark.parametrize(
+    ("halt", "words"),
+    [
+        (HALTED, "the guard has halted the base"),
+        (NO_GUARD, "no guard runs that could halt the base"),
+        (DEAF, "the guard could not halt the base: its node does not run"),
+        (Halt(True), "the guard could not halt the base: it gave no reason"),
+    ],
+)
+def test_what_did_not_stop_is_named_and_what_the_guard_did(halt: Halt, words: str) -> None:
+    verdict = unstopped(["(navigate a b)", "(wave)"], halt)
+    assert verdict.outcome is Outcome.CANCEL_TIMEOUT
+    assert verdict.reason == f"(navigate a b), (wave) did not stop; {words}"
+    assert verdict.action == "(navigate a b), (wave)"
+
+
+def test_why_it_had_to_stop_is_told_too() -> None:
+    assert unstopped(["(wave)"], HALTED, "(ask): no voice").reason.startswith(
+        "(ask): no voice; (wave) did not"
+    )
+    told = "(wave) did not stop: the planning system's plan dispatcher /d did not end its plan within 5 s"
+    assert unstopped(["(wave)"], HALTED, told).reason == f"{told}; the guard has halted the base"
+
+
+def test_a_cancel_is_not_complete_while_the_base_moves() -> None:
+    verdict = still_moving(Verdict(Outcome.CANCELLED, "cancelled"), HALTED)
+    assert verdict.outcome is Outcome.CANCEL_TIMEOUT
+    assert "the base still moves" in verdict.reason
+
+
+def test_a_failure_stays_the_failure_that_it_was() -> None:
+    verdict = still_moving(Verdict(Outcome.ACTION_FAILED, "blocked", "(navigate a b)"), NO_GUARD)
+    assert verdict.outcome is Outcome.ACTION_FAILED and verdict.action == "(navigate a b)"
+    assert verdict.reason.startswith("blocked; the base still moves, no guard")
+
+
+# --- two executors --------------------------------------------------------------------------------------
+
+TOPIC = "/d/action_dispatch"
+STATE = [
+    [
+        [TOPIC, ["/planning_system", "/a", "/b"]],
+        ["/merlin/status", ["/a"]],
+        ["/other/merlin/status", ["/far"]],
+        ["/other/d/action_dispatch", ["/far"]],
+    ],
+    [],
+    [],
+]
+TYPES = {"/merlin/status": "merlin_msgs/ExecutorStatus", "/other/merlin/status": "merlin_msgs/ExecutorStatus"}
+
+
+def test_only_an_executor_that_serves_on_the_same_dispatcher_is_a_rival() -> None:
+    publishers = publishers_by_topic(STATE)
+    assert rival_executors("/b", TOPIC, publishers, TYPES) == ["/a"]
+    assert rival_executors("/a", TOPIC, publishers, TYPES) == []  # itself; /b does not serve yet
+    assert rival_executors("/c", "/elsewhere", publishers, TYPES) == []
+
+
+def test_of_two_that_begin_at_once_one_stays() -> None:
+    assert must_yield("/b", ["/a"]) and not must_yield("/a", ["/b"])
+    assert not must_yield("/a", [])
+
+
+# --- size -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("texts", "items", "tokens", "what"),
+    [
+        (["(a)"] * (MAX_GOALS + 1), 0, 0, "1001 goals"),
+        ((), MAX_GOALS + 1, 0, "1001 goals"),
+        (["(a)"], MAX_GOALS, 0, "1001 goals"),
+        (["(a)" + " " * MAX_TEXT], 0, 0, "65539 characters"),
+        ((), 1, MAX_TOKENS + 1, "1001 tokens"),
+    ],
+)
+def test_a_request_beyond_a_limit_is_refused(texts: List[str], items: int, tokens: int, what: str) -> None:
+    with pytest.raises(RequestTooLarge, match=what):
+        check_size(texts, items, tokens)
+
+
+def test_a_request_at_the_limits_is_taken() -> None:
+    check_size(["(a)"] * MAX_GOALS, 0, MAX_TOKENS)
+    check_size([" " * MAX_TEXT])
+
+
+# --- missions -------------------------------------------------------------------------------------------
+
+
+def test_a_paused_mission_shows_its_task_when_it_goes_on() -> None:
+    progress = MissionProgress()
+    assert progress.task("first")
+    progress.pause(True)
+    assert progress.now == (MissionState.PAUSED, 1, PAUSED_TEXT)
+    assert not progress.task("second")
+    assert progress.now.description == PAUSED_TEXT
+    progress.pause(False)
+    assert progress.now == (MissionState.RUNNING, 2, "second")
+    progress.report(MissionState.SUCCEEDED, "done")
+    assert progress.now == (MissionState.SUCCEEDED, 2, "done")
+
+
+def test_a_switch_answers_what_makes_no_sense() -> None:
+    switch = PauseSwitch()
+    assert switch.set(True) == (False, "The mission has ended.")
+    switch.begin()
+    assert switch.set(False) == (False, "The mission is not paused.")
+    assert switch.set(True).done and switch.paused
+    assert switch.set(True) == (False, "The mission is paused already.")
+    assert switch.set(False).done and not switch.paused
+    switch.end()
+    assert not switch.set(True).done
+
+
+def test_several_bases_stand_when_all_that_have_a_guard_were_halted() -> None:
+    none, halted, failed = Halt(False), Halt(True, True), Halt(True, False, "no")
+    assert together([none, none]) == none
+    assert together([none, halted, halted]) == halted
+    assert together([halted, failed]) == failed

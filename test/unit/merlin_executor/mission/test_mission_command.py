@@ -1,0 +1,48 @@
+"""The commands of the documents that run a mission by its name."""
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any, List
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[4]
+PAGES = ("docs/tutorial.md", "src/merlin_home/README.md", "src/merlin_restaurant/README.md")
+
+
+def commands() -> List[str]:
+    text = "\n".join((ROOT / page).read_text() for page in PAGES)
+    return sorted(set(re.findall(r"rosrun merlin_executor mission mission:=[\w.]+:\w+(?: _\w+:=\S+)*", text)))
+
+
+def test_each_page_has_one() -> None:
+    assert len(commands()) == 3
+
+
+@pytest.mark.parametrize("command", commands())
+def test_without_a_robot_it_ends_with_one_line(master: Any, command: str, tmp_path: Path) -> None:
+    master.api.setParam("/test", "/world/points_of_interest", {"hall": {}, "kitchen": {}})
+    words = [*shlex.split(command), "_startup_timeout:=1"]
+    if "restaurant" in command:
+        words.append(f"_results:={tmp_path / 'results'}")
+    mission = master.spawn(*words)
+    mission.expect("mission: no knowledge base /rosplan_knowledge_base after 1 s")
+    assert mission.ended() == 2
+    assert "Traceback" not in mission.output
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ([], "no mission is named; give mission:=package.module:Class or the parameter ~mission"),
+        (["_mission:=merlin_home.home_mission:Mission"], "merlin_home.home_mission has no Mission"),
+        (["mission:=merlin_home.actions.ask:Ask"], "is not a mission; derive it from GoalDispatcher"),
+    ],
+)
+def test_a_name_that_is_missing_or_wrong_is_one_line(master: Any, words: List[str], why: str) -> None:
+    mission = master.spawn("rosrun", "merlin_executor", "mission", *words)
+    assert mission.ended() == 2
+    (line,) = [line for line in mission.output.splitlines() if line.startswith("mission: ")]
+    assert why in line
+    assert "Traceback" not in mission.output

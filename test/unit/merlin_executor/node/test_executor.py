@@ -1,0 +1,352 @@
+"""The Executor answers every request once, whatever its stages do; over stages of the test's."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, Callable, Dict, List, Optional
+
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from merlin_msgs.msg import ExecuteGoal, ExecuteResult
+from rosplan_knowledge_msgs.msg import ExprBase, KnowledgeItem
+
+from merlin_executor.core.outcome import Outcome, Verdict, outcome_name
+from merlin_executor.node import executor as executor_module
+from merlin_executor.node.executor import Executor
+from merlin_ros.actions.lease import LeaseState
+from merlin_ros.service_proxy import ServiceUnavailable
+from merlin_sm.dispatching.kinds import Hold
+
+LONG = 60.0
+
+
+class Goal:
+    """A goal of the action server."""
+
+    def __init__(self, *texts: str, **fields: Any) -> None:
+        self.id = f"goal of {texts}"
+        self.sender = "/client"
+        self.goal = ExecuteGoal(goals=list(texts), **fields)
+        self.status = GoalStatus.PENDING
+        self.cancel_requested = False
+        self.ends: List[tuple] = []
+        self.ended = threading.Event()
+
+    def accept(self) -> None:
+        self.status = GoalStatus.ACTIVE
+
+    def feedback(self, feedback: Any) -> None:
+        pass
+
+    def _end(self, status: int, result: ExecuteResult) -> bool:
+        self.ends.append((status, outcome_name(result.outcome), result.reason))
+        self.ended.set()
+        return True
+
+    def succeed(self, result: ExecuteResult, text: str) -> bool:
+        return self._end(GoalStatus.SUCCEEDED, result)
+
+    def abort(self, result: ExecuteResult, text: str) -> bool:
+        return self._end(GoalStatus.ABORTED, result)
+
+    def cancelled(self, result: ExecuteResult, text: str) -> bool:
+        return self._end(GoalStatus.PREEMPTED, result)
+
+    def reject(self, result: ExecuteResult, text: str) -> bool:
+        return self._end(GoalStatus.REJECTED, result)
+
+    def end(self) -> tuple:
+        assert self.ended.wait(LONG), "never answered"
+        assert len(self.ends) == 1, self.ends
+        return self.ends[0]
+
+
+class Machine:
+    """The stages: a run ends when the test says so, or with a cancel."""
+
+    def __init__(self) -> None:
+        self.begun: threading.Semaphore = threading.Semaphore(0)
+        self.go_on = threading.Event()
+        self.verdict: Any = Verdict(Outcome.SUCCEEDED)
+        self.unstoppable = False
+        self.running: List[Any] = []
+        self.goals_removed = 0
+        self.left = False
+        self._cancelled = False
+
+    def prepare(self) -> None:
+        self._cancelled = False
+        self.go_on.clear()
+
+    def cancel(self) -> None:
+        self._cancelled = True
+        self.go_on.set()
+
+    def run_request(self, request: Any) -> Verdict:
+        assert not self.running, "two run"
+        self.running.append(request)
+        self.begun.release()
+        try:
+            assert self.go_on.wait(LONG)
+            if self._cancelled:
+                if self.unstoppable:
+                    return Verdict(Outcome.CANCEL_TIMEOUT, "(drive) did not stop")
+                return Verdict(Outcome.CANCELLED, "cancelled")
+            if isinstance(self.verdict, BaseException):
+                raise self.verdict
+            return self.verdict
+        finally:
+            self.running.clear()
+
+    def clean_up(self) -> None:
+        self.goals_removed += 1
+
+    def end(self, verdict: Any) -> None:
+        self.verdict = verdict
+        self.go_on.set()
+
+
+class Knowledge:
+    """A knowledge base with one predicate."""
+
+    name = "/kb"
+
+    def __init__(self) -> None:
+        self.error: Optional[BaseException] = None
+        self.on_check: Callable[[], Any] = lambda: None
+
+    def predicates(self) -> Dict[str, Any]:
+        self.on_check()
+        if self.error is not None:
+            raise self.error
+        return {"checked": SimpleNamespace(typed_parameters=["poi"])}
+
+    def function_signatures(self) -> Dict[str, Any]:
+        return {"battery": SimpleNamespace(typed_parameters=[])}
+
+    def instances(self) -> List[str]:
+        return ["kitchen", "hall"]
+
+
+class Bench:
+    """An Executor without ROS around it."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.machine = Machine()
+        self.knowledge = Knowledge()
+        self.callbacks: Dict[str, Callable] = {}
+        self.statuses: List[Any] = []
+
+        def server(name: str, spec: type, on_goal: Callable, on_cancel: Callable, on_owner: Callable) -> Any:
+            self.callbacks = {"goal": on_goal, "cancel": on_cancel, "owner": on_owner}
+            return SimpleNamespace(start=lambda: None, shutdown=lambda: None)
+
+        dispatcher = SimpleNamespace(wait_status=lambda timeout: True, running=[], steps_done=0, hold=Hold())
+        recovery = SimpleNamespace(rest=lambda *_: "")
+        own = SimpleNamespace(remove_left=lambda: [])
+        for name, made in (
+            ("ActionServer", server),
+            ("DispatchClient", lambda *_: dispatcher),
+            ("Recovery", lambda *_: recovery),
+            ("GuardClient", lambda *_, **__: None),
+            ("OwnGoals", lambda *_: own),
+            ("LeaseHolder", lambda topic: None),
+            ("PauseServices", self.serve_pause),
+            ("BreakpointService", lambda *_: SimpleNamespace(offer=lambda name: None)),
+            ("ExecutorSM", lambda *_: self.machine),
+            ("start_introspection", lambda *_: SimpleNamespace(stop=lambda: None)),
+            ("publish", lambda publisher, message: self.statuses.append(message)),
+        ):
+            monkeypatch.setattr(executor_module, name, made)
+        monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
+        monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
+        for level in ("loginfo", "logwarn", "logerr"):
+            monkeypatch.setattr(rospy, level, lambda *_: None)
+        self.executor = Executor(self.knowledge, None)  # type: ignore[arg-type]
+        self.executor.start()
+
+    def serve_pause(self, switch: Callable[[bool], None]) -> None:
+        self.pause = switch
+
+    def send(self, goal: Goal) -> Goal:
+        self.callbacks["goal"](goal)
+        return goal
+
+    def run(self, goal: Goal) -> Goal:
+        self.send(goal)
+        assert self.machine.begun.acquire(timeout=LONG)
+        return goal
+
+    def cancel(self, goal: Goal) -> None:
+        goal.cancel_requested = True
+        self.callbacks["cancel"](goal)
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    return Bench(monkeypatch)
+
+
+def test_a_pause_lets_the_running_request_go_on_and_keeps_the_next_one_waiting(bench: Bench) -> None:
+    first = bench.run(Goal("(checked kitchen)"))
+    bench.pause(True)
+    second = bench.send(Goal("(checked hall)"))
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert first.end()[1] == "SUCCEEDED"
+    assert not bench.machine.begun.acquire(blocking=False) and bench.statuses
+    bench.pause(False)
+    assert bench.machine.begun.acquire(timeout=LONG)
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert second.end()[1] == "SUCCEEDED"
+
+
+def test_a_request_is_run_and_answered(bench: Bench) -> None:
+    goal = bench.run(Goal("(checked kitchen)"))
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert goal.end() == (GoalStatus.SUCCEEDED, "SUCCEEDED", "done")
+    assert bench.executor.health().message == "idle"
+
+
+@pytest.mark.parametrize(
+    ("goal", "why"),
+    [
+        (Goal("(and " * 1000 + "(checked kitchen)" + ")" * 1000), "nested deeper than 100"),
+        (Goal("(checked kitchen)" + " " * 70_000), "characters; they may have 65536"),
+        (Goal(*["(checked kitchen)"] * 1001), "1001 goals; it may have 1000"),
+        (Goal("(and " + "(checked kitchen)" * 1001 + ")"), "1001 goals; it may have 1000"),
+        (Goal("(checked moon)"), "no object 'moon'"),
+        (Goal(), "no goals"),
+    ],
+)
+def test_what_is_too_large_or_makes_no_sense_is_refused_with_the_reason(
+    bench: Bench, goal: Goal, why: str
+) -> None:
+    status, outcome, reason = bench.send(goal).end()
+    assert (status, outcome) == (GoalStatus.REJECTED, "REFUSED")
+    assert why in reason and len(reason) < 500
+
+
+def test_an_item_that_no_parser_has_seen_is_refused_too(bench: Bench) -> None:
+    deep = KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY)
+    deep.ineq.LHS.tokens = [ExprBase(expr_type=ExprBase.OPERATOR, op=ExprBase.ADD)] * 5000
+    assert "5000 tokens" in bench.send(Goal(items=[deep])).end()[2]
+
+
+@pytest.mark.parametrize(
+    "error", [RecursionError("too deep"), MemoryError(), SystemExit(3), KeyError("x"), KeyboardInterrupt()]
+)
+def test_whatever_is_raised_while_a_request_is_read_it_is_answered(
+    bench: Bench, error: BaseException
+) -> None:
+    bench.knowledge.error = error
+    status, outcome, reason = bench.send(Goal("(checked kitchen)")).end()
+    assert (status, outcome) == (GoalStatus.REJECTED, "REFUSED")
+    assert type(error).__name__ in reason
+
+
+def test_a_knowledge_base_that_is_gone_is_named(bench: Bench) -> None:
+    bench.knowledge.error = ServiceUnavailable("service /kb/x does not answer: its node does not run")
+    assert "its node does not run" in bench.send(Goal("(checked kitchen)")).end()[2]
+
+
+@pytest.mark.parametrize("error", [RuntimeError("odd"), SystemExit(1), RecursionError(), MemoryError("full")])
+def test_whatever_a_run_raises_its_client_is_answered_and_the_next_request_runs(
+    bench: Bench, error: BaseException
+) -> None:
+    goal = bench.run(Goal("(checked kitchen)"))
+    bench.machine.end(error)
+    status, outcome, reason = goal.end()
+    assert (status, outcome) == (GoalStatus.ABORTED, "INTERNAL")
+    assert type(error).__name__ in reason
+    assert bench.machine.goals_removed == 1
+    following = bench.run(Goal("(checked hall)"))
+    bench.machine.end(Verdict(Outcome.ALREADY_TRUE))
+    assert following.end()[1] == "ALREADY_TRUE"
+
+
+def test_a_cancel_reaches_the_running_request_only(bench: Bench) -> None:
+    running, waiting = bench.run(Goal("(checked kitchen)")), bench.send(Goal("(checked hall)"))
+    bench.cancel(waiting)
+    assert waiting.end()[1:] == ("CANCELLED", "cancelled before it began")
+    assert not running.ended.is_set()
+    bench.cancel(running)
+    assert running.end() == (GoalStatus.PREEMPTED, "CANCELLED", "cancelled by its client")
+
+
+def test_a_cancel_that_something_does_not_obey_is_told_so(bench: Bench) -> None:
+    bench.machine.unstoppable = True
+    goal = bench.run(Goal("(checked kitchen)"))
+    bench.cancel(goal)
+    assert goal.end() == (GoalStatus.ABORTED, "CANCEL_TIMEOUT", "(drive) did not stop")
+    assert "did not stop" in bench.executor.health().message
+
+
+def test_an_interrupted_request_that_does_not_stop_ends_so_and_the_urgent_one_runs(bench: Bench) -> None:
+    bench.machine.unstoppable = True
+    goal = bench.run(Goal("(checked kitchen)"))
+    urgent = bench.run(Goal("(checked hall)", priority=3))
+    assert goal.end()[1] == "CANCEL_TIMEOUT"
+    bench.machine.end(Verdict(Outcome.SUCCEEDED))
+    assert urgent.end()[1] == "SUCCEEDED"
+
+
+def test_an_interrupted_request_resumes(bench: Bench) -> None:
+    goal = bench.run(Goal("(checked kitchen)"))
+    urgent = bench.run(Goal("(checked hall)", priority=3))
+    bench.machine.end(Verdict(Outcome.SUCCEEDED))
+    assert urgent.end()[1] == "SUCCEEDED"
+    assert bench.machine.begun.acquire(timeout=LONG)
+    bench.machine.end(Verdict(Outcome.SUCCEEDED))
+    assert goal.end()[1] == "SUCCEEDED"
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_a_client_that_dies_takes_its_request_along_unless_that_goes_on(bench: Bench, goes_on: bool) -> None:
+    lost = ExecuteGoal.GO_ON if goes_on else ExecuteGoal.CANCEL
+    goal = bench.run(Goal("(checked kitchen)", on_client_lost=lost))
+    owner = bench.callbacks["owner"]
+    assert owner(goal, LeaseState.SUSPENDED, "its client /x is silent") is not goes_on
+    assert owner(goal, LeaseState.LOST, "its client /x is gone") is not goes_on
+    if goes_on:
+        bench.machine.end(Verdict(Outcome.SUCCEEDED))
+        assert goal.end()[1] == "SUCCEEDED"
+    else:
+        assert goal.end()[1:] == ("CANCELLED", "cancelled: its client /x is gone")
+
+
+def test_a_request_whose_client_dies_while_it_is_checked_is_not_cancelled_before_it_was_read(
+    bench: Bench,
+) -> None:
+    goal = Goal("(checked kitchen)", on_client_lost=ExecuteGoal.GO_ON)
+    told: List[Any] = []
+    owner = bench.callbacks["owner"]
+    bench.knowledge.on_check = lambda: told.append(owner(goal, LeaseState.LOST, "its client /x is gone"))
+    bench.run(goal)
+    assert told == [False]  # the server leaves it alone
+    assert owner(goal, LeaseState.LOST, "its client /x is gone") is False
+    bench.machine.end(Verdict(Outcome.SUCCEEDED))
+    assert goal.end()[1] == "SUCCEEDED"
+
+
+def test_a_comparison_that_no_knowledge_base_takes_is_refused(bench: Bench) -> None:
+    for text in ("(>= (battery) 1e999)", "(<= (battery) (- 1e999))"):
+        assert bench.send(Goal(text)).end()[1] == "REFUSED"
+    empty = KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY)
+    assert bench.send(Goal(items=[empty])).end()[1] == "REFUSED"
+    goal = bench.run(Goal("(>= (battery) 20.5)"))
+    bench.machine.end(Verdict(Outcome.SUCCEEDED))
+    assert goal.end()[1] == "SUCCEEDED"
+
+
+def test_a_name_without_end_is_refused_in_few_words(bench: Bench) -> None:
+    endless = KnowledgeItem(knowledge_type=KnowledgeItem.FACT, attribute_name="x" * 1_000_000)
+    outcome, reason = bench.send(Goal(items=[endless])).end()[1:]
+    assert outcome == "REFUSED" and len(reason) < 3000
+
+
+def test_the_end_of_the_executor_answers_all(bench: Bench) -> None:
+    running, waiting = bench.run(Goal("(checked kitchen)")), bench.send(Goal("(checked hall)"))
+    bench.executor.shutdown()
+    for goal in (running, waiting):
+        assert goal.end()[1:] == ("CANCELLED", "the executor shuts down")
+    assert bench.send(Goal("(checked hall)")).end()[1] == "REFUSED"

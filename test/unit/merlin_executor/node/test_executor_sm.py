@@ -1,0 +1,239 @@
+"""The Executor's machine over a planning system that hangs, loses goals, and comes back."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, List, Sequence
+
+import pytest
+import rospy
+
+from merlin_executor.core.course import Course
+from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_executor.node.executor_sm import ExecutorSM
+from merlin_executor.node.executor_stages import GOALS_GONE, PlanningSystem
+from merlin_ros.call_scope import current_scope
+from merlin_ros.service_proxy import ServiceUnavailable
+from merlin_sm.dispatching.progress import DispatchResult
+from merlin_sm.knowledge_text import parse_goal
+from merlin_sm.planning_client import Planned, PlanningResult
+
+LONG = 60.0
+KITCHEN = parse_goal("(checked kitchen)")
+
+
+class Knowledge:
+    """A knowledge base of which some calls hang until they are given up."""
+
+    def __init__(self) -> None:
+        self.hanging = ""
+        self.hangs = threading.Event()
+        self.stored: List[Any] = []
+        self.true = False
+
+    def _call(self, name: str) -> None:
+        if name != self.hanging:
+            return
+        given_up = threading.Event()
+        with current_scope().calling(given_up.set):
+            self.hangs.set()
+            assert given_up.wait(LONG), "it was waited for"
+            raise ServiceUnavailable(f"service {name} does not answer: given up")
+
+    def query(self, items: List[Any]) -> List[bool]:
+        self._call("query")
+        return [self.true for _ in items]
+
+    def goals(self) -> List[Any]:
+        self._call("goals")
+        return list(self.stored)
+
+    def add(self, items: List[Any]) -> None:
+        self._call("add")
+        self.stored += items
+
+    def remove(self) -> None:
+        self._call("remove")
+        self.stored.clear()
+
+
+class Own:
+    """The Executor's goals."""
+
+    def __init__(self, knowledge: Knowledge) -> None:
+        self._knowledge = knowledge
+        self.left = False
+
+    def add(self, items: List[Any]) -> None:
+        self.left = True
+        self._knowledge.add(items)
+
+    def remove(self) -> None:
+        if self.left:
+            self._knowledge.remove()
+            self.left = False
+
+    def all_there(self) -> bool:
+        return bool(self._knowledge.goals())
+
+
+class Bench:
+    """A machine over a planning system that always finds a plan, which always succeeds."""
+
+    def __init__(self) -> None:
+        self.knowledge = Knowledge()
+        self.own = Own(self.knowledge)
+        self.on_dispatch: Any = lambda: None
+        self.troubles: List[str] = []  # that keep the planning system from rest
+        self.dispatched = 0
+        self.results: List[DispatchResult] = []  # of the next dispatches; then they succeed
+        self.without: List[List[str]] = []  # of each planning
+        self.unsolvable = False  # when something is left out
+        planning = SimpleNamespace(
+            read_ahead=lambda: None,
+            generate_problem=lambda: None,
+            plan=self._plan,
+            parse_plan=lambda: [],
+            wait_back=self._wait_back,
+        )
+        self.machine = ExecutorSM(
+            PlanningSystem(
+                self.knowledge,  # type: ignore[arg-type]
+                planning,  # type: ignore[arg-type]
+                SimpleNamespace(dispatch=self._dispatch, available=lambda: not self.troubles),  # type: ignore[arg-type]
+                SimpleNamespace(rest=self._rest),  # type: ignore[arg-type]
+                SimpleNamespace(wait_standing=lambda: True),  # type: ignore[arg-type]
+                0.1,
+            ),
+            self.own,  # type: ignore[arg-type]
+            lambda: None,
+        )
+        self.request = SimpleNamespace(
+            course=Course(3), items=KITCHEN, plan=[], stop=None, goal=SimpleNamespace(id="goal")
+        )
+
+    def _rest(self, interruptible: Any) -> str:
+        self.knowledge._call("executions")
+        return self.troubles[0] if self.troubles else ""
+
+    def _wait_back(self, timeout: float, cancelled: threading.Event, missing: Any) -> str:
+        assert missing()
+        self.troubles.pop()
+        return str(missing())
+
+    def _dispatch(self, *_: Any) -> DispatchResult:
+        self.dispatched += 1
+        self.on_dispatch()
+        return self.results.pop(0) if self.results else DispatchResult(True)
+
+    def _plan(self, _: Any, without: Sequence[str]) -> PlanningResult:
+        self.without.append(list(without))
+        if without and self.unsolvable:
+            return PlanningResult(Planned.UNSOLVABLE, "the problem has no plan")
+        return PlanningResult(Planned.SOLVED)
+
+    def run(self) -> Verdict:
+        self.request.course.begin()
+        self.machine.prepare()
+        return self.machine.run_request(self.request)  # type: ignore[arg-type]
+
+    def run_and_cancel(self) -> Verdict:
+        verdicts: List[Verdict] = []
+        thread = threading.Thread(target=lambda: verdicts.append(self.run()), daemon=True)
+        thread.start()
+        assert self.knowledge.hangs.wait(LONG)
+        self.request.stop = Stop(StopKind.CANCELLED)
+        self.machine.cancel()
+        thread.join(LONG)
+        return verdicts[0]
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    monkeypatch.setattr("merlin_sm.states.planning.master_answers", lambda: True)
+    for level in ("loginfo", "logwarn", "logerr", "logerr_throttle_identical"):
+        monkeypatch.setattr(rospy, level, lambda *_: None)
+    return Bench()
+
+
+SAID_NO = DispatchResult(False, action="(ask ann)", reason="ann said no", in_vain="(ask ann)")
+
+
+def test_what_was_given_up_is_planned_around(bench: Bench) -> None:
+    bench.results = [SAID_NO]
+    assert bench.run().outcome is Outcome.SUCCEEDED
+    assert bench.without == [[], ["(ask ann)"]]
+
+
+def test_where_there_is_no_way_round_the_reason_stands(bench: Bench) -> None:
+    bench.results, bench.unsolvable = [SAID_NO], True
+    verdict = bench.run()
+    assert verdict.outcome is Outcome.ACTION_FAILED and verdict.action == "(ask ann)"
+    assert verdict.reason.startswith("(ask ann): ann said no; no plan without it")
+    assert (bench.without, bench.own.left) == ([[], ["(ask ann)"]], False)
+
+
+@pytest.mark.parametrize("call", ["executions", "query", "goals", "add", "remove"])
+def test_a_cancel_does_not_wait_for_a_knowledge_base_that_hangs(bench: Bench, call: str) -> None:
+    bench.knowledge.hanging = call
+    if call == "remove":  # the cancel finds the request at its end
+        bench.request.stop = Stop(StopKind.CANCELLED)
+        verdict = bench.run()
+        assert verdict.outcome is Outcome.SUCCEEDED
+    else:
+        verdict = bench.run_and_cancel()
+        assert verdict.outcome is Outcome.CANCELLED
+    assert f"the planning system's knowledge base: service {call} does not answer" in verdict.trouble
+    assert bench.own.left == (call in ("add", "remove"))
+    bench.knowledge.hanging = ""
+    bench.machine.clean_up()
+    assert not bench.machine.left
+    assert bench.knowledge.stored == []
+
+
+def test_goals_that_were_removed_meanwhile_do_not_count_as_achieved(bench: Bench) -> None:
+    def lose() -> None:
+        bench.knowledge.stored.clear()
+        bench.on_dispatch = reach
+
+    def reach() -> None:
+        bench.knowledge.true = True
+
+    bench.on_dispatch = lose
+    verdict = bench.run()
+    assert verdict.outcome is Outcome.SUCCEEDED
+    assert bench.dispatched == 2
+
+
+def test_goals_that_are_always_removed_are_reported(bench: Bench) -> None:
+    bench.on_dispatch = bench.knowledge.stored.clear
+    verdict = bench.run()
+    assert verdict.outcome is Outcome.ACTION_FAILED
+    assert GOALS_GONE in verdict.reason
+
+
+def test_goals_that_hold_need_not_be_there_any_more(bench: Bench) -> None:
+    def reach() -> None:
+        bench.knowledge.stored.clear()
+        bench.knowledge.true = True
+
+    bench.on_dispatch = reach
+    assert bench.run().outcome is Outcome.SUCCEEDED
+    assert bench.dispatched == 1
+
+
+def test_a_dispatcher_that_is_away_before_anything_is_planned_is_waited_for(bench: Bench) -> None:
+    bench.troubles = ["the dispatcher is gone"]
+    assert bench.run().outcome is Outcome.SUCCEEDED
+    assert bench.request.course.replans == 1
+
+
+def test_a_brake_that_cannot_be_sent_does_not_keep_the_cancel() -> None:
+    def broken(_: str) -> None:
+        raise OSError("the topic is closed")
+
+    bench = Bench()
+    bench.machine._system = SimpleNamespace(guard=SimpleNamespace(brake=broken))  # type: ignore[assignment]
+    bench.machine._request = SimpleNamespace(course=SimpleNamespace(may_move=True))  # type: ignore[assignment]
+    with pytest.raises(OSError, match="closed"):
+        bench.machine.cancel()
+    assert bench.machine.preempt_requested()

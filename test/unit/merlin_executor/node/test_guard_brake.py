@@ -1,0 +1,87 @@
+"""What the Executor asks of the velocity guards when it cancels, without ROS."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, Callable, Dict, List
+
+import pytest
+import rospy
+from merlin_msgs.msg import GuardStatus, RobotHost
+
+from merlin_executor.node import guard_client as module
+from merlin_executor.node.guard_client import GuardClient
+
+LONG = 60.0
+
+
+class Guards:
+    """Guards of robots that say what the test lets them say."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.callbacks: Dict[str, Callable[[Any], None]] = {}
+        self.braked: List[str] = []
+        self.all_braked = threading.Event()
+        self.expected = 0
+        monkeypatch.setattr(rospy, "Subscriber", self._subscribe)
+        monkeypatch.setattr(rospy, "Publisher", lambda topic, *_, **__: topic)
+        monkeypatch.setattr(module, "publish", self._publish)
+        monkeypatch.setattr(module, "ServiceProxy", lambda *_, **__: SimpleNamespace())
+        monkeypatch.setattr(module, "BRAKE_WAIT", LONG)
+        self.client = GuardClient("/kb")
+
+    def _subscribe(self, topic: str, _: type, callback: Callable[[Any], None], **__: Any) -> None:
+        self.callbacks[topic] = callback
+
+    def _publish(self, topic: str, _: Any) -> None:
+        self.braked.append(topic)
+        if len(self.braked) == self.expected:
+            self.all_braked.set()
+
+    def meet(self, *robots: str) -> None:
+        for robot in robots:
+            self.callbacks["/kb/robots"](RobotHost(robot=robot, node=f"/{robot}/merlin_fsm_host"))
+        self.expected = len(robots) + 1
+
+    def say(self, robot: str, moving: bool) -> None:
+        self.callbacks[f"/{robot}/merlin/guard"](GuardStatus(moving=moving))
+
+
+def test_a_brake_goes_on_when_all_robots_that_drive_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    guards = Guards(monkeypatch)
+    guards.meet("ann", "bob", "carl")
+    guards.say("ann", True)
+    guards.say("bob", True)
+    guards.say("carl", False)
+    braking = threading.Thread(target=guards.client.brake, args=("cancelled",), daemon=True)
+    braking.start()
+    assert guards.all_braked.wait(LONG)
+    guards.say("ann", False)
+    assert braking.is_alive()  # bob still drives
+    guards.say("bob", False)
+    braking.join(LONG)
+    assert not braking.is_alive()
+    assert sorted(guards.braked) == [
+        "/ann/merlin/brake",
+        "/bob/merlin/brake",
+        "/carl/merlin/brake",
+        "merlin/brake",
+    ]
+
+
+def test_a_brake_does_not_wait_for_the_only_robot_that_drives(monkeypatch: pytest.MonkeyPatch) -> None:
+    guards = Guards(monkeypatch)
+    guards.meet("ann", "bob")
+    guards.say("ann", True)
+    guards.say("bob", False)
+    guards.client.brake("cancelled")
+    assert len(guards.braked) == 3
+
+
+def test_a_guard_that_says_nothing_ends_the_wait_with_its_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    guards = Guards(monkeypatch)
+    guards.meet("ann", "bob")
+    guards.say("ann", True)
+    guards.say("bob", True)
+    monkeypatch.setattr(module, "BRAKE_WAIT", 0.01)
+    guards.client.brake("cancelled")
+    assert len(guards.braked) == 3

@@ -1,0 +1,106 @@
+"""The guards are told to brake at once, also while another robot is being met."""
+
+import threading
+from typing import Any, Iterator, List
+
+import pytest
+from merlin_msgs.msg import RobotHost
+
+from merlin_executor.node import guard_client
+from merlin_executor.node.guard_client import GuardClient
+
+LONG = 60.0
+braked: List[str] = []
+ended: List[str] = []
+registers = threading.Event()
+master_answers = threading.Event()
+
+
+class Guard:
+    """The guard of one base; that of a further robot is found when the master answers."""
+
+    def __init__(self, namespace: str, changed: threading.Condition) -> None:
+        self.namespace = namespace
+        if namespace:
+            registers.set()
+            assert master_answers.wait(LONG)
+
+    def shutdown(self) -> None:
+        ended.append(self.namespace)
+
+    def brake(self, reason: str) -> None:
+        braked.append(self.namespace)
+
+    def moves(self) -> bool:
+        return False
+
+
+@pytest.fixture
+def client(monkeypatch: pytest.MonkeyPatch) -> Iterator[GuardClient]:
+    for event in (registers, master_answers):
+        event.clear()
+    braked.clear()
+    ended.clear()
+    monkeypatch.setattr(guard_client, "_Guard", Guard)
+    monkeypatch.setattr(guard_client.rospy, "Subscriber", lambda *_, **__: None)
+    yield GuardClient("/kb")
+    master_answers.set()
+
+
+def in_thread(call: Any, *args: Any) -> threading.Thread:
+    thread = threading.Thread(target=call, args=args, daemon=True)
+    thread.start()
+    return thread
+
+
+def test_a_brake_does_not_wait_for_the_master(client: GuardClient) -> None:
+    meeting = in_thread(client._meet, RobotHost(robot="r1", node="/r1/host"))
+    assert registers.wait(LONG)
+    braking = in_thread(client.brake, "cancelled")
+    braking.join(LONG)
+    assert not braking.is_alive() and braked == [""]
+    master_answers.set()
+    meeting.join(LONG)
+    client.brake("cancelled")
+    assert braked == ["", "", "/r1/"]
+
+
+def sent(node: str, sender: str) -> RobotHost:
+    message = RobotHost(robot="r", node=node)
+    message._connection_header = {"callerid": sender}
+    return message
+
+
+def test_a_node_that_names_robots_without_end_gets_no_guards_without_end(
+    client: GuardClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    master_answers.set()
+    told: List[str] = []
+    monkeypatch.setattr(guard_client.rospy, "logwarn", told.append)
+    for number in range(1000):
+        client._meet(sent(f"/ghost{number}/host", "/flood"))
+    client._meet(sent("/r1/host", "/r1/host"))
+    client.brake("cancelled")
+    assert len(braked) < 100 and braked[0] == "" and braked[-1] == "/r1/"
+    assert len(told) == 1 and "/flood" in told[0]
+
+
+def test_the_guard_of_a_robot_that_is_gone_makes_room(
+    client: GuardClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    master_answers.set()
+    monkeypatch.setattr(guard_client.time, "monotonic", lambda: now)
+    now = 0.0
+    for number in range(60):
+        now += 60.0
+        client._meet(sent(f"/guest{number}/host", "/relay"))
+    client.brake("cancelled")
+    assert len(braked) < 60 and braked[-1] == "/guest59/" and "/guest0/" in ended and "/guest0/" not in braked
+
+
+@pytest.mark.parametrize("node", ["", "host", "/two words/host", "//host"])
+def test_a_node_of_an_impossible_name_has_no_guard(client: GuardClient, node: str) -> None:
+    master_answers.set()
+    client._meet(sent(node, "/flood"))
+    client.brake("cancelled")
+    assert braked == [""]

@@ -1,0 +1,40 @@
+"""Goals that are noted in a file: after a power cut it holds the old list or the new one."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from merlin_executor.goals.goal_notes import GoalNotes
+
+
+def test_what_is_noted_is_on_the_disk_before_the_goal_is_added(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    notes, done = GoalNotes(str(tmp_path / "goals")), []
+    fsync, replace = os.fsync, os.replace
+
+    def note_fsync(number: int) -> None:
+        fsync(number)
+        done.append(Path(os.readlink(f"/proc/self/fd/{number}")).name)
+
+    def note_replace(*paths: Any) -> None:
+        replace(*paths)
+        done.append("replaced")
+
+    monkeypatch.setattr(os, "fsync", note_fsync)
+    monkeypatch.setattr(os, "replace", note_replace)
+    notes.write(["(checked hall)"])
+    assert done == ["goals.new", "replaced", tmp_path.name]
+    assert GoalNotes(str(notes.path)).read() == ["(checked hall)"]
+
+
+def test_that_nothing_is_left_need_not_be_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    notes = GoalNotes(str(tmp_path / "goals"))
+    notes.write(["(checked hall)"])
+    monkeypatch.setattr(os, "fsync", lambda number: pytest.fail("a sync costs time"))
+    notes.write([])
+    assert notes.read() == []

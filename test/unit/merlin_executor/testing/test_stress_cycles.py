@@ -1,0 +1,54 @@
+"""What the stress of several robots draws, and how it reads the knowledge."""
+
+import random
+from typing import List
+
+import pytest
+
+from merlin_executor.testing.stress_cycles import Cycle, arguments_of, draw, places_of, twice
+
+ROBOTS = ["ann", "bob"]
+PLACES = ["kitchen", "hall", "yard", "attic"]
+
+
+def cycles(seed: int, count: int = 300) -> List[Cycle]:
+    chance = random.Random(seed)
+    return [draw(chance, ROBOTS, PLACES, 2.0) for _ in range(count)]
+
+
+def test_the_same_seed_draws_the_same_cycles() -> None:
+    assert cycles(3) == cycles(3) != cycles(4)
+
+
+def test_every_cycle_can_be_run() -> None:
+    for cycle in cycles(1):
+        assert 1 <= len(cycle.goals) <= 3 and len(set(cycle.goals)) == len(cycle.goals)
+        assert set(cycle.goals) <= set(PLACES)
+        assert all(0.0 <= pause <= 2.0 for pause in cycle.pauses)
+        assert (cycle.victim in ROBOTS) if cycle.how else cycle.victim == ""
+
+
+def test_each_way_to_leave_is_drawn_and_most_requests_are_cancelled() -> None:
+    drawn = cycles(2)
+    assert {cycle.how for cycle in drawn} == {"kill", "stop", "out", ""}
+    assert {cycle.victim for cycle in drawn if cycle.how} == set(ROBOTS)
+    assert len(drawn) / 2 < sum(cycle.cancel for cycle in drawn) < len(drawn)
+
+
+def test_one_place_is_enough() -> None:
+    assert draw(random.Random(0), ROBOTS, ["hall"], 1.0).goals == ["hall"]
+
+
+def test_facts_are_read() -> None:
+    assert arguments_of(["(visited hall)", "(available ann)"]) == ["hall", "ann"]
+    assert places_of([]) == {}
+    assert places_of(["(robot_at ann hall)", "(robot_at bob yard)"]) == {"ann": ["hall"], "bob": ["yard"]}
+    assert places_of(["(robot_at ann hall)", "(robot_at ann yard)"]) == {"ann": ["hall", "yard"]}, "a fault"
+
+
+@pytest.mark.parametrize(
+    ("names", "doubled"),
+    [([], []), (["ann", "bob"], []), (["bob", "ann", "bob", "ann", "bob"], ["ann", "bob"])],
+)
+def test_names_that_occur_twice(names: List[str], doubled: List[str]) -> None:
+    assert twice(names) == doubled

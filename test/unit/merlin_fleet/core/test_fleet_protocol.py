@@ -1,0 +1,370 @@
+"""All that can happen to a small fleet with few faults, and much that can happen to it with more."""
+
+from typing import Optional, Tuple
+
+import fleet_search
+import fleet_world as model
+import pytest
+from fleet_search import explore
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from merlin_fleet.core import records
+from merlin_fleet.core.tenure import LeaseTimes
+
+
+@pytest.mark.parametrize(("goals", "finish"), [("ab", False), ("a", True)])
+def test_no_fault_does_harm(goals: str, finish: bool) -> None:
+    stories, found = explore(2, goals, 1, finish=finish)
+    assert found is None
+    assert stories > 150
+
+
+@pytest.mark.parametrize("finish", [False, True])
+def test_no_fault_does_harm_while_ended_goals_are_removed(finish: bool) -> None:
+    stories, found = explore(2, "a", 1, finish=finish, rules=model.KEEP, rounds=18)
+    assert found is None
+    assert stories > 150
+
+
+@pytest.mark.parametrize(
+    "kinds", [("lose answer", "kill", "restart"), ("delay", "arrive", "cancel"), ("cut", "mend")]
+)
+def test_no_two_faults_do_harm_while_ended_goals_are_removed(kinds: Tuple[str, ...]) -> None:
+    stories, found = explore(2, "a", 2, kinds, every=9, rules=model.KEEP, rounds=18)
+    assert found is None
+    assert stories > 50
+
+
+@pytest.mark.parametrize(
+    ("every", "kinds"),
+    [
+        (4, ("hang", "resume", "hub down", "hub up")),
+        (5, ("cut", "mend", "kill", "restart")),
+        (12, ("delay", "arrive", "cut")),
+        (16, ("lose answer", "hang", "cancel")),
+    ],
+)
+def test_no_two_faults_do_harm(every: int, kinds: Tuple[str, ...]) -> None:
+    stories, found = explore(2, "a", 2, kinds, every=every)
+    assert found is None
+    assert stories > 100
+
+
+@pytest.mark.parametrize(
+    ("budget", "every", "kinds", "finish"),
+    [
+        (2, 1, ("kill", "forget"), True),
+        (3, 8, ("kill", "forget", "restart"), True),
+        (3, 8, ("kill", "forget", "cancel"), True),
+        pytest.param(
+            *(3, 16, ("kill", "forget", "delay", "arrive"), True),
+            marks=(pytest.mark.long, pytest.mark.timeout(3600)),
+        ),
+        (2, 1, ("kill", "forget"), False),
+    ],
+)
+def test_a_robot_is_forgotten_without_harm(
+    budget: int, every: int, kinds: Tuple[str, ...], finish: bool
+) -> None:
+    stories, found = explore(2, "a", budget, kinds, finish, every, rounds=20)
+    assert found is None
+    assert stories > 50
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+def test_no_two_faults_of_any_kind_do_harm() -> None:
+    assert explore(2, "a", 2, every=4)[1] is None
+
+
+# --- the search finds what is wrong -----------------------------------------------------------------
+
+
+def begun(world: "model.World", goal: str = "a") -> "model.Robot":
+    """Plays until a goal is executed; returns the robot."""
+    for _ in range(20):
+        world.act()
+        for robot in world.robots:
+            if goal in robot.running:
+                return robot
+    raise AssertionError("it never begins")
+
+
+def second_begins_within(rules: "model.Rules", rate: float) -> str:
+    """What is wrong when the owner's link is cut and its clock runs at another speed."""
+    world = model.World(2, rules, (rate, 1.0))
+    world.send("a")
+    first = begun(world)
+    first.running["a"].left = 1000  # a long one
+    world.strike(("cut", str(first.index)))
+    for _ in range(100):
+        world.act()
+        if world.wrong():
+            return world.wrong()
+    return world.settles(2000)
+
+
+@pytest.mark.parametrize("rate", [0.75, 0.9, 1.0, 1.1, 1.3])
+def test_a_clock_that_drifts_within_the_bound_does_no_harm(rate: float) -> None:
+    times = LeaseTimes(ttl=20.0, renew_every=1.0, stop_time=3.0, drift=0.26)
+    assert second_begins_within(model.RULES._replace(lease=times), rate) == ""
+
+
+def test_a_clock_that_drifts_beyond_the_bound_is_found() -> None:
+    times = LeaseTimes(ttl=20.0, renew_every=1.0, stop_time=3.0, drift=0.0)
+    assert "any robot may take it" in second_begins_within(model.RULES._replace(lease=times), 0.5)
+
+
+def cut_off(stop_time: float, stop_takes: int) -> Optional[str]:
+    """What is wrong when the owner's link is cut, at any moment, and its stop takes so many rounds."""
+    times = LeaseTimes(ttl=12.0, renew_every=1.0, stop_time=stop_time, drift=0.0)
+    for moment in range(4):
+        world = model.World(2, model.RULES._replace(lease=times))
+        world.send("a")
+        first = begun(world)
+        first.running["a"].left = 1000
+        first.running["a"].stop_takes = stop_takes
+        found = fleet_search.play(world, {moment: [("cut", str(first.index))]}, 60)
+        if found:
+            return found
+    return None
+
+
+def test_the_owners_clock_stops_it_before_another_robot_begins() -> None:
+    assert cut_off(stop_time=7.0, stop_takes=6) is None
+
+
+def test_a_stop_that_takes_longer_than_said_is_found() -> None:
+    found = cut_off(stop_time=2.0, stop_takes=6)
+    assert found and "any robot may take it" in found
+
+
+# --- stories ----------------------------------------------------------------------------------------
+
+
+def end_of(world: "model.World", goal: str) -> records.Report:
+    """How a goal ended."""
+    (text,) = world.ends(goal)
+    report: records.Report = records.decode(records.Report, text)
+    return report
+
+
+def test_a_late_report_is_recorded_and_not_applied() -> None:
+    world = model.World(2)
+    world.send("a")
+    first = begun(world)
+    second = world.robots[1 - first.index]
+    # It ends in the very round in which its robot is cut off; the other one gets the goal and does it.
+    world.strike(("cut", str(first.index)))
+    for _ in range(40):
+        world.act()
+    assert end_of(world, "a").robot == second.name
+    assert world.settles() == ""
+    late = [change for change in world.store.changes if "/late/" in change.key]
+    assert [records.decode(records.Report, change.value).robot for change in late] == [first.name]
+    assert end_of(world, "a").robot == second.name
+    assert not first.outbox.reports()
+
+
+def test_a_report_whose_answer_was_lost_is_not_late() -> None:
+    world = model.World(1)
+    world.send("a")
+    begun(world)
+    while not any("report" in getattr(message.decision, "tag", "") for message in world.messages):
+        world.act()
+    number = next(i for i, each in enumerate(world.messages) if "report" in getattr(each.decision, "tag", ""))
+    world.strike(("lose answer", str(number)))
+    assert world.settles() == ""
+    assert not [change for change in world.store.changes if "/late/" in change.key]
+
+
+def test_a_goal_to_finish_is_finished_without_the_hub_and_by_no_other_robot() -> None:
+    world = model.World(2, finish=True)
+    world.send("a")
+    first = begun(world)
+    world.strike(("cut", str(first.index)))
+    first.running["a"].left = 30
+    for _ in range(60):
+        world.act()
+    assert world.succeeded == [("a", first.name)]
+    assert world.settles() == ""
+    assert end_of(world, "a").robot == first.name
+
+
+def test_a_goal_to_finish_is_taken_up_by_the_next_life_of_its_robot() -> None:
+    world = model.World(2, finish=True)
+    world.send("a")
+    first = begun(world)
+    world.strike(("kill", str(first.index)))
+    for _ in range(30):
+        world.act()
+    assert not world.succeeded
+    world.strike(("restart", str(first.index)))
+    assert world.settles() == ""
+    assert world.succeeded == [("a", first.name)]
+
+
+def test_a_report_survives_the_robots_death() -> None:
+    world = model.World(1)
+    world.send("a")
+    (robot,) = world.robots
+    begun(world)
+    world.strike(("hub down",))
+    while not robot.outbox.reports():
+        world.act()
+    world.strike(("kill", "0"))
+    world.act()
+    world.strike(("restart", "0"))
+    world.strike(("hub up",))
+    assert world.settles() == ""
+    assert world.succeeded == [("a", "r0")], "it is not done again"
+
+
+def test_a_second_process_of_the_same_name_does_not_join() -> None:
+    world = model.World(2)
+    world.robots[1].name = "r0"
+    profile = records.Profile("r0")
+    world.robots[1].agent = model.Agent("lab", profile, "other", model.Outbox(), model.RULES)
+    for _ in range(20):
+        world.act()
+    assert [robot.agent.joined for robot in world.robots] == [True, False]
+    world.strike(("kill", "0"))
+    for _ in range(20):
+        world.act()
+    assert world.robots[1].agent.joined
+
+
+def test_the_next_robot_tries_what_one_failed() -> None:
+    world = model.World(3)
+    world.send("a", tries=2)
+    for _ in range(2):
+        robot = begun(world)
+        robot.running.pop("a")
+        robot.inbox.append(model.ev.Ended("a", False, "ACTION_FAILED", "the door is locked"))
+    assert world.settles() == ""
+    tried = [change for change in world.store.changes if "/failures/" in change.key]
+    assert len(tried) == 1
+    assert end_of(world, "a").outcome == "ACTION_FAILED"
+    assert end_of(world, "a").robot != records.decode(records.Report, tried[0].value).robot
+
+
+def test_a_goal_that_no_robot_can_take_ends_at_its_deadline() -> None:
+    world = model.World(2)
+    world.send("a", needs=("arm",), deadline=15.0)
+    for _ in range(14):
+        world.act()
+    assert not world.ends("a")
+    assert world.settles() == ""
+    assert end_of(world, "a").outcome == "MISSED"
+
+
+def test_a_goal_for_one_robot_waits_for_it() -> None:
+    world = model.World(2)
+    world.strike(("kill", "1"))
+    world.send("a", robot="r1")
+    for _ in range(20):
+        world.act()
+    assert not world.succeeded
+    assert world.settles() == ""
+    assert world.succeeded == [("a", "r1")]
+
+
+def test_a_cancelled_goal_stops_and_ends() -> None:
+    world = model.World(2)
+    world.send("a")
+    begun(world)
+    world.strike(("cancel", "a"))
+    assert world.settles() == ""
+    assert end_of(world, "a").outcome == "CANCELLED"
+    assert not world.succeeded
+
+
+def test_the_busy_robot_leaves_a_goal_to_the_idle_one() -> None:
+    world = model.World(2)
+    for goal in "abcdef":
+        world.send(goal)
+    assert world.settles(120) == ""
+    counts = {name: [robot for _, robot in world.succeeded].count(name) for name in ("r0", "r1")}
+    assert counts["r0"] and counts["r1"]
+    assert len(world.succeeded) == 6
+
+
+def test_a_robot_that_is_fit_again_takes_what_it_has_refused() -> None:
+    world = model.World(1, model.RULES._replace(ask_again=5.0))
+    (robot,) = world.robots
+    robot.unfit = "its battery is low"
+    world.send("a")
+    for _ in range(20):
+        world.act()
+    assert robot.agent.view.offers.of("r0").of["a"].reason == robot.unfit
+    robot.unfit = ""
+    assert world.settles() == ""
+    assert world.succeeded == [("a", "r0")]
+
+
+# --- random stories ---------------------------------------------------------------------------------
+
+
+class FleetMachine(RuleBasedStateMachine):
+    """Any number of faults, in any order."""
+
+    @initialize(
+        robots=st.integers(1, 3),
+        finish=st.booleans(),
+        goals=st.integers(1, 4),
+        again=st.sampled_from((2.0, 1e6)),
+        crowd=st.sampled_from((0, 8)),
+        most_bids=st.sampled_from((1, 8)),
+        keep=st.sampled_from((model.RULES, model.KEEP)),
+    )
+    def begin(
+        self,
+        robots: int,
+        finish: bool,
+        goals: int,
+        again: float,
+        crowd: int,
+        most_bids: int,
+        keep: "model.Rules",
+    ) -> None:
+        # A crowd of 0: they bid as the robots of a crowd do.
+        auction = model.RULES.auction._replace(crowd=crowd, enough=1)
+        rules = keep._replace(auction=auction, most_bids=most_bids, ask_again=again)
+        self.world = model.World(robots, rules, finish=finish)
+        for number in range(goals):
+            self.world.send(f"g{number}")
+
+    @rule(rounds=st.integers(1, 6))
+    def pass_time(self, rounds: int) -> None:
+        for _ in range(rounds):
+            self.world.act()
+            assert not self.world.wrong()
+
+    @precondition(lambda self: len(self.world.goals) < 8)
+    @rule(tries=st.integers(1, 2), value=st.integers(0, 2))
+    def send(self, tries: int, value: int) -> None:
+        self.world.send(f"g{len(self.world.goals)}", tries=tries, value=float(value))
+
+    @rule(data=st.data())
+    def strike(self, data: st.DataObject) -> None:
+        self.world.strike(data.draw(st.sampled_from(list(self.world.events()))))
+
+    @invariant()
+    def nothing_is_wrong(self) -> None:
+        assert not getattr(self, "world", None) or not self.world.wrong()
+
+    def teardown(self) -> None:
+        if getattr(self, "world", None):
+            assert self.world.settles(250) == ""
+
+
+TestFleetMachine = FleetMachine.TestCase
+TestFleetMachine.settings = settings(
+    max_examples=25,
+    stateful_step_count=30,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=list(HealthCheck),
+)

@@ -1,0 +1,300 @@
+"""What was shown comes back: any changes, any moment; bounded, and readable after any end."""
+
+import json
+import sqlite3
+import threading
+from pathlib import Path
+from typing import Any, Dict, List, Tuple
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from merlin_monitor.history import recorder as recorder_module
+from merlin_monitor.history.event_log import Neighbour
+from merlin_monitor.history.history_file import VERSION, HistoryError
+from merlin_monitor.history.history_reader import HistoryReader
+from merlin_monitor.history.recorder import Recorder
+from merlin_monitor.history.recording import Frame
+from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_store import HistoryStore
+from merlin_monitor.state.state_tree import StateTree, apply_changes
+
+LIMIT = 60.0  # s for an answer
+
+keys = st.sampled_from(["plan", "map", "a", "__proto__", "ü", "history"])
+values = st.recursive(
+    st.none() | st.booleans() | st.integers(-9, 9) | st.floats(allow_nan=True) | st.text(max_size=4),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys, inner, max_size=3),
+    max_leaves=5,
+)
+changes = st.lists(st.tuples(st.lists(keys, min_size=1, max_size=3), st.none() | values), max_size=6)
+
+
+class Recorded:
+    """A tree whose recorder takes a frame by a call, into a real file."""
+
+    def __init__(self, folder: Path, **options: Any) -> None:
+        self.tree = StateTree(("plan", "map"))
+        self.path = folder / "history.sqlite"
+        self.store = HistoryStore(self.path, 100, **options)
+        self.tick = 0.0
+        self.store.now = lambda: self.tick  # type: ignore[assignment, misc]
+        self.recorder = Recorder(self.tree, self.store.add_frame, self._clock)
+        self.recorder._feed = self.tree.subscribe(lambda: None)  # its thread is not started: frames are ours
+        self.states: List[Tuple[float, Dict[str, Any]]] = []
+
+    def _clock(self) -> float:
+        self.tick += 1.0
+        return self.tick
+
+    def frame(self) -> None:
+        before = self.tick
+        self.recorder.take()
+        if self.tick > before:
+            self.states.append((self.tick, shown(self.tree)))
+
+    def reopened(self) -> HistoryReader:
+        self.store.close()
+        return HistoryReader.of(self.path)
+
+
+def shown(tree: StateTree) -> Dict[str, Any]:
+    state: Dict[str, Any] = json.loads(tree.as_json()[1])
+    state.pop("history", None)
+    return state
+
+
+def state_at(reader: HistoryReader, run: int, wall: float) -> Dict[str, Any]:
+    """What the page makes of the answer."""
+    segment = json.loads(reader.segment(run, wall).result(LIMIT) or "null")
+    assert segment["began"] <= wall and (segment["next"] is None or wall < segment["next"])
+    state = segment["frames"][0][2]
+    for at, _, changed, _ in segment["frames"][1:]:
+        if at <= wall:
+            apply_changes(state, changed)
+    return state
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(changes, min_size=1, max_size=15), st.sampled_from([0, 40, 100_000]))
+def test_any_moment_is_what_was_shown_then(
+    tmp_path_factory: pytest.TempPathFactory, frames: List[Any], largest: int
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recorder_module, "LARGEST_SEGMENT", largest)
+        recorded = Recorded(tmp_path_factory.mktemp("recorded"))
+        for frame in frames:
+            for path, value in frame:
+                if value is None:
+                    recorded.tree.remove(*path)
+                else:
+                    recorded.tree.set(*path, value)
+            recorded.frame()
+        run = recorded.store.run
+        reader = recorded.reopened()
+        for wall, state in recorded.states[::-1]:
+            assert state_at(reader, run, wall) == state
+            assert state_at(reader, run, wall + 0.5) == state
+        assert state_at(reader, run, 1.0) == recorded.states[0][1]
+        reader.close()
+
+
+def test_more_changes_than_a_feed_keeps_are_a_whole_state(tmp_path: Path) -> None:
+    recorded = Recorded(tmp_path)
+    recorded.frame()
+    for number in range(3000):
+        recorded.tree.set("plan", f"step {number}", number)
+    recorded.frame()
+    reader = recorded.reopened()
+    assert state_at(reader, 1, 2.0) == recorded.states[1][1]
+    reader.close()
+
+
+def test_its_thread_records_what_changes_and_ends_with_the_last_change(tmp_path: Path) -> None:
+    tree = StateTree(("plan",))
+    store = HistoryStore(tmp_path / "h", 100)
+    recorder = Recorder(tree, store.add_frame, store.now)
+    recorder.start()
+    for number in range(50):
+        tree.set("plan", "number", number)
+    recorder.stop()
+    assert not any(thread.name == "recorder" for thread in threading.enumerate())
+    assert tree._feeds == []
+    (run,) = store.runs().result(LIMIT)
+    assert state_at(store, run["run"], run["ended"]) == {"plan": {"number": 49}}
+    store.close()
+
+
+def test_the_file_stays_bounded_and_the_newest_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder_module, "LARGEST_SEGMENT", 5_000)
+    recorded = Recorded(tmp_path, megabytes=0.05)
+    recorded.store.add_picture("map", "of all the time", b"map")
+    for number in range(600):
+        # Random enough not to be packed away.
+        recorded.tree.set("plan", f"{number % 40}", f"{hash((number, 'salt')) ** 3}")
+        if number % 100 == 0:
+            recorded.store.add_picture("seen", f"picture {number}", bytes(5_000))
+        recorded.frame()
+    kept = recorded.store.runs().result(LIMIT)
+    assert kept[0]["ended"] == 600.0 and kept[0]["began"] > 100.0
+    assert kept[0]["bytes"] < 80_000
+    assert recorded.store.picture("seen", "picture 0").result(LIMIT) is None
+    assert recorded.store.picture("seen", "picture 500").result(LIMIT) == bytes(5_000)
+    assert recorded.store.picture("map", "of all the time").result(LIMIT) == b"map"
+    reader = recorded.reopened()
+    wall, state = recorded.states[-1]
+    assert state_at(reader, 1, wall) == state
+    first = json.loads(reader.segment(1, 3.0).result(LIMIT) or "")
+    assert first["began"] > 100.0, "before what is kept comes the first moment that is"
+    reader.close()
+
+
+def test_a_lost_frame_makes_the_next_one_whole(tmp_path: Path) -> None:
+    recorded = Recorded(tmp_path)
+    recorded.frame()
+    recorded.tree.set("plan", "step", 1)
+    recorded.store._gap = True  # as after a write that failed
+    recorded.frame()
+    recorded.tree.set("plan", "step", 2)
+    recorded.frame()
+    reader = recorded.reopened()
+    assert state_at(reader, 1, 3.0) == {"plan": {"step": 2}, "map": {}}
+    reader.close()
+
+
+def test_a_monitor_that_was_killed_leaves_all_until_then(tmp_path: Path) -> None:
+    recorded = Recorded(tmp_path)
+    for number in range(20):
+        recorded.tree.set("plan", "step", number)
+        recorded.frame()
+    recorded.store.page().result(LIMIT)  # what came before is written
+    reader = HistoryReader.of(recorded.path)  # the other one is still open, as it is after a SIGKILL
+    for wall, state in recorded.states:
+        assert state_at(reader, 1, wall) == state
+    reader.close()
+    recorded.store.close()
+
+
+def test_what_was_kept_in_memory_moves_to_the_file(tmp_path: Path) -> None:
+    folder = tmp_path / "results"
+    folder.mkdir()
+    earlier = Recorded(folder)
+    earlier.frame()
+    earlier.store.close()
+    (folder / "history.sqlite").rename(tmp_path / "kept")
+    folder.rmdir()
+    recorded = Recorded(folder, make_folder=False)
+    recorded.tree.set("plan", "step", 1)
+    recorded.frame()
+    recorded.store.add_picture("map", "p", b"png")
+    recorded.store.page().result(LIMIT)
+    folder.mkdir()
+    (tmp_path / "kept").rename(folder / "history.sqlite")
+    recorded.tree.set("plan", "step", 2)
+    recorded.frame()
+    reader = recorded.reopened()
+    assert [run["run"] for run in reader.runs().result(LIMIT)] == [1, 2]
+    assert [state_at(reader, 2, wall)["plan"]["step"] for wall in (1.0, 2.0)] == [1, 2]
+    assert reader.picture("map", "p").result(LIMIT) == b"png"
+    reader.close()
+
+
+def test_events_are_found_from_each_other(tmp_path: Path) -> None:
+    store = HistoryStore(tmp_path / "h", 1000)
+    for number, mark in enumerate(["", "failure", "", "cancel", "failure"]):
+        store.add(Event("plan" if number % 2 else "goal", str(number), 0.0, {}, mark))
+    events = store.export().result(LIMIT)
+    assert [mark for _, _, mark in store.marks(store.run).result(LIMIT)] == ["failure", "cancel", "failure"]
+
+    def found(**wanted: Any) -> Any:
+        event = store.neighbour(Neighbour(store.run, **{"wall": 0.0, **wanted})).result(LIMIT)
+        return event and event["text"]
+
+    assert found() == "0" and found(marks=("failure",)) == "1"
+    assert found(identity=events[1]["id"], marks=("failure",)) == "4"
+    assert found(identity=events[1]["id"], kinds=("goal",)) == "2"
+    assert found(identity=events[1]["id"], forward=False) == "0"
+    assert found(wall=1e12) is None and found(wall=1e12, forward=False, marks=("cancel",)) == "3"
+    assert store.neighbour(Neighbour(99, 0.0)).result(LIMIT) is None
+    store.close()
+
+
+# --- files that are no such history ----------------------------------------------------------------------
+
+
+def test_a_missing_a_foreign_a_newer_and_an_older_file_are_named(tmp_path: Path) -> None:
+    with pytest.raises(HistoryError, match="there is no history .*history.sqlite"):
+        HistoryReader.of(tmp_path)
+    text = tmp_path / "text"
+    text.write_text("no database at all, but a text of some length to be taken for one " * 50)
+    with pytest.raises(HistoryError, match="is not a history, or damaged"):
+        HistoryReader.of(text)
+    foreign = sqlite3.connect(str(tmp_path / "foreign"))
+    foreign.execute("CREATE TABLE birds (name)")
+    foreign.commit()
+    with pytest.raises(HistoryError, match="another program"):
+        HistoryReader.of(tmp_path / "foreign")
+    recorded = Recorded(tmp_path)
+    recorded.frame()
+    recorded.store.close()
+    file = sqlite3.connect(str(recorded.path))
+    file.execute(f"PRAGMA user_version={VERSION + 1}")
+    for use in (HistoryReader.of, lambda path: HistoryStore(path, 100)):
+        with pytest.raises(HistoryError, match="newer MERLIN"):
+            use(recorded.path)
+    file.execute("PRAGMA user_version=0")
+    with pytest.raises(HistoryError, match="holds events only.*rosrun merlin history"):
+        HistoryReader.of(recorded.path)
+
+
+def test_a_file_of_before_is_gone_on_with(tmp_path: Path) -> None:
+    path = tmp_path / "history.sqlite"
+    old = sqlite3.connect(str(path))
+    old.executescript(
+        "CREATE TABLE events (id INTEGER PRIMARY KEY AUTOINCREMENT, run INTEGER NOT NULL, wall REAL NOT NULL,"
+        " at REAL NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL, detail TEXT NOT NULL);"
+        "CREATE TABLE runs (id INTEGER PRIMARY KEY AUTOINCREMENT, began REAL NOT NULL);"
+        "INSERT INTO runs (began) VALUES (1.0);"
+        "INSERT INTO events (run, wall, at, kind, text, detail) VALUES (1, 1.0, 1.0, 'goal', 'old', '{}');"
+    )
+    old.close()
+    recorded = Recorded(tmp_path)
+    recorded.frame()
+    recorded.store.add(Event("goal", "new", 2.0, {}, "cancel"))
+    reader = recorded.reopened()
+    assert [(event["text"], event["mark"]) for event in reader.export().result(LIMIT)] == [
+        ("old", ""),
+        ("new", "cancel"),
+    ]
+    assert [run["run"] for run in reader.runs().result(LIMIT)] == [2]
+    reader.close()
+
+
+@pytest.mark.parametrize("damage", [b"\x00", b"\xff" * 30])
+def test_a_damaged_segment_is_an_error_and_the_others_can_be_read(tmp_path: Path, damage: bytes) -> None:
+    recorded = Recorded(tmp_path)
+    recorded.frame()
+    recorded.store.add_frame(Frame(2, 0, 9.0, damage))
+    reader = recorded.reopened()
+    with pytest.raises(HistoryError, match="segment 2 of run 1 is damaged"):
+        reader.segment(1, 9.0).result(LIMIT)
+    assert state_at(reader, 1, 1.0) == {"plan": {}, "map": {}}
+    reader.close()
+
+
+def test_a_file_whose_pages_were_overwritten_is_an_error(tmp_path: Path) -> None:
+    recorded = Recorded(tmp_path)
+    for number in range(200):
+        recorded.store.add(Event("goal", f"{number}" * 100, 1.0))
+        recorded.tree.set("plan", f"{number}", number)
+        recorded.frame()
+    recorded.store.close()
+    size = recorded.path.stat().st_size
+    with recorded.path.open("r+b") as file:
+        file.seek(4096)
+        file.write(b"\xa5" * (size - 4096))
+    with pytest.raises(HistoryError, match="damaged"):
+        HistoryReader.of(recorded.path)

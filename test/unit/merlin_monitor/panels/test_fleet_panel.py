@@ -1,0 +1,206 @@
+"""The panel of the fleet: what it shows of a real hub, and how the page draws it."""
+
+import json
+import re
+from typing import Any, Callable, Dict, Iterator, List, Set, Tuple
+from xml.etree import ElementTree
+
+import pytest
+import rospy
+from served import WEB, Served
+from shown_page import Visit, chromium, show_panels
+
+from merlin_fleet.core import records
+from merlin_fleet.core.records import Claim, Goal, Keys, Profile, Report
+from merlin_fleet.core.store import Put, Txn
+from merlin_fleet.core.view import FleetGoalState
+from merlin_fleet.fleet_request import GoalNews
+from merlin_fleet.fleet_shown import MOST, shown
+from merlin_fleet.hub import EtcdHub
+from merlin_fleet.node import fleet_panel
+from merlin_fleet.node.fleet_panel import FleetPanel
+from merlin_fleet.testing.etcd_process import EtcdProcess
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.panel_board import OFFERED, foreign_panel, own_panels, script_of
+from merlin_ros.master.master_link import ERRORS
+
+LIMIT = 60.0  # s for anything that has to happen
+SHOWN: Dict[str, Any] = {
+    "fleet": "lab",
+    "robots": {
+        "ann": {"joined": True, "heard": 1000.0, "is": ["ward"], "has": ["(checked kitchen)"]},
+        "bob": {"joined": False, "heard": 1000.0, "is": [], "has": []},
+    },
+    "goals": [
+        {"id": "g1", "text": "(checked kitchen)", "state": "owned", "robot": "ann", "over": False}
+        | {"finish": False, "why": ""},
+        {"id": "g2", "text": "(checked hall)", "state": "owned", "robot": "ann", "over": False}
+        | {"finish": True, "why": ""},
+        {"id": "g3", "text": "(checked moon)", "state": "open", "robot": "", "over": False}
+        | {"finish": False, "why": "ann: no plan"},
+        {"id": "g4", "text": "(checked bath)", "state": "succeeded", "robot": "bob", "over": True}
+        | {"finish": False, "why": ""},
+    ],
+    "more": 3,
+    "missing": "",
+    "missing_since": None,
+}
+
+
+def test_every_text_has_its_german_one() -> None:
+    scripts = sorted(script_of(FleetPanel).parent.glob("*.js"))
+    script = "".join(path.read_text(encoding="utf-8") for path in scripts)
+    texts: Set[str] = set(re.findall(r"\bt\(\"([^\"]+)\"", script)) | {FleetPanel.title, "is not reached"}
+    texts |= {state.value for state in FleetGoalState if state is not FleetGoalState.ENDED} | {"missed"}
+    table = json.loads((WEB / "texts.de.json").read_text(encoding="utf-8"))
+    assert sorted(text for text in texts if text not in table) == []
+    assert len(texts) > 10
+
+
+def test_the_launch_file_adds_it_to_the_robots_page() -> None:
+    launch = ElementTree.parse(WEB.parents[2] / "launch" / "fleet.launch")
+    found = [
+        each.get("value") for each in launch.iter("param") if each.get("name", "").startswith(f"{OFFERED}/")
+    ]
+    (path,) = found
+    assert path is not None and foreign_panel(path) is FleetPanel
+
+
+class Client:
+    """What a client knows."""
+
+    fleet = "lab"
+    missing = ""
+    heard = 0.0
+
+    def __init__(self, goals: List[GoalNews], robots: List[Tuple[Profile, bool]]) -> None:
+        self.goals = lambda: goals
+        self.robots = lambda: robots
+
+
+def test_goals_that_go_on_come_first_and_the_last_ends_then() -> None:
+    def news(name: str, state: FleetGoalState, owner: str = "", ended: float = 0.0) -> GoalNews:
+        report = Report(name, "bob", 1, "SUCCEEDED", "", ended) if ended else None
+        return GoalNews(Goal(name, (f"(done {name})",), 0.0), state, owner, {"ann": "no plan"}, report)
+
+    over = [news(f"e{number}", FleetGoalState.ENDED, "", number + 1.0) for number in range(MOST)]
+    found = shown(
+        Client(  # type: ignore[arg-type]
+            [*over, news("a", FleetGoalState.OPEN), news("b", FleetGoalState.OWNED, "ann")],
+            [(Profile("ann", ("ward",), ("arm",), heard=5.0), True), (Profile("bob", heard=4.0), False)],
+        )
+    )
+    assert [goal["id"] for goal in found["goals"]] == ["a", "b", *(f"e{n}" for n in range(MOST - 1, 1, -1))]
+    assert found["more"] == 2
+    assert found["goals"][0]["why"] == "ann: no plan"
+    assert found["robots"] == {
+        "ann": {"joined": True, "heard": 5.0, "is": ["ward", "arm"], "has": ["(done b)"]},
+        "bob": {"joined": False, "heard": 4.0, "is": [], "has": []},
+    }
+
+
+class Master:
+    """The parameters of the robot's part in the fleet."""
+
+    def __init__(self, parameters: Any) -> None:
+        self._parameters = parameters
+
+    def getParam(self, name: str) -> Any:
+        assert name == "/merlin_fleet"
+        if self._parameters is None:
+            raise ERRORS[0]("there is no such parameter")
+        return self._parameters
+
+
+@pytest.fixture
+def closed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    ends: List[Callable[[], None]] = []
+    monkeypatch.setattr(rospy, "on_shutdown", ends.append)
+    monkeypatch.setattr(rospy, "resolve_name", lambda name: f"/{name}")
+    yield
+    for end in ends:
+        end()
+
+
+@pytest.mark.usefixtures("closed")
+def test_it_follows_the_hub_that_the_robot_was_told(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    def master(parameters: Any) -> None:
+        monkeypatch.setattr(fleet_panel, "bounded_master", lambda: Master(parameters))
+
+    panel = FleetPanel(served.state, GraphWatch(lambda topics: None))
+    tree = served.state.tree
+
+    def until(holds: Callable[[], bool]) -> None:
+        panel.check(0.0, 0.0)
+        while not holds():
+            assert panel._changed.wait(LIMIT)
+            panel.check(0.0, 0.0)
+
+    master(None)
+    panel.look({})
+    panel.check(0.0, 0.0)
+    assert tree.get("fleet", "robots") is None
+    etcd = EtcdProcess()
+    try:
+        keys = Keys("lab")
+        hub = EtcdHub(keys.root, [etcd.endpoint])
+        puts = {
+            keys.key(records.GOALS, "g1"): Goal("g1", ("(done)",), 1.0, finish=True),
+            keys.key(records.CLAIMS, "ann", "g1"): Claim("ann", "x"),
+            keys.key(records.LIVES, "ann"): Claim("ann", "x"),
+            keys.key(records.ROBOTS, "ann"): Profile("ann", heard=5.0),
+        }
+        hub.transact(Txn((), tuple(Put(key, records.encode(record)) for key, record in puts.items())))
+        hub.close()
+        master({"fleet": "lab", "hub": etcd.endpoint, "ca": "", "robot": "ann"})
+        panel.look({})
+        until(lambda: bool(tree.get("fleet", "goals")))
+        (goal,) = tree.get("fleet", "goals")
+        assert (goal["robot"], goal["finish"], tree.get("fleet", "missing")) == ("ann", True, "")
+        etcd.kill()
+        until(lambda: bool(tree.get("fleet", "missing")))
+        assert tree.get("fleet", "missing_since") > 0
+        etcd.start()
+        until(lambda: not tree.get("fleet", "missing"))
+        assert tree.get("fleet", "missing_since") is None
+    finally:
+        etcd.close()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.mark.parametrize(
+    ("language", "heard", "lease", "link"),
+    [
+        ("en", "not seen since", "ann, on its lease", "Without the hub since"),
+        ("de", "nichts gehört seit", "ann, auf Zeit vergeben", "Ohne den Hub seit"),
+    ],
+)
+def test_the_page_shows_it(
+    browser: Any, served: Served, language: str, heard: str, lease: str, link: str
+) -> None:
+    show_panels(served)
+    served.server._scripts["fleet"] = script_of(FleetPanel)
+    panels = [panel.described() for panel in (*own_panels(), FleetPanel)]
+    served.state.tree.set("meta", "panels", panels)
+    for part, value in SHOWN.items():
+        served.state.tree.set("fleet", part, value)
+    page = Visit(browser, f"{served.url}?lang={language}")
+    page.wait("() => document.querySelectorAll('#fleet-goals li').length === 4")
+    ann, bob = page.texts("#fleet-robots li")
+    assert "ann" in ann and "ward" in ann and "(checked kitchen)" in ann and heard not in ann
+    assert "bob" in bob and heard in bob
+    goals = page.texts("#fleet-goals li")
+    assert lease in goals[0] and lease not in goals[1] and "Hub" in goals[1] or "hub" in goals[1]
+    assert "ann: no plan" in goals[2]
+    served.state.tree.set("fleet", "missing_since", 1000.0)
+    served.state.tree.set("fleet", "missing", "etcd is gone")
+    page.wait(
+        f"() => [...document.querySelectorAll('p')].some((each) => each.innerText.startsWith({link!r}))"
+    )
+    assert page.complaints == []
+    page.close()

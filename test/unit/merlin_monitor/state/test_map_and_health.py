@@ -1,0 +1,136 @@
+"""The map's picture, the people on it, and silent parts."""
+
+import struct
+import zlib
+from typing import Any, Dict
+
+import numpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Point, Pose, PoseArray
+from hypothesis import given
+from hypothesis import strategies as st
+from merlin_msgs.msg import SimPeople, SimPerson
+from messages import Told
+from nav_msgs.msg import OccupancyGrid
+
+from merlin_monitor.drawing.robot_track import LONGEST_PATH
+from merlin_monitor.history.pictures import Pictures
+from merlin_monitor.state.health_section import HealthSection
+from merlin_monitor.state.map_section import MapSection, grid_picture
+from merlin_monitor.state.state_tree import StateTree
+
+
+def opacity(png: bytes) -> numpy.ndarray:
+    """Reads the opacity out of a picture of grey and opacity, without filters."""
+    assert png.startswith(b"\x89PNG\r\n\x1a\n")
+    chunks: Dict[bytes, bytes] = {}
+    at = 8
+    while at < len(png):
+        (size,) = struct.unpack(">I", png[at : at + 4])
+        kind, body = png[at + 4 : at + 8], png[at + 8 : at + 8 + size]
+        assert struct.unpack(">I", png[at + 8 + size : at + 12 + size])[0] == zlib.crc32(kind + body)
+        chunks[kind] = body
+        at += 12 + size
+    width, height = struct.unpack(">II", chunks[b"IHDR"][:8])
+    rows = numpy.frombuffer(zlib.decompress(chunks[b"IDAT"]), numpy.uint8).reshape(height, 1 + 2 * width)
+    return rows[:, 2::2]
+
+
+def test_north_is_up_and_walls_are_opaque() -> None:
+    picture = opacity(grid_picture([0, 100, -1, 50], 2, 2))
+    assert picture.tolist() == [[40, 127], [0, 255]]
+
+
+def test_a_grid_that_contradicts_itself_is_unknown() -> None:
+    assert opacity(grid_picture([0, 0, 0], 2, 2)).shape == (1, 1)
+    assert opacity(grid_picture([], 0, 0)).shape == (1, 1)
+
+
+def test_the_map_is_fetched_anew_when_it_changes() -> None:
+    tree = StateTree()
+    pictures = Pictures()
+    section = MapSection(tree, pictures)
+    message = OccupancyGrid(data=[0])
+    message.info.width = message.info.height = 1
+    message.info.resolution = 0.5
+    section.grid(message)
+    first = tree.get("map", "grid", "version")
+    section.grid(message)
+    assert tree.get("map", "grid", "version") == first and tree.get("map", "grid", "width") == 0.5
+    message.data = [100]
+    section.grid(message)
+    assert tree.get("map", "grid", "version") != first
+    assert pictures.get("map") == section.picture and pictures.get("map", first) is None
+
+
+def test_people_of_every_kind_of_message() -> None:
+    tree = StateTree()
+    section = MapSection(tree)
+    section.people(PoseArray(poses=[Pose(position=Point(1, 2, 0))]))
+    assert tree.get("map", "people") == [[1.0, 2.0]]
+    there = SimPerson(name="ann", state=SimPerson.STANDING, x=3.0, y=4.0)
+    gone = SimPerson(state=SimPerson.ABSENT)
+    section.people(SimPeople(people=[there, gone]))
+    assert tree.get("map", "people") == [[3.0, 4.0, "ann"]]
+
+
+@given(st.integers(0, 2000))
+def test_a_path_of_any_length_keeps_its_ends(count: int) -> None:
+    tree = StateTree()
+    MapSection(tree).path([(float(n), 0.0) for n in range(count)])
+    path = tree.get("map", "path")
+    assert len(path) <= LONGEST_PATH + 1
+    assert not count or (path[0][0] == 0.0 and path[-1][0] == count - 1)
+
+
+SHAPES = st.sampled_from([None, "kitchen", 1.0, [], {"x": 1}, {"x": "1", "y": None}, {"x": [], "y": {}}])
+
+
+@given(SHAPES | st.dictionaries(st.sampled_from(["x", "kitchen"]), SHAPES, max_size=2))
+def test_points_of_interest_of_any_shape(parameter: Any) -> None:
+    MapSection(StateTree()).points(parameter)
+
+
+def test_points_of_interest() -> None:
+    tree = StateTree()
+    names = MapSection(tree).points({"kitchen": {"x": 1, "y": 2.5, "yaw": 0.1}, "odd": {"x": "?"}, "more": 3})
+    assert names == ["kitchen"] and tree.get("map", "points") == {"kitchen": [1.0, 2.5, 0.1]}
+
+
+def diagnostics(level: int, message: str = "") -> DiagnosticArray:
+    return DiagnosticArray(status=[DiagnosticStatus(level=level, name="arm", message=message)])
+
+
+def test_health_changes_are_events_and_silence_is_one() -> None:
+    tree, told = StateTree(), Told()
+    health = HealthSection(tree, told)
+    health.diagnostics(diagnostics(DiagnosticStatus.OK), 0.0, 0.0)
+    health.diagnostics(diagnostics(DiagnosticStatus.ERROR, "no power"), 1.0, 1.0)
+    health.check_silence(3.0, 3.0)
+    health.check_silence(10.0, 10.0)
+    health.check_silence(11.0, 11.0)
+    assert tree.get("health", "parts", "arm", "silent") is True
+    health.diagnostics(diagnostics(DiagnosticStatus.OK, "ready"), 12.0, 12.0)
+    assert told.texts == ["arm: error: no power", "arm has fallen silent", "arm is heard again: ready"]
+
+
+def test_a_part_that_goes_to_and_fro_does_not_fill_the_history() -> None:
+    told = Told()
+    section = HealthSection(StateTree(), told)
+
+    def report(level: int, wall: float) -> None:
+        status = DiagnosticStatus(name="world", message=f"at {wall:.0f}", level=level)
+        section.diagnostics(DiagnosticArray(status=[status]), wall, wall)
+
+    for second in range(300):
+        report((DiagnosticStatus.OK, DiagnosticStatus.WARN)[second % 2], float(second))
+    assert 1 < len(told.texts) <= 6, told.texts
+    # A worse level is reported at once, and so is the level that lasts.
+    report(DiagnosticStatus.ERROR, 300.0)
+    assert told.texts[-1] == "world: error: at 300"
+    report(DiagnosticStatus.WARN, 301.0)
+    report(DiagnosticStatus.OK, 302.0)
+    assert told.texts[-1] == "world: warning: at 301"
+    for second in range(303, 365):
+        report(DiagnosticStatus.OK, float(second))
+    assert told.texts[-1].startswith("world: ok: at 36")

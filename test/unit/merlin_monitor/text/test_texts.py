@@ -1,0 +1,160 @@
+"""Texts are data: every text of the page and of the monitor's sentences has its German one."""
+
+import json
+import re
+from typing import Set
+
+import pytest
+from served import WEB, Served
+from shown_page import Visit, chromium, fill, show_panels
+
+from merlin_monitor.panel_board import own_panels
+from merlin_monitor.panels import knowledge
+from merlin_monitor.state import events, guard_section, map_section, plan_section
+from merlin_monitor.state.health_section import LEVELS
+from merlin_monitor.text import now_words
+from merlin_monitor.text.phrase import action_phrase, goal_phrase, in_english, say, value_phrase
+from merlin_monitor.text.plain_words import action_in_words
+from merlin_sm import autonomy
+
+#: What nodes and people say stays as it is.
+NAMES = ("Do you need anything?", "a coffee please", "ask in the kitchen", "travel time of", "in service")
+ENGLISH = (
+    r"(?i)\b(?:the|and|of|with|after|asked|is|are|step|steps|running|succeeded|failed|checked|added)\b.*"
+)
+PDDL = r"\((?:navigate|ask|checked|robot_at|travel_time|in_service)\b.*"
+SOURCE = WEB.parent / "src"
+TEXT = r'"((?:[^"\\]|\\.)*)"'
+
+
+def _texts() -> Set[str]:
+    found: Set[str] = set()
+    for script in WEB.rglob("*.js"):
+        found |= set(re.findall(rf"\bt\({TEXT}", script.read_text()))
+    page = (WEB / "index.html").read_text()
+    found |= set(re.findall(r"data-t(?: [^>]*)?>([^<]+)<", page))
+    for module in SOURCE.rglob("*.py"):
+        if module.name == "userdata_text.py":
+            continue  # its say() is another
+        found |= set(re.findall(rf"(?<![.\w])say\(\s*{TEXT}", module.read_text()))
+    found |= {panel.title for panel in own_panels() if panel.title}
+    for words in (
+        now_words.OUTCOMES,
+        now_words.EXECUTOR_STATES,
+        now_words.MISSION_STATES,
+        plan_section.ENDED,
+        plan_section._PLANNER,
+    ):
+        found |= set(words)
+    found |= {
+        *events.KINDS,
+        *LEVELS,
+        *now_words.STAGES.values(),
+        *now_words.ENDS.values(),
+        now_words.PAUSED,
+        now_words.HELD_BEFORE,
+        guard_section.SILENT_REASON,
+        knowledge.FOLLOWS,
+        knowledge.READS,
+        knowledge.GONE,
+    }
+    found |= {*autonomy.LEVELS, map_section.STANDS, map_section.STANDS_GOAL, map_section.STANDS_WAY}
+    return found
+
+
+def test_every_text_has_its_translation_with_the_same_blanks() -> None:
+    table = json.loads((WEB / "texts.de.json").read_text(encoding="utf-8"))
+    missing = sorted(text for text in _texts() if text not in table)
+    assert missing == [], f"texts.de.json lacks {len(missing)} texts"
+    for text, german in table.items():
+        if not text.startswith(("action ", "fact ")):
+            assert set(re.findall(r"\{\w+\}", german)) == set(re.findall(r"\{\w+\}", text)), text
+
+
+def test_every_event_is_told_as_data() -> None:
+    plain = [
+        module.name
+        for module in SOURCE.rglob("*.py")
+        if re.search(r"(?<![.\w])Event\(", module.read_text()) and module.name != "events.py"
+    ]
+    assert plain == [], "report them as phrases: sentence(…)"
+
+
+def test_the_page_speaks_the_language_that_is_asked_for(served: Served) -> None:
+    fill(served)
+    with chromium() as browser:
+        for query, locale in (("?lang=de", "en-US"), ("", "de-DE")):
+            visit = Visit(browser, served.url + query, locale=locale)
+            visit.wait_text("#now-doing", "fragt bei kitchen")
+            visit.wait_text("#now-because", "für „kitchen geprüft“, verlangt von /mission")
+            visit.wait_text("#glance-next", "fährt nach bathroom")
+            visit.wait_text("#health-well summary", "12 sind in Ordnung")
+            visit.wait_text("#stop", "Anhalten und festhalten")
+            visit.wait_text("#history-list", "sagte „Do you need anything?“")
+            visit.wait_text(
+                "#history-list", "Plan mit 6 Schritten, zuerst fährt nach kitchen, fragt bei kitchen und"
+            )
+            visit.wait_text("#history-list", "fährt nach kitchen: gelungen nach 12.0 s")
+            visit.wait_text("#now-chain", "Round, Aufgabe 3 von 6")
+            visit.wait_text("#plan-graph .node text", "fährt nach bathroom")
+            visit.wait_text("#knowledge-list .fact", "Roboter bei kitchen")
+            visit.page.click("#health-well > summary")
+            for _ in range(2):
+                visit.page.locator("#history-kinds [aria-pressed=false]").first.click()
+            visit.page.evaluate("document.getElementById('machines').hidden = true")  # names only
+            shown = visit.page.evaluate("document.body.innerText")
+            for name in (*NAMES, *re.findall(r"\w+: state", shown)):
+                shown = shown.replace(name, "")
+            assert re.findall(ENGLISH, shown) == []
+            assert re.findall(PDDL, shown) == []
+            visit.wait_text("#history-kinds", "Sprache")
+            assert visit.page.evaluate("document.documentElement.lang") == "de"
+            assert visit.complaints == []
+            visit.close()
+        visit = Visit(browser, f"{served.url}?lang=en", locale="de-DE")
+        visit.wait_text("#now-doing", "asking at the kitchen")
+        visit.close()
+
+
+VALUES = ["(travel_time main_door kitchen)", "(battery)", "(free-space r2)"]
+GOALS = [
+    ("(checked kitchen)", "kitchen checked"),
+    ("(robot_at main_door)", "robot at main door"),
+    ("(wants ann black_coffee)", "ann wants black coffee"),
+    ("(and (checked kitchen) (not (in_service)))", "kitchen checked and not in service"),
+    ("(>= (battery r2) 20)", "r2 battery ≥ 20"),
+    ("(forall (?t) (served ?t))", "forall ?t ?t served"),
+    ("(wants ann <b>'ale'</b>)", "(wants ann <b>'ale'</b>)"),
+    ("(checked", "(checked"),
+    ("", ""),
+    ("(" * 40, "(" * 40),
+]
+
+
+@pytest.mark.parametrize(("goal", "words"), GOALS)
+def test_goals_in_words(goal: str, words: str) -> None:
+    assert in_english(goal_phrase(goal)) == words
+
+
+def test_the_page_makes_the_same_words_of_goals_and_values(served: Served) -> None:
+    show_panels(served)
+    with chromium() as browser:
+        visit = Visit(browser, served.url)
+        made = visit.page.evaluate(
+            """async ([goals, values]) => {
+              const { factWords, valueWords } = await import("/pddl_words.js");
+              return [...goals.map(factWords), ...values.map(valueWords)];
+            }""",
+            [[goal for goal, _ in GOALS], VALUES],
+        )
+        visit.close()
+    assert made == [*(words for _, words in GOALS), *(in_english(value_phrase(each)) for each in VALUES)]
+
+
+def test_sentences_without_a_start_that_is_no_place_and_without_articles_of_numbers() -> None:
+    places = {"kitchen", "table_4"}
+    drive = [("from", "anywhere"), ("to", "kitchen")]
+    assert action_in_words("navigate", drive, places) == "navigating to the kitchen"
+    assert action_in_words("check_table", [("t", "table_4")], places) == "checking table at table 4"
+    phrase = say("{what}, then pausing", what=[action_phrase("ask", [("p", "{x}")], "asking {x}")])
+    assert in_english(phrase) == "asking {x}, then pausing"

@@ -1,0 +1,316 @@
+"""The page in Chromium: at a glance, by keyboard, on every size, and without barriers."""
+
+from typing import Any, Iterator, List
+
+import pytest
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from merlin_msgs.msg import MachineHolds, StateOutcome
+from messages import fact, status, structure
+from served import TOKEN, Served
+from shown_page import AXE, CHECK, Visit, chromium, fill
+from std_msgs.msg import Header
+
+from merlin_monitor.state.knowledge_section import Contents
+
+SIZES = {"phone": (390, 844), "desktop": (1280, 900), "wide": (2560, 1440)}
+SMALL = """() => [...document.querySelectorAll("body *")].filter((element) => {
+  const own = [...element.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
+  if (!own || !element.checkVisibility()) return false;
+  const svg = element.closest("svg");
+  const box = svg && svg.viewBox.baseVal;
+  const scale = box && box.width ? svg.getBoundingClientRect().width / box.width : 1;
+  return parseFloat(getComputedStyle(element).fontSize) * scale < 10.95;
+}).map((element) => `${element.tagName} ${element.getAttribute("class")}: ${element.textContent}`)"""
+OUTSIDE = """() => [...document.querySelectorAll("nav a, header button, #glance > div")]
+  .filter((element) => element.checkVisibility())
+  .filter((element) => element.getBoundingClientRect().right > innerWidth + 0.5)
+  .map((element) => element.textContent)"""
+SCROLLS = """() => [...document.querySelectorAll("main *")].filter((element) => element.checkVisibility()
+  && !element.closest("svg") && element.clientHeight > 1 && element.scrollHeight > element.clientHeight + 2
+  && getComputedStyle(element).overflowY !== "visible").map((element) => element.id || element.className)"""
+CUT = """() => [document.documentElement, document.querySelector("nav")]
+  .filter((element) => element.scrollWidth > element.clientWidth).length"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def visits(browser: Any, served: Served) -> Iterator[Any]:
+    """Opens pages of the filled model; nothing of them may complain."""
+    fill(served)
+    opened: List[Visit] = []
+
+    def visit(query: str = "", **options: Any) -> Visit:
+        # Axe is put in by the browser's own means, past the policy of the page.
+        opened.append(Visit(browser, served.url + query, **options))
+        opened[-1].wait_text("#glance-state", "")
+        return opened[-1]
+
+    yield visit
+    complaints = [complaint for each in opened for complaint in each.complaints]
+    for each in opened:
+        each.close()
+    assert complaints == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_barriers_on_any_size(visits: Any, scheme: str) -> None:
+    page = visits(color_scheme=scheme, bypass_csp=True)
+    page.wait_text("#health-list .title", "camera")
+    page.wait("() => document.querySelectorAll('#plan-graph .node').length > 3")
+    page.page.add_script_tag(path=AXE)
+    for name, (width, height) in SIZES.items():
+        page.page.set_viewport_size({"width": width, "height": height})
+        assert page.page.evaluate(CHECK) == [], name
+        assert page.page.evaluate(SMALL) == [], name
+        assert page.page.evaluate(OUTSIDE) == [], name
+        assert page.page.evaluate(CUT) == 0, name
+    page.page.keyboard.press("?")
+    assert page.page.evaluate(CHECK) == [], "the list of keys"
+    page.page.keyboard.press("Escape")
+    page.page.keyboard.press("w")
+    assert page.page.evaluate(CHECK) == [], "the wall display"
+    page.page.keyboard.press("w")
+    page.page.keyboard.press(",")
+    page.page.locator("#past-banner").wait_for()
+    for name, (width, height) in SIZES.items():
+        page.page.set_viewport_size({"width": width, "height": height})
+        assert page.page.evaluate(CHECK) == [], f"the past, {name}"
+        assert page.page.evaluate(SMALL) == [], f"the past, {name}"
+
+
+def test_what_is_not_known_any_more_can_be_read(visits: Any, served: Served) -> None:
+    page = visits(bypass_csp=True)
+    served.state.tree.set(
+        "now", "silent", {"since": 118.0, "node": "/merlin_executor", "what": "does not answer"}
+    )
+    served.state.tree.set("map", "silent", {"since": 118.0, "node": "", "what": "is gone"})
+    page.wait_text("#glance-state", "Not known")
+    page.page.add_script_tag(path=AXE)
+    assert page.page.evaluate(CHECK) == []
+    served.state.tree.set("now", "silent", None)
+    served.state.tree.set("guard", {"state": "stopped", "reason": "stopped by Ana"})
+    page.wait_text("#glance-state", "Stopped and held")
+    assert page.page.evaluate(CHECK) == [], "stopped and held"
+
+
+def test_the_strip_says_state_problem_progress_next_and_end(visits: Any, served: Served) -> None:
+    page = visits()
+    page.wait_text("#glance-state", "Working")
+    page.wait_text("#glance-problem", "camera: state: camera reports (and 1 more)")
+    page.wait_text("#glance-progress", "task 3 of 6, 1 of 6 steps done")
+    page.wait_text("#glance-next", "bathroom")
+    # The first step ended 2 s late; the second began at 115 s and takes 10 s, and so do the four behind it.
+    page.wait_text("#glance-end", "in 45 s (165.0 s)")
+    parts = [
+        DiagnosticStatus(name=f"{name}: state", level=DiagnosticStatus.OK) for name in ("camera", "battery")
+    ]
+    served.state.inbox.put(served.state.health.diagnostics, DiagnosticArray(status=parts), 121.0, 1.0)
+    page.wait_text("#glance-problem", "None")
+    served.state.inbox.put(
+        lambda: served.state.tree.set("guard", {"state": "stopped", "reason": "stopped by Ana"})
+    )
+    page.wait_text("#glance-state", "Stopped and held")
+
+
+def test_what_is_not_well_and_what_runs_is_unfolded(visits: Any, served: Served) -> None:
+    page = visits()
+    page.wait_text("#health-list summary", "12 are well")
+    shown = page.page.locator("#health-list .title:visible").all_text_contents()
+    assert shown == ["camera: state", "battery: state"]
+    page.page.click("#health-well > summary")
+    assert page.page.locator("#health-list .title:visible").count() == 14
+
+    def unfolded() -> List[str]:
+        return page.page.locator(".machine:not(.folded) .name").all_text_contents()
+
+    page.wait("() => document.querySelectorAll('.machine').length === 3")
+    assert unfolded() == ["▾ TAKE_ORDER"]
+    assert page.texts(".machine .name")[0] == "▾ TAKE_ORDER"
+    page.page.locator(".machine .name", has_text="ASK").click()
+    page.wait("() => document.querySelectorAll('.machine:not(.folded)').length === 2")
+    ended = status("/TAKE_ORDER", info="TERMINATED: succeeded")
+    begun = status("/NAVIGATE", "DRIVE", info="STATE TRANSITION")
+    for message in (ended, begun):
+        served.state.inbox.put(served.state.machines.status, "/host", message, 121.0, 1.0)
+    page.wait_text(".machine:not(.folded) .name", "NAVIGATE")
+    page.wait("() => document.querySelector('.machine .name').textContent === '▾ NAVIGATE'")
+    assert "▾ TAKE_ORDER" not in unfolded()
+
+
+def test_keys_do_what_the_list_of_keys_says(visits: Any, served: Served) -> None:
+    page = visits()
+    keyboard = page.page.keyboard
+    keyboard.press("?")
+    page.wait("() => document.getElementById('keys').open")
+    keyboard.press("Escape")
+    keyboard.press("g")
+    assert page.page.evaluate("document.activeElement.id") == "goal"
+    keyboard.press("Escape")
+    keyboard.press("p")
+    page.wait("() => document.getElementById('sign-in').open")
+    keyboard.type(TOKEN)
+    keyboard.press("Enter")
+    page.wait_text("#control-said", "Paused.")
+    page.wait("() => document.activeElement.id !== 'token'")
+    keyboard.press("Shift+S")
+    page.wait_text("#control-said", "stopped until")
+    keyboard.press("s")  # nothing is held, so that does nothing
+    waits = {"confirm": ["GRASP/CLOSE", "GRASP/LIFT"], "confirm_outcomes": ["done", "done"]}
+    holds = MachineHolds(node="/host", held=["ASK/SAY"], autonomy="low", **waits)
+    served.state.inbox.put(served.state.machines.holds, holds, 121.0, 1.0)
+    page.wait("() => document.getElementById('confirm')")
+    for key, said in (("s", "Begins."), ("y", "It is left."), ("Shift+X", "Sent."), ("n", "Begins.")):
+        page.page.evaluate("document.getElementById('control-said').textContent = ''")
+        keyboard.press(key)
+        page.wait_text("#control-said", said)
+    keyboard.press("a")
+    assert page.page.evaluate("document.activeElement.id") == "autonomy"
+    keyboard.press("Escape")
+    assert [call[:2] for call in served.robot.calls] == [
+        ("pause", True),
+        ("stop", "Ana"),
+        ("go_on", True),
+        ("leave", "GRASP/CLOSE"),
+        ("cancel_all", "Ana"),
+        ("go_on", False),
+    ]
+    keyboard.press("o")
+    page.wait_text("#operator", "Sign in")
+    keyboard.press("w")
+    page.wait("() => document.body.hasAttribute('data-wall') && location.search.includes('wall')")
+    assert not page.page.locator("#knowledge").is_visible()
+    keyboard.press("w")
+    assert page.page.locator("#knowledge").is_visible()
+
+
+def test_an_outcome_is_confirmed_or_forced_and_the_level_is_set(visits: Any, served: Served) -> None:
+    page = visits(bypass_csp=True, viewport={"width": 390, "height": 844})
+    page.page.add_script_tag(path=AXE)
+    machines = served.state.machines
+
+    def hold(**fields: Any) -> None:
+        served.state.inbox.put(machines.holds, MachineHolds(node="/r1/host", **fields), 121.0, 1.0)
+        served.state.inbox.put(served.state.now.refresh)
+
+    drawn = structure(
+        "/r1_GRASP", ["CLOSE"], [(each, "CLOSE", "None") for each in ("done", "lost")], ["done"]
+    )
+    served.state.inbox.put(machines.structure, "/r1/grasp", drawn, 0.0)
+    served.state.inbox.put(machines.status, "/r1/grasp", status("/r1_GRASP", "CLOSE"), 120.0, 0.0)
+    hold(autonomy="low", confirm=["GRASP/CLOSE"], confirm_outcomes=["done"])
+    page.wait_text("#now-doing", "done of GRASP/CLOSE waits for an operator")
+    page.wait_text("#glance-state", "Held")
+    assert page.page.evaluate(CHECK) == []
+    assert page.page.evaluate(CUT) == 0
+    button = page.page.locator("#robot-control .primary")
+    assert button.text_content() == "Confirm done"
+    button.focus()
+    page.page.keyboard.press("Enter")
+    page.page.keyboard.type(TOKEN)
+    page.page.keyboard.press("Enter")
+    page.wait_text("#control-said", "It is left.")
+    # Beside the state, all its outcomes.
+    page.page.locator("#machine-list .node", has_text="CLOSE").last.focus()
+    page.page.keyboard.press("Enter")
+    page.wait("() => document.querySelectorAll('#userdata .leave button').length === 2")
+    assert page.texts("#userdata .leave button") == ["Confirm done", "Leave with lost"]
+    assert page.page.evaluate(CHECK) == []
+    page.page.evaluate("document.getElementById('control-said').textContent = ''")
+    page.page.get_by_role("button", name="Leave with lost").click()
+    page.wait_text("#control-said", "It is left.")
+    assert page.page.input_value("#autonomy") == "low"
+    page.page.select_option("#autonomy", "high")
+    page.wait_text("#control-said", "It is set.")
+    assert page.page.input_value("#autonomy") == "low", "what the robot has not published is not shown"
+    assert served.robot.calls == [
+        ("leave", "GRASP/CLOSE", "", "/r1/", "Ana"),
+        ("leave", "GRASP/CLOSE", "lost", "/r1/", "Ana"),
+        ("set_autonomy", "high", "Ana"),
+    ]
+    hold(autonomy="high")
+    page.wait("() => document.getElementById('autonomy').value === 'high'")
+    page.wait("() => !document.querySelector('#robot-control .primary')")
+    ended = StateOutcome(
+        Header(stamp=rospy.Time(121)), "/r1/host", "GRASP/CLOSE", "Ana", "lost", "done", "", []
+    )
+    served.state.inbox.put(machines.outcome, ended, 121.0)
+    over = status("/r1_GRASP", info="TERMINATED: done")
+    served.state.inbox.put(machines.status, "/r1/grasp", over, 121.0, 1.0)
+    page.wait_text("#userdata .ran", "CLOSE → lost, forced by Ana")
+    page.wait("() => document.querySelector('#userdata .leave').hidden")
+
+
+def test_on_paper_it_is_a_report(visits: Any, served: Served) -> None:
+    page = visits(color_scheme="dark", bypass_csp=True)
+    rows = "document.querySelectorAll('#knowledge-list [role=listitem]:not([hidden])').length"
+    facts = [fact("robot_at", f"place_{number}") for number in range(320)]
+    contents = Contents([], facts, [], [])
+    served.state.inbox.put(served.state.knowledge.replace, contents, "/mission", 121.0, True)
+    page.wait_text("#knowledge-list", "place 0")
+    page.page.add_script_tag(path=AXE)
+    page.page.emulate_media(media="print")
+    page.page.set_viewport_size({"width": 720, "height": 1018})  # of A4
+    # Every list is there as a whole, or says how much is missing; nothing scrolls, nothing can be pressed.
+    page.wait(f"() => {rows} === 300")
+    more = "getComputedStyle(document.getElementById('knowledge-list'), '::after').content"
+    assert page.page.evaluate(more) == '"and 20 more"'
+    assert page.page.evaluate(SCROLLS) == []
+    assert page.page.evaluate(CUT) == 0
+    assert page.page.locator("button:visible").all_text_contents() == [
+        "▾ TAKE_ORDER",
+        "▸ ASK",
+        "▸ NAVIGATE",
+    ]
+    ink = "({ color, backgroundColor }) => [color, backgroundColor]"
+    body = page.page.evaluate(f"({ink})(getComputedStyle(document.body))")
+    assert body == ["rgb(0, 0, 0)", "rgb(255, 255, 255)"]
+    assert page.page.evaluate(CHECK) == []
+    assert page.page.pdf(format="A4").startswith(b"%PDF")
+    page.page.emulate_media(media="screen")
+    page.wait(f"() => {rows} < 60")
+
+
+def test_a_wide_screen_is_used(visits: Any) -> None:
+    page = visits(viewport={"width": 2560, "height": 1440})
+    width = page.page.evaluate("document.querySelector('main').getBoundingClientRect().width")
+    assert width > 2500
+    assert (
+        page.page.evaluate(
+            "() => new Set([...document.querySelectorAll('main > section.card')]"
+            ".map((card) => Math.round(card.getBoundingClientRect().left))).size"
+        )
+        >= 3
+    )
+
+
+def test_the_plan_in_time_and_what_was_said_heard_and_seen(visits: Any, served: Served) -> None:
+    fill(served, 40)
+    page = visits()
+    page.wait("() => document.querySelectorAll('.gantt .planned').length === 40")
+    page.wait("() => document.querySelectorAll('.gantt .real').length === 2")
+    # The one line of a plan without parallel steps is wider than its box, and shows the present.
+    box = "document.getElementById('plan-time')"
+    assert page.page.evaluate(f"{box}.scrollWidth > 3 * {box}.clientWidth")
+    assert len(page.texts(".gantt text")) > 40
+    page.page.focus("#plan-time")
+    before = page.page.evaluate(f"{box}.scrollLeft")
+    for _ in range(5):
+        page.page.keyboard.press("ArrowRight")
+    page.wait(f"(before) => {box}.scrollLeft > before", before)
+    width = page.page.get_attribute("#plan-time svg", "width")
+    page.page.keyboard.press("+")
+    assert float(page.page.get_attribute("#plan-time svg", "width")) > float(width)
+    page.page.focus("#plan-graph")
+    page.page.keyboard.press("-")
+    page.wait_text("#said-list .said", "a coffee please")
+    page.wait("() => document.getElementById('said-picture').naturalWidth === 64")
+    page.page.click("#map-tools button")
+    page.wait("() => document.querySelector('#map-picture svg').viewBox.baseVal.width < 3.9")
+    page.page.locator("#map-tools button").nth(2).click()
+    page.wait("() => document.querySelector('#map-picture svg').viewBox.baseVal.width === 4")

@@ -1,0 +1,28 @@
+"""Distances on a grid are those of OpenCV, also where nothing is occupied."""
+
+import cv2
+import numpy as np
+import pytest
+
+from merlin_reactive.distance_field import distance_field
+
+
+def grid(rows, columns, occupied, seed=1):
+    free = np.ones((rows, columns), np.uint8)
+    draw = np.random.default_rng(seed)
+    free[draw.integers(rows, size=occupied), draw.integers(columns, size=occupied)] = 0
+    return free
+
+
+@pytest.mark.parametrize(
+    "size", [(60, 90, 200), (60, 90, 4), (1, 50, 3), (50, 1, 2), (7, 7, 1), (40, 320, 1)]
+)
+def test_they_are_exact(size):
+    free = grid(*size)
+    exact = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    assert np.allclose(distance_field(free), exact, rtol=1e-6)
+    assert np.array_equal(distance_field(free.astype(bool)), distance_field(free))
+
+
+def test_nothing_occupied_is_farther_than_the_grid_is_large():
+    assert (distance_field(np.ones((4, 6))) >= 10).all()

@@ -1,0 +1,54 @@
+"""What a holder of leases publishes: one message for each change, and one for each period."""
+
+from typing import Iterator, List
+
+import pytest
+
+from merlin_ros.actions import lease_holder
+from merlin_ros.actions.lease_holder import LeaseHolder
+
+
+@pytest.fixture
+def published(monkeypatch: pytest.MonkeyPatch) -> List[List[str]]:
+    messages: List[List[str]] = []
+    monkeypatch.setattr(lease_holder, "publish", lambda publisher, message: messages.append(message.held))
+    monkeypatch.setattr(lease_holder, "PERIOD", 100.0)
+    for name, value in (
+        ("Publisher", lambda *args, **options: type("Topic", (), {"unregister": lambda self: None})()),
+        ("get_name", lambda: "/client"),
+        ("is_shutdown", lambda: False),
+    ):
+        monkeypatch.setattr(lease_holder.rospy, name, value)
+    monkeypatch.setattr(lease_holder.rospy.Time, "now", staticmethod(lambda: lease_holder.rospy.Time(1)))
+    return messages
+
+
+@pytest.fixture
+def holder(published: List[List[str]]) -> Iterator[LeaseHolder]:
+    made = LeaseHolder("/dispatcher/lease")
+    yield made
+    made.shutdown()
+
+
+def test_goals_are_exchanged_in_one_message(holder: LeaseHolder, published: List[List[str]]) -> None:
+    holder.hold("7/1")
+    holder.exchange(["7/2", "7/3"], ["7/1"])
+    assert published == [["7/1"], ["7/2", "7/3"]]
+
+
+def test_releasing_what_is_not_held_says_nothing(holder: LeaseHolder, published: List[List[str]]) -> None:
+    holder.hold("7/1")
+    holder.release("7/2")
+    assert published == [["7/1"]]
+
+
+def test_a_goal_between_two_renewals_is_published_once(
+    holder: LeaseHolder, published: List[List[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    woken: List[str] = []
+    holder.hold("7/1")
+    with monkeypatch.context() as patched:
+        patched.setattr(holder._lease._changed, "notify_all", lambda: woken.append("the thread that renews"))
+        holder.hold("7/2")
+    assert woken == []
+    assert published == [["7/1"], ["7/1", "7/2"]]

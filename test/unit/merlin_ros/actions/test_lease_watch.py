@@ -1,0 +1,63 @@
+"""A watch of leases goes on whatever is done with a change; so does a client whatever is done with an end."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, Iterator, List
+
+import pytest
+from actionlib_msgs.msg import GoalID, GoalStatus
+from merlin_msgs.msg import Lease
+
+from merlin_ros.actions import client_goal, lease_watch
+from merlin_ros.actions.client_goal import ClientGoal
+from merlin_ros.actions.lease import LeaseState
+from merlin_ros.actions.lease_watch import LeaseWatch
+
+LONG = 60.0
+
+
+@pytest.fixture
+def logged(monkeypatch: pytest.MonkeyPatch) -> Iterator[List[str]]:
+    texts: List[str] = []
+    ends = threading.Event()
+    subscriber = SimpleNamespace(unregister=lambda: None)
+    rospy = SimpleNamespace(
+        resolve_name=lambda name: f"/{name}",
+        Subscriber=lambda *_, **__: subscriber,
+        is_shutdown=ends.is_set,
+        logerr=texts.append,
+    )
+    monkeypatch.setattr(lease_watch, "rospy", rospy)
+    monkeypatch.setattr(lease_watch, "connected_peers", lambda subscriber: {"/a", "/b"})
+    monkeypatch.setattr(client_goal.rospy, "logerr", texts.append)
+    yield texts
+    ends.set()
+
+
+def test_a_change_that_cannot_be_dealt_with_hides_no_later_one(logged: List[str]) -> None:
+    lost, both = [], threading.Event()
+
+    def change(found: Any) -> None:
+        if found.state is LeaseState.LOST:
+            lost.append(found.goal)
+            if len(lost) == 2:
+                both.set()
+            raise ValueError("broken")
+
+    watch = LeaseWatch("drive/lease", change)
+    for owner in ("/a", "/b"):
+        watch._receive(Lease(owner=owner, life="1", held=[f"goal of {owner}"]))
+        watch._receive(Lease(owner=owner, life="1", held=[]))
+    assert both.wait(LONG), lost
+    watch.shutdown()
+    assert "goal of /a" in logged[0] and "ValueError: broken" in logged[0]
+
+
+def test_the_end_of_a_goal_stays_its_end_when_its_client_fails(logged: List[str]) -> None:
+    def fail(_: ClientGoal) -> None:
+        raise ValueError("broken")
+
+    goal = ClientGoal(GoalID(id="goal 1"), lambda goal: None, fail, None)
+    goal.finish(GoalStatus.LOST, "its server is gone", None)
+    assert goal.done and goal.status == GoalStatus.LOST
+    assert "goal 1" in logged[0] and "ValueError: broken" in logged[0]

@@ -1,0 +1,89 @@
+"""Calls that one thread makes later."""
+
+import threading
+import time
+from typing import List
+
+import pytest
+
+from merlin_ros.alarms import Alarms
+
+LIMIT = 60.0  # s
+FAR = 3600.0  # s
+
+
+@pytest.fixture
+def alarms() -> Alarms:
+    return Alarms("test")
+
+
+def test_calls_come_in_the_order_of_their_times(alarms: Alarms) -> None:
+    order: List[str] = []
+    last = threading.Event()
+    alarms.call_later(0.05, lambda: (order.append("late"), last.set()))
+    alarms.call_later(0.0, lambda: order.append("early"))
+    assert last.wait(LIMIT)
+    assert order == ["early", "late"]
+
+
+def test_a_call_that_is_due_before_the_one_that_is_waited_for_comes_in_time(alarms: Alarms) -> None:
+    waits, rang = threading.Event(), threading.Event()
+    alarms.call_later(0.0, waits.set)
+    alarms.call_later(FAR, lambda: None)
+    assert waits.wait(LIMIT)
+    alarms.call_later(0.0, rang.set)
+    assert rang.wait(LIMIT)
+
+
+def test_a_call_is_not_early(alarms: Alarms) -> None:
+    rang: List[float] = []
+    over = threading.Event()
+    begun = time.monotonic()
+    alarms.call_later(0.03, lambda: (rang.append(time.monotonic()), over.set()))
+    assert over.wait(LIMIT)
+    assert rang[0] - begun >= 0.03
+
+
+def test_a_call_that_was_taken_back_is_not_made(alarms: Alarms) -> None:
+    made: List[str] = []
+    over = threading.Event()
+    alarms.call_later(0.02, lambda: made.append("taken back")).cancel()
+    alarms.call_later(0.04, over.set)
+    assert over.wait(LIMIT)
+    assert made == []
+
+
+def test_calls_that_were_taken_back_are_not_kept(alarms: Alarms) -> None:
+    kept = alarms.call_later(FAR, lambda: None)
+    for _ in range(10_000):
+        alarms.call_later(FAR, lambda: None).cancel()
+    assert len(alarms._waiting) < 200
+    assert kept.waits
+
+
+def test_a_call_that_fails_does_not_keep_the_others(alarms: Alarms) -> None:
+    over = threading.Event()
+    alarms.call_later(0.0, lambda: 1 // 0)
+    alarms.call_later(0.01, over.set)
+    assert over.wait(LIMIT)
+
+
+def test_one_thread_serves_all(alarms: Alarms) -> None:
+    before = threading.active_count()
+    for _ in range(100):
+        alarms.call_later(FAR, lambda: None)
+    assert threading.active_count() == before + 1
+
+
+@pytest.mark.parametrize("seconds", [1e10, float("inf"), float("nan")])
+def test_a_time_beyond_measure_keeps_no_other_call(alarms: Alarms, seconds: float) -> None:
+    alarms.call_later(seconds, lambda: None)
+    seen = threading.Event()
+    alarms.call_later(0.0, seen.set)
+    assert seen.wait(10.0)  # the thread has the other one before it, too
+    rang: List[str] = []
+    over = threading.Event()
+    alarms.call_later(0.04, lambda: (rang.append("late"), over.set()))
+    alarms.call_later(0.02, lambda: rang.append("early"))
+    assert over.wait(10.0)
+    assert rang == ["early", "late"]

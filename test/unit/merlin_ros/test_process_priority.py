@@ -1,0 +1,81 @@
+"""A process yields to others or goes before them, with all of its threads, where the system allows it."""
+
+import os
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+SCRIPT = """
+import os, resource, threading
+from merlin_ros.process_priority import lower_priority, raise_priority
+{before}
+allowed = {call}
+later = []
+def note():
+    later.append(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+thread = threading.Thread(target=note)
+thread.start()
+thread.join()
+print(allowed, os.getpriority(os.PRIO_PROCESS, 0), *later)
+{after}
+"""
+# Empty where the process is in no group of a session: the kernel may group none, or not this one.
+GROUP = "print(open('/proc/self/autogroup').read())"
+
+
+def run(script: str, **options: Any) -> str:
+    command = [sys.executable, "-c", script]
+    return subprocess.run(command, capture_output=True, text=True, check=True, **options).stdout.strip()
+
+
+def answer(before: str = "", after: str = "", call: str = "lower_priority(5)", **options: Any) -> str:
+    return run(SCRIPT.format(before=before, after=after, call=call), **options)
+
+
+def sessions_are_groups() -> bool:
+    return os.path.exists("/proc/self/autogroup") and run(GROUP, start_new_session=True) != ""
+
+
+yields = pytest.mark.skipif(os.getpriority(os.PRIO_PROCESS, 0) > 5, reason="these tests yield themselves")
+grouped = pytest.mark.skipif(not sessions_are_groups(), reason="the kernel does not group by session")
+
+
+@yields
+def test_a_process_and_its_later_threads_yield() -> None:
+    assert answer() == "None 5 5"
+
+
+@yields
+@grouped
+def test_a_session_of_its_own_yields_as_a_group() -> None:
+    assert answer(after=GROUP, start_new_session=True).endswith("nice 5")
+
+
+def test_a_process_that_yields_more_is_left_alone() -> None:
+    assert answer("os.setpriority(os.PRIO_PROCESS, 0, 10)") == "None 10 10"
+
+
+@yields
+@grouped
+def test_a_child_in_a_session_of_its_own_yields_as_its_parent() -> None:
+    child = f"from merlin_ros.process_priority import inherit_priority; inherit_priority(); {GROUP}"
+    begin = (
+        f"import subprocess, sys; subprocess.run([sys.executable, '-c', {child!r}], start_new_session=True)"
+    )
+    assert answer(after=begin).endswith("nice 5")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root")
+@pytest.mark.parametrize("own_session", [False, True])
+def test_a_process_that_may_and_its_later_threads_go_before_others(own_session: bool) -> None:
+    assert answer(call="raise_priority(-10)", start_new_session=own_session) == "True -10 -10"
+
+
+def test_a_process_that_may_not_stays_as_it_is() -> None:
+    usual = os.getpriority(os.PRIO_PROCESS, 0)
+    before = "resource.setrlimit(resource.RLIMIT_NICE, (0, 0))\n"
+    if os.geteuid() == 0:
+        before += "os.setgid(65534)\nos.setuid(65534)\n"
+    assert answer(before, call="raise_priority(-10)") == f"False {usual} {usual}"

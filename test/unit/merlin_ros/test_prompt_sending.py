@@ -1,0 +1,176 @@
+"""A publisher's connection: sends in the publishing thread, never waits, drops only what rospy would."""
+
+import socket
+import threading
+from typing import Any, Iterator, List, Tuple
+
+import pytest
+import rospy
+from rospy.exceptions import TransportInitError, TransportTerminated
+
+from merlin_ros import prompt_sending
+from merlin_ros.prompt_sending import PromptConnection
+
+LIMIT = 60.0  # s
+LARGE = 8 * 1024 * 1024  # bytes; more than a connection takes without a reader
+
+
+class Transport:
+    """A connection to a subscriber."""
+
+    endpoint_id = "subscriber"
+    cleanup_cb: Any = None
+
+    def __init__(self, peer: socket.socket) -> None:
+        self.socket: Any = peer
+        self.done = False
+        self.stat_bytes = self.stat_num_msg = 0
+
+    def fileno(self) -> int:
+        return int(self.socket.fileno())
+
+    def set_cleanup_callback(self, call: Any) -> None:
+        self.cleanup_cb = call
+
+    def close(self) -> None:
+        self.done = True
+        self.cleanup_cb(self)
+
+    def write_data(self, data: bytes) -> None:
+        self.socket.sendall(data)
+        self.stat_bytes += len(data)
+        self.stat_num_msg += 1
+
+
+@pytest.fixture
+def pair() -> Iterator[Tuple[Transport, socket.socket]]:
+    ours, theirs = socket.socketpair()
+    theirs.settimeout(LIMIT)
+    yield Transport(ours), theirs
+    ours.close()
+    theirs.close()
+
+
+def read(peer: socket.socket, count: int) -> bytes:
+    received = bytearray()
+    while len(received) < count:
+        piece = peer.recv(65536)
+        assert piece, f"the connection ended after {len(received)} of {count} bytes"
+        received += piece
+    return bytes(received)
+
+
+def test_a_message_is_sent_by_the_thread_that_publishes_it(pair: Tuple[Transport, socket.socket]) -> None:
+    transport, peer = pair
+    threads = threading.active_count()
+    connection = PromptConnection(transport, 10)
+    assert connection.write_data(b"a message")
+    peer.setblocking(False)
+    assert peer.recv(100) == b"a message"
+    assert threading.active_count() == threads
+    assert (transport.stat_num_msg, transport.stat_bytes) == (1, 9)
+
+
+def test_a_slow_subscriber_gets_every_message_whole_and_in_order(
+    pair: Tuple[Transport, socket.socket],
+) -> None:
+    transport, peer = pair
+    connection = PromptConnection(transport, 0)
+    messages = [bytes([number]) * LARGE for number in range(4)]
+    for message in messages:
+        connection.write_data(message)  # returns although nothing is read
+    connection.write_data(b"end")
+    assert read(peer, 4 * LARGE + 3) == b"".join(messages) + b"end"
+
+
+def test_a_full_queue_drops_the_oldest_message_and_none_in_part(
+    pair: Tuple[Transport, socket.socket],
+) -> None:
+    transport, peer = pair
+    connection = PromptConnection(transport, 1)
+    held = threading.Event()
+    write = transport.write_data
+
+    def held_write(data: bytes) -> None:
+        held.wait(LIMIT)
+        write(data)
+
+    transport.write_data = held_write  # type: ignore[method-assign]
+    for message in (b"a" * LARGE, b"b", b"c"):
+        connection.write_data(message)
+    held.set()
+    assert read(peer, LARGE + 1) == b"a" * LARGE + b"c"
+
+
+def test_messages_of_several_threads_stay_whole(pair: Tuple[Transport, socket.socket]) -> None:
+    transport, peer = pair
+    connection = PromptConnection(transport, 0)
+    size, count = 5000, 200
+
+    def publish(letter: bytes) -> None:
+        for _ in range(count):
+            connection.write_data(letter * size)
+
+    threads = [threading.Thread(target=publish, args=(letter,)) for letter in (b"x", b"y", b"z")]
+    for thread in threads:
+        thread.start()
+    received = read(peer, 3 * count * size)
+    pieces = [received[at : at + size] for at in range(0, len(received), size)]
+    assert sorted(set(pieces)) == [b"x" * size, b"y" * size, b"z" * size]
+
+
+def test_after_a_slow_subscriber_has_caught_up_no_thread_is_left(
+    pair: Tuple[Transport, socket.socket],
+) -> None:
+    transport, peer = pair
+    connection = PromptConnection(transport, 0)
+    known = set(threading.enumerate())
+    connection.write_data(b"a" * LARGE)
+    workers = [thread for thread in threading.enumerate() if thread not in known]
+    read(peer, LARGE)
+    for worker in workers:
+        worker.join(LIMIT)
+        assert not worker.is_alive()
+    connection.write_data(b"next")
+    assert read(peer, 4) == b"next"
+
+
+def test_a_broken_connection_is_reported_to_its_publisher(pair: Tuple[Transport, socket.socket]) -> None:
+    transport, peer = pair
+    connection = PromptConnection(transport, 10)
+    peer.close()
+    with pytest.raises(TransportTerminated):
+        connection.write_data(b"a message")
+    transport.socket = None
+    with pytest.raises(TransportInitError):
+        connection.write_data(b"a message")
+    transport.done = True
+    with pytest.raises(TransportTerminated, match="closed"):
+        connection.write_data(b"a message")
+
+
+def test_a_connection_that_breaks_while_messages_wait_is_reported_with_the_next_one(
+    pair: Tuple[Transport, socket.socket],
+) -> None:
+    transport, peer = pair
+    connection = PromptConnection(transport, 10)
+    known = set(threading.enumerate())
+    connection.write_data(b"a" * LARGE)
+    workers = [thread for thread in threading.enumerate() if thread not in known]
+    peer.close()
+    for worker in workers:
+        worker.join(LIMIT)
+    with pytest.raises(OSError):
+        connection.write_data(b"next")
+
+
+def test_rospy_connects_its_publishers_like_this(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rospy.topics, "QueuedConnection", rospy.topics.QueuedConnection)  # is put back
+    prompt_sending.send_promptly()
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        publisher = rospy.topics._PublisherImpl("/topic", rospy.AnyMsg)
+        publisher.set_queue_size(1)
+        publisher.add_connection(Transport(ours))
+        connections: List[Any] = publisher.connections
+        assert isinstance(connections[0], PromptConnection)

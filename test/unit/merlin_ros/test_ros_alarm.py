@@ -1,0 +1,69 @@
+"""An alarm rings again after a callback that failed, and in time when the clock jumps back."""
+
+import queue
+import threading
+import time
+
+import pytest
+import rospy
+
+from merlin_ros.ros_alarm import RosAlarm, call_after
+
+LONG = 60.0
+
+
+def test_a_callback_that_fails_does_not_end_the_alarm(monkeypatch):
+    monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
+    monkeypatch.setattr(rospy, "logerr", lambda text, *values: told.put(text % values))
+    rospy.rostime.switch_to_wallclock()
+    told, rung = queue.Queue(), queue.Queue()
+
+    def ring():
+        rung.put(True)
+        raise RuntimeError("broken bell")
+
+    alarm = RosAlarm(ring, "alarm of a test")
+    try:
+        for moment in (1.0, 2.0):  # long past
+            alarm.set(moment)
+            assert rung.get(timeout=LONG)
+            assert "broken bell" in told.get(timeout=LONG)
+    finally:
+        alarm.shutdown()
+
+
+def test_what_is_due_after_some_time_comes_once_and_leaves_no_thread(clock):
+    rung = queue.Queue()
+    call_after(2.0, lambda: rung.put(True), "call of a test")
+    (thread,) = [each for each in threading.enumerate() if each.name == "call of a test"]
+    for tick in range(10, 80, 3):  # below 100: which of them it sees is the scheduler's business
+        clock.set(float(tick))
+        thread.join(0.1)
+    assert rung.get(timeout=LONG)
+    thread.join(LONG)
+    assert not thread.is_alive() and rung.empty()
+
+
+def test_what_is_not_wanted_any_more_does_not_come(clock):
+    rung = queue.Queue()
+    alarm = call_after(2.0, lambda: rung.put(True), "call of a test")
+    (thread,) = [each for each in threading.enumerate() if each.name == "call of a test"]
+    alarm.shutdown()
+    thread.join(LONG)
+    clock.set(200.0)
+    assert rung.empty()
+
+
+@pytest.mark.parametrize("moment", [1e11, float("inf"), float("nan")])
+def test_a_time_beyond_measure_does_not_end_the_alarm(monkeypatch, moment):
+    monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
+    rospy.rostime.switch_to_wallclock()
+    rung = queue.Queue()
+    alarm = RosAlarm(lambda: rung.put(True), "alarm of a test")
+    try:
+        alarm.set(moment)
+        time.sleep(0.05)  # the thread waits for it
+        alarm.set(1.0)  # long past
+        assert rung.get(timeout=10.0)
+    finally:
+        alarm.shutdown()

@@ -1,0 +1,130 @@
+"""Whether an action server counts as alive in the moments after its process has died, and come back."""
+
+import socket
+from types import SimpleNamespace
+from typing import Any, Iterator, List, Optional
+
+import pytest
+from actionlib_msgs.msg import GoalStatusArray
+from merlin_msgs.msg import ListenAction
+
+from merlin_ros.actions import action_client
+from merlin_ros.actions.action_client import ActionClient
+
+SERVER = "/speech"
+
+
+class Link:
+    """A connection of rospy's to the server; of a publisher with a real socket."""
+
+    def __init__(self) -> None:
+        self.ours, self.theirs = socket.socketpair()
+        self.socket: Optional[socket.socket] = self.ours
+        self.endpoint_id = self.callerid_pub = SERVER
+        self.header = {"callerid": SERVER}
+
+    def die(self, noticed: bool = True) -> None:
+        """The server's process ends.
+
+        :param noticed: whether a subscriber's thread of rospy has noticed it.
+        """
+        self.theirs.close()
+        if noticed:
+            self.socket = None
+
+
+class Topic:
+    """A publisher or subscriber, with what rospy knows of its connections."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.links: List[Link] = []
+
+    @property
+    def impl(self) -> Any:
+        there = lambda node: any(link.endpoint_id == node for link in self.links)  # noqa: E731
+        return SimpleNamespace(connections=self.links, has_connection=there)
+
+    def get_num_connections(self) -> int:
+        return len(self.links)
+
+
+@pytest.fixture
+def topics(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[List[Topic]]:
+    made: List[Topic] = []
+
+    def topic(name: str, *_: Any, **__: Any) -> Topic:
+        made.append(Topic(name))
+        return made[-1]
+
+    monkeypatch.setattr(action_client.rospy, "Publisher", topic)
+    monkeypatch.setattr(action_client.rospy, "Subscriber", topic)
+    monkeypatch.setattr(action_client, "LeaseHolder", lambda _: None)
+    yield made
+    for each in made:
+        for link in each.links:
+            link.ours.close()
+            link.theirs.close()
+
+
+@pytest.fixture
+def client(topics: List[Topic]) -> ActionClient:
+    return ActionClient("listen", ListenAction)
+
+
+def of(topics: List[Topic], name: str) -> Topic:
+    return next(topic for topic in topics if topic.name.endswith(name))
+
+
+def connect(topics: List[Topic], *names: str) -> None:
+    for name in names or ("goal", "cancel", "result", "feedback", "status"):
+        of(topics, name).links.append(Link())
+
+
+def say(client: ActionClient, topics: List[Topic]) -> None:
+    """The server publishes its status."""
+    message = GoalStatusArray()
+    message._connection_header = of(topics, "status").links[-1].header
+    client._receive_status(message)
+
+
+def die(topics: List[Topic], noticed: bool = True) -> None:
+    for topic in topics:
+        for link in topic.links:
+            link.die(noticed)
+
+
+@pytest.mark.parametrize("noticed", [True, False])
+def test_a_server_whose_process_has_ended_is_not_alive(
+    client: ActionClient, topics: List[Topic], noticed: bool
+) -> None:
+    connect(topics)
+    assert client.missing == "its status was never heard"
+    say(client, topics)
+    assert client.alive
+    die(topics, noticed)
+    assert client.missing == "its process is gone"
+    say(client, topics)  # what the status of a process says that has ended comes later
+    assert client.missing == "its process is gone"
+
+
+def test_its_successor_is_alive_when_it_is_connected_and_has_spoken(
+    client: ActionClient, topics: List[Topic]
+) -> None:
+    connect(topics)
+    say(client, topics)
+    die(topics)
+    connect(topics, "status", "result", "feedback")
+    assert client.missing == "its process is gone", "it has not spoken yet"
+    say(client, topics)
+    assert client.missing == "it speaks, but has no connection for goals"
+    connect(topics, "goal")
+    assert client.missing == "it speaks, but has no connection for cancels"
+    connect(topics, "cancel")
+    assert client.alive
+
+
+def test_a_server_that_only_hangs_is_connected(client: ActionClient, topics: List[Topic]) -> None:
+    connect(topics)
+    say(client, topics)
+    assert client.alive

@@ -1,0 +1,394 @@
+"""The dispatch logic against a world that the test controls."""
+
+import threading
+import time
+
+import pytest
+from dispatch_world import GUARDED, LIGHT, LONG, PLAN_ID, WORK, Run, World, actions, parallel
+
+from merlin_pddl.plan_text import PlanStep
+from merlin_rosplan.dispatch.dispatch import PlanDispatch
+from merlin_rosplan.dispatch.dispatch_environment import (
+    DispatchLimits,
+    DispatchState,
+    FeedbackStatus,
+    KnowledgeChanged,
+    Tick,
+)
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
+from merlin_rosplan.dispatch.operator_model import PlanTerm
+from merlin_rosplan.dispatch.plan_graph import TimedLiteral
+from merlin_rosplan.dispatch.plan_graph_builder import build_graph
+
+
+@pytest.fixture
+def world():
+    return World(WORK, GUARDED, LIGHT)
+
+
+def test_actions_run_in_order_and_a_tombstone_closes_the_dispatch(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    world.wait("action", 1)
+    run.feedback(1, FeedbackStatus.SUCCEEDED)
+    report = run.report()
+    assert report.success and report.steps_done == 2
+    assert [entry for entry in world.published if entry[0] in ("action", "tombstone")] == [
+        ("action", 0),
+        ("action", 1),
+        ("tombstone", 1),
+    ]
+
+
+def test_a_suspended_dispatch_starts_nothing_until_it_goes_on(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")))
+    world.wait("action", 0)
+    run.dispatch.suspend(True)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    run.dispatch.put(Tick())
+    with world.changed_event:
+        assert world.changed_event.wait_for(lambda: world.reports[-1].steps_done == 1, LONG)
+    assert ("action", 1) not in world.published and not run.dispatch.ended.is_set()
+    run.dispatch.suspend(False)
+    world.wait("action", 1)
+    run.feedback(1, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_a_suspended_dispatch_can_be_cancelled(world):
+    run = Run(world, SequentialSchedule(actions("work")))
+    world.wait("action", 0)
+    run.dispatch.suspend(True)
+    run.dispatch.cancel("its owner is gone")
+    world.wait("cancel", 0)
+    run.feedback(0, FeedbackStatus.FAILED)
+    report = run.report()
+    assert report.state == DispatchState.CANCELLED and report.reason == "its owner is gone"
+
+
+def test_an_empty_plan_succeeds_and_publishes_nothing(world):
+    assert Run(world, SequentialSchedule([])).report().success
+    assert world.published == []
+
+
+def test_a_failed_action_ends_the_dispatch_with_its_reason(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.FAILED, reason="the door is shut")
+    report = run.report()
+    assert report.state == DispatchState.FAILED
+    assert report.failed_action.id == 0 and "the door is shut" in report.reason
+    assert ("action", 1) not in world.published and world.published.count(("tombstone", 0)) == 1
+
+
+@pytest.mark.parametrize(
+    "facts, missing",
+    [
+        ({PlanTerm("safe", ("o0",))}, "(free o0) does not hold"),
+        (
+            {PlanTerm("safe", ("o0",)), PlanTerm("free", ("o0",)), PlanTerm("blocked", ("o0",))},
+            "(blocked o0) holds",
+        ),
+        ({PlanTerm("free", ("o0",))}, "(safe o0) does not hold"),
+    ],
+)
+def test_an_unmet_condition_stops_before_the_action(world, facts, missing):
+    world.facts = facts
+    report = Run(world, SequentialSchedule(actions("guarded"))).report()
+    assert report.state == DispatchState.FAILED and missing in report.reason
+    assert world.published == [("own 0", 0)]  # nothing dispatched, so nothing to close either
+
+
+def test_an_over_all_condition_that_breaks_cancels_the_action(world):
+    world.facts = {PlanTerm("free", ("o0",)), PlanTerm("safe", ("o0",))}
+    run = Run(world, SequentialSchedule(actions("guarded", "work")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    world.facts = {PlanTerm("safe", ("o0",))}
+    run.dispatch.put(KnowledgeChanged(frozenset({"free"})))  # an at-start condition may go
+    world.facts = set()
+    run.dispatch.put(KnowledgeChanged(frozenset({"safe"})))
+    world.wait("cancel", 0)
+    run.feedback(0, FeedbackStatus.FAILED, reason="cancelled")
+    report = run.report()
+    assert report.state == DispatchState.FAILED and "(safe o0) does not hold" in report.reason
+    assert not report.unanswered
+
+
+def test_an_action_may_end_its_own_over_all_condition(world):
+    run = Run(world, SequentialSchedule(actions("light")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    world.facts = {PlanTerm("burning", ("o0",))}
+    run.dispatch.put(KnowledgeChanged())
+    world.wait_answers(2)  # before the start, and once it runs
+    world.facts = set()  # the end effects, before the interface reports the end
+    run.dispatch.put(KnowledgeChanged())
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+@pytest.mark.parametrize("grace", [0.05, 0.0])
+def test_an_action_whose_own_over_all_condition_goes_without_an_end_fails(world, grace):
+    run = Run(world, SequentialSchedule(actions("light")), over_all_grace=grace, cancel=0.05)
+    world.wait("action", 0)
+    world.facts = {PlanTerm("burning", ("o0",))}
+    run.dispatch.put(KnowledgeChanged())
+    world.wait_answers(2)
+    world.facts = set()
+    run.dispatch.put(KnowledgeChanged())
+    report = run.report()
+    assert report.state == DispatchState.FAILED and "(burning o0) does not hold" in report.reason
+
+
+def test_a_missing_interface_is_named(world):
+    report = Run(world, SequentialSchedule(actions("work")), acknowledge=0.05, cancel=0.05).report()
+    assert report.state == DispatchState.FAILED and report.reason == "no action interface for work"
+    assert ("tombstone", 0) in world.published
+
+
+def test_a_dead_interface_is_noticed_while_its_action_runs(world):
+    world.silences["work"] = 0.01
+    run = Run(world, SequentialSchedule(actions("work")), liveness=0.05)
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    world.silences["work"] = 6.0
+    report = run.report()
+    assert "the action interface of work is gone" in report.reason
+
+
+def test_an_interface_that_comes_back_and_takes_the_action_is_alive(world):
+    world.silences["work"] = 100.0  # until its first announcement arrives
+    run = Run(world, SequentialSchedule(actions("work")), liveness=LONG)
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.dispatch.put(KnowledgeChanged())
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_a_living_interface_may_take_its_time(world):
+    world.silences["work"] = 0.1
+    run = Run(world, SequentialSchedule(actions("work")), acknowledge=0.02, accept=LONG)
+    world.wait("action", 0)
+    time.sleep(0.1)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+    assert world.published.count(("action", 0)) == 1
+
+
+def test_a_young_interface_gets_the_action_once_more(world):
+    world.silences["work"] = 0.1
+    world.just_announced_operators.add("work")
+    run = Run(world, SequentialSchedule(actions("work")), acknowledge=0.02)
+    with world.changed_event:
+        assert world.changed_event.wait_for(lambda: world.published.count(("action", 0)) == 2, LONG)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_a_living_interface_that_never_takes_the_action_is_given_up(world):
+    world.silences["work"] = 0.1
+    report = Run(
+        world, SequentialSchedule(actions("work")), acknowledge=0.02, accept=0.05, cancel=0.05
+    ).report()
+    assert "did not take (work o0)" in report.reason and [a.id for a in report.unanswered] == [0]
+
+
+def test_cancel_waits_for_the_answer(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.dispatch.cancel()
+    world.wait("cancel", 0)
+    assert not run.dispatch.ended.wait(0.05)
+    run.feedback(0, FeedbackStatus.FAILED, reason="cancelled")
+    report = run.report()
+    assert report.state == DispatchState.CANCELLED and not report.unanswered
+    assert world.published[-1] == ("tombstone", 0) and ("action", 1) not in world.published
+
+
+def test_a_cancelled_action_that_succeeds_is_the_last_one(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")), cancel=None)
+    world.wait("action", 0)
+    run.dispatch.cancel()
+    world.wait("cancel", 0)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    report = run.report()
+    assert report.state == DispatchState.CANCELLED and report.steps_done == 1
+    assert ("action", 1) not in world.published
+
+
+def test_who_does_not_answer_a_cancel_is_named(world):
+    run = Run(world, SequentialSchedule(actions("work")), cancel=0.05)
+    world.wait("action", 0)
+    run.dispatch.cancel()
+    report = run.report()
+    assert [a.id for a in report.unanswered] == [
+        0
+    ] and "no answer to the cancel from (work o0)" in report.reason
+
+
+def test_a_cancel_before_the_first_action_dispatches_nothing(world):
+    dispatch = PlanDispatch(SequentialSchedule(actions("work")), world, DispatchLimits(), PLAN_ID)
+    dispatch.cancel("no")
+    assert dispatch.run().state == DispatchState.CANCELLED
+    assert world.published == []
+
+
+def test_feedback_of_other_plans_and_unknown_actions_is_ignored(world):
+    run = Run(world, SequentialSchedule(actions("work", "work")))
+    world.wait("action", 0)
+    for plan_id, action_id in ((PLAN_ID - 1, 0), (PLAN_ID, 1), (PLAN_ID, 99), (0, 0)):
+        run.feedback(action_id, FeedbackStatus.SUCCEEDED, plan_id)  # the last one was never taken
+    run.feedback(0, FeedbackStatus.ENABLED, 0)
+    run.feedback(0, FeedbackStatus.SUCCEEDED, 0)
+    world.wait("action", 1)
+    run.feedback(1, FeedbackStatus.FAILED)
+    assert run.report().steps_done == 1
+
+
+def test_answers_told_twice_count_once(world):
+    run = Run(world, SequentialSchedule(actions("work", "work", "work")))
+    for action_id in range(3):
+        world.wait("action", action_id)
+        for _ in range(3):
+            run.feedback(action_id, FeedbackStatus.SUCCEEDED)
+    report = run.report()
+    assert report.success and report.steps_done == 3
+
+
+def test_parallel_actions_start_together_and_one_failure_cancels_the_others(world):
+    run = Run(world, parallel(["work", "work", "work"]))
+    for action_id in range(3):
+        world.wait("action", action_id)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    run.feedback(1, FeedbackStatus.FAILED, reason="broken")
+    world.wait("cancel", 2)
+    assert ("cancel", 0) not in world.published and ("cancel", 1) not in world.published
+    run.feedback(2, FeedbackStatus.FAILED, reason="cancelled")
+    report = run.report()
+    assert report.state == DispatchState.FAILED and report.failed_action.id == 1 and "broken" in report.reason
+    assert [kind for kind, _ in world.published].count("tombstone") == 1
+
+
+def test_actions_are_sent_before_the_report_that_names_them(world):
+    named = []
+    world.on_send = lambda action: named.append(
+        [each.id for report in world.reports for each in report.running]
+    )
+    run = Run(world, parallel(["work", "work"]))
+    world.wait("action", 1)
+    with world.changed_event:
+        assert world.changed_event.wait_for(lambda: world.reports, LONG)
+    assert named == [[], []]
+    assert [each.id for each in world.reports[0].running] == [0, 1]
+    run.dispatch.cancel()
+    for action_id in (0, 1):
+        run.feedback(action_id, FeedbackStatus.FAILED)
+    assert run.report().state == DispatchState.CANCELLED
+
+
+def test_a_knowledge_base_that_does_not_answer_ends_the_dispatch(world):
+    world.broken = True
+    report = Run(world, SequentialSchedule(actions("guarded"))).report()
+    assert report.state == DispatchState.FAILED and "does not answer" in report.reason
+
+
+def test_after_a_mistake_of_the_world_what_runs_is_stopped(world):
+    def send(action):
+        if action.id == 1:
+            raise RuntimeError("no room on the wire")
+
+    world.on_send = send
+    run = Run(world, parallel(["work", "work"]), cancel=LONG)
+    world.wait("cancel", 0)
+    world.wait("cancel", 1)
+    for action_id in (0, 1):
+        run.feedback(action_id, FeedbackStatus.FAILED, reason="cancelled")
+    report = run.report()
+    assert (report.state, report.reason) == (DispatchState.FAILED, "RuntimeError: no room on the wire")
+    assert not report.unanswered and world.published[-1] == ("tombstone", 1)
+
+
+def test_an_answer_in_the_middle_of_sending_is_not_lost(world):
+    holder = []
+    world.on_send = lambda action: holder[0].feedback(action.id, FeedbackStatus.SUCCEEDED)
+    dispatch_ready = threading.Event()
+    original = world.send
+
+    def send(action):
+        dispatch_ready.wait(LONG)
+        original(action)
+
+    world.send = send
+    holder.append(Run(world, SequentialSchedule(actions(*["work"] * 50))))
+    dispatch_ready.set()
+    assert holder[0].report().steps_done == 50
+
+
+def test_a_parallel_action_waits_for_the_start_effects_it_builds_on(world):
+    world.facts = {PlanTerm("safe", ("o1",))}
+    run = Run(world, parallel(["work", "guarded"]), settle=LONG)
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    world.wait_answers(2)
+    assert set(world.wakes) <= {None}  # waits for the change, no time is asked for
+    world.facts = {
+        PlanTerm("safe", ("o1",)),
+        PlanTerm("free", ("o1",)),
+    }  # what the interface of work has applied
+    run.dispatch.put(KnowledgeChanged())
+    world.wait("action", 1)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    run.feedback(1, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_a_parallel_action_whose_condition_stays_false_is_refused(world):
+    run = Run(world, parallel(["work", "guarded"]), settle=0.05, cancel=0.05)
+    world.wait("action", 0)
+    report = run.report()
+    assert report.state == DispatchState.FAILED and "(guarded o1) cannot start" in report.reason
+
+
+def after_a_timed_literal():
+    """A plan of one guarded action whose `free` comes true 1 ms after the start."""
+    graph = build_graph(
+        [PlanStep(0.01, "guarded", ("o0",), 1.0)],
+        [GUARDED.ground({"x": "o0"})],
+        [TimedLiteral(0.001 + 1e-4, PlanTerm("free", ("o0",)))],
+    )
+    return GraphSchedule(graph, actions("guarded"))
+
+
+def started(world, run):
+    """Waits until the time of the literal has come, as an alarm would say, and the action was tried."""
+    while not world.answers:
+        run.dispatch.put(Tick())
+        with world.changed_event:
+            world.changed_event.wait(0.005)
+
+
+def test_a_timed_literal_that_the_knowledge_base_applies_a_little_later_is_waited_for(world):
+    world.facts = {PlanTerm("safe", ("o0",))}
+    run = Run(world, after_a_timed_literal(), settle=LONG)
+    started(world, run)
+    world.facts = {PlanTerm("safe", ("o0",)), PlanTerm("free", ("o0",))}
+    run.dispatch.put(KnowledgeChanged())
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_a_timed_literal_that_does_not_come_is_named(world):
+    world.facts = {PlanTerm("safe", ("o0",))}
+    run = Run(world, after_a_timed_literal(), settle=0.05)
+    started(world, run)
+    report = run.report()
+    assert report.state == DispatchState.FAILED and "(free o0) does not hold" in report.reason

@@ -1,0 +1,67 @@
+"""Which action interfaces are alive."""
+
+import pytest
+
+from merlin_rosplan.dispatch.interface_watch import JUST_ANNOUNCED, KEEP, OPERATORS, InterfaceWatch
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+def test_who_was_never_heard_of_is_unknown(clock):
+    watch = InterfaceWatch(clock)
+    assert watch.seconds_silent("paint") is None and not watch.just_announced("paint")
+
+
+def test_silence_counts_from_the_last_announcement_whatever_the_case(clock):
+    watch = InterfaceWatch(clock)
+    watch.announce("Paint")
+    clock.now += 3.0
+    assert watch.seconds_silent("PAINT") == pytest.approx(3.0)
+    watch.announce("paint")
+    assert watch.seconds_silent("paint") == 0.0
+
+
+def test_an_interface_that_announces_itself_slowly_is_given_more_time(clock):
+    # ROSPlan's interfaces count their second in ROS time, which may run at a fifth of ours
+    watch = InterfaceWatch(clock)
+    for _ in range(3):
+        watch.announce("paint")
+        clock.now += 5.0
+    assert watch.seconds_silent("paint") == pytest.approx(1.0)
+
+
+def test_an_interface_is_just_announced_for_a_while_and_again_after_a_restart(clock):
+    watch = InterfaceWatch(clock)
+    for _ in range(20):
+        watch.announce("paint")
+        clock.now += 1.0
+    assert not watch.just_announced("paint")
+    clock.now += 60.0
+    watch.announce("paint")
+    assert watch.just_announced("paint")
+    clock.now += JUST_ANNOUNCED
+    assert not watch.just_announced("paint")
+
+
+def test_names_that_are_announced_without_end_do_not_grow_without_end(clock):
+    watch = InterfaceWatch(clock)
+    watch.announce("drive")
+    for number in range(10 * OPERATORS):
+        watch.announce(f"ghost{number}")
+    clock.now += 1.0
+    watch.announce("drive")
+    assert len(watch._heard) <= OPERATORS and len(watch._first) <= OPERATORS
+    assert watch.seconds_silent("drive") == 0.0 and watch.seconds_silent("say") is None
+    clock.now += KEEP + 1.0
+    watch.announce("say")
+    assert watch.seconds_silent("say") == 0.0 and watch.just_announced("say")

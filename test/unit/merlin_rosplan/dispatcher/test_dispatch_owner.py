@@ -1,0 +1,230 @@
+"""The owner of a dispatch changes while the dispatcher looks away; and what nothing foresaw is answered."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, Callable, Iterator, List, Tuple
+
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus
+from rosplan_dispatch_msgs.msg import NonBlockingDispatchAction
+
+from merlin_ros.actions.action_server import ActionServer, ServerGoal
+from merlin_ros.actions.lease import LeaseChange, LeaseState
+from merlin_ros.actions.lease_watch import LeaseWatch
+from merlin_ros.actions.ownership import ownership
+from merlin_rosplan.dispatch.dispatch import DispatchReport, DispatchState
+from merlin_rosplan.dispatcher import dispatch_owner
+from merlin_rosplan.dispatcher.dispatch_owner import DispatchOwner
+from merlin_rosplan.dispatcher.plan_dispatcher import PlanDispatcher
+
+LONG = 60.0
+HELD, SUSPENDED = LeaseState.HELD, LeaseState.SUSPENDED
+
+
+class Book:
+    """A book of leases that says what the test says."""
+
+    def __init__(self) -> None:
+        self.now = HELD
+        self.on_read: Callable[[], None] = lambda: None
+        self.goals: List[str] = []
+
+    def state(self, goal: str) -> LeaseState:
+        return self.now
+
+    def reason(self, goal: str) -> str:
+        read, self.on_read = self.on_read, lambda: None
+        reason = "" if self.now is HELD else "/client is silent"
+        read()
+        return reason
+
+    def goals_of(self, owner: str) -> List[str]:
+        return self.goals
+
+    def owner(self, goal: str) -> str:
+        return "/client"
+
+    def leases(self, client: str) -> bool:
+        return False
+
+    def arrive(self, goal: str, owner: str) -> None:
+        pass
+
+    def forget(self, goal: str) -> None:
+        pass
+
+    watching = False
+
+
+class Leases(LeaseWatch):
+    """A watch without a topic."""
+
+    def __init__(self, topic: str, on_change: Callable, **_: Any) -> None:
+        self._on_change, self._changed, self.book = on_change, threading.Condition(), Book()
+        self._book = self.book  # type: ignore[assignment]
+
+
+class Dispatch:
+    """One run of a plan; it ends when the test says so."""
+
+    plan_id = 1
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        self.suspended = False
+        self.reasons: List[str] = []
+        self.ended = threading.Event()
+
+    def suspend(self, suspended: bool) -> None:
+        self.suspended = suspended
+
+    def cancel(self, reason: str) -> None:
+        self.reasons.append(reason)
+        self.ended.set()
+
+
+@pytest.fixture(autouse=True)
+def quiet(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    for level in ("loginfo", "logwarn", "logerr"):
+        monkeypatch.setattr(rospy, level, lambda *_: None)
+    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
+    monkeypatch.setattr(dispatch_owner, "LeaseWatch", Leases)
+    yield
+    ownership.resume("goal")
+
+
+def server_of(on_goal: Callable, on_owner: Callable) -> Tuple[ActionServer, Book]:
+    server = ActionServer("a", NonBlockingDispatchAction, on_goal, lambda goal: None, on_owner)
+    silent = SimpleNamespace(publish=lambda message: None)
+    server._status_publisher = server._result_publisher = silent  # type: ignore[assignment]
+    server._leases = leases = Leases("a/lease", server._owner_changed)
+    return server, leases.book
+
+
+def send(server: ActionServer) -> None:
+    server._receive_goal(SimpleNamespace(goal_id=GoalID(id="goal", stamp=rospy.Time(1)), goal=None))
+
+
+# --- a server and an owner that comes back just now -----------------------------------------------------
+
+
+def test_an_owner_that_comes_back_while_its_goal_is_taken_is_not_taken_for_silent() -> None:
+    server, leases = server_of(lambda goal: None, lambda *_: None)
+
+    def back() -> None:  # its watch says so in another thread
+        leases.now = HELD
+        server._owner_changed(LeaseChange("goal", HELD, ""))
+
+    leases.now, leases.on_read = SUSPENDED, back
+    send(server)
+    assert not ownership.suspended("goal")
+
+
+def test_an_owner_that_comes_back_while_its_dispatch_begins_is_not_taken_for_silent() -> None:
+    owner, dispatch = DispatchOwner("/dispatcher"), Dispatch()
+    watch: Any = owner._watch
+    leases = watch.book
+
+    def back() -> None:
+        leases.now = HELD
+        owner._lease_changed(LeaseChange("goal", HELD, ""))
+
+    leases.goals, leases.now, leases.on_read = ["goal"], SUSPENDED, back
+    owner.begin("/client")
+    owner.attach(dispatch, "key")  # type: ignore[arg-type]
+    assert not dispatch.suspended
+
+
+# --- a dispatcher whose client is asked for -------------------------------------------------------------
+
+
+def test_a_dispatch_that_began_while_the_client_of_the_last_was_looked_for_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    owner, dispatch = DispatchOwner("/dispatcher"), Dispatch()
+
+    def dead(*_: Any) -> None:  # it takes 2 s to find that out
+        owner.end()
+        owner.begin("/second")
+        owner.attach(dispatch, "key")  # type: ignore[arg-type]
+
+    monkeypatch.setattr(dispatch_owner, "living_namesake", dead)
+    monkeypatch.setattr(dispatch_owner.master_link, "bounded_master", lambda: None)
+    owner.begin("/first")
+    assert owner.abandoned() == "for /second"
+    assert dispatch.reasons == []
+
+
+def test_one_whose_client_is_dead_is_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
+    owner, dispatch = DispatchOwner("/dispatcher"), Dispatch()
+    monkeypatch.setattr(dispatch_owner, "living_namesake", lambda *_: None)
+    monkeypatch.setattr(dispatch_owner.master_link, "bounded_master", lambda: None)
+    owner.begin("/first")
+    owner.attach(dispatch, "key")  # type: ignore[arg-type]
+    assert owner.abandoned() == ""
+    assert dispatch.reasons == ["its owner /first is gone"]
+
+
+# --- a dispatcher ---------------------------------------------------------------------------------------
+
+
+class Dispatcher(PlanDispatcher):
+    """Its plans run until they are cancelled."""
+
+    closed = False
+
+    def __init__(self) -> None:
+        self.scope, self._state = "/dispatcher", threading.Condition()
+        self._dispatch = self._goal = None
+        self._busy = self._ending = self._unwanted = False
+        self._limits = SimpleNamespace(cancel=LONG)
+        self._owner = DispatchOwner(self.scope)
+        self._topics = SimpleNamespace(report_status=lambda report: None)
+        self._knowledge = SimpleNamespace(unmet_goals=lambda: [])
+        self._server, self.leases = server_of(self._accept, self._goal_owner_changed)
+        self.begun: threading.Semaphore = threading.Semaphore(0)
+
+    def _run_plan(self) -> DispatchReport:
+        dispatch: Any = Dispatch()
+        self._dispatch = dispatch
+        self._owner.attach(dispatch, "key")
+        self.begun.release()
+        assert dispatch.ended.wait(LONG)
+        return DispatchReport(DispatchState.SUCCEEDED, "")
+
+
+def test_a_client_that_hung_while_its_goal_waited_suspends_its_dispatch() -> None:
+    dispatcher = Dispatcher()
+    first = threading.Thread(target=lambda: dispatcher._serve(SimpleNamespace(_connection_header={})))
+    first.start()
+    assert dispatcher.begun.acquire(timeout=LONG)
+    dispatcher._owner.abandoned = lambda: ""  # type: ignore[method-assign]  # the client of the first is dead
+    send(dispatcher._server)
+    dispatcher.leases.now = SUSPENDED  # its client is stopped: SIGSTOP
+    dispatcher._server._owner_changed(LeaseChange("goal", SUSPENDED, "/client is silent"))
+    assert dispatcher._dispatch is not None
+    dispatcher._dispatch.cancel("test")
+    first.join(LONG)
+    assert dispatcher.begun.acquire(timeout=LONG)
+    second: Any = dispatcher._dispatch
+    assert second.suspended
+    dispatcher._server._owner_changed(LeaseChange("goal", HELD, ""))
+    assert not second.suspended
+    second.cancel("test")
+
+
+@pytest.mark.parametrize("part", ["unmet_goals", "report_status", "_take_over"])
+def test_a_client_gets_its_answer_whatever_fails(monkeypatch: pytest.MonkeyPatch, part: str) -> None:
+    def broken(*_: Any) -> None:
+        raise IndexError("a goal that is no text")
+
+    dispatcher = Dispatcher()
+    dispatcher._run_plan = lambda: DispatchReport(DispatchState.SUCCEEDED, "")  # type: ignore[method-assign]
+    place: Any = {"unmet_goals": dispatcher._knowledge, "report_status": dispatcher._topics}
+    monkeypatch.setattr(place.get(part, dispatcher), part, broken)
+    goal = ServerGoal(dispatcher._server, GoalID(id="goal"), None)
+    dispatcher._run_goal(goal, part != "_take_over" and dispatcher._occupy(goal))
+    assert goal.done
+    assert "a goal that is no text" in goal._status.text
+    assert goal.status == (GoalStatus.SUCCEEDED if part == "unmet_goals" else GoalStatus.ABORTED)
+    assert dispatcher._occupy(None)  # the next client is not concerned

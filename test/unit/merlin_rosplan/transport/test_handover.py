@@ -1,0 +1,151 @@
+"""Messages between components of one process."""
+
+import threading
+from unittest import mock
+
+import pytest
+from std_msgs.msg import String
+from std_srvs.srv import TriggerRequest
+
+from merlin_rosplan.transport import handover
+from merlin_rosplan.transport.handover import Handover
+
+
+class Message:
+    def __init__(self, text, caller):
+        self.text = text
+        self._connection_header = {"callerid": caller}
+
+
+@pytest.fixture
+def received():
+    texts = []
+    subscription = Handover.receiver("/topic", lambda message: texts.append(message.text))
+    with mock.patch("rospy.get_name", return_value="/me"):
+        yield texts, subscription
+    subscription.shutdown()
+
+
+def test_a_message_handed_over_is_not_received_from_the_topic_again(received):
+    texts, subscription = received
+    sender = Handover.sender("/topic")
+    message = Message("a", "/me")
+    sender.hand_over(message)
+    subscription.from_topic(message)
+    assert texts == ["a"]
+    sender.shutdown()
+
+
+def test_messages_of_other_nodes_come_by_topic(received):
+    texts, subscription = received
+    sender = Handover.sender("/topic")
+    subscription.from_topic(Message("b", "/other"))
+    assert texts == ["b"]
+    sender.shutdown()
+
+
+def test_without_a_sender_in_the_process_the_topic_is_all_there_is(received):
+    texts, subscription = received
+    Handover.sender("/topic").shutdown()
+    subscription.from_topic(Message("c", "/me"))
+    assert texts == ["c"]
+
+
+def test_a_receiver_that_is_made_later_gets_what_was_handed_over_before(received):
+    texts, _ = received
+    sender = Handover.sender("/later")
+    sender.hand_over(Message("old", "/me"))
+    sender.hand_over(Message("new", "/me"))
+    later = Handover.receiver("/later", lambda message: texts.append(message.text))
+    assert texts == ["new"]
+    later.shutdown()
+    sender.shutdown()
+    Handover.receiver("/later", lambda message: texts.append(message.text)).shutdown()
+    assert texts == ["new"]
+
+
+class HandsOverAfter:
+    """A lock; when it is released for the first time, something happens before anything else."""
+
+    def __init__(self, then):
+        self._lock, self._then = threading.Lock(), then
+
+    def __enter__(self):
+        self._lock.acquire()
+
+    def __exit__(self, *_):
+        self._lock.release()
+        then, self._then = self._then, lambda: None
+        then()
+
+
+def test_a_message_that_comes_while_a_receiver_is_made_is_its_last_one(received, monkeypatch):
+    texts, _ = received
+    sender = Handover.sender("/meanwhile")
+    sender.hand_over(Message("old", "/me"))
+    handing_over = HandsOverAfter(lambda: sender.hand_over(Message("new", "/me")))
+    monkeypatch.setattr(Handover, "_lock", handing_over)
+    late = Handover.receiver("/meanwhile", lambda message: texts.append(message.text))
+    assert texts[-1] == "new"
+    late.shutdown()
+    sender.shutdown()
+
+
+def test_other_topics_and_ended_receivers_get_nothing(received):
+    texts, subscription = received
+    sender = Handover.sender("/elsewhere")
+    sender.hand_over(Message("d", "/me"))
+    sender.shutdown()
+    subscription.shutdown()
+    sender = Handover.sender("/topic")
+    sender.hand_over(Message("e", "/me"))
+    sender.shutdown()
+    assert texts == []
+
+
+@pytest.fixture
+def in_another_process(monkeypatch):
+    """A receiver whose sender can only be asked; returns it, its texts and the sender."""
+    sender = handover.Sender("/topic")
+    monkeypatch.setattr(handover, "bounded_master", mock.Mock)
+    monkeypatch.setattr(
+        handover, "ServiceProxy", lambda *_, **__: lambda: sender.answer_digest(TriggerRequest())
+    )
+    monkeypatch.setattr("rospy.get_name", lambda: "/me")
+    texts = []
+    subscription = Handover.receiver("/topic", lambda message: texts.append(message.data))
+    yield subscription, texts, sender
+    subscription.shutdown()
+
+
+def sent(text):
+    message = String(text)
+    message._connection_header = {"callerid": "/other"}
+    return message
+
+
+def test_what_another_process_has_sent_is_waited_for(in_another_process, monkeypatch):
+    monkeypatch.setattr(handover, "IN_FLIGHT", 60.0)
+    subscription, texts, sender = in_another_process
+    subscription.from_topic(sent("old"))
+    sender._last = String("new")
+    late = threading.Timer(0.05, subscription.from_topic, [sent("new")])
+    late.start()
+    subscription.catch_up()
+    assert texts == ["old", "new"]
+    late.join()
+
+
+def test_what_is_there_or_is_lost_is_not_waited_for(in_another_process, monkeypatch):
+    subscription, texts, sender = in_another_process
+    subscription.catch_up()
+    sender._last = String("a")
+    subscription.from_topic(sent("a"))
+    subscription.from_topic(sent("by hand"))
+    subscription.catch_up()
+    monkeypatch.setattr(handover, "IN_FLIGHT", 0.01)
+    sender._last = String("lost")
+    subscription.catch_up()
+    monkeypatch.setattr(handover, "IN_FLIGHT", None)  # a second wait would not end
+    subscription.catch_up()
+    assert texts == ["a", "by hand"]

@@ -1,0 +1,199 @@
+"""States that call a service or wait for a topic: every wait has an end, and the end says why."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, Callable, List
+
+import pytest
+from std_msgs.msg import Bool
+from std_srvs.srv import SetBool, SetBoolRequest
+
+from merlin_ros.call_scope import CallScope, current_scope
+from merlin_ros.master.master_link import MasterSilent
+from merlin_ros.service_proxy import ServiceError
+from merlin_sm.states import ros_calls
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
+from merlin_sm.states.ros_calls import ServiceCallState, TopicState
+from smach import UserData
+
+LONG = 60.0
+
+
+class Service:
+    """Takes the place of a proxy; its answer comes when it is let go on."""
+
+    name = "/switch"
+
+    def __init__(self) -> None:
+        self.there = True
+        self.on_wait: Callable[[], None] = lambda: None
+        self.scopes: List[CallScope] = []
+        self.requests: List[Any] = []
+        self.answer: Any = "answer"
+        self.called = threading.Event()
+        self.goes_on = threading.Event()
+        self.goes_on.set()
+
+    def wait(self, timeout: float) -> bool:
+        self.on_wait()
+        return self.there
+
+    def __call__(self, *request: Any) -> Any:
+        self.requests.append(request)
+        self.scopes.append(current_scope())
+        self.called.set()
+        assert self.goes_on.wait(LONG)
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+@pytest.fixture
+def service(monkeypatch: pytest.MonkeyPatch) -> Service:
+    made = Service()
+    monkeypatch.setattr(ros_calls, "ServiceProxy", lambda *_: made)
+    return made
+
+
+def call(**options: Any) -> ServiceCallState:
+    return ServiceCallState("switch", SetBool, **options)
+
+
+def test_a_service_gets_the_request_and_its_answer_chooses_the_outcome(service: Service) -> None:
+    data = UserData()
+    data.on = True
+    kept: List[Any] = []
+
+    def keep(userdata: Any, answer: Any) -> str:
+        kept.append(answer)
+        return "off"
+
+    state = call(
+        request=lambda userdata: SetBoolRequest(userdata.on),
+        on_response=keep,
+        outcomes=["off"],
+        input_keys=["on"],
+    )
+    assert state.execute(data) == "off"
+    assert (service.requests, kept) == ([(SetBoolRequest(True),)], ["answer"])
+    assert call().execute(data) == SUCCEEDED
+    assert service.requests[1] == ()
+
+
+def test_a_service_that_does_not_come_or_answer_is_named(service: Service) -> None:
+    service.answer = ServiceError("/switch does not answer")
+    state = call(wait=0.5)
+    assert state.execute(UserData()) == ABORTED and state.reason == "/switch does not answer"
+    service.there = False
+    assert state.execute(UserData()) == ABORTED and state.reason == "no service /switch within 0.5 s"
+
+
+def test_a_request_of_another_type_is_the_callers_mistake(service: Service) -> None:
+    service.answer = TypeError("not a SetBoolRequest")
+    with pytest.raises(TypeError, match="not a SetBoolRequest"):
+        call(request=3).execute(UserData())
+
+
+def test_a_preempt_does_not_wait_for_the_answer(service: Service) -> None:
+    service.goes_on.clear()
+    state = call()
+    outcomes: List[str] = []
+    run = threading.Thread(target=lambda: outcomes.append(state.execute(UserData())), daemon=True)
+    run.start()
+    assert service.called.wait(LONG)
+    state.request_preempt()
+    run.join(LONG)
+    assert outcomes == [PREEMPTED]
+    # The call under way is given up: the next run does not wait for it.
+    wake = threading.Event()
+    with service.scopes[0].calling(wake.set):
+        assert service.scopes[0].ended or wake.wait(LONG)
+    service.goes_on.set()
+
+
+def test_a_service_that_comes_after_the_preempt_is_not_called(service: Service) -> None:
+    state = call()
+    waits, comes = threading.Event(), threading.Event()
+    callers: List[threading.Thread] = []
+    service.on_wait = lambda: (callers.append(threading.current_thread()), waits.set(), comes.wait(LONG))
+    outcomes: List[str] = []
+    run = threading.Thread(target=lambda: outcomes.append(state.execute(UserData())), daemon=True)
+    run.start()
+    assert waits.wait(LONG)
+    state.request_preempt()
+    run.join(LONG)
+    comes.set()
+    callers[0].join(LONG)
+    assert outcomes == [PREEMPTED] and service.requests == []
+
+
+class Topic:
+    """The subscribers of a topic; the messages come as soon as there is one."""
+
+    def __init__(self, *messages: Any) -> None:
+        self.messages = messages
+        self.on_subscribe: Callable[[], None] = lambda: None
+        self.unregistered = 0
+
+    def __call__(self, name: str, message_class: type, callback: Callable[[Any], None]) -> Any:
+        for message in self.messages:
+            callback(message)
+        self.on_subscribe()
+        return SimpleNamespace(unregister=self._unregister)
+
+    def _unregister(self) -> None:
+        self.unregistered += 1
+
+
+def door(monkeypatch: pytest.MonkeyPatch, *messages: Any) -> Topic:
+    topic = Topic(*messages)
+    monkeypatch.setattr(ros_calls, "subscribe", topic)
+    return topic
+
+
+def test_a_state_waits_for_the_message_that_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    topic = door(monkeypatch, Bool(False), Bool(True))
+    data = UserData()
+
+    def accept(userdata: Any, message: Bool) -> bool:
+        userdata.last = message.data
+        return bool(message.data)
+
+    state = TopicState("door", Bool, accept, timeout=LONG, output_keys=["last"])
+    assert state.execute(data) == SUCCEEDED
+    assert data.last is True and topic.unregistered == 1
+
+
+def test_a_message_may_choose_the_outcome(monkeypatch: pytest.MonkeyPatch) -> None:
+    door(monkeypatch, Bool(True))
+    assert TopicState("door", Bool, lambda *_: "open", outcomes=["open"]).execute(UserData()) == "open"
+
+
+def test_without_a_message_the_topic_and_the_time_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    topic = door(monkeypatch, Bool(False))
+    state = TopicState("door", Bool, lambda _, message: message.data, timeout=0.01)
+    assert state.execute(UserData()) == ABORTED
+    assert state.reason == "nothing fitting arrived on /door within 0.01 s" and topic.unregistered == 1
+
+
+def test_a_preempt_ends_the_wait_for_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    topic = door(monkeypatch)
+    state = TopicState("door", Bool)
+    topic.on_subscribe = state.request_preempt
+    assert state.execute(UserData()) == PREEMPTED and topic.unregistered == 1
+
+
+def test_an_error_of_the_users_function_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    topic = door(monkeypatch, Bool(True))
+    with pytest.raises(ZeroDivisionError):
+        TopicState("door", Bool, lambda *_: 1 / 0).execute(UserData())
+    assert topic.unregistered == 1
+
+
+def test_a_silent_master_aborts(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any) -> Any:
+        raise MasterSilent("the ROS master does not answer")
+
+    monkeypatch.setattr(ros_calls, "subscribe", refuse)
+    state = TopicState("door", Bool)
+    assert state.execute(UserData()) == ABORTED and state.reason == "the ROS master does not answer"

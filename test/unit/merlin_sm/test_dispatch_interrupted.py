@@ -1,0 +1,122 @@
+"""A dispatch while another client's plan is carried out: that plan is left alone, and the wait has an end."""
+
+import threading
+import time
+from typing import Any, Callable, List, Optional
+
+import pytest
+import rospy
+from merlin_msgs.msg import DispatchStatus, Lease
+from rosplan_knowledge_msgs.msg import DomainFormula
+
+from merlin_ros import deadline
+from merlin_sm import dispatch_client
+from merlin_sm.dispatch_client import ANNOUNCED, INTERRUPTED, DispatchClient
+from merlin_sm.dispatching.kinds import ReportingDispatcher
+from merlin_sm.dispatching.owners import DispatchOwners
+
+LONG = 60.0
+
+
+class Client(DispatchClient):
+    """Hears of a plan that another client, which lives, has dispatched."""
+
+    def __init__(self) -> None:
+        self.name, self.cancel_deadline = "/dispatcher", LONG
+        self._changed = threading.Condition()
+        self._active = self._requested = False
+        self._kind = ReportingDispatcher(DispatchStatus(state=DispatchStatus.RUNNING))
+        self._owners = DispatchOwners("/me")
+        self.calls: List[str] = []
+        self.looks = 0
+        self.owned = self.there = self.takes_cancel = True
+        self._announced = {}
+
+    def available(self) -> bool:
+        return True
+
+    def _abandoned(self) -> bool:
+        return not self.owned
+
+    def _there(self) -> bool:
+        self.looks += 1
+        return self.there
+
+    def _call_cancel(self) -> bool:
+        self.calls.append("cancel")
+        return self.takes_cancel
+
+    def _dispatch_once(self, *_: Any) -> Any:
+        self.calls.append("dispatch")
+
+
+def test_nothing_is_dispatched_and_nothing_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatch_client, "running_time", lambda: 0.0)
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
+
+    def interruptible(interrupt: Optional[Callable[[], None]]) -> None:
+        if interrupt is not None:  # the preempt comes as soon as the wait begins
+            interrupt()
+
+    client = Client()
+    result = client.dispatch(interruptible)
+    assert client.calls == []
+    assert result.cancelled and not result.gone and result.reason == INTERRUPTED
+
+
+@pytest.fixture
+def unlimited(monkeypatch: pytest.MonkeyPatch) -> Client:
+    """A client whose cancels have no limit; a wait for a living owner is short here."""
+    monkeypatch.setattr(deadline, "running_time", time.monotonic)
+    monkeypatch.setattr(dispatch_client, "running_time", time.monotonic)
+    monkeypatch.setattr(dispatch_client, "FOREIGN_WAIT", 0.05)
+    monkeypatch.setattr(dispatch_client, "OWNER_LOOK", 0.001)
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
+    monkeypatch.setattr(rospy, "logwarn", lambda _: None)
+    client = Client()
+    client.cancel_deadline = 0.0
+    return client
+
+
+def test_the_plan_of_an_owner_that_lives_is_waited_for_with_an_end(unlimited: Client) -> None:
+    unlimited._owners.heard(Lease(owner="/other", held=["its dispatch"]))
+    reason = unlimited.free(lambda interrupt: None)
+    assert reason == "the planning system's plan dispatcher /dispatcher carries out a plan of /other"
+    assert unlimited.calls == []
+
+
+def test_a_plan_without_owner_gets_all_the_time_to_stop(unlimited: Client) -> None:
+    unlimited.owned = False
+
+    def stops_late() -> bool:
+        threading.Event().wait(0.2)  # well beyond the wait for an owner
+        unlimited._receive_status(DispatchStatus(state=DispatchStatus.IDLE))
+        return True
+
+    unlimited._there = stops_late  # type: ignore[method-assign]
+    unlimited._on_change = lambda: None
+    assert unlimited.free(lambda interrupt: None) == ""
+    assert unlimited.calls == ["cancel"]
+
+
+def test_a_dispatcher_that_is_gone_is_not_waited_for(unlimited: Client) -> None:
+    unlimited.owned = unlimited.there = False
+    assert unlimited.free(lambda interrupt: None).endswith("/dispatcher is gone")
+
+
+def test_a_dispatcher_that_takes_no_cancel_is_not_waited_for_without_end(unlimited: Client) -> None:
+    unlimited.owned = unlimited.takes_cancel = False
+    assert unlimited.free(lambda interrupt: None).endswith("carries out an earlier plan and does not stop")
+
+
+def test_an_executor_that_starts_does_not_wait_without_end(unlimited: Client) -> None:
+    unlimited.owned = False
+    assert unlimited.free(lambda interrupt: None, 0.05).endswith("does not stop")
+
+
+def test_interfaces_that_are_announced_without_end_do_not_grow_without_end() -> None:
+    client = Client()
+    for number in range(3 * ANNOUNCED):
+        client._receive_interface(DomainFormula(name=f"ghost{number}"))
+        client._receive_interface(DomainFormula(name="Drive"))
+    assert len(client._announced) <= ANNOUNCED and "drive" in client._announced

@@ -1,0 +1,80 @@
+"""The map of docs/architecture.md names every package and sub-package, in the order of check_imports."""
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+from typing import Dict, List
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+MAP = PAGE.split("## The map", 1)[1].split("\n## ", 1)[0]
+EVERYWHERE = {"merlin_msgs", "merlin_ros"}
+
+
+def contracts() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("check_imports", ROOT / "tools" / "check_imports.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+CONTRACTS = contracts()
+
+
+def rows(table: str) -> List[List[str]]:
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if "|" in line
+    ]
+
+
+def tables() -> Dict[str, str]:
+    """Package → its table of sub-packages."""
+    return dict(re.findall(r"^\| `(\w+)` \| \|\n\|---\|---\|\n((?:\|.*\n)+)", MAP, re.MULTILINE))
+
+
+def folders(path: Path) -> List[str]:
+    return sorted(found.parent.name for found in path.glob("*/*.py") if found.parent != path)
+
+
+def test_every_package_is_there_with_what_it_may_import() -> None:
+    (table,) = re.findall(
+        r"^\| package \| what it is \| may import \|\n\|---\|---\|---\|\n((?:\|.*\n)+)", MAP, re.M
+    )
+    told = {row[0].strip("`"): set(re.findall(r"`(merlin\w*)`", row[2])) for row in rows(table)}
+    allowed = {
+        name: set(others) - EVERYWHERE
+        for name, others in CONTRACTS.MAY_IMPORT.items()
+        if name.startswith("merlin") and name != "merlin_test"
+    }
+    assert told.pop("merlin_msgs") == set()
+    assert told == allowed
+
+
+@pytest.mark.parametrize("package", sorted(CONTRACTS.LAYERS))
+def test_every_sub_package_is_there_in_its_order(package: str) -> None:
+    source = ROOT / "src" / package / "src" / package
+    existing = set(folders(source))
+    if existing <= {"actions"}:  # an example to copy: its actions need no map
+        return
+    told = [re.findall(r"`(\w+)/?`", row[0]) or ["."] for row in rows(tables()[package])]
+    levels = {name: level for level, names in enumerate(CONTRACTS.LAYERS[package]) for name in names.split()}
+    named = {name for row in told for name in row}
+    assert existing <= named and named | {"."} == set(levels) | {"."}
+    order = [{levels[name] for name in row} for row in told]
+    assert all(low <= high for row, after in zip(order, order[1:]) for low in row for high in after)
+
+
+def test_what_runs_without_ros_says_so() -> None:
+    for package, names in CONTRACTS.WITHOUT_ROS.items():
+        for name in names.split():
+            if name != "*":
+                (text,) = [row[1] for row in rows(tables()[package]) if f"`{name}/`" in row[0]]
+                assert re.search("without ROS", text, re.IGNORECASE), (package, name)
+
+
+def test_every_room_of_bench_is_there() -> None:
+    assert set(re.findall(r"`bench/(\w+)/`", MAP)) == set(folders(ROOT / "bench"))
