@@ -6,7 +6,9 @@ and makes the next dispatch "succeed" at once; a plan is kept and runs again.
 ``~manner`` esterel: what the edges of the plan graph allow runs at once; their time bounds are not kept;
 unmet conditions are asked again while an action runs, where ROSPlan's asks for ever; a failed action is never
 noticed; when a dispatch ends, ``cancel_action`` goes out for every action that was sent, also after success.
+It draws a plan when it receives it, and again when something of it was dispatched (``plan_graph``).
 Both: 10 Hz loops, everything latched, ``success`` true on cancel, ids from 0 in every plan, plan ids 0.
+A plan is received ``~plan_delay`` s after it was sent, and a call before that carries out the old one.
 """
 
 import threading
@@ -25,6 +27,7 @@ from rosplan_knowledge_msgs.srv import (
     GetDomainOperatorDetailsService,
     KnowledgeQueryService,
 )
+from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyResponse
 
 from merlin_sm.knowledge_client import fact
@@ -42,6 +45,8 @@ class StandIn:
         self.dispatching = threading.Lock()
         self.dispatches = rospy.Publisher("~action_dispatch", ActionDispatch, latch=True, queue_size=1)
         self.feedbacks = rospy.Publisher("~action_feedback", ActionFeedback, latch=True, queue_size=1)
+        if self.esterel:
+            self.drawings = rospy.Publisher("~plan_graph", String, latch=True, queue_size=1000)
         plan_class = EsterelPlan if self.esterel else CompletePlan
         rospy.Subscriber("rosplan_parsing_interface/complete_plan", plan_class, self.take_plan)
         rospy.Subscriber("~action_feedback", ActionFeedback, self.take_feedback, queue_size=1000)
@@ -54,9 +59,20 @@ class StandIn:
         rospy.Service("~cancel_dispatch", Empty, self.cancel)
 
     def take_plan(self, message):
+        rospy.sleep(rospy.get_param("~plan_delay", 0.0))
         for action in [node.action for node in message.nodes] if self.esterel else message.plan:
             action.plan_id = 0
         self.plan = message
+        if self.esterel:
+            self.draw(message.nodes)
+
+    def draw(self, nodes):
+        lines = []
+        for node in nodes:
+            values = ",".join(value.value for value in node.action.parameters)
+            label = node.name if node.node_type == EsterelPlanNode.PLAN_START else f"{node.name}\\n({values})"
+            lines.append(f'{node.node_id}[ label="{label}"];')
+        self.drawings.publish(String("\n".join(["digraph plan {", *lines, "}", ""])))
 
     def take_feedback(self, message):
         # Our own feedback comes back over another connection, maybe behind the action's end.
@@ -108,6 +124,8 @@ class StandIn:
                 if active.issuperset(node.edges_in) and self.happens(node, sent):
                     happened.add(node.node_id)
                     active.update(node.edges_out)
+            if len(happened) > before:
+                self.draw(nodes)
             if len(happened) == before and all(
                 self.endings.get(each.action_id) == SUCCEEDED for each in sent
             ):

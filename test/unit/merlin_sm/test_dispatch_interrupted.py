@@ -7,11 +7,10 @@ from typing import Any, Callable, List, Optional
 import pytest
 import rospy
 from merlin_msgs.msg import DispatchStatus, Lease
-from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_ros import deadline
 from merlin_sm import dispatch_client
-from merlin_sm.dispatch_client import ANNOUNCED, INTERRUPTED, DispatchClient
+from merlin_sm.dispatch_client import INTERRUPTED, DispatchClient
 from merlin_sm.dispatching.kinds import ReportingDispatcher
 from merlin_sm.dispatching.owners import DispatchOwners
 
@@ -30,7 +29,6 @@ class Client(DispatchClient):
         self.calls: List[str] = []
         self.looks = 0
         self.owned = self.there = self.takes_cancel = True
-        self._announced = {}
 
     def available(self) -> bool:
         return True
@@ -112,11 +110,3 @@ def test_a_dispatcher_that_takes_no_cancel_is_not_waited_for_without_end(unlimit
 def test_an_executor_that_starts_does_not_wait_without_end(unlimited: Client) -> None:
     unlimited.owned = False
     assert unlimited.free(lambda interrupt: None, 0.05).endswith("does not stop")
-
-
-def test_interfaces_that_are_announced_without_end_do_not_grow_without_end() -> None:
-    client = Client()
-    for number in range(3 * ANNOUNCED):
-        client._receive_interface(DomainFormula(name=f"ghost{number}"))
-        client._receive_interface(DomainFormula(name="Drive"))
-    assert len(client._announced) <= ANNOUNCED and "drive" in client._announced

@@ -2,13 +2,12 @@
 
 import itertools
 import threading
-from typing import Callable, Dict, List, Optional, Sequence
+from typing import Callable, List, Optional, Sequence
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, Lease, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_dispatch_msgs.srv import DispatchService
-from rosplan_knowledge_msgs.msg import DomainFormula
 from rospy.core import is_shutdown_requested
 from std_srvs.srv import Empty
 
@@ -22,20 +21,20 @@ from merlin_sm.dispatching.action_messages import CANCEL_ACTION, answer_in, canc
 from merlin_sm.dispatching.kinds import DispatcherKind, Hold, ReportingDispatcher, SilentDispatcher
 from merlin_sm.dispatching.owners import DispatchOwners
 from merlin_sm.dispatching.progress import PART, Action, DispatchProgress, DispatchResult, ground
+from merlin_sm.dispatching.readiness import DispatchReadiness
 from merlin_sm.dispatching.reply import reply_of
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
 from merlin_sm.planning_client import Interruptible
 
-INTERFACE_WAIT = 3.0  # s of running time for the action interfaces of a plan to announce themselves
 STATUS_GRACE = 0.5  # s of running time for the dispatcher's status behind its answer
 ANSWER_GRACE = 0.3  # s of running time for an interface's answer behind the end of the dispatch
 ORPHAN_GRACE = 1.0  # s of running time for the actions of a dispatcher that is gone to end
 SLACK = 1.0  # s that a dispatcher gets beyond its own cancel deadline
 FOREIGN_WAIT = 6.0  # s of running time for the plan of another client to end, where a cancel has no limit
 OWNER_LOOK = 0.5  # s between two looks whether the owner of a foreign dispatch still lives
-ANNOUNCED = 1000  # operators whose interfaces are remembered; any node may announce some
 LISTEN = 1.0  # s after which a client has received the lease of any other owner of the dispatch
 INTERRUPTED = "cancelled while another plan was carried out"
+WITHDRAWN = "cancelled before the plan was dispatched"
 _BUSY = "is being dispatched already"
 
 
@@ -70,7 +69,6 @@ class DispatchClient:
         self._active = self._cancelling = self._requested = self._cancel_sent = False
         self._ended = True
         self._silent = False  # whether the dispatcher no longer renews the lease of what it carries out
-        self._announced: Dict[str, None] = {}  # operators, the one that is silent for longest first
         self._kind: DispatcherKind = SilentDispatcher()
         self._owners = DispatchOwners(rospy.get_name())
         self._cancel_publisher = rospy.Publisher(
@@ -84,8 +82,7 @@ class DispatchClient:
         ):
             rospy.Subscriber(f"{dispatcher}/{topic}", message_class, callback, tcp_nodelay=True)
         self._watch = LeaseWatch(f"{dispatcher}/lease", self._dispatcher_changed)
-        name = rospy.resolve_name(knowledge_base)
-        rospy.Subscriber(f"{name}/pddl_action_parameters", DomainFormula, self._receive_interface)
+        self._readiness = DispatchReadiness(self.name, rospy.resolve_name(knowledge_base), self._changed)
 
     def available(self) -> bool:
         """Whether the dispatcher is there now."""
@@ -213,12 +210,9 @@ class DispatchClient:
             self._kind.begin()
             self._active = True
             self._ended = self._cancelling = self._cancel_sent = self._requested = self._silent = False
-            if self._kind.needs_interfaces:
-                operators = {action.name.lower() for action in plan}
-                Deadline(INTERFACE_WAIT).wait(self._changed, lambda: operators <= self._announced.keys())
+            silent = not self._kind.reports
         answers: List[object] = []
         dispatch, number = self._dispatch, f"{LIFE}-dispatch-{next(self._numbers)}"
-        self._lease.hold(number, owner)
 
         def call() -> None:
             try:
@@ -230,9 +224,16 @@ class DispatchClient:
                     self._ended = True
                 self._changed.notify_all()
 
-        threading.Thread(target=call, name=f"dispatch of {self.name}", daemon=True).start()
         interruptible(self.cancel)
         try:
+            if silent:
+                self._readiness.wait(plan, lambda: self._requested)
+            with self._changed:
+                if self._requested:
+                    self._ended = True
+                    return DispatchResult(False, cancelled=True, reason=WITHDRAWN)
+            self._lease.hold(number, owner)
+            threading.Thread(target=call, name=f"dispatch of {self.name}", daemon=True).start()
             if self._wait_for_end():
                 return self._result(answers[0])
             with self._changed:
@@ -364,13 +365,6 @@ class DispatchClient:
                 return
             self._changed.notify_all()
         self._on_change()
-
-    def _receive_interface(self, formula: DomainFormula) -> None:
-        name = formula.name.lower()
-        with self._changed:
-            others = [other for other in self._announced if other != name]
-            self._announced = dict.fromkeys([*others, name][-ANNOUNCED:])
-            self._changed.notify_all()
 
     def _receive_status(self, status: DispatchStatus) -> None:
         with self._changed:

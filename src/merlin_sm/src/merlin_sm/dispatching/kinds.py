@@ -31,8 +31,6 @@ class DispatcherKind(ABC):
     reports: bool
     #: It may still hold an older plan when it is called.
     may_hold_old_plan: bool
-    #: It waits forever for an action interface that was not there in time.
-    needs_interfaces: bool
     #: It stops the other actions by itself when one fails.
     stops_after_failure: bool
 
@@ -77,7 +75,6 @@ class SilentDispatcher(DispatcherKind):
 
     reports = False
     may_hold_old_plan = True
-    needs_interfaces = True
     stops_after_failure = False
     busy = False
     at_rest = True
@@ -110,7 +107,6 @@ class ReportingDispatcher(DispatcherKind):
 
     reports = True
     may_hold_old_plan = False
-    needs_interfaces = False
     stops_after_failure = True
 
     def __init__(self, status: DispatchStatus) -> None:
