@@ -15,6 +15,7 @@ from merlin_fleet.core.records import Goal, Profile, Report
 from merlin_fleet.fleet_client import ACHIEVED, DEFAULT_FLEET, OVER, FleetClient, FleetError
 from merlin_fleet.fleet_request import FleetRequest, GoalNews
 from merlin_fleet.hub import DEFAULT_ENDPOINT
+from merlin_monitor.access.operator_command import default_path
 
 EXIT_NOT_ACHIEVED = 1
 EXIT_MISTAKES = 2
@@ -104,7 +105,7 @@ def _add_page(page: argparse.ArgumentParser) -> None:
         "--operators",
         type=_file,
         metavar="FILE",
-        default=Path("~/.ros/merlin/operators.yaml").expanduser(),
+        default=default_path(),
         help="of the operators that may send and cancel goals (%(default)s); without it the page only shows",
     )
     page.add_argument(
