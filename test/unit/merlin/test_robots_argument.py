@@ -25,7 +25,9 @@ def load(file, arguments):
 
 
 @pytest.mark.parametrize("robots", FORMS)
-@pytest.mark.parametrize("file, arguments", [("include/application.launch", APPLICATION), ("restaurant.launch", {})])
+@pytest.mark.parametrize(
+    "file, arguments", [("include/application.launch", APPLICATION), ("restaurant.launch", {})]
+)
 def test_each_robot_has_a_host_and_stands_in_the_world(file, arguments, robots):
     config = load(file, {**arguments, "robots": robots})
     hosts = [node.namespace for node in config.nodes if node.type == "fsm_host"]
