@@ -1,5 +1,6 @@
 """Detours of a plan are left out, as long as it stays valid."""
 
+from pathlib import Path
 from typing import List, Tuple
 
 import pytest
@@ -7,6 +8,8 @@ import pytest
 from merlin_pddl.checks.kairos_check import PlanValidator
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.planning.plan_shortcuts import PlanShortcuts
+from merlin_rosplan.planning.planner import PlannerSettings, Task
+from merlin_rosplan.planning.planner_kairos import KairosPlanner
 
 DOMAIN = """(define (domain d) (:requirements :typing :durative-actions :numeric-fluents)
   (:types robot place) (:predicates (at ?r - robot ?p - place) (free ?p - place) (seen ?p - place))
@@ -101,3 +104,31 @@ def test_a_detour_that_the_metric_prefers_stays() -> None:
     validator = PlanValidator(fuel, problem)
     assert validator.fault(steps) is None
     assert PlanShortcuts(fuel, problem, validator).taken(steps) == steps
+
+
+@pytest.mark.parametrize("seconds, stopped, drives", [(60.0, False, 1), (0.0, False, 2), (60.0, True, 2)])
+def test_shortcuts_are_taken_while_the_planner_may_look(seconds: float, stopped: bool, drives: int) -> None:
+    planner = KairosPlanner()
+    if stopped:
+        planner.stop()
+    task = Task(Path("d"), Path("p"), DOMAIN, WITHOUT_BOB, Path("f"), PlannerSettings())
+    steps = [
+        PlanStep(0.0, "drive", ("ann", "a", "b"), 6.0),
+        PlanStep(6.1, "drive", ("ann", "b", "c"), 10.0),
+        PlanStep(16.2, "look", ("ann", "c"), 1.0),
+    ]
+    assert len(planner._direct(task, steps, seconds)) == drives + 1
+
+
+def test_a_plan_of_a_large_problem_does_not_wait_for_its_shortcuts(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: List[List[PlanStep]] = []
+    validator = PlanValidator(DOMAIN, WITHOUT_BOB)
+    monkeypatch.setattr(validator, "fault", lambda plan: asked.append(plan) or "no")
+    monkeypatch.setattr(validator, "quality", None)  # which validates, too
+    steps = [
+        PlanStep(0.0, "drive", ("ann", "a", "b"), 6.0),
+        PlanStep(6.1, "drive", ("ann", "b", "c"), 10.0),
+    ]
+    shortcuts = PlanShortcuts(DOMAIN, WITHOUT_BOB, validator)
+    assert shortcuts.taken(steps, lambda: not asked) == steps
+    assert len(asked) == 1

@@ -3,7 +3,7 @@
 A search that looks for a plan at all, not for a short one, lets robots that wait drive there and back.
 """
 
-from typing import Dict, Iterator, List, Optional, Tuple
+from typing import Callable, Dict, Iterator, List, Optional, Tuple
 
 from merlin_pddl.checks.kairos_check import PlanValidator
 from merlin_pddl.domain import Operator
@@ -31,22 +31,25 @@ class PlanShortcuts:
         self._numbers = Evaluator(self._domain, _Values({v.key: v.value for v in found.values}))
         self._validator = validator
 
-    def taken(self, plan: Plan) -> Plan:
-        """A valid plan without its detours. What makes it worse by the problem's metric is not taken."""
+    def taken(self, plan: Plan, may_go_on: Callable[[], bool] = lambda: True) -> Plan:
+        """A valid plan without its detours. What makes it worse by the problem's metric is not taken.
+
+        :param may_go_on: asked before each validation, which takes a second where the problem is large.
+        """
         tries = MOST_TRIES
-        order = self._validator.quality(plan).order()
         while True:
             for shorter in self._shorter(plan):
-                if not tries:
+                if not tries or not may_go_on():
                     return plan
                 tries -= 1
-                if self._validator.fault(shorter) is None:
-                    shorter_order = self._validator.quality(shorter).order()
-                    if shorter_order <= order:
-                        plan, order = shorter, shorter_order
-                        break
+                if self._validator.fault(shorter) is None and self._is_as_good(shorter, plan):
+                    plan = shorter
+                    break
             else:
                 return plan
+
+    def _is_as_good(self, shorter: Plan, plan: Plan) -> bool:
+        return self._validator.quality(shorter).order() <= self._validator.quality(plan).order()
 
     def _shorter(self, plan: Plan) -> Iterator[Plan]:
         """Plans with one shortcut each, which may be wrong."""

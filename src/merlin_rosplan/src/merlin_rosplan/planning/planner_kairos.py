@@ -86,12 +86,15 @@ class KairosPlanner:
         plan = _best_plan(search)
         if plan is not None:
             first = _steps(plan)
-            goal = MetricGoal.of(task.problem) if settings.anytime else None
-            if goal is None:
-                plans = [_direct(task, first), first] if settings.anytime else [first]
-                return Attempt(KAIROS, PlannerState.SOLVED, "", plans)
+            if not settings.anytime:
+                return Attempt(KAIROS, PlannerState.SOLVED, "", [first])
             left = settings.time_limit - (time.monotonic() - began) if settings.time_limit else _DAY
-            better = self._improved(kairos, domain, task, goal, first, min(left, settings.anytime))
+            seconds = min(left, settings.anytime)
+            goal = MetricGoal.of(task.problem)
+            if goal is None:
+                better = self._direct(task, first, seconds)
+            else:
+                better = self._improved(kairos, domain, task, goal, first, seconds)
             return Attempt(KAIROS, PlannerState.SOLVED, "", [better, first])
         result = search.wait()
         name = result.status.name
@@ -118,6 +121,19 @@ class KairosPlanner:
                 return None
             self._search = kairos.Planner().start(problem, **options)
             return self._search
+
+    def _direct(self, task: Task, plan: Plan, seconds: float) -> Plan:
+        """A plan without the detours that are found in some seconds; the plan itself where it has none."""
+        end = time.monotonic() + seconds
+        if not has_detours(plan):
+            return plan
+        try:
+            shortcuts = PlanShortcuts(task.domain, task.problem, PlanValidator(task.domain, task.problem))
+        except (ValueError, PddlError):  # the readers are stricter than kairos
+            return plan
+        return shortcuts.taken(
+            restore_case(plan, task.problem), lambda: not self._stopped and time.monotonic() < end
+        )
 
     def _improved(
         self, kairos: Any, domain: Any, task: Task, goal: MetricGoal, best: Plan, seconds: float
@@ -164,17 +180,6 @@ def _best_plan(search: Any) -> Optional[Any]:
             best = plan
         elif not search.running():
             return search.next_plan(0.0) or best
-
-
-def _direct(task: Task, plan: Plan) -> Plan:
-    """A plan without detours; the plan itself where it has none."""
-    if not has_detours(plan):
-        return plan
-    try:
-        shortcuts = PlanShortcuts(task.domain, task.problem, PlanValidator(task.domain, task.problem))
-    except (ValueError, PddlError):  # the readers are stricter than kairos
-        return plan
-    return shortcuts.taken(restore_case(plan, task.problem))
 
 
 def _steps(plan: Any) -> List[PlanStep]:
