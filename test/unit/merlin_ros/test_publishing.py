@@ -1,6 +1,7 @@
 import io
 import struct
 
+import genpy
 import pytest
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -85,3 +86,12 @@ def test_what_cannot_be_written_does_not_spoil_the_next_message(topic):
     assert topic.impl.latch.last_update_client == "before"
     publish(topic, StatusUpdate(last_update_client="after"))
     assert topic.impl.connections[0].sent == [wire("before"), wire("after")]
+
+
+def test_what_is_latched_for_later_subscribers_can_be_written(topic):
+    topic.impl.connections = []
+    publish(topic, StatusUpdate(last_update_client="caf\udce9"))
+    assert topic.impl.latch.last_update_client == "caf?"
+    with pytest.raises(genpy.SerializationError):
+        publish(topic, StatusUpdate(last_update_client=3))
+    assert topic.impl.latch.last_update_client == "caf?"

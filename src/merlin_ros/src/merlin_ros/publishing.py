@@ -1,5 +1,6 @@
 """Publishing: whether there are subscribers, while the node goes down, and what cannot be written."""
 
+import io
 import threading
 from typing import Any, Callable
 
@@ -56,6 +57,8 @@ def publish(publisher: rospy.Publisher, message: Any) -> None:
     try:
         latched = impl.latch
         try:
+            if impl.is_latch and not impl.has_connections():
+                message.serialize(io.BytesIO())  # rospy writes it for the first subscriber, and fails there
             _publish(publisher, message)
         except UnicodeEncodeError:
             _forget_half(impl, latched)

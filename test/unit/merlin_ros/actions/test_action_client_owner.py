@@ -1,4 +1,4 @@
-"""A goal that is sent in the moment in which the goal on whose behalf it is sent is given up."""
+"""A goal that is sent while the goal on whose behalf it is sent is given up, and one that cannot be sent."""
 
 from types import SimpleNamespace
 from typing import Any, List
@@ -53,3 +53,17 @@ def test_goals_that_were_given_up_do_not_grow_for_ever(client: ActionClient) -> 
     assert len(client._dead_owners) <= DEAD_OWNERS
     goal = client.send(ListenGoal(), owner=f"goal {number}")
     assert goal.done and goal.status == GoalStatus.LOST
+
+
+def test_a_goal_that_cannot_be_sent_leaves_nothing(
+    client: ActionClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unwritable(publisher: Any, message: Any) -> None:
+        raise OverflowError("float too large to pack")
+
+    monkeypatch.setattr(action_client, "publish", unwritable)
+    lease: Any = client._lease
+    ended: List[Any] = []
+    with pytest.raises(OverflowError):
+        client.send(ListenGoal(), ended.append)
+    assert (ended, client._goals, lease.held) == ([], {}, [])

@@ -1,6 +1,6 @@
 """What a holder of leases publishes: one message for each change, and one for each period."""
 
-from typing import Iterator, List
+from typing import Collection, Iterator, List
 
 import pytest
 
@@ -52,3 +52,20 @@ def test_a_goal_between_two_renewals_is_published_once(
         holder.hold("7/2")
     assert woken == []
     assert published == [["7/1"], ["7/1", "7/2"]]
+
+
+def test_a_holder_that_ends_while_another_thread_releases_a_goal(
+    published: List[List[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    holder = LeaseHolder("/dispatcher/lease")
+    holder.exchange(["7/1", "7/2"], [])
+    exchange = holder._lease.exchange
+
+    def release_meanwhile(held: Collection[str], released: Collection[str], owner: None) -> None:
+        holder._goals.discard("7/1")
+        assert set(released) == {"7/1", "7/2"}  # Python raises where a set changes that is gone through
+        exchange(held, released, owner)
+
+    monkeypatch.setattr(holder._lease, "exchange", release_meanwhile)
+    holder.shutdown()
+    assert published[-1] == []

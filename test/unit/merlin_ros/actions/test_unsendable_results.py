@@ -19,6 +19,8 @@ def execute(goal):
         goal.abort(ListenResult(), "caf\\udce9")
     if wanted == "result":
         goal.succeed(ListenResult(text=3))
+    if wanted == "number":
+        goal.succeed(ListenResult(confidence=1e300))
     if wanted == "error":
         goal.abort(ListenResult(), ValueError("an error is no text"))
     goal.succeed(ListenResult(text="good"))
@@ -40,7 +42,7 @@ def start():
     client = ActionClient("listen", ListenAction)
     assert client.wait_for_server(100)
     def run():
-        for wanted in ("raise", "text", "result", "error", "good"):
+        for wanted in ("raise", "text", "result", "number", "error", "good"):
             goal = client.send(ListenGoal(grammar=wanted))
             assert goal.wait(100), wanted
             print("ANSWER", wanted, goal.status, goal.text, goal.result and goal.result.text, flush=True)
@@ -56,5 +58,6 @@ def test_every_goal_is_answered_and_the_server_lives_on(master: Any) -> None:
     assert client.expect("ANSWER raise").startswith("ANSWER raise 4 ValueError: caf?")
     assert client.expect("ANSWER text").startswith("ANSWER text 4 caf?")
     assert client.expect("ANSWER result").startswith("ANSWER result 4 the result cannot be sent: ")
+    assert client.expect("ANSWER number").startswith("ANSWER number 4 the result cannot be sent: ")
     assert client.expect("ANSWER error").startswith("ANSWER error 4 an error is no text")
     assert client.expect("ANSWER good") == "ANSWER good 3  good"

@@ -74,6 +74,7 @@ class Nodes:
         self.hanging: List[str] = []  # in the next calls that say which publishers there are
         self.odd: List[str] = []  # that answer something else
         self.gone: List[str] = []
+        self.faulty: List[str] = []  # whose code raises when it gets publishers
         self.known: Dict[str, str] = {}
         monkeypatch.setattr(rospy, "get_name", lambda: "/me")
         monkeypatch.setattr(foreign_nodes, "_asked", lambda master, call, names: self.known)
@@ -90,6 +91,8 @@ class Nodes:
             return (1, "", "none") if name in self.odd else (1, "", [[f"{name}/a", "T"], [f"{name}/b", "T"]])
 
         def update(*_: Any) -> None:
+            if name in self.faulty:
+                raise xmlrpc.client.Fault(1, "no such method")
             if name in self.hanging:
                 self.hanging.remove(name)
                 raise OSError("it hangs")
@@ -144,6 +147,16 @@ def test_a_node_that_answers_something_else_keeps_no_other_one(monkeypatch: pyte
     nodes, master = Nodes(monkeypatch, "/odd", "/two"), Master()
     nodes.odd = ["/odd"]
     assert nodes.restore(master) == ["/two"]
+
+
+def test_a_node_that_answers_publishers_with_a_fault_keeps_no_other_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nodes, master = Nodes(monkeypatch, "/faulty", "/two"), Master()
+    nodes.faulty = ["/faulty"]
+    with pytest.raises(RegistrationError, match="/faulty does not take the publishers of /faulty/a"):
+        nodes.restore(master)
+    assert len(topics(master, "/two")) == 4
 
 
 @pytest.fixture

@@ -181,7 +181,13 @@ class ActionClient:
             self._lease.release(sent.id)
             sent.finish(GoalStatus.LOST, OWNER_OVER, self._result_type())
             return sent
-        publish(self._goal_publisher, message)
+        try:
+            publish(self._goal_publisher, message)
+        except BaseException:  # it was not sent, and its sender learns that from this
+            with self._changed:
+                self._goals.pop(sent.id, None)
+            self._lease.release(sent.id)
+            raise
         return sent
 
     def give_up(self, goal: ClientGoal, why: str) -> None:

@@ -244,8 +244,9 @@ class ActionServer:
             message.result = result
         try:
             publish(self._result_publisher, message)
-        except (rospy.ROSSerializationException, AttributeError, TypeError, ValueError) as error:
-            # What the server's code has put into it; the client gets its answer all the same.
+        except Exception as error:
+            # What the server's code has put into it; the client gets its answer all the same. Generated code
+            # raises what it stumbles over: a number too large for float32 is an OverflowError.
             status.status = GoalStatus.ABORTED
             status.text = f"the result cannot be sent: {error}"
             rospy.logerr(f"{self.name}: {status.text}")

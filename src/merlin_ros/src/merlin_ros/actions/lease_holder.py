@@ -68,7 +68,7 @@ class LeaseHolder:
 
     def shutdown(self) -> None:
         """Releases every lease."""
-        self._lease.exchange([], self._goals, None)
+        self._lease.exchange([], list(self._goals), None)  # a copy: another thread may release one
         self._goals.clear()
         with self._lock:
             self._lease.users -= 1

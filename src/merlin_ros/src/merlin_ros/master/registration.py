@@ -128,7 +128,7 @@ def register_at(
         if publishers:
             try:
                 node.publisherUpdate("/master", topic, publishers)
-            except OSError as error:  # of the node; the master answers
+            except master_link.ERRORS as error:  # of the node; the master answers
                 raise RegistrationError(f"{name} does not take the publishers of {topic}: {error}") from error
     for service, address in things.served.items():
         if not going_on():
