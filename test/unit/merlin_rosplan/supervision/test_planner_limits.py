@@ -54,6 +54,14 @@ def test_the_begin_is_told_while_the_planner_works(planner, tmp_path):
     assert told.exists()
 
 
+def test_a_node_whose_folder_was_removed_plans(planner, tmp_path, monkeypatch):
+    gone_folder = tmp_path / "gone"
+    gone_folder.mkdir()
+    monkeypatch.chdir(gone_folder)
+    gone_folder.rmdir()
+    assert planning(planner("echo '0.0: (none) [1.0]'"), time_limit=LONG).run().state != PlannerState.CRASHED
+
+
 def test_no_begin_is_told_of_a_planner_that_cannot_be_started():
     told = []
     wanted = planning("there-is-no-such-planner DOMAIN PROBLEM", fallback=False)

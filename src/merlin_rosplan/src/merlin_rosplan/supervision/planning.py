@@ -39,9 +39,9 @@ class Planning:
         self._settings = settings
         # Texts and no pathlib: that enters each part of a path into Python's table of names, which grows by
         # half a megabyte in a node that plans often.
-        self._domain = os.path.join(os.getcwd(), domain_path)
-        self._problem = os.path.join(os.getcwd(), problem_path)
-        self._data = os.path.join(os.getcwd(), data_path) if data_path else ""
+        self._domain = _absolute(domain_path)
+        self._problem = _absolute(problem_path)
+        self._data = _absolute(data_path) if data_path else ""
         self._hosts = hosts or PlannerHosts.of_process()
         self._lock = threading.Lock()  # guards the two fields below
         self._cancelled = False
@@ -121,3 +121,8 @@ class Planning:
             answer.get("plan", ""),
             answer.get("planner") or chosen.name,
         )
+
+
+def _absolute(path: str) -> str:
+    """An absolute path as it is: the folder in which the node was started may have been removed."""
+    return path if os.path.isabs(path) else os.path.join(os.getcwd(), path)
