@@ -84,6 +84,15 @@ def test_robots_that_were_never_heard_are_told_after_a_knowledge_base_was_silent
     assert knowledge.wait(r1=False, r2=False)
 
 
+def test_a_fact_about_no_robot_keeps_no_other_one_from_being_written() -> None:
+    knowledge = Knowledge("r1", "r2")
+    robots = knowledge.propositions
+    knowledge.propositions = lambda name: [fact(name), *robots(name)]  # type: ignore[method-assign]
+    facts = AvailableFacts(knowledge)  # type: ignore[arg-type]
+    facts.settle()
+    assert knowledge.wait(r1=False, r2=False)
+
+
 def test_a_listener_that_fails_hides_no_later_change() -> None:
     watch = RobotWatch(Knowledge("r1", "r2"))  # type: ignore[arg-type]
     heard, both = [], threading.Event()

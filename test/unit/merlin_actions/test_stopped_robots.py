@@ -1,6 +1,7 @@
 """A robot whose drive was stopped at a point of interest keeps that place, as far as the plan goes too."""
 
 import threading
+from types import SimpleNamespace
 from typing import Dict, List, Sequence, Set
 
 import pytest
@@ -169,3 +170,14 @@ def test_two_robots_that_stop_at_one_point_at_once_do_not_both_hold_it(home: Hom
         thread.join(60.0)
     held = [fact for fact in home.knowledge.facts if fact.endswith("hall)")]
     assert len(held) == 1 and held[0].startswith("(robot_at"), held
+
+
+def test_a_drive_ends_though_the_points_of_interest_are_wrong(home: Home) -> None:
+    """They are the user's: a list where names of points are expected, for example."""
+
+    def points(robot: str) -> List[str]:
+        raise AttributeError("'list' object has no attribute 'items'")
+
+    home.stands = SimpleNamespace(get=lambda robot, default: points(robot))  # type: ignore[assignment]
+    home.end(home.drive("ann", "hall", "kitchen"))
+    assert "(robot_at ann anywhere)" in home.knowledge.facts

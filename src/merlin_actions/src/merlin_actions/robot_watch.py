@@ -191,7 +191,9 @@ class AvailableFacts:
                 unsettled = self._availability.unsettled
             try:
                 if unsettled:
-                    listed = [item.values[0].value for item in self._knowledge.propositions(AVAILABLE)]
+                    # A knowledge base that is not strict may hold one about no robot.
+                    facts = self._knowledge.propositions(AVAILABLE)
+                    listed = [item.values[0].value for item in facts if item.values]
                     with self._changed:
                         self._availability.compare(listed)
                 with self._changed:

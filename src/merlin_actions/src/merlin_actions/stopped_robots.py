@@ -11,9 +11,7 @@ import rospy
 
 from merlin_actions.core.ending import Closing
 from merlin_actions.effects import Effects, Opening
-from merlin_ros.master.master_link import MasterSilent
-from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update
+from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, Update
 from merlin_sm.knowledge_text import parse_literals
 
 
@@ -63,8 +61,8 @@ class StoppedRobots:
             try:
                 if self._stands(robot, stop):
                     del self._between[robot]
-            except (KnowledgeError, ServiceError, MasterSilent, KeyError, TypeError, ValueError) as error:
-                # It is between two points for the plan, as without this.
+            except Exception as error:  # points of interest and literals are the user's
+                # It is between two points for the plan, as without this; the action has its end all the same.
                 rospy.logwarn(f"where robot {robot} was stopped is not known: {error}")
 
     def _stands(self, robot: str, stop: StopEffects) -> bool:
