@@ -19,7 +19,7 @@ from merlin_rosplan.dispatcher.dispatch_owner import DispatchOwner
 from merlin_rosplan.dispatcher.plan_dispatcher import PlanDispatcher
 
 LONG = 60.0
-HELD, SUSPENDED = LeaseState.HELD, LeaseState.SUSPENDED
+HELD, SUSPENDED, LOST = LeaseState.HELD, LeaseState.SUSPENDED, LeaseState.LOST
 
 
 class Book:
@@ -133,6 +133,21 @@ def test_an_owner_that_comes_back_while_its_dispatch_begins_is_not_taken_for_sil
     owner.begin("/client")
     owner.attach(dispatch, "key")  # type: ignore[arg-type]
     assert not dispatch.suspended
+
+
+def test_a_lease_that_came_behind_its_call_is_not_that_of_the_next_dispatch() -> None:
+    owner, dispatch = DispatchOwner("/dispatcher"), Dispatch()
+    watch: Any = owner._watch
+    owner.begin("/client")
+    watch.book.goals = ["first"]
+    owner.end()
+    owner.begin("/client")  # the call is faster than the lease again
+    owner.attach(dispatch, "key")  # type: ignore[arg-type]
+    owner._lease_changed(LeaseChange("first", LOST, "/client has let go of it", let_go=True))
+    assert dispatch.reasons == []
+    watch.book.goals = ["second"]
+    owner._lease_changed(LeaseChange("second", SUSPENDED, "/client is silent"))
+    assert dispatch.suspended
 
 
 # --- a dispatcher whose client is asked for -------------------------------------------------------------

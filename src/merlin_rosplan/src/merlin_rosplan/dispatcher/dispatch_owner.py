@@ -8,7 +8,7 @@ the owner of a goal of ``dispatch_plan_action``.
 
 import threading
 from collections import deque
-from typing import Deque, Optional
+from typing import Deque, List, Optional
 
 import rospy
 
@@ -54,8 +54,8 @@ class DispatchOwner:
             self._client, self._dispatch = client, None
             self._dispatches += 1
             self._silent = self._gone = ""
-            held = [goal for goal in self._watch.goals_of(client) if goal not in self._earlier]
-            self._goal = goal = held[-1] if client and held else ""
+            held = self._held(client)
+            self._goal = goal = held[-1] if held else ""
         if goal:
             self._watch.tell(goal)
 
@@ -72,6 +72,9 @@ class DispatchOwner:
         """The dispatch has ended, or did not come to run."""
         with self._lock:
             goal, key = self._goal, self._key
+            held = [] if goal else self._held(self._client)
+            if held:  # the lease came behind the call; the next dispatch must not take it for its own
+                goal = held[0]
             self._client, self._dispatch, self._goal, self._key = None, None, "", ""
             if goal:
                 self._earlier.append(goal)
@@ -120,6 +123,11 @@ class DispatchOwner:
     def shutdown(self) -> None:
         """Watches no more."""
         self._watch.shutdown()
+
+    def _held(self, client: Optional[str]) -> List[str]:
+        """Goals that a client holds and that no earlier dispatch had; called with the lock held."""
+        held = self._watch.goals_of(client) if client else []
+        return [goal for goal in held if goal not in self._earlier]
 
     def _lease_changed(self, change: LeaseChange) -> None:
         with self._lock:
