@@ -53,8 +53,9 @@ class Goal:
         self.ended = threading.Event()
         self._fails = fails
 
-    def accept(self) -> None:
-        """It begins."""
+    def accept(self) -> bool:
+        """It begins, unless it was answered."""
+        return not self.answers
 
     def request_cancel(self, reason: str) -> None:
         self.cancel_requested, self.cancel_reason = True, reason
@@ -142,6 +143,25 @@ def test_a_machine_that_cannot_begin_is_answered_and_keeps_no_next_goal(
     waits.goes_on.set()
     assert second.ended.wait(LONG)
     assert second.answers == ["succeeded"]
+
+
+def test_a_goal_that_was_answered_while_it_waited_does_not_run(
+    server: MerlinActionServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = Goal("a"), Goal("b")
+    server._receive(first)  # type: ignore[arg-type]
+    waits = server.machine.waits  # type: ignore[attr-defined]
+    assert waits.begun.wait(LONG)
+    waits.begun.clear()
+    run = server._threads["a"]
+    with monkeypatch.context() as broken:
+        broken.setattr(threading.Thread, "start", mock.Mock(side_effect=RuntimeError("no more threads")))
+        with pytest.raises(RuntimeError):
+            server._receive(second)  # type: ignore[arg-type]
+    second.abort()  # as the action server does then
+    waits.goes_on.set()
+    run.join(LONG)
+    assert not server._slot.running and not waits.begun.is_set()
 
 
 class Odd(MerlinState):

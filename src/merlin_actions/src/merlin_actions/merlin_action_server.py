@@ -191,8 +191,10 @@ class MerlinActionServer:
             self._threads[goal.id] = thread
         try:
             machine.prepare()
-            goal.accept()
-            thread.start()
+            if goal.accept():
+                thread.start()
+            else:  # it was answered meanwhile: nothing may run for it
+                self._end(goal, MachineEnd(ABORTED, "it was answered before it began"), "")
         except BaseException as error:  # no further thread, or users' code
             rospy.logerr(f"{self.operator}: {traceback.format_exc()}")
             crash = f"{type(error).__name__}: {error}"
