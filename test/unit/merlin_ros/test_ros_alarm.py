@@ -44,6 +44,23 @@ def test_what_is_due_after_some_time_comes_once_and_leaves_no_thread(clock):
     assert not thread.is_alive() and rung.empty()
 
 
+def test_what_is_due_after_some_time_does_not_come_with_the_first_tick(clock):
+    clock.set(0.0)
+    rung = queue.Queue()
+    alarm = call_after(5.0, lambda: rung.put(True), "call of a test")
+    try:
+        for tick in (1000.0, 1004.0):
+            clock.set(tick)
+            end = time.monotonic() + LONG
+            while alarm._seen != tick and rung.empty() and time.monotonic() < end:
+                time.sleep(0.01)
+            assert rung.empty()
+        clock.set(1006.0)
+        assert rung.get(timeout=LONG)
+    finally:
+        alarm.shutdown()
+
+
 def test_what_is_not_wanted_any_more_does_not_come(clock):
     rung = queue.Queue()
     alarm = call_after(2.0, lambda: rung.put(True), "call of a test")

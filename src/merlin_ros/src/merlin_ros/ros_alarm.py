@@ -21,7 +21,7 @@ class RosAlarm:
         self._name = name
         self._changed = threading.Condition()  # guards the fields below
         self._asked: Optional[float] = None
-        self._when: Optional[float] = None  # `_asked`, moved along when the clock jumped back
+        self._when: Optional[float] = None  # `_asked`, moved along when the clock jumped back or began
         self._seen = 0.0  # ROS time at the last look
         self._stopping = False
         self._thread: Optional[threading.Thread] = None
@@ -62,8 +62,9 @@ class RosAlarm:
                 if self._stopping:
                     return
                 now = rospy.get_time()
-                if now < self._seen:  # what was to come in so many seconds still is
-                    self._when -= self._seen - now
+                # The clock has jumped back, or begun: what was to come in so many seconds still is.
+                if now < self._seen or not self._seen:
+                    self._when += now - self._seen
                 self._seen = now
                 left = self._when - now
                 due = left <= 0
