@@ -228,7 +228,7 @@ def test_a_client_that_hung_while_its_goal_waited_suspends_its_dispatch() -> Non
     second.cancel("test")
 
 
-@pytest.mark.parametrize("part", ["unmet_goals", "report_status", "_take_over"])
+@pytest.mark.parametrize("part", ["unmet_goals", "report_status", "_take_over", "tell_owner"])
 def test_a_client_gets_its_answer_whatever_fails(monkeypatch: pytest.MonkeyPatch, part: str) -> None:
     def broken(*_: Any) -> None:
         raise IndexError("a goal that is no text")
@@ -236,6 +236,7 @@ def test_a_client_gets_its_answer_whatever_fails(monkeypatch: pytest.MonkeyPatch
     dispatcher = Dispatcher()
     dispatcher._run_plan = lambda: DispatchReport(DispatchState.SUCCEEDED, "")  # type: ignore[method-assign]
     place: Any = {"unmet_goals": dispatcher._knowledge, "report_status": dispatcher._topics}
+    place["tell_owner"] = dispatcher._server
     monkeypatch.setattr(place.get(part, dispatcher), part, broken)
     goal = ServerGoal(dispatcher._server, GoalID(id="goal"), None)
     dispatcher._run_goal(goal, part != "_take_over" and dispatcher._occupy(goal))

@@ -3,7 +3,7 @@
 import dataclasses
 import threading
 import traceback
-from typing import Any, Optional, Type
+from typing import Any, Callable, Optional, Type
 
 import rospy
 from merlin_msgs.srv import Breakpoints as BreakpointsSrv
@@ -154,8 +154,7 @@ class PlanDispatcher(Component):
         refusal = "" if self._occupy(None) else self._take_over(None)
         if refusal:
             raise rospy.ServiceException(refusal)
-        self._owner.begin(caller(request))
-        report = self._run()
+        report = self._run(lambda: self._owner.begin(caller(request)))
         return DispatchServiceResponse(success=report.success, goal_achieved=report.goal_achieved)
 
     def _serve_cancel(self, _: EmptyRequest) -> EmptyResponse:
@@ -189,10 +188,7 @@ class PlanDispatcher(Component):
             goal.abort(NonBlockingDispatchResult(), f"{type(error).__name__}: {error}")
 
     def _dispatch_goal(self, goal: ServerGoal) -> None:
-        self._owner.begin("")
-        self._server.tell_owner(goal)  # what changed while the dispatcher was another goal's
-        goal.accept()
-        report = self._run()
+        report = self._run(lambda: self._begin_goal(goal))
         text = report.reason or "every action succeeded"
         result = NonBlockingDispatchResult(success=report.success, goal_achieved=report.goal_achieved)
         if report.success:
@@ -201,6 +197,11 @@ class PlanDispatcher(Component):
             goal.cancelled(result, text)
         else:
             goal.abort(result, text)
+
+    def _begin_goal(self, goal: ServerGoal) -> None:
+        self._owner.begin("")
+        self._server.tell_owner(goal)  # what changed while the dispatcher was another goal's
+        goal.accept()
 
     def _cancel_goal(self, goal: ServerGoal) -> None:
         with self._state:
@@ -249,10 +250,14 @@ class PlanDispatcher(Component):
             self._unwanted = False
             return True
 
-    def _run(self) -> DispatchReport:
-        """Dispatches the plan received last; the caller has occupied the dispatcher."""
+    def _run(self, begin: Callable[[], None] = lambda: None) -> DispatchReport:
+        """Dispatches the plan received last; the caller has occupied the dispatcher.
+
+        :param begin: says whose dispatch it is. What it raises does not keep the dispatcher busy.
+        """
         try:
             try:
+                begin()
                 report = self._run_plan()
             except PlanError as error:
                 report = DispatchReport(DispatchState.FAILED, str(error))
