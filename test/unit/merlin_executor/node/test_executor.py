@@ -350,3 +350,24 @@ def test_the_end_of_the_executor_answers_all(bench: Bench) -> None:
     for goal in (running, waiting):
         assert goal.end()[1:] == ("CANCELLED", "the executor shuts down")
     assert bench.send(Goal("(checked hall)")).end()[1] == "REFUSED"
+
+
+@pytest.mark.parametrize("part", ["Request", "decide"])
+def test_a_client_that_is_gone_while_its_request_is_read_does_not_end_one_that_goes_on(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, part: str
+) -> None:
+    goal = Goal("(checked kitchen)", on_client_lost=ExecuteGoal.GO_ON)
+    told: List[Any] = []
+    of: Any = executor_module if part == "Request" else bench.executor._engine
+    once = getattr(of, part)
+
+    def gone_before(*arguments: Any) -> Any:
+        monkeypatch.setattr(of, part, once)
+        told.append(bench.callbacks["owner"](goal, LeaseState.LOST, "its client /x is gone"))
+        return once(*arguments)
+
+    monkeypatch.setattr(of, part, gone_before)
+    bench.run(goal)
+    assert told == [False]  # the server asks again when it has the request
+    bench.machine.end(Verdict(Outcome.SUCCEEDED))
+    assert goal.end()[0] == GoalStatus.SUCCEEDED

@@ -7,7 +7,7 @@ import itertools
 import threading
 import traceback
 from contextlib import contextmanager
-from typing import Dict, Iterator, List, Optional
+from typing import Dict, Iterator, List, Optional, Set
 
 import rospy
 from merlin_msgs.msg import (
@@ -95,7 +95,8 @@ class Executor:
             self._machine, self._publish_status, self._publish_queue, self._ended, self._log
         )
         self._activity = Activity()
-        self._lock = threading.Lock()  # guards the field below
+        self._lock = threading.Lock()  # guards the two fields below
+        self._unread: Set[str] = set()  # goals that are no requests yet
         self._checks: Dict[str, CallScope] = {}  # goal -> the calls that check it
         self._order = itertools.count()
         self._publishing = threading.Lock()  # keeps published statuses and queues in order
@@ -144,6 +145,15 @@ class Executor:
     # --- events, in threads of the action server ----------------------------------------------------------
 
     def _receive(self, goal: ServerGoal) -> None:
+        with self._lock:
+            self._unread.add(goal.id)
+        try:
+            self._read(goal)
+        finally:
+            with self._lock:
+                self._unread.discard(goal.id)
+
+    def _read(self, goal: ServerGoal) -> None:
         try:
             request = Request(goal, next(self._order), self._max_replans)
             with self._checking(goal):
@@ -183,7 +193,7 @@ class Executor:
 
     def _owner(self, goal: ServerGoal, state: LeaseState, reason: str) -> Optional[bool]:
         with self._lock:
-            if goal.id in self._checks:
+            if goal.id in self._unread:
                 return False  # what it says of its client is not read yet; the server asks again then
         client = _CLIENTS.get(state, Client.ALIVE)
         goes_on = False
