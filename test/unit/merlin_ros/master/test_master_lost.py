@@ -273,24 +273,30 @@ from merlin_ros.node import on_master_lost, run_node
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.states.ros_calls import TopicState
 
+lines = threading.Lock()  # print writes a line in parts, and two threads say something
+
+def say(*words):
+    with lines:
+        print(*words, flush=True)
+
 def start():
-    on_master_lost(lambda: print("LOST", flush=True))
+    on_master_lost(lambda: say("LOST"))
     state = TopicState("count", Int32, timeout=60.0)
-    print("started", flush=True)
+    say("started")
     def run():
         sys.stdin.readline()
-        print("TIME", running_time() > 0.0, flush=True)
-        print("STATE", state.execute({}), state.reason, flush=True)
-        print("SERVERS", missing_servers(["drive"], 0.1), flush=True)
+        say("TIME", running_time() > 0.0)
+        say("STATE", state.execute({}), state.reason)
+        say("SERVERS", missing_servers(["drive"], 0.1))
         begun = time.monotonic()
         try:
             ServiceProxy("ask", Trigger, patience=100.0)()
         except ServiceError as error:
-            print("ASK", time.monotonic() - begun < 50.0, error, flush=True)
+            say("ASK", time.monotonic() - begun < 50.0, error)
         sys.stdin.readline()
         came = threading.Event()
         subscribe_by(Deadline(60.0), threading.Event(), "count", Int32, lambda _: came.set())
-        print("HEARD", came.wait(60.0), flush=True)
+        say("HEARD", came.wait(60.0))
     return run
 sys.exit(run_node("late", start))
 """
