@@ -48,6 +48,7 @@ class Robot:
         self.linked = True
         self.ahead = 0.0  # by which its clock is ahead of the hub's, s
         self.unfit = ""  # why it takes nothing
+        self.never: Set[str] = set()  # goals for which it finds no plan
         self.heard = False  # whether its watch goes on from `cursor`
         self.cursor = 0
         self.inbox: List[ev.Event] = []
@@ -301,8 +302,9 @@ class World:
                 sent_at = self.now * robot.rate
                 self.messages.append(Message(robot.index, robot.agent.life, sent_at, decision))
             elif isinstance(decision, ev.AskCost):
-                cost = None if robot.unfit else float(1 + robot.index + len(decision.behind) * 2)
-                robot.inbox.append(ev.Costed(decision.goal.id, decision.queue, cost, robot.unfit))
+                why = robot.unfit or ("no plan" if decision.goal.id in robot.never else "")
+                cost = None if why else float(1 + robot.index + len(decision.behind) * 2)
+                robot.inbox.append(ev.Costed(decision.goal.id, decision.queue, cost, why))
             elif isinstance(decision, ev.AskTime):
                 wall = self.now if robot.linked and self.hub_up and self.hub_tells_time else None
                 robot.inbox.append(ev.Timed(self.now * robot.rate, wall))

@@ -304,6 +304,23 @@ def test_a_robot_that_is_fit_again_takes_what_it_has_refused() -> None:
     assert world.succeeded == [("a", "r0")]
 
 
+def test_a_robot_that_is_fit_again_takes_what_it_refused_behind_goals_that_it_cannot_do() -> None:
+    world = model.World(1, model.RULES._replace(ask_again=5.0))
+    (robot,) = world.robots
+    most = robot.rules.most_bids
+    robot.unfit = "its battery is low"
+    for number in range(most):
+        world.send(f"a{number}", value=1.0)
+    world.send("b")
+    for _ in range(40):
+        world.act()
+    robot.unfit = ""
+    robot.never = {f"a{number}" for number in range(most)}
+    for _ in range(60):
+        world.act()
+    assert world.succeeded == [("b", "r0")]
+
+
 # --- random stories ---------------------------------------------------------------------------------
 
 

@@ -36,6 +36,8 @@ class Bidding:
         self._refusals = 0
         self._seen: Tuple[object, ...] = ()
         self._considered: List[Goal] = []
+        self._further: List[Goal] = []  # that it has refused, behind those that it considers
+        self._further_at = 0.0  # when one of them may be asked for again
         self._first = ("", 0.0)  # the first goal that it could do, and since when it is
         self._lots: Dict[str, int] = {}
         self._times = agent.rules.auction
@@ -125,6 +127,7 @@ class Bidding:
                 suited.append(goal)
                 if len(suited) >= pool:
                     break
+        self._further = [goal for goal in refused[most:] if not (wrong and goal.deadline is not None)]
         refused += [view.goals[name] for *_, name in view.unsuited[:most]]
         return suited, refused[:most]
 
@@ -181,16 +184,39 @@ class Bidding:
     def _ask(self, goals: List[Goal]) -> None:
         """Asks for one cost: of a goal that has none, or for the oldest, as much may have changed."""
         agent = self._agent
-        goal = min(goals, key=lambda each: self._costed_at.get(each.id, -1.0), default=None)
-        if goal is None or self._asked is not None:
+        if self._asked is not None:
             return
-        if goal.id in self._costs:
-            moment = self._costed_at[goal.id] + agent.rules.ask_again
-            if agent.now < moment:
-                self._moments.append(moment)
-                return
+        goal = min(goals, key=lambda each: self._costed_at.get(each.id, -1.0), default=None)
+        if goal is None or goal.id in self._costs:
+            goal = self._one_further() or goal
+        if goal is None or not self._is_old(goal):
+            return
         self._asked = goal.id
         agent.decided.append(ev.AskCost(goal, tuple(agent.possession.queue()), self._queue))
+
+    def _is_old(self, goal: Goal) -> bool:
+        """Whether the cost of a goal is missing, or was asked for so long ago that it may be another one."""
+        if goal.id not in self._costs:
+            return True
+        moment = self._costed_at[goal.id] + self._agent.rules.ask_again
+        self._moments.append(moment)
+        return self._agent.now >= moment
+
+    def _one_further(self) -> Optional[Goal]:
+        """The further refused goal that was asked for first, one in each `ask_again`; None: not now.
+
+        Else goals that no robot can ever do would keep the robot from the refused ones behind them forever.
+        """
+        if not self._further:
+            return None
+        if self._agent.now < self._further_at:
+            self._moments.append(self._further_at)
+            return None
+        goal = min(self._further, key=lambda each: self._costed_at.get(each.id, -1.0))
+        if not self._is_old(goal):
+            return None
+        self._further_at = self._agent.now + self._agent.rules.ask_again
+        return goal
 
     def _useful(self, goal: Goal, bid: Bid) -> bool:
         """Whether a bid is written: in a crowd not all bid, and not at once."""
