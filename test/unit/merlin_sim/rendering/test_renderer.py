@@ -1,6 +1,7 @@
 """Pictures from the process that makes them: those of this process, whatever has become of that one."""
 
 import dataclasses
+import errno
 import os
 import signal
 import socket
@@ -161,6 +162,38 @@ def test_a_renderer_that_cannot_be_loaded_is_named(renderer, simulate, tmp_path,
     shot = simulation.shot(simulation.robots["ann"])
     with pytest.raises(PictureError, match="cannot start: No module named 'panda3d.core'"):
         renderer.take(shot).result(LONG)
+
+
+def open_descriptors():
+    return len(os.listdir("/proc/self/fd"))
+
+
+@pytest.mark.parametrize("fails", ["socket.socketpair", "os.memfd_create", "subprocess.Popen"])
+def test_without_descriptors_pictures_fail_with_a_reason_until_there_are_some(
+    renderer, simulate, monkeypatch, fails
+):
+    simulation = simulate()
+    before = open_descriptors()
+
+    def none_left(*_, **__):
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    with monkeypatch.context() as context:
+        context.setattr(f"merlin_sim.rendering.picture_worker.{fails}", none_left)
+        for _ in range(2):
+            with pytest.raises(PictureError, match="cannot be started: .*Too many open files"):
+                renderer.take(simulation.shot(simulation.robots["ann"])).result(LONG)
+        assert open_descriptors() == before
+    assert renderer.take(simulation.shot(simulation.robots["ann"])).result(LONG).any()
+
+
+def test_an_unforeseen_error_fails_one_picture_and_not_all_that_follow(renderer, simulate, monkeypatch):
+    simulation = simulate()
+    with monkeypatch.context() as context:
+        context.setattr("merlin_sim.rendering.picture_worker.mmap.mmap", lambda *_, **__: 1 / 0)
+        with pytest.raises(PictureError, match="ZeroDivisionError"):
+            renderer.take(simulation.shot(simulation.robots["ann"])).result(LONG)
+    assert renderer.take(simulation.shot(simulation.robots["ann"])).result(LONG).any()
 
 
 def test_when_it_closes_pictures_that_wait_fail_and_the_process_ends(simulate):

@@ -38,20 +38,22 @@ class PictureWorker:
     """
 
     def __init__(self) -> None:
-        self._channel, theirs = socket.socketpair()
-        self._memory = os.memfd_create("pictures")
         # The modules of this process, wherever they come from.
         program = f"import sys; sys.path[:] = {sys.path!r}; from {_MODULE} import main; main()"
-        descriptors = (theirs.fileno(), self._memory)
-        command = [sys.executable, "-c", program, NAME, *map(str, (*descriptors, os.getpid()))]
         try:
-            with theirs:
-                self._process = subprocess.Popen(
-                    command, pass_fds=descriptors, stdin=subprocess.DEVNULL, start_new_session=True
-                )
+            with contextlib.ExitStack() as given_back:
+                self._channel, theirs = socket.socketpair()
+                given_back.callback(self._channel.close)
+                with theirs:
+                    self._memory = os.memfd_create("pictures")
+                    given_back.callback(os.close, self._memory)
+                    descriptors = (theirs.fileno(), self._memory)
+                    command = [sys.executable, "-c", program, NAME, *map(str, (*descriptors, os.getpid()))]
+                    self._process = subprocess.Popen(
+                        command, pass_fds=descriptors, stdin=subprocess.DEVNULL, start_new_session=True
+                    )
+                given_back.pop_all()  # it has begun: they are needed
         except OSError as error:
-            self._channel.close()
-            os.close(self._memory)
             raise WorkerLost(f"the process that makes pictures cannot be started: {error}") from error
         self._scene, self._known = -1, 0  # the scene that it has, and how many of its bodies
         self._ready = False

@@ -77,6 +77,11 @@ class Renderer:
                 future.set_result(self._expose(shot))
             except PictureError as error:
                 future.set_exception(error)
+            except Exception as error:  # without this thread no picture would end, and simulated time waits
+                future.set_exception(
+                    PictureError(f"the picture cannot be made: {type(error).__name__}: {error}")
+                )
+                self._drop()
         self._drop()
         while self._shots:  # no further one comes
             self._shots.popleft()[1].set_exception(PictureError("the simulator ends"))
