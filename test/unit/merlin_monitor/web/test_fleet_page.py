@@ -229,6 +229,8 @@ def test_nothing_is_done_for_others(lab: Lab) -> None:
         ("send", {"goal": 7}, "goal is a text"),
         ("send", {"goal": "(done a)", "deadline": -1}, "must lie in the future"),
         ("send", {"goal": "(done a)", "value": "high"}, "value is a number"),
+        ("send", {"goal": "(done a)", "value": 10**400}, "value is a number"),
+        ("send", {"goal": "(done a)", "deadline": 10**400}, "deadline is a number"),
         ("send", {"goal": "(done a)", "robot": "a/b"}, "is not a word of letters"),
         ("send", {"goal": "(done a)", "needs": "a" * 201}, "at most 200 characters"),
         ("cancel", {"request": "nothing"}, "there is no goal 'nothing'"),

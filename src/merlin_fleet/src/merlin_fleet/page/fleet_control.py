@@ -85,6 +85,9 @@ def _number(fields: Dict[str, Any], name: str) -> Optional[float]:
     value = fields.get(name)
     if value is None:
         return None
-    if not isinstance(value, (int, float)) or isinstance(value, bool) or not math.isfinite(value):
-        raise ControlError(f"{name} is a number.")
-    return float(value)
+    try:
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value):
+            return float(value)
+    except OverflowError:  # JSON knows whole numbers of any length
+        pass
+    raise ControlError(f"{name} is a number.")
