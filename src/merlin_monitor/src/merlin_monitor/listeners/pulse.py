@@ -51,7 +51,10 @@ class Pulse:
 
     def _work(self) -> None:
         while not self._stopped.wait(1.0 / SAMPLES):
-            self.beat()
+            try:
+                self.beat()
+            except Exception as error:  # a panel's mistake: without this thread the page is grey forever
+                rospy.logwarn_throttle(30.0, f"monitor: {type(error).__name__}: {error}")
 
     def beat(self) -> None:
         """Samples, and checks when it is time for that."""

@@ -1,6 +1,7 @@
 """The panel of the map: robots on it, their paths, points of interest and people."""
 
 import math
+import re
 from typing import Any, Dict, List, Optional, Set, Tuple
 
 import numpy
@@ -30,6 +31,10 @@ POINTS = "world/points_of_interest"
 MOVED = 0.02  # m or rad that the robot must move to be drawn anew
 SCAN_SHOWN = 0.5  # s of wall time between two scans that are shown
 OLD_POSITION = 2.0  # s of ROS time after which a position counts as old
+#: No transform: none was received, or the name, which comes with messages, is one that no frame can have.
+NO_TRANSFORM = (tf2_ros.TransformException, ValueError)
+#: Robots of one plan that can have topics: any node can name others.
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 
 
 class MapPanel(Panel):
@@ -69,8 +74,13 @@ class MapPanel(Panel):
 
     def look(self, topics: Dict[str, str]) -> None:
         """Notices people, points of interest and the robots of one plan."""
-        for robot in self._others() - self._followed.keys():
+        others = self._others()
+        for robot in others - self._followed.keys():
             self._followed[robot] = self._follow(robot)
+        for robot in self._followed.keys() - others:
+            for subscriber in self._followed.pop(robot):
+                subscriber.unregister()
+            self.state.inbox.put(self.state.map.forget, robot)
         for topic in self._people_topics:
             kind = topics.get(topic, "")
             message_class = roslib.message.get_message_class(kind) if kind in PEOPLE else None
@@ -116,7 +126,8 @@ class MapPanel(Panel):
             self.state.inbox.put(self.state.map.robots, poses)
 
     def _others(self) -> Set[str]:
-        return set(self.state.tree.get("robots", "robots") or {}) - {self._robot}
+        names = self.state.tree.keys("robots", "robots")
+        return {name for name in names if name != self._robot and _NAME.fullmatch(name)}
 
     def _follow(self, robot: str) -> List[Any]:
         """Subscribes to where a robot of one plan is going."""
@@ -151,7 +162,7 @@ class MapPanel(Panel):
         self._scan, self._scan_shown = None, wall
         try:
             stamped = self._transform(self._frames[0], scan.header.frame_id)
-        except tf2_ros.TransformException:
+        except NO_TRANSFORM:
             return
         found = stamped.transform
         points = scan_points(scan, found.translation.x, found.translation.y, _yaw(found.rotation))
@@ -160,7 +171,7 @@ class MapPanel(Panel):
     def _pose(self) -> Optional[Tuple[float, float, float]]:
         try:
             stamped = self._transform(*self._frames)
-        except tf2_ros.TransformException:
+        except NO_TRANSFORM:
             return None
         # Zero when all transforms on the way are static.
         self._located_at = stamped.header.stamp.to_sec()
@@ -169,7 +180,7 @@ class MapPanel(Panel):
     def _pose_of(self, frame: str) -> Optional[Tuple[float, float, float]]:
         try:
             return _pose_in(self._transform(self._frames[0], frame))
-        except tf2_ros.TransformException:
+        except NO_TRANSFORM:
             return None
 
     def _take_points(self, points: Any) -> None:

@@ -147,6 +147,12 @@ class MapSection:
             self._tracks[robot] = RobotTrack(self._tree, SECTION, "ways", robot)
         return self._tracks[robot]
 
+    def forget(self, robot: str) -> None:
+        """A robot of a plan is no longer one."""
+        self._tracks.pop(robot, None)
+        self._tree.remove(SECTION, "ways", robot)
+        self._tree.remove(SECTION, "robots", robot)
+
     def points(self, parameter: Any) -> List[str]:
         """Takes ``world/points_of_interest``: name → x, y, yaw. Returns the names."""
         points = read_points(parameter)

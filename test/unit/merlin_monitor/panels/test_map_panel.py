@@ -1,0 +1,138 @@
+"""The panel of the map: names of robots and frames come with messages, and may be anything."""
+
+import threading
+from typing import Any, Callable, Dict, Iterator, List, Tuple
+
+import genpy
+import pytest
+import rospy
+import tf2_ros
+from sensor_msgs.msg import LaserScan
+
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.pulse import Pulse
+from merlin_monitor.listeners.ros_system import RosSystem
+from merlin_monitor.panels.map import MapPanel
+from merlin_monitor.state.inbox import Inbox
+from merlin_monitor.state.monitor_model import MonitorModel
+
+LIMIT = 60.0  # s
+#: As of a message with a zero byte, and of one that is not UTF-8.
+STRANGE = ("a\0b", "\udc80", "a b", "", "x" * 10_000)
+
+
+class Subscriber:
+    """A subscriber that a test calls."""
+
+    def __init__(self, topic: str, receive: Callable[[Any], object], all_of: List["Subscriber"]) -> None:
+        self.topic, self.receive, self._all = topic, receive, all_of
+
+    def unregister(self) -> None:
+        self._all.remove(self)
+
+
+class System(RosSystem):
+    """What panels ask, without ROS; transforms are those of tf2."""
+
+    namespace = "/"
+
+    def __init__(self) -> None:
+        self.subscribers: List[Subscriber] = []
+        self.buffer = tf2_ros.BufferCore(genpy.Duration(5))
+
+    def parameter(self, name: str, default: Any = None) -> Any:
+        return default
+
+    def resolve(self, name: str) -> str:
+        return f"/{name}"
+
+    def time(self) -> float:
+        return 1.0
+
+    def subscribe(self, topic: str, *arguments: Any, **_: Any) -> Subscriber:
+        self.subscribers.append(Subscriber(topic, arguments[-1], self.subscribers))
+        return self.subscribers[-1]
+
+    def transforms(self) -> Callable[[str, str], Any]:
+        return lambda target, source: self.buffer.lookup_transform_core(target, source, genpy.Time(0))
+
+    def of(self, robot: str) -> List[Subscriber]:
+        return [each for each in self.subscribers if each.topic.startswith(f"/{robot}/")]
+
+
+@pytest.fixture
+def panel() -> Iterator[Tuple[MapPanel, System]]:
+    system = System()
+    inbox = Inbox()
+    state = MonitorModel(inbox)
+    inbox.start()
+    yield MapPanel(state, GraphWatch(lambda topics: None, system)), system
+    inbox.stop()
+
+
+def name_robots(panel: MapPanel, *names: str) -> None:
+    robots: Dict[str, Any] = {name: {"away": "", "does": []} for name in names}
+    panel.state.tree.set("robots", "robots", robots)
+
+
+def done(panel: MapPanel) -> None:
+    """Waits until the model has taken what it was given."""
+    taken = threading.Event()
+    panel.state.inbox.put(taken.set)
+    assert taken.wait(LIMIT)
+
+
+def test_strange_names_of_robots_and_frames_are_not_looked_up(panel: Tuple[MapPanel, System]) -> None:
+    made, system = panel
+    name_robots(made, "ann", *STRANGE)
+    scanned = next(each for each in system.subscribers if each.topic == "scan")
+    for name in STRANGE:
+        scan = LaserScan(ranges=[1.0], range_max=2.0)
+        scan.header.frame_id = name
+        scanned.receive(scan)
+        made._scan_shown = 0.0  # each is one that is shown
+        made.look({})
+        made.sample()
+    assert len(system.of("ann")) == 5
+    assert all(each.topic.isascii() and each.topic.isprintable() for each in system.subscribers)
+
+
+def test_a_robot_that_is_forgotten_is_no_longer_followed_or_shown(panel: Tuple[MapPanel, System]) -> None:
+    made, system = panel
+    name_robots(made, "ann", "bob")
+    made.look({})
+    for robot in ("ann", "bob"):
+        made.state.map.track(robot).path([(0.0, 0.0), (1.0, 0.0)])
+    made.state.tree.remove("robots", "robots", "ann")
+    made.look({})
+    done(made)
+    assert (len(system.of("ann")), len(system.of("bob"))) == (0, 5)
+    assert made.state.tree.keys("map", "ways") == ["bob"]
+    name_robots(made, "ann", "bob")
+    made.look({})
+    assert len(system.of("ann")) == 5
+
+
+def test_a_panel_that_fails_does_not_end_the_pulse(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: List[str] = []
+    monkeypatch.setattr(rospy, "logwarn_throttle", lambda period, text: said.append(text))
+    again = threading.Event()
+
+    class Failing(Panel):
+        def __init__(self) -> None:
+            self.times = 0
+
+        def sample(self) -> None:
+            self.times += 1
+            if self.times == 1:
+                raise ValueError("strange")
+            again.set()
+
+    pulse = Pulse(MonitorModel(Inbox()), [Failing()], dict, System())
+    pulse.start()
+    try:
+        assert again.wait(LIMIT)
+        assert said == ["monitor: ValueError: strange"]
+    finally:
+        pulse.stop()
