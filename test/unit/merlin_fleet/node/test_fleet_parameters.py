@@ -1,6 +1,6 @@
 """The parameters of a robot's node, and its battery."""
 
-from typing import Any, Dict
+from typing import Any, Dict, Tuple
 
 import pytest
 import rospy
@@ -37,6 +37,20 @@ def test_names_are_a_list_or_a_text(given: Dict[str, Any]) -> None:
     assert read.endpoints == ("127.0.0.1:1", "127.0.0.1:2")
     assert (read.facts, read.fact_limit) == ({"door_open": "ann", "delivered": "bob"}, 60.0)
     assert read.planner_command == "popf DOMAIN PROBLEM"
+
+
+@pytest.mark.parametrize(
+    ("text", "endpoints"),
+    [
+        ("[::1]:2379", ("[::1]:2379",)),
+        ("hub.lab:1, [::1]:2", ("hub.lab:1", "[::1]:2")),
+        ("[hub.lab:1, [::1]:2]", ("hub.lab:1", "[::1]:2")),
+        ("[ ]", ("127.0.0.1:2379",)),
+    ],
+)
+def test_an_address_keeps_its_brackets(given: Dict[str, Any], text: str, endpoints: Tuple[str, ...]) -> None:
+    given["~hub"] = text
+    assert read_parameters().endpoints == endpoints
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import json
 import re
+import threading
 from typing import Any, Callable, Dict, Iterator, List, Set, Tuple
 from xml.etree import ElementTree
 
@@ -165,6 +166,17 @@ def test_it_follows_the_hub_that_the_robot_was_told(served: Served, monkeypatch:
         assert tree.get("fleet", "missing_since") is None
     finally:
         etcd.close()
+
+
+@pytest.mark.usefixtures("closed")
+@pytest.mark.parametrize("hub", [2379, [2379], "hub"])
+def test_a_hub_that_is_not_one_is_named(served: Served, monkeypatch: pytest.MonkeyPatch, hub: Any) -> None:
+    monkeypatch.setattr(fleet_panel, "bounded_master", lambda: Master({"fleet": "lab", "hub": hub}))
+    FleetPanel(served.state, GraphWatch(lambda topics: None)).look({})
+    taken = threading.Event()
+    served.state.inbox.put(taken.set)
+    assert taken.wait(LIMIT)
+    assert "is not the address of a hub" in served.state.tree.get("fleet", "missing")
 
 
 @pytest.fixture(scope="module")

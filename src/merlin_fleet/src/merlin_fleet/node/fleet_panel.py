@@ -9,6 +9,7 @@ from merlin_fleet.certified import Tls
 from merlin_fleet.fleet_client import DEFAULT_FLEET, FleetClient, FleetError
 from merlin_fleet.fleet_shown import shown
 from merlin_fleet.hub import DEFAULT_ENDPOINT
+from merlin_fleet.node.fleet_parameters import listed
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.state.monitor_model import MonitorModel
@@ -54,8 +55,8 @@ class FleetPanel(Panel):
 def _client(parameters: Dict[str, Any], on_change: Any) -> FleetClient:
     """A client of the fleet that the robot's node names in its parameters."""
     hub = parameters.get("hub") or DEFAULT_ENDPOINT
-    endpoints = hub.split(",") if isinstance(hub, str) else hub
+    endpoints = listed(hub) or (str(hub),)
     files = Tls(*(str(parameters.get(field) or "") for field in Tls._fields))
     tls = files if all(files) else None
     fleet = str(parameters["fleet"] or DEFAULT_FLEET)
-    return FleetClient(fleet, [each.strip() for each in endpoints], tls, on_change)
+    return FleetClient(fleet, endpoints, tls, on_change)

@@ -1,7 +1,7 @@
 """The private parameters of a robot's node in a fleet, checked when they are read."""
 
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import rospkg
 import rospy
@@ -101,11 +101,22 @@ def _text(name: str, default: str) -> str:
 def _names(name: str, default: List[str]) -> Tuple[str, ...]:
     """A list, or a text with commas, as an argument of a launch file is one."""
     value = rospy.get_param(name, default)
-    if isinstance(value, str):
-        value = [part.strip() for part in value.strip("[] ").split(",")]
-    if not isinstance(value, list) or not all(isinstance(part, str) for part in value):
+    names = listed(value)
+    if names is None:
         raise ParameterError(f"parameter {name} is {value!r}, not a list of names")
-    return tuple(part for part in value if part) or tuple(default)
+    return names or tuple(default)
+
+
+def listed(value: Any) -> Optional[Tuple[str, ...]]:
+    """The names of a list, or of a text with commas; None: it is neither."""
+    if isinstance(value, str):
+        text = value.strip()
+        # Brackets around all of it: those of [::1]:2379 belong to the address.
+        inner = text[1:-1] if text.startswith("[") and text.endswith("]") else text
+        value = [part.strip() for part in inner.split(",")]
+    if not isinstance(value, list) or not all(isinstance(part, str) for part in value):
+        return None
+    return tuple(part for part in value if part)
 
 
 def _facts() -> Dict[str, str]:
