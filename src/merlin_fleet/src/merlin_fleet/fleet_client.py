@@ -1,8 +1,6 @@
 """FleetClient: sends goals to a fleet and takes them back, from any machine, without ROS."""
 
 import contextlib
-import getpass
-import socket
 import threading
 import time
 import traceback
@@ -18,7 +16,7 @@ from merlin_fleet.core.retention import Keeper, removal
 from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn, TxnResult
 from merlin_fleet.core.view import FleetGoalState, FleetView
 from merlin_fleet.etcd_messages import HubRefuses
-from merlin_fleet.fleet_request import FleetRequest, GoalNews
+from merlin_fleet.fleet_request import FleetRequest, GoalNews, own_name
 from merlin_fleet.forgetting import Leavings, leavings
 from merlin_fleet.goal_check import check_goal
 from merlin_fleet.hub import DEFAULT_ENDPOINT, EtcdHub
@@ -69,7 +67,7 @@ class FleetClient(Listener):
             self._hub = EtcdHub(self._keys.root, endpoints, tls, end=self._keys.clients_end)
         except (RecordError, HubError) as error:
             raise FleetError(str(error)) from None
-        self._sender = f"{_user()}@{socket.gethostname()}"
+        self._sender = own_name()
         self._hub.follow(self)
         self._closed = threading.Event()
         threading.Thread(target=self._pulse, name="fleet pulse", daemon=True).start()
@@ -259,10 +257,19 @@ class FleetClient(Listener):
         with self._changed:
             return self._stores
 
-    def goals(self) -> List[GoalNews]:
-        """All goals, the oldest first."""
+    def goals(self, remarked: Optional[int] = None) -> List[GoalNews]:
+        """All goals, the oldest first.
+
+        :param remarked: of so many open goals it is looked why they are open, which takes long in a large
+            fleet; None: of all.
+        """
+        found: List[GoalNews] = []
+        left = len(self._view.goals) if remarked is None else remarked
         with self._changed:
-            return [self._news(goal) for goal in sorted(self._view.goals.values(), key=lambda it: it.sent)]
+            for goal in sorted(self._view.goals.values(), key=lambda it: it.sent):
+                found.append(self._news(goal, left > 0))
+                left -= found[-1].state is FleetGoalState.OPEN
+        return found
 
     def robots(self) -> List[Tuple[records.Profile, bool]]:
         """All robots that were ever joined, and whether they are now."""
@@ -297,12 +304,12 @@ class FleetClient(Listener):
     def _named(self, sender: str) -> str:
         return f"{sender} ({self._sender})" if sender else self._sender
 
-    def _news(self, goal: Goal) -> GoalNews:
+    def _news(self, goal: Goal, remarked: bool = True) -> GoalNews:
         view, state = self._view, self._view.state(goal.id)
         claim, report = view.claims.get(goal.id), view.ends.get(goal.id)
         if state is FleetGoalState.CANCELLED:
             report = Report(goal.id, "", 0, CANCELLED, "no robot has it", 0.0)
-        if state is not FleetGoalState.OPEN:
+        if state is not FleetGoalState.OPEN or not remarked:
             return GoalNews(goal, state, claim.robot if claim else "", {}, report)
         return GoalNews(goal, state, "", remarks(view, goal), report, hopeless(view, goal))
 
@@ -391,10 +398,3 @@ def _call_back(callback: Callable[..., None], *arguments: Any) -> None:
         callback(*arguments)
     except Exception:  # an application's mistake does not end the thread that hears of all other goals
         traceback.print_exc()
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a user without a name, as in a container
-        return "unknown"

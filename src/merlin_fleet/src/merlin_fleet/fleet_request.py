@@ -1,5 +1,7 @@
 """A goal that was sent to a fleet, as its sender sees it."""
 
+import getpass
+import socket
 from typing import TYPE_CHECKING, Dict, NamedTuple, Optional
 
 from merlin_fleet.core.records import Goal, Report
@@ -85,3 +87,12 @@ class FleetRequest:
         :return: whether it has ended.
         """
         return self._client.wait(lambda: self.done, timeout)
+
+
+def own_name() -> str:
+    """The user of this process and the machine: what senders are named by."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):  # a user without a name, as in a container
+        user = "unknown"
+    return f"{user}@{socket.gethostname()}"

@@ -15,7 +15,7 @@ def shown(client: FleetClient, most: int = MOST) -> Dict[str, Any]:
     :param most: goals that are listed.
     """
     missing, heard = client.missing, client.heard
-    goals = client.goals()
+    goals = client.goals(most)
     going = [news for news in goals if news.report is None]
     over = sorted((news for news in goals if news.report is not None), key=_ended, reverse=True)
     owned: Dict[str, List[str]] = {}

@@ -75,7 +75,7 @@ class Client:
     heard = 0.0
 
     def __init__(self, goals: List[GoalNews], robots: List[Tuple[Profile, bool]]) -> None:
-        self.goals = lambda: goals
+        self.goals = lambda remarked=None: goals
         self.robots = lambda: robots
 
 

@@ -20,6 +20,7 @@ from merlin_fleet.core import records
 from merlin_fleet.core.records import Claim, Goal, Keys, Profile, Report
 from merlin_fleet.core.store import Put, Txn, TxnResult
 from merlin_fleet.fleet_client import FleetClient
+from merlin_fleet.fleet_shown import shown
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
 from merlin_fleet.page.fleet_control import FleetControl
@@ -179,6 +180,22 @@ def test_what_is_shown_without_the_hub_is_grey_since_it_was_heard_of(lab: Lab) -
     lab.client.on_resumed()
     lab.until(lambda silent: silent is None, "fleet", "silent")
     assert lab.page.tree.get("fleet", "missing") == ""
+
+
+def test_only_for_listed_goals_it_is_looked_why_they_are_open(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: List[str] = []
+    monkeypatch.setattr(fleet_client, "remarks", lambda view, goal: looked.append(goal.id) or {"ann": "why"})
+    fill(lab.hub)
+    for number in range(100):
+        name = f"open{number:03}"
+        lab.hub.put(records.GOALS, name, record=Goal(name, ("(done)",), float(number)))
+    found = shown(lab.client, 20)
+    assert looked == ["open000", "g2", *(f"open{number:03}" for number in range(1, 19))]
+    assert found["counts"] == {"joined": 1, "robots": 2, "owned": 1, "open": 101}
+    assert all(goal["why"] == "ann: why" for goal in found["goals"] if goal["state"] == "open")
+    assert len(found["goals"]) == 20
 
 
 def test_operators_send_and_cancel(lab: Lab) -> None:
