@@ -34,8 +34,28 @@ class Folder(NamedTuple):
         return Tls(*(str(self.path / part) for part in (f"{AUTHORITY}.pem", f"{name}.pem", f"{name}.key")))
 
     def names(self, kind: str) -> List[str]:
-        """The robots or the clients that have a certificate here."""
-        return sorted(path.name[len(kind) + 1 : -4] for path in self.path.glob(f"{kind}.*.pem"))
+        """The robots or the clients that have a certificate here, and were not removed."""
+        found = sorted(path.name[len(kind) + 1 : -4] for path in self.path.glob(f"{kind}.*.pem"))
+        return [name for name in found if not self.removal(f"{kind}.{name}").exists()]
+
+    def removal(self, name: str) -> Path:
+        """The file that says that a robot or client was removed."""
+        return self.path / f"{name}.removed"
+
+    def note_removal(self, name: str) -> None:
+        """Notes that a certificate has no rights any more, and is not to get them again.
+
+        :raises CertificateError: for the name of neither a robot nor a client, or a folder that cannot be
+            written.
+        """
+        kind, _, whose = name.partition(".")
+        if kind not in (ROBOT, CLIENT):
+            raise CertificateError(f"'{name}' is not {ROBOT}.NAME or {CLIENT}.NAME")
+        user(kind, whose)
+        try:
+            self.removal(name).touch()
+        except OSError as error:
+            raise CertificateError(str(error)) from None
 
 
 def user(kind: str, name: str) -> str:
@@ -73,6 +93,12 @@ def make_certificates(
         missing = [name for name in wanted if not (folder / f"{name}.pem").exists()]
         if AUTHORITY in missing and len(list(folder.glob("*.pem"))):
             raise CertificateError(f"{folder} has certificates and no {AUTHORITY}.pem; use another folder")
+        for name in missing:
+            if Folder(folder).removal(name).exists():
+                raise CertificateError(
+                    f"{name} was removed: with a further certificate of this name that one has its rights "
+                    f"again; use another name, or delete {Folder(folder).removal(name)}"
+                )
         for name in missing:
             _make(folder, name, wanted[name], days)
     except OSError as error:

@@ -74,10 +74,13 @@ def _allow(given: argparse.Namespace) -> None:
     with _roles(given) as roles:
         for name in roles.set(folder.names(ROBOT), folder.names(CLIENT)):
             print(f"{name} has its rights in the fleet '{given.fleet}'")
+    for path in sorted(given.folder.glob("*.removed")):
+        print(f"{path.stem} was removed and gets none; to give them again, delete {path}")
 
 
 def _remove(given: argparse.Namespace) -> None:
     with _roles(given) as roles:
+        Folder(given.folder).note_removal(given.name)  # first: the next `allow` would give the rights again
         roles.remove(given.name)
     print(f"{given.name} no longer has rights")
 
