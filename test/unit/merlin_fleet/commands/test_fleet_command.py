@@ -141,6 +141,18 @@ class LateNews:
         return self._client.news(goal) if known else None
 
 
+def test_records_that_are_strange_are_listed(lab: Lab, capsys: pytest.CaptureFixture) -> None:
+    keys = Keys(lab.fleet)
+    robot, goal = Profile("r7", heard=1e308), Goal("g7", ("(done\n\x1b[2Ja)",), 0.0)
+    puts = (Put(keys.key("robots", "r7"), encode(robot)), Put(keys.key("goals", "g7"), encode(goal)))
+    lab.client._hub.transact(Txn((), puts))
+    assert lab.run("list") == 0
+    listed = (
+        "g7  open, no robot is joined  (done  [2Ja)\nrobot r7  not joined, last seen at 1e+308 s since 1970\n"
+    )
+    assert capsys.readouterr().out == listed
+
+
 def test_what_times_out_is_cancelled_at_its_robot(lab: Lab) -> None:
     lab.robot("r1")
     request = lab.client.send("(hold)")

@@ -4,14 +4,14 @@ import argparse
 import math
 import os
 import sys
-import time
 from pathlib import Path
 from typing import List, Optional
 
 from merlin_fleet.certified import Tls
 from merlin_fleet.commands import forget_command, keep_command
 from merlin_fleet.core.auction import unsuited
-from merlin_fleet.core.records import Goal, Profile, Report
+from merlin_fleet.core.clock import moment
+from merlin_fleet.core.records import Goal, Report
 from merlin_fleet.fleet_client import ACHIEVED, DEFAULT_FLEET, OVER, FleetClient, FleetError
 from merlin_fleet.fleet_request import FleetRequest, GoalNews
 from merlin_fleet.hub import DEFAULT_ENDPOINT
@@ -178,11 +178,18 @@ def _send(client: FleetClient, given: argparse.Namespace) -> int:
     return follow(client, request) if given.follow else 0
 
 
+def _print(text: str) -> None:
+    """Prints what others have written: it is one line, and cannot move the cursor."""
+    print("".join(sign if sign.isprintable() else " " for sign in text), flush=True)
+
+
 def _list(client: FleetClient, _: argparse.Namespace) -> int:
     for news in client.goals():
-        print(f"{news.goal.id}  {words(news)}  {' '.join(news.goal.goals)}")
+        _print(f"{news.goal.id}  {words(news)}  {' '.join(news.goal.goals)}")
     for robot, joined in client.robots():
-        print(f"robot {robot.name}  {'joined' if joined else f'not joined, last seen at {_moment(robot)}'}")
+        _print(
+            f"robot {robot.name}  {'joined' if joined else f'not joined, last seen at {moment(robot.heard)}'}"
+        )
     return 0
 
 
@@ -190,15 +197,13 @@ def _facts(client: FleetClient, _: argparse.Namespace) -> int:
     robots = {robot.name: robot for robot, _ in client.robots()}
     for known, current in client.facts():
         robot = robots.get(known.robot)
-        old = f"old: last seen at {_moment(robot)}" if robot else "old"
-        print(f"{known.predicate} of {known.robot}, version {known.version}  {'current' if current else old}")
+        old = f"old: last seen at {moment(robot.heard)}" if robot else "old"
+        _print(
+            f"{known.predicate} of {known.robot}, version {known.version}  {'current' if current else old}"
+        )
         for arguments in known.facts:
-            print(f"  ({' '.join([known.predicate, *arguments.split()])})")
+            _print(f"  ({' '.join([known.predicate, *arguments.split()])})")
     return 0
-
-
-def _moment(robot: Profile) -> str:
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(robot.heard))
 
 
 def _cancel(client: FleetClient, given: argparse.Namespace) -> int:
@@ -231,7 +236,7 @@ def follow(client: FleetClient, request: FleetRequest) -> int:
     while True:
         client.wait(changed)
         said = text()
-        print(said, flush=True)
+        _print(said)
         if request.result is not None:
             return 0 if request.result.outcome in ACHIEVED else EXIT_NOT_ACHIEVED
 

@@ -2,9 +2,9 @@
 
 import argparse
 import sys
-import time
 from typing import Iterable
 
+from merlin_fleet.core.clock import moment
 from merlin_fleet.fleet_client import FleetClient, FleetError
 from merlin_fleet.forgetting import Leavings
 
@@ -51,7 +51,7 @@ def forget(client: FleetClient, given: argparse.Namespace) -> int:
 
 
 def _removed(left: Leavings) -> Iterable[str]:
-    heard = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(left.heard)) if left.heard else "not known when"
+    heard = moment(left.heard) if left.heard else "not known when"
     yield f"{left.robot} is forgotten (last seen: {heard})"
     opened = [goal for goal in left.owned if goal not in left.cancelled]
     if opened:

@@ -1,5 +1,6 @@
 """The robot's clock against the hub's: a robot whose clock is wrong leaves deadlines alone."""
 
+import time
 from typing import TYPE_CHECKING, Optional
 
 from merlin_fleet.core import events as ev
@@ -20,6 +21,17 @@ def difference(off: float) -> str:
     :param off: s; more than 0: it is ahead.
     """
     return f"{abs(off):.0f} s {'ahead of' if off > 0 else 'behind'} the hub's"
+
+
+def moment(at: float) -> str:
+    """A moment that a record names, by the local clock.
+
+    :param at: s since 1970; any number, as records come from other machines.
+    """
+    try:
+        return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(at))
+    except (OverflowError, ValueError, OSError):
+        return f"{at:g} s since 1970"
 
 
 class ClockCheck:
