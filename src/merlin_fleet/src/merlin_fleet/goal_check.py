@@ -7,6 +7,8 @@ from merlin_fleet.core import records
 from merlin_fleet.core.records import Goal
 from merlin_pddl.text_reader import PddlError, read_expression
 
+#: Characters of a record: the hub sends 500 at once, which have to fit into a message (`hub.LARGEST`).
+LONGEST_RECORD = 100_000
 DOMAIN = re.compile(r"[^\s@]+(@[0-9a-f]+)?\Z")
 
 
@@ -24,7 +26,12 @@ def check_goal(goal: Goal) -> None:
                 raise ValueError(f"'{text}' is an empty goal")
     except PddlError as error:
         raise ValueError(str(error)) from None
-    records.decode(Goal, records.encode(goal))
+    record = records.encode(goal)
+    if len(record) > LONGEST_RECORD:
+        raise ValueError(
+            f"the goal has {len(record)} characters as the hub keeps it; it may have {LONGEST_RECORD}"
+        )
+    records.decode(Goal, record)
     if goal.robot:
         records.checked_name(goal.robot, "the robot")
     for group in goal.groups:
