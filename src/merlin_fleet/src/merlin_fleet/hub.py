@@ -175,7 +175,8 @@ class EtcdHub:
             if error.code() in (grpc.StatusCode.DEADLINE_EXCEEDED, grpc.StatusCode.UNAVAILABLE):
                 self._drop(channel, str(failure))
             raise failure from None
-        except (ValueError, StopIteration) as error:  # the channel was closed meanwhile; an empty stream
+        # The channel was closed meanwhile; an empty stream; grpc gets no thread for a stream.
+        except (ValueError, StopIteration, RuntimeError) as error:
             raise HubError(f"the connection to etcd has ended ({error})") from None
 
     def _open(self) -> grpc.Channel:
