@@ -240,6 +240,9 @@ class ActionStates(unittest.TestCase):
             self.assertFalse(connection.ready(), topic.name)
             topic.impl.connections = [Link("/server")]
             old.close()
+            # A new link for results counts when a status came after it, as the first one does.
+            self.assertEqual(connection.ready(), topic is not connection._result_subscriber, topic.name)
+            connection._receive_status(STATUS)
             self.assertTrue(connection.ready(), topic.name)
 
     def test_b3_state_whose_result_callback_failed_runs_in_another_thread(self):

@@ -64,7 +64,7 @@ class ActionConnection:
         self._goals: Dict[str, SentGoal] = {}
         self._status_at: Optional[Tuple[float, float]] = None  # wall, ROS
         self._server = ""
-        self._proved = ""  # the server whose link for results was open when a status came
+        self._proved: Any = None  # the server's link for results that was open when the last status came
         self._connected_at = time.monotonic()
         listener = _Listener(self.changed)
         self._goal_publisher = rospy.Publisher(
@@ -122,9 +122,9 @@ class ActionConnection:
             (
                 _reaches(self._goal_publisher, server),
                 _reaches(self._cancel_publisher, server),
-                self._proved == server,
-                _listens_to(self._result_subscriber, server),
-                _listens_to(self._status_subscriber, server),
+                self._proved is not None,
+                self._proved is _link_from(self._result_subscriber, server),
+                _link_from(self._status_subscriber, server) is not None,
             )
         )
 
@@ -201,7 +201,7 @@ class ActionConnection:
         with self.changed:
             self._server = message._connection_header["callerid"]
             self._status_at = _now()
-            self._proved = self._server if _listens_to(self._result_subscriber, self._server) else ""
+            self._proved = _link_from(self._result_subscriber, self._server)
             lost: List[SentGoal] = []
             if self._goals:
                 known = {status.goal_id.id: status for status in message.status_list}
@@ -238,9 +238,10 @@ def _reaches(publisher: rospy.Publisher, server: str) -> bool:
     return any(link.endpoint_id == server and _is_open(link) for link in links)
 
 
-def _listens_to(subscriber: rospy.Subscriber, server: str) -> bool:
+def _link_from(subscriber: rospy.Subscriber, server: str) -> Any:
+    """The open link on which a server publishes, or None."""
     links = list(subscriber.impl.connections)
-    return any(link.callerid_pub == server and _is_open(link) for link in links)
+    return next((link for link in links if link.callerid_pub == server and _is_open(link)), None)
 
 
 def _is_open(link: Any) -> bool:
