@@ -11,6 +11,7 @@ from std_srvs.srv import SetBool
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.knowledge_fixture import LONG
 from merlin_test.topic_links import wait_for_publishers
 
@@ -56,6 +57,7 @@ class RobotsOverROSPlan(unittest.TestCase):
         cls.available = {robot: rospy.ServiceProxy(f"{robot}/merlin/available", SetBool) for robot in ROBOTS}
         for robot in ROBOTS:
             cls.available[robot].wait_for_service(LONG)
+        wait_for_interfaces("drive")  # what is sent before it listens is latched, and never carried out
 
     def setUp(self):
         for robot in ROBOTS:

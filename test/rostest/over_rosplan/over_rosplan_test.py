@@ -10,6 +10,7 @@ from geometry_msgs.msg import Twist
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.knowledge_fixture import LONG, Received
 
 
@@ -19,6 +20,8 @@ class OverROSPlan(unittest.TestCase):
         cls.client = MerlinExecutorClient()
         cls.knowledge = MerlinROSPlanAssistant()
         assert cls.client.wait_for_executor(LONG)
+        # What this dispatcher sends before they listen, it latches, and waits for its end for ever.
+        wait_for_interfaces("navigate", "ask")
 
     def setUp(self):
         for poi in ("kitchen", "bathroom", "dorm_room"):
