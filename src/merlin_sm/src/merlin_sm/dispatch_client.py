@@ -333,7 +333,8 @@ class DispatchClient:
                 # The last status may arrive a moment after the answer of the service.
                 Deadline(STATUS_GRACE).wait(self._changed, lambda: self._kind.at_rest)
             if not reply.achieved:
-                Deadline(ANSWER_GRACE).wait(self._changed, lambda: not self._progress.unanswered)
+                missing = self._progress.answers_missing
+                Deadline(ANSWER_GRACE).wait(self._changed, lambda: not missing(self._kind.failed_action))
             return self._kind.result(self._progress, reply)
 
     # --- what is heard --------------------------------------------------------------------------------

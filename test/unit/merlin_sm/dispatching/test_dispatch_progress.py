@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from merlin_sm.dispatching.progress import (
+    EARLY,
     PART,
     Action,
     DispatchAnswer,
@@ -52,6 +53,49 @@ def test_answers_of_other_plans_and_unknown_actions_are_ignored() -> None:
     assert progress.answered(1, 0, DispatchAnswer.SUCCEEDED, {})
     assert not progress.answered(1, 7, DispatchAnswer.FAILED, {})
     assert progress.failed == ""
+
+
+def test_answers_that_overtake_their_action_count_when_it_comes() -> None:
+    progress = DispatchProgress()
+    progress.answered(1, 7, DispatchAnswer.TAKEN, {})
+    progress.answered(1, 7, DispatchAnswer.FAILED, {"reason": "the way is blocked", "final": "yes"})
+    assert progress.failed == ""
+    progress.dispatched(NAVIGATE)
+    assert (progress.failed, progress.running) == ("(navigate hall kitchen)", {})
+    assert progress.result(Reply(), "(navigate hall kitchen)").in_vain == "(navigate hall kitchen)"
+    progress.dispatched(NAVIGATE)  # answers count once
+    assert progress.running == {1: NAVIGATE}
+
+
+def test_an_end_without_a_begin_is_that_of_an_action_of_before() -> None:
+    progress = DispatchProgress()
+    progress.answered(1, 0, DispatchAnswer.FAILED, {"reason": "the way is blocked"})
+    progress.dispatched(NAVIGATE)
+    assert (progress.failed, progress.running) == ("", {1: NAVIGATE})
+    progress = DispatchProgress()
+    for answer in (DispatchAnswer.TAKEN, DispatchAnswer.FAILED):
+        progress.answered(1, 6, answer, {})
+    progress.dispatched(NAVIGATE)
+    assert (progress.failed, progress.running, progress.unanswered) == ("", {1: NAVIGATE}, [])
+
+
+def test_early_answers_are_kept_in_a_limited_number() -> None:
+    progress = DispatchProgress()
+    for number in range(1, EARLY + 2):
+        progress.answered(number, 7, DispatchAnswer.TAKEN, {})
+    progress.dispatched(NAVIGATE)
+    progress.dispatched(WAVE)
+    assert progress.unanswered == ["(wave)"]
+
+
+def test_an_answer_is_missing_of_what_was_taken_and_of_what_the_dispatcher_says_has_failed() -> None:
+    progress = book(NAVIGATE, WAVE, taken=False)
+    assert not progress.answers_missing("") and not progress.answers_missing("(sing)")
+    assert progress.answers_missing("(Navigate hall kitchen)")
+    progress.answered(1, 7, DispatchAnswer.FAILED, {})
+    assert not progress.answers_missing("(Navigate hall kitchen)")
+    progress.answered(2, 7, DispatchAnswer.TAKEN, {})
+    assert progress.answers_missing("")
 
 
 def test_a_failure_names_its_action_and_reason() -> None:
@@ -177,19 +221,31 @@ def test_whatever_is_heard_a_dispatch_that_was_cancelled_hides_nothing(events: L
     progress = DispatchProgress()
     open_actions, stuck = set(), set()
     taken = set()
+    early = {}  # answers that overtook their action, from the one that took it on
     for number, event, information in events:
         action = Action(number, 1, f"a{number}", ())
         if event == "dispatch":
             progress.dispatched(action)
-            open_actions.add(number)
             taken.discard(number)
+            answers = early.pop(number, [])
+            taken |= {number} if len(answers) == 1 else set()
+            if len(answers) < 2:
+                open_actions.add(number)
+            else:
+                open_actions.discard(number)
+                stuck |= {number} if answers[1] == (DispatchAnswer.FAILED, STUCK) else set()
         elif event == "stop":
             progress.stop()
         else:
             progress.answered(number, 1, event, information)
-            if number in open_actions and event is DispatchAnswer.TAKEN:
+            if number not in open_actions:
+                if event is DispatchAnswer.TAKEN:
+                    early[number] = [(event, information)]
+                elif len(early.get(number, [])) == 1:
+                    early[number].append((event, information))
+            elif event is DispatchAnswer.TAKEN:
                 taken.add(number)
-            elif number in open_actions:
+            else:
                 open_actions.discard(number)
                 if event is DispatchAnswer.FAILED and information:
                     stuck.add(number)

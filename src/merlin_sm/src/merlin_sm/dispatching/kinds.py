@@ -46,6 +46,11 @@ class DispatcherKind(ABC):
 
     hold = Hold()
 
+    @property
+    def failed_action(self) -> str:
+        """The action of the present dispatch that failed, as PDDL text; empty: it names none."""
+        return ""
+
     @abstractmethod
     def begin(self) -> None:
         """A dispatch begins."""
@@ -125,6 +130,11 @@ class ReportingDispatcher(DispatcherKind):
     def busy(self) -> bool:
         """True unless the status says idle."""
         return bool(self._status.state != DispatchStatus.IDLE)
+
+    @property
+    def failed_action(self) -> str:
+        """As the last status says."""
+        return str(self._status.failed_action) if self._is_new else ""
 
     @property
     def at_rest(self) -> bool:

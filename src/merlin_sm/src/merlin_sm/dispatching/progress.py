@@ -16,6 +16,8 @@ NO = "no"
 #: text with ``*`` for any argument, or :data:`YES`: this action.
 FINAL = "final"
 YES = "yes"
+#: Actions whose early answers are kept at most; any node may answer anything.
+EARLY = 1000
 _CANCELLED = "cancelled"
 _UNANSWERED = "no answer to the cancel from "
 
@@ -80,6 +82,14 @@ class Action(NamedTuple):
         return f"({' '.join([self.name, *self.arguments])})"
 
 
+class EarlyAnswer(NamedTuple):
+    """An answer that came before the action itself, which travels over another connection."""
+
+    plan_id: int
+    answer: DispatchAnswer
+    information: Mapping[str, str]
+
+
 def ground(name: str, arguments: Sequence[str]) -> Ground:
     """A ground action; names do not depend on case."""
     return name.lower(), tuple(argument.lower() for argument in arguments)
@@ -103,6 +113,7 @@ class DispatchProgress:
         self._seen: Optional[Ground] = None
         self._stopping = False
         self._taken: Set[int] = set()
+        self._early: Dict[int, List[EarlyAnswer]] = {}  # action id -> answers, the first of them TAKEN
         self._unstopped: List[str] = []
         self._in_vain: Dict[str, str] = {}  # a failed action -> which actions cannot help
 
@@ -121,10 +132,12 @@ class DispatchProgress:
         self._stopping = True
 
     def dispatched(self, action: Action) -> None:
-        """An action was dispatched."""
+        """An action was dispatched; what has been answered to it before counts now."""
         if self._seen is None:
             self._seen = action.ground
         self.running[action.id] = action
+        for early in self._early.pop(action.id, []):
+            self.answered(action.id, *early)
 
     def answered(
         self, action_id: int, plan_id: int, answer: DispatchAnswer, information: Mapping[str, str]
@@ -136,7 +149,10 @@ class DispatchProgress:
         :return: whether that ends an action of this dispatch.
         """
         action = self.running.get(action_id)
-        if action is None or plan_id not in (0, action.plan_id):
+        if action is None:
+            self._keep(action_id, EarlyAnswer(plan_id, answer, information))
+            return False
+        if plan_id not in (0, action.plan_id):
             return False
         if answer is DispatchAnswer.TAKEN:
             self._taken.add(action_id)
@@ -157,10 +173,32 @@ class DispatchProgress:
             self.failed_by_itself = True
         return True
 
+    def _keep(self, action_id: int, early: EarlyAnswer) -> None:
+        """Keeps the answers to an action from the one that takes it on.
+
+        Others belong to an action of before: ROSPlan counts from 0 in each plan.
+        """
+        if early.answer is DispatchAnswer.TAKEN:
+            self._early.pop(action_id, None)
+            self._early[action_id] = [early]
+            if len(self._early) > EARLY:
+                del self._early[next(iter(self._early))]
+        elif len(self._early.get(action_id, [])) == 1:
+            self._early[action_id].append(early)
+
     @property
     def unanswered(self) -> List[str]:
         """Actions that an interface took and has not answered, as PDDL text."""
         return [action.text for action in self.running.values() if action.id in self._taken]
+
+    def answers_missing(self, failed: str) -> bool:
+        """Whether answers are still to come at the end of a dispatch.
+
+        :param failed: the action that failed, when the dispatcher names one: of that one, what was said may
+            be under way altogether.
+        """
+        texts = [ground_text(action.text) for action in self.running.values()]
+        return bool(self.unanswered) or (bool(failed) and ground_text(failed) in texts)
 
     def unstopped(self, cancelled: bool, reason: str = "") -> Tuple[str, ...]:
         """Actions that may still run after the end of the dispatch, as PDDL text.
