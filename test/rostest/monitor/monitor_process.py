@@ -13,6 +13,7 @@ import rosgraph
 import rospkg
 import rospy
 
+from merlin_fleet.testing.ports import free_ports
 from merlin_monitor.access.operators import write_operators
 
 LONG = 60.0
@@ -50,7 +51,7 @@ class Monitor:
     """The node under test, which can be stopped and started again on its port."""
 
     def __init__(self):
-        self.port = 0
+        (self.port,) = free_ports(1)  # nobody gets it while the monitor is stopped
         self.process = None
         self.history = Path(os.environ.get("ROS_LOG_DIR", "/tmp")) / f"monitor-{os.getpid()}.sqlite"
         self.operators = self.history.with_name(f"operators-{os.getpid()}.yaml")
@@ -74,7 +75,6 @@ class Monitor:
             assert time.monotonic() < end and self.process.poll() is None, "the monitor does not start"
             time.sleep(0.02)
         self.address = rospy.get_param("/merlin_monitor/address")
-        self.port = int(self.address.rstrip("/").rsplit(":", 1)[1])
 
     def stop(self):
         self.process.send_signal(signal.SIGINT)

@@ -29,6 +29,8 @@ class Localization(unittest.TestCase):
         ]
         self.client = ActionClient("move_base", MoveBaseAction)
         self.assertTrue(self.client.wait_for_server(LONG))
+        # A drive waits for 10 s for a simulator and a filter that begin together with this test.
+        self.wait(lambda: self.truth is not None and self.belief is not None)
 
     def receive(self, message, name):
         with self.changed:

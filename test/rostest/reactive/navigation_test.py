@@ -43,6 +43,8 @@ class Navigation(unittest.TestCase):
             rospy.Subscriber("cmd_vel", Twist, cls.receive_command, tcp_nodelay=True, queue_size=100),
         ]
         assert cls.client.wait_for_server(LONG)
+        with cls.changed:  # a drive waits for 10 s for a simulator that begins together with this test
+            assert cls.changed.wait_for(lambda: cls.truth is not None, LONG), "the simulator has started"
 
     @classmethod
     def receive_truth(cls, message):
