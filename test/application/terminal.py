@@ -1,6 +1,7 @@
 """A new shell, as a reader of the documents opens it."""
 
 import contextlib
+import fcntl
 import os
 import signal
 import subprocess
@@ -39,6 +40,15 @@ def run_in_shell(commands: str, ros_folder: Path, folder: Path) -> str:
     said = screen.read_text(encoding="utf-8", errors="replace")
     assert ended == "exit code 0", f"{ended}:\n{said[-6000:]}"
     return said
+
+
+def make_install() -> None:
+    """Fills the install space; one test after the other, since two at once would write the same files."""
+    command = ["make", "-C", str(ROOT / "build"), "install"]
+    with (ROOT / "build" / ".installing").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        made = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
+    assert made.returncode == 0, (made.stdout + made.stderr)[-3000:]
 
 
 def running(session: int) -> str:

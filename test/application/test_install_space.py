@@ -5,6 +5,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from terminal import make_install
 
 pytestmark = pytest.mark.timeout(1500)  # a machine may be slow, and test something else meanwhile
 WORKSPACE = Path(__file__).resolve().parent.parent.parent
@@ -26,14 +27,7 @@ def installed(command: str, tmp_path: Path) -> subprocess.CompletedProcess:
 
 
 def test_the_install_space_launches_and_runs(tmp_path: Path) -> None:
-    build = subprocess.run(
-        ["make", "-C", str(WORKSPACE / "build"), "install"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=500,
-    )
-    assert build.returncode == 0, build.stdout[-3000:]
+    make_install()
     nodes = installed("roslaunch --nodes merlin home.launch", tmp_path)
     assert nodes.returncode == 0, nodes.stdout
     assert {"/merlin_sim", "/merlin_executor", "/merlin_bridges", "/mission"} <= set(nodes.stdout.split())

@@ -1,11 +1,10 @@
 """What `rosrun merlin new` writes builds, runs and passes its test as it is, over devel and install."""
 
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from terminal import ROOT, run_in_shell
+from terminal import ROOT, make_install, run_in_shell
 
 pytestmark = pytest.mark.timeout(1800)  # it builds and runs more than once
 NEW = (
@@ -39,14 +38,7 @@ def test_the_new_package_is_built_and_tested_over_the_devel_space(tmp_path: Path
 
 
 def test_the_new_package_is_installed_and_tested_over_the_install_space(tmp_path: Path) -> None:
-    make = subprocess.run(
-        ["make", "-C", str(ROOT / "build"), "install"],
-        capture_output=True,
-        text=True,
-        timeout=500,
-        check=False,
-    )
-    assert make.returncode == 0, make.stderr[-3000:]
+    make_install()
     shell("install", NEW, tmp_path)
     shell("install", build("install"), tmp_path)
     overlay = ". my_robot_ws/install/setup.bash; "
