@@ -24,11 +24,13 @@ from std_srvs.srv import SetBool
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
 from merlin_executor.testing.robots_record import ANYWHERE, RobotsRecord
 from merlin_executor.testing.stress_cycles import Cycle, Violation, arguments_of, draw, places_of, twice
+from merlin_ros.actions.peers import connected_peers
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.navigation import POINTS_PARAM
 
 LIMIT = 60.0  # s for anything to happen; exceeding it is a violation
 DISPATCHER = "rosplan_plan_dispatcher"
+UNGREETED = "unknown"  # rospy's name of a publisher whose connection is being made
 
 
 class RobotsStress:
@@ -98,7 +100,7 @@ class RobotsStress:
                 )
         # A drive of which nothing is seen would contradict the knowledge.
         end = time.monotonic() + LIMIT
-        while not all(subscriber.get_num_connections() for subscriber in subscribers):
+        while not all(connected_peers(subscriber) - {UNGREETED} for subscriber in subscribers):
             if time.monotonic() > end:
                 raise Violation(f"not all topics of the robots have publishers after {LIMIT:g} s")
             time.sleep(0.01)
