@@ -26,6 +26,7 @@ from merlin_ros.actions.action_server import ActionServer
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.serial_action_server import SerialActionServer
+from merlin_test.knowledge_fixture import Received
 
 LONG = 60.0
 
@@ -122,22 +123,27 @@ class Actions(unittest.TestCase):
 
     def test_a_cancel_that_overtakes_its_goal_recalls_it(self):
         begun = []
-        server = ActionServer("overtaken", Action, begun.append, lambda goal: None)
+        server = ActionServer(
+            "overtaken",
+            Action,
+            begun.append,
+            lambda goal: None,
+            own_result=lambda status: Result(success=status.status == GoalStatus.RECALLED),
+        )
         server.start()
         self.addCleanup(server.shutdown)
         client = ActionClient("overtaken", Action)
         self.addCleanup(client.shutdown)
         self.assertTrue(client.wait_for_server(LONG))
-        received = threading.Event()
-        receive = server._receive_cancel
-        early = rospy.Subscriber("overtaken/cancel", GoalID, lambda message: received.set())
-        self.addCleanup(early.unregister)
+        results = Received("overtaken/result", type(Action().action_result))
+        self.addCleanup(results.close)
         server._receive_cancel(GoalID(id="early"))
-        self.assertIsNotNone(receive)
         goal = type(Action().action_goal)()
         goal.goal_id.id = "early"
         server._receive_goal(goal)
         self.assertEqual(begun, [])
+        # An observer reads the result alone, of which an empty one may say that all went well.
+        self.assertTrue(results.wait(lambda ended: ended.status.goal_id.id == "early").result.success)
 
     def test_a_newer_goal_preempts_the_older_at_once(self):
         stopped = []

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Dict, Iterator, List, Optional, Set
 
 import rospy
+from actionlib_msgs.msg import GoalStatus
 from merlin_msgs.msg import (
     ExecuteAction,
     ExecuteFeedback,
@@ -90,7 +91,9 @@ class Executor:
         guard = GuardClient(knowledge.name, stand_wait, brakes=cancel_deadline > 0.0)
         system = PlanningSystem(knowledge, planning, self._dispatcher, self._recovery, guard, return_wait)
         self._machine = ExecutorSM(system, self._own, self._publish_status)
-        self._server = ActionServer("merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner)
+        self._server = ActionServer(
+            "merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner, _ended_by_server
+        )
         self._engine: Engine[Request] = Engine(
             self._machine, self._publish_status, self._publish_queue, self._ended, self._log
         )
@@ -279,3 +282,10 @@ class Executor:
             return
         if texts:
             rospy.logwarn(f"removed the goals that an earlier executor left: {', '.join(texts)}")
+
+
+def _ended_by_server(status: GoalStatus) -> ExecuteResult:
+    """The result of a goal that the action server has ended itself; an empty one would say SUCCEEDED."""
+    cancelled = status.status in (GoalStatus.RECALLED, GoalStatus.PREEMPTED)
+    outcome = Outcome.CANCELLED if cancelled else Outcome.INTERNAL
+    return ExecuteResult(outcome=int(outcome), reason=status.text)

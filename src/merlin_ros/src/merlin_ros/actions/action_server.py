@@ -148,6 +148,8 @@ class ActionServer:
     :param on_owner: called when the owner of a goal falls silent (SUSPENDED), is back (HELD) or is gone
         (LOST), with the goal, the state and the reason. Unless it returns False, SUSPENDED suspends what this
         process has sent on behalf of the goal, and LOST cancels the goal. None: always so.
+    :param own_result: makes the result of a goal that this server itself ends, from its last status: one
+        whose cancel overtook it, or that runs at :meth:`shutdown`. None of it: an empty one.
     """
 
     def __init__(
@@ -157,6 +159,7 @@ class ActionServer:
         on_goal: Callable[[ServerGoal], None],
         on_cancel: Callable[[ServerGoal], None],
         on_owner: Optional[Callable[[ServerGoal, LeaseState, str], Optional[bool]]] = None,
+        own_result: Callable[[GoalStatus], Any] = lambda status: None,
     ) -> None:
         self.name = rospy.resolve_name(name)
         action = action_spec()
@@ -166,6 +169,7 @@ class ActionServer:
         self._on_goal = on_goal
         self._on_cancel = on_cancel
         self._on_owner = on_owner
+        self._own_result = own_result
         self._leases: Optional[LeaseWatch] = None
         self.lock = threading.RLock()  # guards the goals and keeps results and statuses in order
         self._goals: Dict[str, ServerGoal] = {}
@@ -240,6 +244,7 @@ class ActionServer:
         """Publishes a result, then the status list; called with the lock held."""
         message = self._result_type(status=status)
         message.header.stamp = rospy.Time.now()
+        result = self._own_result(status) if result is None else result
         if result is not None:
             message.result = result
         try:
