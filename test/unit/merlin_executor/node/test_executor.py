@@ -137,8 +137,8 @@ class Bench:
         self.callbacks: Dict[str, Callable] = {}
         self.statuses: List[Any] = []
 
-        def server(name: str, spec: type, on_goal: Callable, on_cancel: Callable, on_owner: Callable) -> Any:
-            self.callbacks = {"goal": on_goal, "cancel": on_cancel, "owner": on_owner}
+        def server(name: str, spec: type, *callbacks: Callable) -> Any:
+            self.callbacks = dict(zip(("goal", "cancel", "owner", "own result"), callbacks))
             return SimpleNamespace(start=lambda: None, shutdown=lambda: None)
 
         dispatcher = SimpleNamespace(wait_status=lambda timeout: True, running=[], steps_done=0, hold=Hold())
@@ -371,3 +371,9 @@ def test_a_client_that_is_gone_while_its_request_is_read_does_not_end_one_that_g
     assert told == [False]  # the server asks again when it has the request
     bench.machine.end(Verdict(Outcome.SUCCEEDED))
     assert goal.end()[0] == GoalStatus.SUCCEEDED
+
+
+def test_what_the_action_server_ends_itself_did_not_succeed(bench: Bench) -> None:
+    for status, outcome in ((GoalStatus.RECALLED, "CANCELLED"), (GoalStatus.ABORTED, "INTERNAL")):
+        result = bench.callbacks["own result"](GoalStatus(status=status, text="why"))
+        assert (outcome_name(result.outcome), result.reason) == (outcome, "why")
