@@ -1,4 +1,4 @@
-"""planning:=merlin|rosplan, dispatcher:= and planner_command:= of the applications' launch files."""
+"""planning:=, dispatcher:=, planner_command:= and robots:= of the applications' launch files."""
 
 import subprocess
 from pathlib import Path
@@ -95,3 +95,30 @@ def test_our_own_nodes_are_refused_with_a_sentence():
         assert done.returncode == 2 and "needs ROSPlan's own nodes" in done.stderr
     done = subprocess.run([prefix, "/bin/echo", "a node of its own"], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, "a node of its own\n")
+
+
+# --- robots:=: names between commas or blanks, with or without brackets and quotes -------------------
+
+ROBOTS = {
+    "domain_path": LAUNCH.parent / "pddl/robots/domain.pddl",
+    "problem_path": LAUNCH.parent / "pddl/robots/problem.pddl",
+    "actions": "[merlin_actions.actions.drive:Drive]",
+}
+
+
+@pytest.mark.parametrize("robots", ["ann,bob", "ann bob", " ann,  bob ", "[ann, bob]", "['ann', 'bob']"])
+@pytest.mark.parametrize(
+    "file, arguments", [("include/application.launch", ROBOTS), ("restaurant.launch", {})]
+)
+def test_each_robot_has_a_host_and_stands_in_the_world(file, arguments, robots):
+    config = load(file, **arguments, robots=robots)
+    hosts = [node.namespace for node in config.nodes if node.type == "fsm_host"]
+    assert sorted(set(hosts) - {"/"}) == ["/ann/", "/bob/"]
+    assert config.params["/ann/merlin_fsm_host/robot"].value == "ann"
+    assert config.params["/merlin_sim/robots"].value == ["ann", "bob"]
+
+
+@pytest.mark.parametrize("robots", ["", "[]", " "])
+def test_none_is_one_robot_without_a_name(robots):
+    config = load("include/application.launch", **ROBOTS, robots=robots)
+    assert {node.namespace for node in config.nodes if node.type == "fsm_host"} == {"/"}
