@@ -98,6 +98,15 @@ def test_an_answer_is_missing_of_what_was_taken_and_of_what_the_dispatcher_says_
     assert progress.answers_missing("")
 
 
+def test_after_a_cancel_the_answer_of_each_action_is_missing() -> None:
+    progress = book(NAVIGATE, taken=False)
+    progress.stop()
+    assert progress.answers_missing("")
+    progress.answered(1, 7, DispatchAnswer.FAILED, {"reason": "cancelled", "stopped": "no"})
+    assert not progress.answers_missing("")
+    assert progress.result(Reply()).unstopped == ("(navigate hall kitchen)",)
+
+
 def test_a_failure_names_its_action_and_reason() -> None:
     progress = book(NAVIGATE)
     progress.answered(1, 7, DispatchAnswer.FAILED, {"reason": "the way is blocked"})

@@ -194,9 +194,13 @@ class DispatchProgress:
     def answers_missing(self, failed: str) -> bool:
         """Whether answers are still to come at the end of a dispatch.
 
+        After a cancel each action has one, which says whether it has stopped.
+
         :param failed: the action that failed, when the dispatcher names one: of that one, what was said may
             be under way altogether.
         """
+        if self._stopping:
+            return bool(self.running)
         texts = [ground_text(action.text) for action in self.running.values()]
         return bool(self.unanswered) or (bool(failed) and ground_text(failed) in texts)
 
