@@ -20,7 +20,7 @@ from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_sm.dispatching.progress import Ground, ground
 
 INTERFACE_WAIT = 3.0  # s of running time for the action interfaces of a plan to announce themselves
-DRAWING_WAIT = 1.0  # s of running time for a dispatcher that draws its plans to draw the new one
+DRAWING_WAIT = 2.0  # s of running time for a dispatcher that draws its plans to draw the new one
 ANNOUNCED = 1000  # operators whose interfaces are remembered; any node may announce some
 _START = re.compile(r'^\s*(\d+)\s*\[\s*label="([^"\\(]*)_start\\n\(([^"]*)\)"', re.MULTILINE)
 
