@@ -37,4 +37,4 @@ def test_a_page_without_operators_says_so(
     if named:
         write_operators(file, {"ana": "x" * SHORTEST_TOKEN})
     assert main(["page", "--hub", hub, "--port", "0", *options]) == 0
-    assert ("names no operator" in capsys.readouterr().err) is told
+    assert ("names no operator" in capsys.readouterr().out) is told

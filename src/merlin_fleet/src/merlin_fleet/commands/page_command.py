@@ -53,13 +53,13 @@ def _serve(client: FleetClient, given: argparse.Namespace) -> None:
         server.start()
         if given.port and server.port != given.port:
             print(f"fleet page: port {given.port} is taken, using {server.port}", file=sys.stderr)
+        print(f"{server.address}  (Ctrl-C ends it)", flush=True)
         if given.operators and not operators.names:
             print(
-                f"fleet page: it only shows, since {given.operators} names no operator; "
-                "rosrun merlin_monitor operator NAME makes one, also now",
-                file=sys.stderr,
+                f"It only shows, since {given.operators} names no operator; "
+                "rosrun merlin_monitor operator NAME makes one, also now.",
+                flush=True,
             )
-        print(f"{server.address}  (Ctrl-C ends it)", flush=True)
         wait_for_end(key=False)
     finally:
         server.stop()
