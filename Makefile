@@ -18,7 +18,7 @@ LINGER ?= auto
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment restaurant fleet fleet-chaos test lint docs bench chaos chaos-table soak screenshots debian clean
+.PHONY: help build demo experiment restaurant fleet fleet-chaos check test repeat lint docs bench chaos chaos-table soak screenshots debian clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD= LINGER=)"
@@ -26,7 +26,9 @@ help:
 	@echo "make restaurant   an evening in the simulated restaurant (ROBOTS= GUESTS= DISTURBANCES= HASTE= SEED= RTF= RECORD= LINGER=)"
 	@echo "make fleet  a fleet on this machine: a hub, robots, a link that is cut, a robot that is killed (ROBOTS=)"
 	@echo "make fleet-chaos  its fault campaign (TRIALS= of each FAULT=, CLOCKS=same|apart, SEED=)"
-	@echo "make test   all tests"
+	@echo "make check  lint, and the unit tests of what has changed (ALL=1: all of them; SINCE=revision)"
+	@echo "make test   all that a user relies on, from a bare machine (JOBS=)"
+	@echo "make repeat runs tests again and again beside a load, and prints how often each failed (TESTS= TIMES= LOAD=)"
 	@echo "make bench  benchmarks"
 	@echo "make chaos  the fault campaign (TRIALS= MINUTES= SEED= FAULT= MOMENT= RESPAWN=yes|no)"
 	@echo "make chaos-table   its table into docs/reliability.md (RESULTS='folder folder …')"
@@ -65,11 +67,23 @@ fleet: build
 fleet-chaos: build
 	@$(IN) python bench/fleet/campaign.py $(call given,TRIALS,trials) $(call given,FAULT,faults) $(call given,CLOCKS,clocks) --seed $(SEED)
 
-# Most tests wait for processes most of the time: two at once. The part of the fault campaign has the machine to itself.
-JOBS ?= 2
+# docs/testing.md: what belongs to check, to test and to soak.
+PYTEST = $(IN) python -m pytest --dist loadfile --no-loadscope-reorder --progress -rs
+check: build
+	@$(IN) tools/check.sh $(if $(ALL),--all) $(call given,SINCE,since)
+
+# Tests wait for processes half of the time, so there are more workers than processors. The faults have the machine to
+# themselves.
+JOBS ?= $(shell expr 2 \* $$(nproc))
 test: build
-	@$(IN) python -m pytest -n $(JOBS) --dist loadfile test
+	@$(PYTEST) -n $(JOBS) --junitxml=results/tests.xml test
 	@$(IN) python -m pytest -m alone test/application
+
+TESTS ?= test
+TIMES ?= 20
+LOAD ?= 0
+repeat: build
+	@$(IN) python tools/repeat.py --times $(TIMES) --load $(LOAD) -- -n $(JOBS) --dist loadfile $(TESTS)
 
 bench: build
 	@$(IN) python bench/run.py

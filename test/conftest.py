@@ -5,6 +5,7 @@ Those whose name ends in ``_long`` are marked as long.
 
 import contextlib
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -22,6 +23,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))  # tools,
 
 from chaos.under_test import processes
 
+from merlin_test.progress import Progress, longest_first, read_durations
+
 # A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time:
 # a change is judged by what it changes. make soak looks for others.
 settings.register_profile("merlin", deadline=None, derandomize=True)
@@ -29,16 +32,37 @@ settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "merlin"))
 
 LIMIT = 450.0  # s, below pytest's own limit, so that the suite's processes are ended here
+#: How long each file of tests takes; ``make test`` writes a new list into results/test/durations.txt.
+DURATIONS = Path(__file__).parent / "durations.txt"
+#: A node logs its connections and each call of its slave API.
+OF_ROSPY = re.compile(r"\[(rosmaster|rospy|roslaunch|xmlrpc)\S*\]\[INFO\]")
+#: Lines at the end of each node's log that are shown of a suite that failed.
+LOG_LINES = 12
 
 
-def pytest_configure() -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """An option of ``make test``."""
+    parser.addoption("--progress", action="store_true", help="lines with an estimate; failures at once")
+
+
+def pytest_configure(config: pytest.Config) -> None:
     """Where the machine's names have no addresses, all tests run on 127.0.0.1.
 
     A shell starts what is in the background deaf to Ctrl-C, and so would be every process of the tests.
     """
+    if config.getoption("progress") and not hasattr(config, "workerinput"):
+        target = Path(config.rootpath) / "results" / "test" / "durations.txt"
+        workers = config.getoption("numprocesses", None) or 1
+        config.pluginmanager.register(Progress(read_durations(DURATIONS), workers, target))
     use_loopback()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: List[pytest.Item]) -> None:
+    """Begins with the files that take longest."""
+    if config.getoption("progress"):
+        longest_first(items, read_durations(DURATIONS))
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "RosTestFile":
@@ -99,7 +123,7 @@ class RosTestItem(pytest.Item):
         cases, failed = _read(results)
         if process.returncode or failed or not cases:
             counts = f"exit code {process.returncode}, {cases} cases, {len(failed)} failed"
-            raise RosTestFailure("\n".join([counts, *failed, output[-12000:]]))
+            raise RosTestFailure("\n".join([counts, *failed, output[-12000:], *_ends_of_logs(home / "log")]))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo) -> str:
         """What the suite printed is the whole story."""
@@ -127,6 +151,16 @@ def _read(results: Path) -> Tuple[int, List[str]]:
             texts = [(found.text or "").strip() for found in (*case.iter("failure"), *case.iter("error"))]
             failed += [f"{case.get('classname')}.{case.get('name')}: {text}" for text in texts]
     return cases, failed
+
+
+def _ends_of_logs(folder: Path) -> Iterator[str]:
+    """What the nodes of the suite have logged last."""
+    for log in sorted(folder.glob("latest/*.log")):
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+        said = [line for line in lines if not OF_ROSPY.match(line)]
+        if said:
+            yield f"--- {log.name}"
+            yield from said[-LOG_LINES:]
 
 
 def _stopped(process: subprocess.Popen) -> str:

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # ruff, mypy, the map of imports, catkin_lint on all packages, roslaunch-check on all launch files. Ends non-zero at any finding.
+#   --changed-launch-files [REVISION]   roslaunch-check only where a launch file or manifest has changed since
 set -u
 cd "$(dirname "$0")/.."
 status=0
@@ -9,6 +10,11 @@ python tools/check_imports.py || status=1
 mypy || status=1
 python tools/application_lines.py --check || status=1
 catkin_lint -q -W2 --strict src || status=1
+if [ "${1:-}" = --changed-launch-files ]; then
+  since=${2:-$(git merge-base HEAD '@{upstream}' 2>/dev/null || echo HEAD)}
+  { git diff --name-only "$since"; git ls-files --others --exclude-standard; } |
+    grep -qE '\.launch$|package\.xml$|CMakeLists\.txt$' || exit $status
+fi
 # launch/ is linked into the package merlin; roslaunch-check follows links and then finds no package, so it gets a
 # copy of the package as it would be installed.
 copy=$(mktemp -d)   # and no workspace is named, because catkin would lead back to the link

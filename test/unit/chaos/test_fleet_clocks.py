@@ -11,6 +11,8 @@ from typing import Any, Dict
 import pytest
 from fleet.clocks import Clock, Clocks
 
+pytestmark = pytest.mark.processes
+
 AHEAD, SLOW = 3600.0, 0.8
 TICK = 0.02  # s; /proc/uptime, which no clock of a process changes, has hundredths
 

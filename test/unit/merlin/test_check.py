@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.processes
+
 APPLICATION = """<launch>
   <include file="$(find merlin)/launch/include/application.launch">
     <arg name="on" value="{on}"/>

@@ -3,16 +3,20 @@
 import contextlib
 import os
 import re
+import resource
 import signal
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import List, Tuple
 
 import pytest
 
 from merlin.launch_request import LaunchError, LaunchRequest
+
+pytestmark = pytest.mark.processes
 
 LAUNCH_FILE = Path(__file__).resolve().parents[2] / "data" / "runner" / "runner.launch"
 APPLICATION = Path(__file__).resolve().parents[3] / "launch" / "include" / "application.launch"
@@ -152,12 +156,21 @@ def test_a_signal_stops_everything(tmp_path: Path, number: int, code: int) -> No
     assert started.left() == []
 
 
-def test_a_node_that_ignores_signals_is_killed(tmp_path: Path) -> None:
+def computed() -> float:
+    """s of processor time of the processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def test_a_node_that_ignores_signals_is_killed_and_waiting_for_it_costs_nothing(tmp_path: Path) -> None:
     started = Run(tmp_path, str(LAUNCH_FILE), "mission:=deaf", "other:=deaf")
     started.read_until("ready")
+    begun, before = time.monotonic(), computed()
     started.process.send_signal(signal.SIGINT)
     assert started.end()[0] == 130
     assert started.left() == []
+    # A thread that looks at a closed socket would take a whole processor.
+    assert computed() - before < (time.monotonic() - begun) / 2
 
 
 def test_what_a_node_leaves_behind_is_ended(tmp_path: Path) -> None:

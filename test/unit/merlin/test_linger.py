@@ -21,6 +21,8 @@ from merlin_monitor.state.events import Event
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 
+pytestmark = pytest.mark.processes
+
 KEEP = """
 import os, sys
 from pathlib import Path

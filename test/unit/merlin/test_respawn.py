@@ -11,6 +11,8 @@ from typing import Callable, List
 
 import pytest
 
+pytestmark = pytest.mark.processes
+
 RESPAWN = Path(__file__).parents[3] / "src" / "merlin" / "scripts" / "respawn"
 LONG = 120.0
 

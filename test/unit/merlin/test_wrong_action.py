@@ -7,6 +7,8 @@ from typing import List
 
 import pytest
 
+pytestmark = pytest.mark.processes
+
 ACTIONS = Path(__file__).parents[3] / "launch" / "include" / "actions.launch"
 
 

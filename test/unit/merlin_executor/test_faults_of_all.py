@@ -5,6 +5,8 @@ from typing import Any, Dict
 
 import pytest
 
+pytestmark = pytest.mark.processes
+
 LIMIT = 60.0  # s for anything that a test waits for
 NODES = (
     "/merlin_executor", "/planning_system", "/merlin_bridges", "/merlin_fsm_host", "/merlin_guard", "/base",

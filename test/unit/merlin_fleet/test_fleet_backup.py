@@ -27,6 +27,8 @@ from merlin_fleet.hub import EtcdHub
 from merlin_fleet.testing.etcd_process import EtcdProcess
 from merlin_fleet.testing.ports import free_ports
 
+pytestmark = pytest.mark.processes
+
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "fleet.md").read_text(encoding="utf-8")
 LIMIT = 60.0  # s for anything that has to happen
 #: A test machine may stand still for many seconds.

@@ -25,6 +25,8 @@ from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.testing.ports import free_ports
 
+pytestmark = pytest.mark.processes
+
 ROOT = Path(__file__).resolve().parents[3]
 BLOCKS = re.findall(r"```ini\n(.*?)```", (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8"), re.DOTALL)
 LIMIT = 60.0  # s for anything that has to happen

@@ -26,6 +26,8 @@ from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.testing.etcd_process import EtcdProcess
 
+pytestmark = pytest.mark.processes
+
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "fleet.md").read_text(encoding="utf-8")
 KEYS = Keys("lab")
 LIMIT = 60.0  # s for anything that has to happen

@@ -16,6 +16,8 @@ from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
 from merlin_fleet.testing.etcd_process import EtcdProcess
 
+pytestmark = pytest.mark.processes
+
 LIMIT = 60.0  # s for anything that has to happen
 ROOT = "/merlin/lab/"
 

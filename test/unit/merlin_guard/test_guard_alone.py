@@ -8,6 +8,8 @@ import pytest
 
 from merlin_guard.guard_node import PRIORITY
 
+pytestmark = pytest.mark.processes
+
 GUARD = """
 import sys
 

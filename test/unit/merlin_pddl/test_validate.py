@@ -5,6 +5,8 @@ import pytest
 
 from merlin_pddl.checks.validate import validate
 
+pytestmark = pytest.mark.processes
+
 HOME = Path(__file__).resolve().parents[3] / "pddl" / "home"
 DOMAIN, PROBLEM = str(HOME / "domain.pddl"), str(HOME / "problem.pddl")
 

@@ -12,6 +12,8 @@ from merlin_reactive.listening.speech_recognizer import GrammarError
 from merlin_reactive.listening.speech_recognizer_process import SpeechRecognizerLost, SpeechRecognizerProcess
 from merlin_reactive.speech.speech_synthesizer import SpeechSynthesizer
 
+pytestmark = pytest.mark.processes
+
 LONG = 100.0  # s
 GRAMMAR = "#JSGF V1.0; grammar g; public <order> = [a] (coffee | sandwich) and [a] (coffee | cake) please;"
 

@@ -9,6 +9,8 @@ from merlin_pddl.checks.validate import validate
 from merlin_sim.world.poi_distances import main as poi_distances
 from merlin_sim.world.world_file import find_world
 
+pytestmark = pytest.mark.processes
+
 PDDL = Path(__file__).resolve().parents[3] / "pddl" / "restaurant"
 DOMAIN, PROBLEM = PDDL / "domain.pddl", PDDL / "problem.pddl"
 CHECK_ALL = " ".join(f"(checked table_{number})" for number in range(1, 7))

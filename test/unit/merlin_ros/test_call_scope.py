@@ -9,6 +9,8 @@ import pytest
 from merlin_ros.call_scope import CallScope, current_scope
 from merlin_ros.service_proxy import ServiceProxy
 
+pytestmark = pytest.mark.processes
+
 LONG = 60.0
 
 SERVER = """

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.processes
+
 DOMAIN = Path(__file__).parents[3] / "pddl" / "home" / "domain.pddl"
 EXECUTABLES = [
     ("merlin_rosplan", "planning_system"),

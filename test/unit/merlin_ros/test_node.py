@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.processes
+
 NO_MASTER = "http://localhost:1"
 CANNOT_BEGIN = 2
 NOT_YET = 1

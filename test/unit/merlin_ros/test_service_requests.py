@@ -3,10 +3,13 @@
 import threading
 from typing import Any, Optional
 
+import pytest
 from std_srvs.srv import SetBool
 
 from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceProxy
+
+pytestmark = pytest.mark.processes
 
 LONG = 60.0
 

@@ -10,11 +10,13 @@ from typing import List
 
 LOOPBACK = "127.0.0.1"
 LOCALHOST = "localhost"
-#: roslaunch asks for the address of localhost before it starts a node.
+#: roslaunch asks for the address of localhost before it starts a node. Its arguments: an address, the tool.
 _TOOL = (
     "import sys, roslaunch, roslaunch.core, rostest\n"
-    f"roslaunch.core.local_machine().address = {LOOPBACK!r}\n"
-    "del sys.argv[0]\n"
+    "from merlin_ros.lean_start import end_lightly\n"
+    "end_lightly()\n"
+    "roslaunch.core.local_machine().address = sys.argv[1]\n"
+    "del sys.argv[:2]\n"
     "sys.exit({'roslaunch': roslaunch.main, 'rostest': rostest.rostestmain}[sys.argv[0]]())\n"
 )
 
@@ -54,5 +56,6 @@ def master_uri(port: int) -> str:
 
 
 def launch_tool(name: str) -> List[str]:
-    """The command `roslaunch` or `rostest`, so that it starts nodes although localhost has no address."""
-    return [name] if resolves(LOCALHOST) else [sys.executable, "-c", _TOOL, name]
+    """The command `roslaunch` or `rostest`, which starts nodes although localhost has no address."""
+    address = LOCALHOST if resolves(LOCALHOST) else LOOPBACK
+    return [sys.executable, "-c", _TOOL, address, name]

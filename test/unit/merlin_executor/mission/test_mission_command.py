@@ -7,6 +7,8 @@ from typing import Any, List
 
 import pytest
 
+pytestmark = pytest.mark.processes
+
 ROOT = Path(__file__).resolve().parents[4]
 PAGES = ("docs/tutorial.md", "src/merlin_home/README.md", "src/merlin_restaurant/README.md")
 

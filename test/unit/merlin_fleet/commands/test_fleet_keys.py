@@ -35,6 +35,8 @@ from merlin_fleet.sqlite_outbox import SqliteOutbox
 from merlin_fleet.testing.etcd_process import EtcdProcess
 from merlin_fleet.testing.ports import free_ports
 
+pytestmark = pytest.mark.processes
+
 PAGE = (Path(__file__).resolve().parents[4] / "docs" / "fleet.md").read_text(encoding="utf-8")
 LIMIT = 60.0  # s for anything that has to happen
 KEYS = Keys("lab")

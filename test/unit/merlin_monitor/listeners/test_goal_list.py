@@ -10,6 +10,8 @@ from shown_page import Visit, chromium, fill
 
 from merlin_monitor.listeners.goal_list import GoalListError, read_goals
 
+pytestmark = pytest.mark.processes
+
 ROOT = Path(__file__).resolve().parents[4]
 
 

@@ -25,6 +25,8 @@ from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.panel_board import OFFERED, foreign_panel, own_panels, script_of
 from merlin_ros.master.master_link import ERRORS
 
+pytestmark = pytest.mark.processes
+
 LIMIT = 60.0  # s for anything that has to happen
 SHOWN: Dict[str, Any] = {
     "fleet": "lab",

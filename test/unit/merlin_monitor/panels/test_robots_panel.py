@@ -14,6 +14,8 @@ from merlin_monitor.state.plan_order import sequential_steps
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.terminal.terminal_view import lines
 
+pytestmark = pytest.mark.processes
+
 
 def word(robot: str, host: str = "host", **fields: Any) -> RobotHost:
     return RobotHost(

@@ -17,6 +17,8 @@ from merlin_monitor.text.phrase import action_phrase, goal_phrase, in_english, s
 from merlin_monitor.text.plain_words import action_in_words
 from merlin_sm import autonomy
 
+pytestmark = pytest.mark.processes
+
 #: What nodes and people say stays as it is.
 NAMES = ("Do you need anything?", "a coffee please", "ask in the kitchen", "travel time of", "in service")
 ENGLISH = (

@@ -33,6 +33,8 @@ from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.web.control import ControlError
 from merlin_monitor.web.web_server import WebServer
 
+pytestmark = pytest.mark.processes
+
 KEYS = Keys("lab")
 EVIL = "<img src=x onerror=\"document.title='owned'\">"
 

@@ -13,6 +13,8 @@ from std_msgs.msg import Header
 
 from merlin_monitor.state.knowledge_section import Contents
 
+pytestmark = pytest.mark.processes
+
 SIZES = {"phone": (390, 844), "desktop": (1280, 900), "wide": (2560, 1440)}
 SMALL = """() => [...document.querySelectorAll("body *")].filter((element) => {
   const own = [...element.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());

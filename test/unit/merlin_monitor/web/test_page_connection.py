@@ -7,6 +7,8 @@ from served import Served
 from shown_page import Visit, chromium, fill
 from stalled_link import StalledLink
 
+pytestmark = pytest.mark.processes
+
 GREY = "() => document.body.dataset.news === 'none'"
 
 

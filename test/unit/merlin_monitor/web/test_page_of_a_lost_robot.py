@@ -5,7 +5,10 @@ import signal
 import urllib.request
 from typing import Any, Dict, Tuple
 
+import pytest
 from shown_page import Visit, chromium
+
+pytestmark = pytest.mark.processes
 
 # Publishes what an Executor and a mission publish; its argument is the name of the mission.
 RUN = """

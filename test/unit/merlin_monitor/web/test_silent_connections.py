@@ -14,6 +14,8 @@ from served import TOKEN, WEB, Served
 from merlin_monitor.access.web_access import TOKEN_HEADER
 from merlin_monitor.web import live_feed, silent_connections
 
+pytestmark = pytest.mark.processes
+
 LONG = 60.0  # s
 MANY = 100
 LARGEST = 200_000  # bytes of the page, with all languages

@@ -14,6 +14,8 @@ from merlin_monitor.state.state_tree import apply_changes
 from merlin_monitor.web.open_command import opened
 from merlin_test.chromium import Visit, chromium
 
+pytestmark = pytest.mark.processes
+
 LIMIT = 60.0
 PANELS = ("now", "control", "plan", "queue", "map", "machines", "health", "knowledge", "history")
 TITLED = PANELS[2:]

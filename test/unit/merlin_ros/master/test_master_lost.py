@@ -6,6 +6,8 @@ from typing import Any, Tuple
 
 import pytest
 
+pytestmark = pytest.mark.processes
+
 NOTICE = 5.0  # s within which each node promises to notice
 STALL = 20.0  # s that a busy machine may add
 

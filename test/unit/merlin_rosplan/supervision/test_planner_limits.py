@@ -19,6 +19,8 @@ from merlin_rosplan.supervision.planner_host import HostError, PlannerHost, Plan
 from merlin_rosplan.supervision.planner_tree import descendants
 from merlin_rosplan.supervision.planning import Planning
 
+pytestmark = pytest.mark.processes
+
 HOME = Path(__file__).parents[4] / "pddl" / "home"
 LONG = 120.0
 # Leaves the group and the session of the planner, twice, and writes its number.

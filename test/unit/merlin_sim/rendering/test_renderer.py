@@ -22,6 +22,8 @@ from merlin_sim.robot.camera import CameraModel
 from merlin_sim.world.world_file import load_world
 from merlin_sim.world.world_model import DoorEvent, Solid
 
+pytestmark = pytest.mark.processes
+
 PACKAGE = Path(__file__).resolve().parents[4] / "src" / "merlin_sim"
 URDF = PACKAGE / "urdf" / "rb1.urdf"
 LONG = 120.0  # s

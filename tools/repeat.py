@@ -1,0 +1,127 @@
+"""Runs tests again and again beside a load on the processors, and prints how often each failed.
+
+`make repeat TESTS=test/rostest/guard TIMES=20 LOAD=8`. In results/repeat is the report of each run, in
+junit's format, and its output. Exit code 0: nothing failed.
+"""
+
+import argparse
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from pathlib import Path
+from typing import Iterator, List, Set
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "results" / "repeat"
+EXIT_FAILED, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
+#: Exit codes of pytest after which its report is complete: all passed, some failed.
+COMPLETE = (0, 1)
+#: s that an interrupted run may take to end its nodes.
+ENDS = 60.0
+
+
+@contextlib.contextmanager
+def load(processes: int) -> Iterator[None]:
+    """Keeps processors busy with so many processes; they end with this one, however it ends."""
+    endless = "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    sum(range(100000))"
+    busy = [subprocess.Popen([sys.executable, "-c", endless]) for _ in range(processes)]
+    try:
+        yield
+    finally:
+        for each in busy:
+            each.kill()
+            each.wait()
+
+
+def failed_in(report: Path) -> Set[str]:
+    """The tests that a report calls failed."""
+    cases = ElementTree.parse(str(report)).getroot().iter("testcase")
+    return {
+        f"{case.get('classname')}::{case.get('name')}"
+        for case in cases
+        if case.find("failure") is not None or case.find("error") is not None
+    }
+
+
+def run(number: int, words: List[str]) -> Set[str]:
+    """One run; returns what failed.
+
+    :raises SystemExit: no test could be run; pytest has said why.
+    """
+    report, output = RESULTS / f"{number}.xml", RESULTS / f"{number}.txt"
+    command = [sys.executable, "-m", "pytest", f"--junitxml={report}", "-rs", *words]
+    with output.open("w", encoding="utf-8") as file:
+        process = subprocess.Popen(
+            command, cwd=str(ROOT), stdin=subprocess.DEVNULL, stdout=file, stderr=subprocess.STDOUT
+        )
+        try:
+            code = process.wait()
+        except KeyboardInterrupt:
+            process.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(ENDS)
+            process.kill()
+            process.wait()
+            raise
+    if code not in COMPLETE:
+        print(
+            f"repeat: pytest ended with {code}:\n{output.read_text(encoding='utf-8')[-3000:]}",
+            file=sys.stderr,
+        )
+        raise SystemExit(EXIT_USAGE)
+    return failed_in(report)
+
+
+def arguments(words: List[str]) -> argparse.Namespace:
+    """Reads the command line."""
+    parser = argparse.ArgumentParser(prog="repeat", description=__doc__)
+    parser.add_argument(
+        "tests", nargs="+", help="files, folders or ids of tests; options of pytest behind --"
+    )
+    parser.add_argument("--times", type=int, default=20)
+    parser.add_argument("--load", type=int, default=0, help="processes that keep processors busy")
+    options = parser.parse_args(words)
+    if options.times < 1 or options.load < 0:
+        parser.error("--times is at least 1, --load at least 0")
+    return options
+
+
+def main(words: List[str]) -> int:
+    """Prints a line for each run and a table; returns the exit code."""
+    options = arguments(words)
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    for old in RESULTS.glob("*.*"):
+        old.unlink()
+    counts: Counter = Counter()
+    began, done, interrupted = time.monotonic(), 0, False
+    try:
+        with load(options.load):
+            for number in range(1, options.times + 1):
+                failed = run(number, options.tests)
+                counts.update(failed)
+                done = number
+                each = (time.monotonic() - began) / number
+                left = each * (options.times - number) / 60.0
+                result = ", ".join(sorted(failed)) or "passed"
+                print(f"{number}: {each:.1f} s each, {left:.0f} min left: {result}", flush=True)
+    except KeyboardInterrupt:
+        interrupted = True
+    print(f"\n{done} runs at load {options.load} on {os.cpu_count()} processors")
+    for name, count in counts.most_common():
+        print(f"{100.0 * count / done:5.1f} %  {count} of {done}  {name}")
+    if counts:
+        print(f"the outputs are in {RESULTS}")
+    elif done:
+        print("nothing failed")
+    if interrupted:
+        return EXIT_INTERRUPTED
+    return EXIT_FAILED if counts else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
