@@ -207,6 +207,8 @@ def test_the_plain_mission_that_newcomers_copy_ends_as_listed(tmp_path: Path) ->
     assert not list(tmp_path.glob("results/*.csv"))
 
 
+# Starts all nodes for a line that test_home_mission.py finds in the mission alone.
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("word", "code", "text"),
     [("points:=kitchen garage", 1, "garage"), ("marked_share:=0.3", 2, "is not a whole number")],

@@ -116,11 +116,16 @@ def test_a_robot_that_is_killed_with_an_order_on_its_tray_does_not_end_the_eveni
     assert "robot robot_2 is gone" in log
 
 
+# The long ones start all nodes for a line that test_players_node.py finds in one of them.
 @pytest.mark.parametrize(
     ("word", "text"),
     [
-        ("guests:=12", "12 guests cannot be"),
-        ("disturbances:=fire", "'fire' cannot be; disturbances are unclear, missing, chair"),
+        pytest.param("guests:=12", "12 guests cannot be", marks=pytest.mark.long),
+        pytest.param(
+            "disturbances:=fire",
+            "'fire' cannot be; disturbances are unclear, missing, chair",
+            marks=pytest.mark.long,
+        ),
         ("world_file:=/nowhere.yaml", "/nowhere.yaml"),
     ],
 )

@@ -48,7 +48,9 @@ def test_they_run(tmp_path: Path, files: Dict[str, Path], rooms: str, code: int,
 @pytest.mark.parametrize(
     ("gone", "instead", "why"),
     [
-        ('<param name="rooms"', '<param name="room"', "parameter ~rooms is missing"),
+        pytest.param(
+            '<param name="rooms"', '<param name="room"', "parameter ~rooms is missing", marks=pytest.mark.long
+        ),
         ("patrol:Patrol", "patrol:Petrol", "'patrol:Petrol': module patrol has no Petrol"),
     ],
 )

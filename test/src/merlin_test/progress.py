@@ -66,6 +66,7 @@ class Progress:
         self._failed = 0
         self._skipped = 0
         self._began = time.monotonic()
+        self._first: Optional[float] = None  # when the first test began
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._report, name="test progress", daemon=True)
 
@@ -103,8 +104,10 @@ class Progress:
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         """A test begins."""
+        now = time.monotonic()
         with self._lock:
-            self._running[nodeid] = time.monotonic()
+            self._first = self._first or now
+            self._running[nodeid] = now
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """A part of a test has ended; what failed is printed at once."""
@@ -150,9 +153,9 @@ class Progress:
         done = sum(self._ids.get(each, 0.0) for each in self._finished)
         done += sum(min(now - since, self._ids.get(each, 0.0)) for each, since in self._running.items())
         left = sum(self._ids.values()) - done
-        if done > INTERVAL:
+        if done > INTERVAL and self._first is not None:
             # A worker has to end the test that it runs, so the longest one is a lower bound.
-            estimate = max(left * (now - self._began) / done, self._longest_left(now))
+            estimate = max(left * (now - self._first) / done, self._longest_left(now))
             parts.append(f"about {clock(estimate)} min left")
         if self._running:
             oldest = sorted(self._running.items(), key=lambda row: row[1])[: self._workers]

@@ -188,7 +188,12 @@ def test_it_waits_aside_until_the_other_has_passed_and_counts_the_time():
 # Of four at a crossing the place to go aside to is where another one stands.
 @pytest.mark.parametrize(
     ("case", "robots", "seed"),
-    [("corridor", 2, 1), ("corridor", 3, 2), ("crossing", 4, 5), ("crossing", 4, 9)],
+    [
+        ("corridor", 2, 1),
+        ("crossing", 4, 5),
+        pytest.param("corridor", 3, 2, marks=pytest.mark.long),
+        pytest.param("crossing", 4, 9, marks=pytest.mark.long),
+    ],
 )
 def test_simulated_robots_change_places(case, robots, seed):
     result, _ = meeting_matrix.trial(case, robots, seed)
