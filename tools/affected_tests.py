@@ -68,12 +68,13 @@ def mentioned(path: Path) -> Iterator[str]:
             yield from _DOTTED.findall(node.value)
 
 
-def imports(files: List[Path]) -> Dict[Path, Set[Path]]:
-    """File → the files of the project that it imports."""
+def importers(files: List[Path]) -> Dict[Path, Set[Path]]:
+    """File → the files of the project that import it."""
     by_name: Dict[str, Set[Path]] = {}
     for path in files:
         by_name.setdefault(module_name(path), set()).add(path)
     found: Dict[Path, Set[Path]] = {}
+    known = set(files)
     for path in files:
         targets: Set[Path] = set()
         for name in mentioned(path):
@@ -81,16 +82,16 @@ def imports(files: List[Path]) -> Dict[Path, Set[Path]]:
             for count in range(1, len(parts) + 1):  # importing a.b imports a
                 targets |= by_name.get(".".join(parts[:count]), set())
         targets |= {parent / "conftest.py" for parent in path.parents}
-        found[path] = targets & set(files) - {path}
+        for target in targets & known - {path}:
+            found.setdefault(target, set()).add(path)
     return found
 
 
-def concerned(change: Iterable[str], files: List[Path]) -> Set[Path]:
-    """The changed files and all that imports them or mentions them, directly or through others."""
-    importers: Dict[Path, Set[Path]] = {}
-    for path, targets in imports(files).items():
-        for target in targets:
-            importers.setdefault(target, set()).add(path)
+def concerned(change: Iterable[str], files: List[Path], importing: Dict[Path, Set[Path]]) -> Set[Path]:
+    """The changed files and all that imports them or mentions them, directly or through others.
+
+    :param importing: what :func:`importers` finds in the files.
+    """
     begin = [ROOT / name for name in change]
     waiting = list(begin)
     other = {path.name for path in begin if path.suffix != ".py"}
@@ -106,14 +107,15 @@ def concerned(change: Iterable[str], files: List[Path]) -> Set[Path]:
         reached.add(path)
         # All tests run with conftest.py; what it imports is about how they run, not about what they test.
         if path.name != "conftest.py" or path in begin:
-            waiting += importers.get(path, ())
+            waiting += importing.get(path, ())
     return reached
 
 
 def main(words: List[str]) -> int:
     """Prints a file per line; returns the exit code."""
     revision = words[0] if words else start_of_branch()
-    for path in sorted(concerned(changed(revision), sources())):
+    files = sources()
+    for path in sorted(concerned(changed(revision), files, importers(files))):
         name = str(path.relative_to(ROOT))
         if path.is_file() and path.name.startswith("test_") and name.startswith(UNIT):
             print(name)

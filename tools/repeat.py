@@ -48,12 +48,12 @@ def failed_in(report: Path) -> Set[str]:
     }
 
 
-def run(number: int, words: List[str]) -> Set[str]:
+def run(number: int, words: List[str], results: Path) -> Set[str]:
     """One run; returns what failed.
 
     :raises SystemExit: no test could be run; pytest has said why.
     """
-    report, output = RESULTS / f"{number}.xml", RESULTS / f"{number}.txt"
+    report, output = results / f"{number}.xml", results / f"{number}.txt"
     command = [sys.executable, "-m", "pytest", f"--junitxml={report}", "-rs", *words]
     with output.open("w", encoding="utf-8") as file:
         process = subprocess.Popen(
@@ -85,6 +85,7 @@ def arguments(words: List[str]) -> argparse.Namespace:
     )
     parser.add_argument("--times", type=int, default=20)
     parser.add_argument("--load", type=int, default=0, help="processes that keep processors busy")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of reports and outputs")
     options = parser.parse_args(words)
     if options.times < 1 or options.load < 0:
         parser.error("--times is at least 1, --load at least 0")
@@ -94,15 +95,15 @@ def arguments(words: List[str]) -> argparse.Namespace:
 def main(words: List[str]) -> int:
     """Prints a line for each run and a table; returns the exit code."""
     options = arguments(words)
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    for old in RESULTS.glob("*.*"):
+    options.results.mkdir(parents=True, exist_ok=True)
+    for old in options.results.glob("[0-9]*.*"):
         old.unlink()
     counts: Counter = Counter()
     began, done, interrupted = time.monotonic(), 0, False
     try:
         with load(options.load):
             for number in range(1, options.times + 1):
-                failed = run(number, options.tests)
+                failed = run(number, options.tests, options.results)
                 counts.update(failed)
                 done = number
                 each = (time.monotonic() - began) / number
@@ -115,7 +116,7 @@ def main(words: List[str]) -> int:
     for name, count in counts.most_common():
         print(f"{100.0 * count / done:5.1f} %  {count} of {done}  {name}")
     if counts:
-        print(f"the outputs are in {RESULTS}")
+        print(f"the outputs are in {options.results}")
     elif done:
         print("nothing failed")
     if interrupted:

@@ -42,7 +42,8 @@ def longest_first(items: List[pytest.Item], durations: Dict[str, float]) -> None
 
 def clock(seconds: float) -> str:
     """Seconds as minutes and seconds."""
-    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes}:{rest:02d}"
 
 
 class Progress:
@@ -142,10 +143,11 @@ class Progress:
     def _report(self) -> None:
         while not self._ended.wait(INTERVAL):
             with self._lock:
-                line = self._line(time.monotonic())
+                line = self.line(time.monotonic())
             self._write(line)
 
-    def _line(self, now: float) -> str:
+    def line(self, now: float) -> str:
+        """How far the run is at a moment of the monotonic clock."""
         counts = f"{len(self._finished)} of {len(self._ids) or '?'} tests, {self._failed} failed"
         if self._skipped:
             counts += f", {self._skipped} skipped"

@@ -75,9 +75,9 @@ def end_lightly() -> None:
     """Spares this process what it would compute for nothing when it ends.
 
     Python looks through all objects of a node several times before it lets go of them: 0.15 s of computing
-    that a launch of 15 nodes pays 15 times, all at once. And `rosgraph` closes the socket of an XML-RPC server,
-    as roslaunch has one, without a word to the thread that waits at it: the thread then looks at the closed
-    socket again and again, at full speed, until the last of the launch's nodes has ended.
+    that a launch of 15 nodes pays 15 times, all at once. And `rosgraph` closes the socket of an XML-RPC
+    server, as roslaunch has one, without stopping the thread that waits at it: the thread then looks at the
+    closed socket again and again, at full speed, until the last of the launch's nodes has ended.
     """
     atexit.register(gc.freeze)
     from rosgraph.xmlrpc import XmlRpcNode

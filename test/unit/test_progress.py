@@ -1,0 +1,97 @@
+"""What a run of many tests says about itself: an estimate, and each failure at once."""
+
+import time
+from pathlib import Path
+from typing import List
+
+import pytest
+
+from merlin_test.progress import Progress, longest_first, read_durations
+
+FILES = {"a_test.py": 10.0, "b_test.py": 30.0}
+
+
+class Screen:
+    def __init__(self) -> None:
+        self.lines: List[str] = []
+
+    def write_line(self, line: str) -> None:
+        self.lines.append(line)
+
+    def flush(self) -> None:
+        pass
+
+
+class Session:
+    """As much of pytest's session as the plugin looks at."""
+
+    def __init__(self, ids: List[str]) -> None:
+        self.screen = Screen()
+        self.items = [Item(each) for each in ids]
+        self.config = self.pluginmanager = self.option = self
+        self.tbstyle = "auto"
+
+    def get_plugin(self, name: str) -> Screen:
+        return self.screen
+
+
+class Item:
+    def __init__(self, nodeid: str) -> None:
+        self.nodeid = nodeid
+
+
+def report(nodeid: str, outcome: str, text: str = "") -> pytest.TestReport:
+    return pytest.TestReport(nodeid, ("", 0, ""), {}, outcome, text, "call", duration=2.0)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    return Session(["a_test.py::one", "a_test.py::two", "b_test.py::three"])
+
+
+@pytest.fixture
+def progress(session: Session, tmp_path: Path) -> Progress:
+    made = Progress(FILES, 2, tmp_path / "new" / "durations.txt")
+    made.pytest_sessionstart(session)
+    made.pytest_collection_finish(session)
+    return made
+
+
+def test_a_line_has_counts_an_estimate_and_what_runs(progress: Progress, session: Session) -> None:
+    progress.pytest_runtest_logstart("b_test.py::three")
+    now = time.monotonic()
+    assert "0 of 3 tests, 0 failed" in progress.line(now)
+    assert "left" not in progress.line(now), "nothing to go by yet"
+    later = progress.line(now + 25)
+    assert "b_test.py 25 s" in later
+    # 25 s of 40 are done by one worker in 25 s.
+    assert "about 0:15 min left" in later
+    # What takes longer than it should says nothing about the others.
+    assert "about 0:20 min left" in progress.line(now + 60)
+    progress.pytest_sessionfinish(session)
+
+
+def test_a_failure_is_shown_when_it_happens(progress: Progress, session: Session) -> None:
+    progress.pytest_runtest_logstart("a_test.py::one")
+    progress.pytest_runtest_logreport(report("a_test.py::one", "failed", "first\nlast"))
+    assert session.screen.lines == ["FAILED a_test.py::one", "first", "last"]
+    progress.pytest_runtest_logfinish("a_test.py::one")
+    progress.pytest_runtest_logreport(report("a_test.py::two", "skipped"))
+    progress.pytest_runtest_logfinish("a_test.py::two")
+    assert "2 of 3 tests, 1 failed, 1 skipped" in progress.line(time.monotonic())
+    progress.pytest_sessionfinish(session)
+    assert session.tbstyle == "no", "pytest shows it again at the end otherwise"
+
+
+def test_the_measured_durations_are_kept(progress: Progress, session: Session, tmp_path: Path) -> None:
+    progress.pytest_runtest_logreport(report("a_test.py::one", "passed"))
+    progress.pytest_runtest_logreport(report("b_test.py::three", "passed"))
+    progress.pytest_runtest_logreport(report("b_test.py::three", "passed"))
+    progress.pytest_sessionfinish(session)
+    assert read_durations(tmp_path / "new" / "durations.txt") == {"b_test.py": 4.0, "a_test.py": 2.0}
+
+
+def test_the_longest_files_come_first_and_stay_whole() -> None:
+    items = [Item(each) for each in ("a_test.py::one", "new_test.py::x", "b_test.py::z", "a_test.py::two")]
+    longest_first(items, FILES)  # type: ignore[arg-type]
+    assert [item.nodeid.split("::")[1] for item in items] == ["z", "one", "two", "x"]
