@@ -21,6 +21,7 @@ from merlin_actions.merlin_action import MerlinAction
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.held_drives import HeldDrives
+from merlin_test.node_path import node_path
 from merlin_test.topic_links import wait_for_publisher, wait_for_publishers
 
 LONG = 60.0
@@ -142,7 +143,7 @@ class Bridges(unittest.TestCase):
             rospy.rostime.wallsleep(0.02)
 
     def start(self, node, *arguments):
-        command = ["rosrun", "merlin_actions", node, f"_actions:={ACTIONS}", *arguments]
+        command = [node_path("merlin_actions", node), f"_actions:={ACTIONS}", *arguments]
         self.machines = subprocess.Popen(command, start_new_session=True)
 
     def serve(self):

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Hundreds of cancels and interruptions at random moments leave everything as it has to be."""
+"""A hundred cancels and interruptions at random moments leave everything as it has to be; soak has 10 000."""
 
 import time
 import unittest

@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 from merlin_ros.master.master_link import bounded_proxy
 from merlin_sm.knowledge_text import to_pddl
+from merlin_test.node_path import node_path
 from merlin_test.topic_links import wait_for_publishers
 
 LONG = 60.0
@@ -103,7 +104,7 @@ class Guard:
 def start(package, kind, *arguments, output=None):
     """Starts a node in a session of its own; it dies with the test."""
     return subprocess.Popen(
-        ["rosrun", package, kind, *arguments],
+        [node_path(package, kind), *arguments],
         start_new_session=True,
         stdout=output,
         stderr=subprocess.STDOUT if output else None,

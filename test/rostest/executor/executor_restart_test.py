@@ -16,6 +16,7 @@ import rostest
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, Update, fact, knowledge_client
 from merlin_sm.knowledge_text import to_pddl
+from merlin_test.node_path import node_path
 
 LONG = 60.0
 FOREIGN = fact("checked", "bathroom")
@@ -36,7 +37,7 @@ class ExecutorRestart(unittest.TestCase):
 
     def start(self, *parameters):
         self.executor = subprocess.Popen(
-            ["rosrun", "merlin_executor", "executor", *parameters], start_new_session=True
+            [node_path("merlin_executor", "executor"), *parameters], start_new_session=True
         )
         self.client = MerlinExecutorClient()
         self.assertTrue(self.client.wait_for_executor(LONG))

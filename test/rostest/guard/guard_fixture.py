@@ -13,6 +13,8 @@ from geometry_msgs.msg import Twist
 from merlin_msgs.msg import GuardStatus
 from rosgraph_msgs.msg import Log
 
+from merlin_test.node_path import node_path
+
 LONG = 60.0
 
 
@@ -116,7 +118,7 @@ def pid_of(node):
 
 def refused_guard(*arguments):
     """What a guard says that does not begin, and is not to be started again."""
-    command = ["rosrun", "merlin_guard", "guard", *arguments]
+    command = [node_path("merlin_guard", "guard"), *arguments]
     process = subprocess.run(command, capture_output=True, text=True, timeout=LONG)
     assert process.returncode == 2, process
     return process.stdout + process.stderr

@@ -8,6 +8,7 @@ import rospy
 from guard_fixture import refused_guard
 
 import rostest
+from merlin_test.node_path import node_path
 
 
 class GuardStart(unittest.TestCase):
@@ -31,7 +32,7 @@ class GuardStart(unittest.TestCase):
             rospy.delete_param("/wrong")
 
     def test_a_motion_server_that_does_not_exist_is_named(self):
-        guard = ["rosrun", "merlin_guard", "guard", "__ns:=/side", "__name:=dock", "cmd_vel_in:=/other"]
+        guard = [node_path("merlin_guard", "guard"), "__ns:=/side", "__name:=dock", "cmd_vel_in:=/other"]
         process = subprocess.Popen(
             [*guard, "_motion_servers:=[/move_base, /dock]", "_server_wait:=1.0"],
             stdout=subprocess.PIPE,

@@ -22,6 +22,7 @@ import rostest
 from merlin_sm import guard_watch
 from merlin_sm.states.merlin_state import ABORTED
 from merlin_sm.states.navigation import NavigationState
+from merlin_test.node_path import node_path
 
 IDLE, PASSING, HOLDING, STOPPED = range(4)
 LIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
@@ -323,7 +324,7 @@ class Guard(unittest.TestCase):
     def test_a_guard_that_ends_sends_zero(self):
         side = Witness("/side/cmd_vel")
         self.addCleanup(side.close)
-        guard = ["rosrun", "merlin_guard", "guard", "__ns:=/side", "cmd_vel_in:=/cmd_vel_in"]
+        guard = [node_path("merlin_guard", "guard"), "__ns:=/side", "cmd_vel_in:=/cmd_vel_in"]
         process = subprocess.Popen([*guard, "_motion_servers:=[/move_base]"])
         self.addCleanup(process.kill)
         side.wait(lambda: side.velocities)  # the zero of a new connection

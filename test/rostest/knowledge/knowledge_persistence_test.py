@@ -33,6 +33,7 @@ from rosplan_knowledge_msgs.srv import (
 from std_srvs.srv import Empty
 
 import rostest
+from merlin_test.node_path import node_path
 
 LONG = 60.0
 KB = "/rosplan_knowledge_base"
@@ -158,7 +159,7 @@ class KnowledgePersistenceTest(unittest.TestCase):
     def second(self, path, *words):
         """A knowledge base of another name; it has to end. Returns what it says."""
         domain = rospy.get_param(f"{KB}/domain_path")
-        command = ["rosrun", "merlin_rosplan", "knowledge_base", "__name:=second", *words]
+        command = [node_path("merlin_rosplan", "knowledge_base"), "__name:=second", *words]
         command += [f"_state_file:={path}", f"_domain_path:={domain}"]
         ended = subprocess.run(command, capture_output=True, text=True, timeout=LONG, check=False)
         self.assertEqual(ended.returncode, 2)

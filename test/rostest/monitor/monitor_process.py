@@ -15,6 +15,7 @@ import rospy
 
 from merlin_fleet.testing.ports import free_ports
 from merlin_monitor.access.operators import write_operators
+from merlin_test.node_path import node_path
 
 LONG = 60.0
 GOALS = Path(rospkg.RosPack().get_path("merlin"), "pddl", "home", "goals.yaml")
@@ -67,7 +68,7 @@ class Monitor:
         rospy.set_param("/merlin_monitor/history", str(self.history))
         rospy.set_param("/merlin_monitor/panels", list(panels))
         self.process = subprocess.Popen(
-            ["rosrun", "merlin_monitor", "monitor", "__name:=merlin_monitor"],
+            [node_path("merlin_monitor", "monitor"), "__name:=merlin_monitor"],
             env={**os.environ, **(environment or {})},
         )
         end = time.monotonic() + LONG

@@ -28,6 +28,7 @@ from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.testing.robots_stress import RobotsStress
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
+from merlin_test.node_path import node_path
 from merlin_test.topic_links import sends, wait_for_publisher
 
 LONG = 60.0
@@ -303,7 +304,7 @@ class SeveralRobots(unittest.TestCase):
         """Starts another host."""
         rospy.set_param(f"{namespace}/world", rospy.get_param("ann/world"))
         host = subprocess.Popen(
-            ["rosrun", "merlin_actions", "fsm_host", f"__ns:={namespace}", f"_actions:={ACTIONS}"]
+            [node_path("merlin_actions", "fsm_host"), f"__ns:={namespace}", f"_actions:={ACTIONS}"]
             + [f"_robot:={robot}", "rosplan_knowledge_base:=/rosplan_knowledge_base"],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -10,13 +10,14 @@ import rospy
 from rosgraph_msgs.msg import Clock
 
 import rostest
+from merlin_test.node_path import node_path
 
 WORLD = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "worlds" / "apartment.yaml"
 
 
 def start(*parameters):
     done = subprocess.run(
-        ["rosrun", "merlin_sim", "merlin_sim", *parameters], capture_output=True, text=True, timeout=180
+        [node_path("merlin_sim", "merlin_sim"), *parameters], capture_output=True, text=True, timeout=180
     )
     # With a latched clock of its own the node stamps its log with simulated time; the text is what counts.
     lines = [line for line in (done.stdout + done.stderr).splitlines() if "merlin_sim:" in line]

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from merlin_test.node_path import node_path
+
 pytestmark = pytest.mark.processes
 
 APPLICATION = """<launch>
@@ -35,7 +37,7 @@ class TakeOrder(MerlinActionSM):
 def check(tmp_path: Path, *words: str, **variables: str) -> "subprocess.CompletedProcess[str]":
     env = {**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_HOME": str(tmp_path), **variables}
     return subprocess.run(
-        ["rosrun", "merlin", "check", *words],
+        [node_path("merlin", "check"), *words],
         env=env,
         capture_output=True,
         text=True,
