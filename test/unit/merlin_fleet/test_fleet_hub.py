@@ -4,16 +4,18 @@ import queue
 import socket
 import threading
 import time
+from pathlib import Path
 from typing import Any, Iterator, Tuple, Type
 
+import grpc
 import pytest
 from etcd3 import etcdrpc
 
 from merlin_fleet.certified import HubError, Tls, time_of
 from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn
-from merlin_fleet.etcd_messages import LeaseUnknown
+from merlin_fleet.etcd_messages import LeaseUnknown, behind
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.hub_watch import Listener
+from merlin_fleet.hub_watch import Listener, Watch
 from merlin_fleet.testing.etcd_process import EtcdProcess
 
 LIMIT = 60.0  # s for anything that has to happen
@@ -240,6 +242,58 @@ def test_what_was_compacted_meanwhile_is_read_again(
     assert [item.key for item in snapshot.items] == [ROOT + f"b{number}" for number in range(5)]
     revision = put(writer, ROOT + "c", "1")
     assert heard.next("changed").modified == revision
+
+
+def test_what_was_written_and_not_delivered_yet_is_missed_in_a_backup(
+    own: EtcdProcess, hubs: Any, tmp_path: Path
+) -> None:
+    class Late(Heard):
+        """Keeps the hub from following its keys after a loss."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.go = threading.Event()
+
+        def on_disconnected(self, reason: str) -> None:
+            super().on_disconnected(reason)
+            assert self.go.wait(LIMIT)
+
+    hub, heard = hubs(own), Late()
+    hub.follow(heard)
+    heard.next("connected")
+    first = put(hub, ROOT + "a", "1")
+    assert heard.next("changed").modified == first
+    own.kill()
+    heard.next("disconnected")
+    own.start()
+    own.save(tmp_path / "snapshot")
+    put_until_it_is_there(hub, ROOT + "b")
+    own.kill()
+    own.put_back(tmp_path / "snapshot")
+    own.start()
+    heard.go.set()
+    snapshot = heard.next("connected")
+    assert snapshot.another
+    assert [item.key for item in snapshot.items] == [ROOT + "a"]
+
+
+def test_that_it_is_another_hub_is_said_also_after_a_stream_that_did_not_begin(shared: EtcdProcess) -> None:
+    with grpc.insecure_channel(shared.endpoint) as channel:
+
+        class Once(Heard):
+            """Ends the stream when it has begun."""
+
+            def on_connected(self, snapshot: Snapshot) -> None:
+                super().on_connected(snapshot)
+                channel.close()
+
+        heard = Once()
+        watch = Watch(heard, ROOT.encode(), behind(ROOT.encode()))
+        watch.restart(1, Snapshot(5, ()), another=True)
+        watch.restart(1, Snapshot(6, ()), another=False)
+        with pytest.raises((grpc.RpcError, HubError)):
+            watch.run(channel, LIMIT)
+    assert heard.next("connected").another
 
 
 def test_without_certificates_only_this_machine_is_used() -> None:
