@@ -15,7 +15,7 @@ import grpc
 
 from merlin_fleet.certified import HubError, Tls, certificate_problem, time_of
 from merlin_fleet.core.store import Item, Snapshot, Txn, TxnResult
-from merlin_fleet.etcd_messages import HubFails, behind, error_of, item_of, txn_message
+from merlin_fleet.etcd_messages import HubCompacted, behind, error_of, item_of, txn_message
 from merlin_fleet.hub_watch import ChannelClosed, Listener, Watch
 
 DEFAULT_ENDPOINT = "127.0.0.1:2379"
@@ -273,8 +273,8 @@ class EtcdHub:
         try:
             request = rpc.RangeRequest(key=last.key.encode(), revision=last.modified)
             found = list(map(item_of, self._call("KV", "Range", request).kvs))
-        except HubFails:
-            return None  # that revision was compacted
+        except HubCompacted:
+            return None
         return found == [last]
 
     def _reason(self, error: HubError) -> str:
