@@ -49,12 +49,14 @@ def pytest_configure(config: pytest.Config) -> None:
     """Where the machine's names have no addresses, all tests run on 127.0.0.1.
 
     A shell starts what is in the background deaf to Ctrl-C, and so would be every process of the tests.
+    Processes of tests buffer what they print, as a user's do: one that is awaited has to flush.
     """
     if config.getoption("progress") and not hasattr(config, "workerinput"):
         target = Path(config.rootpath) / "results" / "test" / "durations.txt"
         workers = config.getoption("numprocesses", None) or 1
         config.pluginmanager.register(Progress(read_durations(DURATIONS), workers, target))
     use_loopback()
+    os.environ.pop("PYTHONUNBUFFERED", None)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -94,7 +96,7 @@ class RosTestItem(pytest.Item):
         """Runs the suite; whatever it leaves behind is killed."""
         home = Path(self.config.rootpath) / "results" / "test" / self.name
         home.mkdir(parents=True, exist_ok=True)
-        env = dict(os.environ, ROS_HOME=str(home), ROS_LOG_DIR=str(home / "log"), PYTHONUNBUFFERED="1")
+        env = dict(os.environ, ROS_HOME=str(home), ROS_LOG_DIR=str(home / "log"))
         env[processes.MARK] = f"{os.getpid()}.{self.name}"
         env.pop("ROS_MASTER_URI", None)
         results = home / "test_results"

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# ruff, mypy, the map of imports, catkin_lint on all packages, roslaunch-check on all launch files. Ends non-zero at any finding.
+# ruff, mypy, the map of imports, tests that assert nothing, catkin_lint on all packages, roslaunch-check on all launch files.
+# Ends non-zero at any finding.
 #   --changed-launch-files [REVISION]   roslaunch-check only where a launch file or manifest has changed since
 set -u
 cd "$(dirname "$0")/.."
@@ -7,6 +8,7 @@ status=0
 ruff check . || status=1
 ruff format --check . || status=1
 python tools/check_imports.py || status=1
+python tools/check_tests.py || status=1
 mypy || status=1
 python tools/application_lines.py --check || status=1
 catkin_lint -q -W2 --strict src || status=1

@@ -19,7 +19,7 @@ def run_in_shell(commands: str, ros_folder: Path, folder: Path) -> str:
     :param folder: in which the shell begins.
     """
     env = {key: os.environ[key] for key in ("PATH", "HOME")}
-    env.update(ROS_HOME=str(ros_folder / "ros"), ROS_LOG_DIR=str(ros_folder / "log"), PYTHONUNBUFFERED="1")
+    env.update(ROS_HOME=str(ros_folder / "ros"), ROS_LOG_DIR=str(ros_folder / "log"))
     screen = ros_folder / "screen.txt"
     with screen.open("w", encoding="utf-8") as output:
         shell = subprocess.Popen(

@@ -110,7 +110,6 @@ class MasterProcess:
             **os.environ,
             "ROS_HOME": str(home),
             "ROS_LOG_DIR": str(home / "log"),
-            "PYTHONUNBUFFERED": "1",
         }
         self.env.pop("ROS_NAMESPACE", None)
         (self._port,) = free_ports(1)  # a master that was killed finds its own free again

@@ -298,7 +298,9 @@ class SeveralRobots(unittest.TestCase):
 
     def test_random_cancels_and_robots_that_come_and_go(self):
         stress = RobotsStress(["ann", "bob"], PLACES, seed=21, longest=1.0, always_cancel=True)
-        stress.run(rospy.get_param("~cycles"))
+        cycles = rospy.get_param("~cycles")
+        stress.run(cycles)
+        self.assertEqual(stress.done["cancel"], cycles)
 
     def host(self, namespace, robot):
         """Starts another host."""

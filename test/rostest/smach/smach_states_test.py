@@ -198,7 +198,7 @@ class Shutdown:
         """Interrupts one process per scenario when it runs; all at once, for their start takes long."""
         processes = {
             scenario: subprocess.Popen(
-                [sys.executable, "-u", os.path.join(HERE, "smach_victim.py"), scenario],
+                [sys.executable, os.path.join(HERE, "smach_victim.py"), scenario],
                 stdout=subprocess.PIPE,
                 text=True,
             )

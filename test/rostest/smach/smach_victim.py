@@ -47,7 +47,7 @@ class Waits(smach.State):
         self.asked.set()
 
     def execute(self, ud):
-        print("running")
+        print("running", flush=True)
         self.asked.wait()
         if not self.obeys:
             threading.Event().wait()
@@ -80,7 +80,7 @@ def execute(state):
 
 
 def running(*args):
-    print("running")
+    print("running", flush=True)
     return True
 
 

@@ -182,8 +182,20 @@ def test_what_a_node_leaves_behind_is_ended(tmp_path: Path) -> None:
 
 def test_a_required_node_that_dies_ends_the_run_by_name(tmp_path: Path) -> None:
     exit_code, _, err = run(tmp_path, str(LAUNCH_FILE), "mission:=wait", "other:=exit 4", "required:=true")
-    assert exit_code == 4
+    assert exit_code == 4, err
     assert "node 'other' died with exit code 4" in err[0]
+
+
+def test_a_required_node_that_dies_while_others_are_started_is_named(tmp_path: Path) -> None:
+    others = "".join(
+        f'<node pkg="merlin_test" type="fake_node.py" name="other_{number}" launch-prefix="/bin/true"/>'
+        for number in range(100)
+    )
+    first = '<node pkg="merlin_test" type="fake_node.py" name="first" args="exit 4" required="true"/>'
+    (tmp_path / "many.launch").write_text(f"<launch>{first}{others}</launch>")
+    exit_code, _, err = run(tmp_path, str(tmp_path / "many.launch"))
+    assert exit_code == 4, err
+    assert "required node 'first' died with exit code 4" in err[-1]
 
 
 def test_another_node_that_dies_is_only_reported(tmp_path: Path) -> None:

@@ -14,10 +14,14 @@ FIRST = "/ann/merlin_fsm_host"
 
 
 class Master:
-    """A master that knows the first host; the connection to it opens at some look for it."""
+    """A master that knows the first host; the connection to it opens at some look for it.
+
+    Each look for connections takes a second of the fake clock.
+    """
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
         self._looks = looks
+        self.looked = 0
         self._callbacks: Dict[str, Callable[[RobotHost], None]] = {}
         state = ([["/kb/robots", [FIRST, "/second/host"]]], [], [])
         monkeypatch.setattr(rospy, "get_name", lambda: "/second/host")
@@ -29,6 +33,7 @@ class Master:
             ("connected_peers", self._peers),
             ("GONE_AFTER", 0.0),  # a message has to come with the connection
             ("CONNECTION_LOOK", 0.0),
+            ("time", SimpleNamespace(monotonic=lambda: float(self.looked))),
         ):
             monkeypatch.setattr(robot_presence, name, made)
 
@@ -37,20 +42,22 @@ class Master:
         return SimpleNamespace(unregister=lambda: None)
 
     def _peers(self, _: Any) -> Set[str]:
-        self._looks -= 1
-        if self._looks > 0:
+        self.looked += 1
+        if self.looked < self._looks:
             return set()
         self._callbacks["/kb/robots"](RobotHost(robot="ann", node=FIRST))
         return {FIRST}
 
 
 def test_a_first_host_whose_connection_opens_late_is_heard(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot_presence, "CONNECT_LIMIT", 200.0)
     Master(monkeypatch, looks=100)
     with pytest.raises(ValueError, match=f"{FIRST} says already that it is robot ann"):
         RobotPresence("ann", "/kb", {}).refuse_second()
 
 
 def test_a_host_that_was_killed_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(robot_presence, "CONNECT_LIMIT", 0.05)
-    Master(monkeypatch, looks=10**9)
+    monkeypatch.setattr(robot_presence, "CONNECT_LIMIT", 50.0)
+    master = Master(monkeypatch, looks=10**9)
     RobotPresence("bob", "/kb", {}).refuse_second()
+    assert master.looked == 50

@@ -4,16 +4,18 @@ import queue
 import socket
 import threading
 import time
+from pathlib import Path
 from typing import Any, Iterator, Tuple, Type
 
+import grpc
 import pytest
 from etcd3 import etcdrpc
 
 from merlin_fleet.certified import HubError, Tls, time_of
 from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn
-from merlin_fleet.etcd_messages import LeaseUnknown
+from merlin_fleet.etcd_messages import LeaseUnknown, behind
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.hub_watch import Listener
+from merlin_fleet.hub_watch import Listener, Watch
 from merlin_fleet.testing.etcd_process import EtcdProcess
 
 pytestmark = pytest.mark.processes
@@ -242,6 +244,107 @@ def test_what_was_compacted_meanwhile_is_read_again(
     assert [item.key for item in snapshot.items] == [ROOT + f"b{number}" for number in range(5)]
     revision = put(writer, ROOT + "c", "1")
     assert heard.next("changed").modified == revision
+
+
+class Late(Heard):
+    """Keeps the hub from following its keys after a loss."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.go = threading.Event()
+
+    def on_disconnected(self, reason: str) -> None:
+        super().on_disconnected(reason)
+        assert self.go.wait(LIMIT)
+
+
+def test_what_was_written_and_not_delivered_yet_is_missed_in_a_backup(
+    own: EtcdProcess, hubs: Any, tmp_path: Path
+) -> None:
+    hub, heard = hubs(own), Late()
+    hub.follow(heard)
+    heard.next("connected")
+    first = put(hub, ROOT + "a", "1")
+    assert heard.next("changed").modified == first
+    own.kill()
+    heard.next("disconnected")
+    own.start()
+    own.save(tmp_path / "snapshot")
+    put_until_it_is_there(hub, ROOT + "b")
+    own.kill()
+    own.put_back(tmp_path / "snapshot")
+    own.start()
+    heard.go.set()
+    snapshot = heard.next("connected")
+    assert snapshot.another
+    assert [item.key for item in snapshot.items] == [ROOT + "a"]
+
+
+class Removed(grpc.RpcError):
+    """An error of gRPC's own."""
+
+    def code(self) -> grpc.StatusCode:
+        return grpc.StatusCode.UNKNOWN
+
+    def details(self) -> str:
+        return "Stream removed"
+
+
+def test_a_look_into_the_history_that_fails_is_repeated(
+    own: EtcdProcess, hubs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hub, writer, heard = hubs(own), hubs(own, "/elsewhere/"), Late()
+    hub.follow(heard)
+    heard.next("connected")
+    own.save(tmp_path / "snapshot")
+    last = put(hub, ROOT + "a", "1")
+    assert heard.next("changed").modified == last
+    own.kill()
+    heard.next("disconnected")
+    own.put_back(tmp_path / "snapshot")
+    own.start()
+    while put_until_it_is_there(writer, f"/elsewhere/{time.monotonic_ns()}") <= last:
+        continue
+    failed = threading.Event()
+
+    class Stub(etcdrpc.KVStub):  # type: ignore[misc]
+        """Fails at the first look into the history."""
+
+        def __init__(self, channel: grpc.Channel) -> None:
+            super().__init__(channel)
+            answer = self.Range
+
+            def look(request: Any, timeout: float) -> Any:
+                if request.revision == last and not failed.is_set():
+                    failed.set()
+                    raise Removed
+                return answer(request, timeout=timeout)
+
+            self.Range = look
+
+    monkeypatch.setattr(etcdrpc, "KVStub", Stub)
+    heard.go.set()
+    assert heard.next("connected").another
+    assert failed.is_set()
+
+
+def test_that_it_is_another_hub_is_said_also_after_a_stream_that_did_not_begin(shared: EtcdProcess) -> None:
+    with grpc.insecure_channel(shared.endpoint) as channel:
+
+        class Once(Heard):
+            """Ends the stream when it has begun."""
+
+            def on_connected(self, snapshot: Snapshot) -> None:
+                super().on_connected(snapshot)
+                channel.close()
+
+        heard = Once()
+        watch = Watch(heard, ROOT.encode(), behind(ROOT.encode()))
+        watch.restart(1, Snapshot(5, ()), another=True)
+        watch.restart(1, Snapshot(6, ()), another=False)
+        with pytest.raises((grpc.RpcError, HubError)):
+            watch.run(channel, LIMIT)
+    assert heard.next("connected").another
 
 
 def test_without_certificates_only_this_machine_is_used() -> None:

@@ -15,7 +15,7 @@ class Command:
     def __init__(self, endpoint: str, *arguments: str) -> None:
         program = "import sys; from merlin_fleet.commands.fleet_command import main; sys.exit(main())"
         words = ["page", "--hub", endpoint, "--fleet", "lab", *arguments]
-        environment = {**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1", "PYTHONUNBUFFERED": "1"}
+        environment = {**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1"}
         self.process = subprocess.Popen(
             [sys.executable, "-c", program, *words],
             env=environment,

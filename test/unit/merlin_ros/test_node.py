@@ -213,13 +213,15 @@ sys.exit(run_node("somebody", start))
 
 def test_signals_that_interrupt_each_other_end_a_node(master: Any) -> None:
     for _ in range(3):  # a node that hangs is a time-out here; a late signal may come behind its handlers
-        subprocess.run(
+        ended = subprocess.run(
             [sys.executable, "-c", STORM],
             env=dict(os.environ, ROS_MASTER_URI=master.uri),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             timeout=LIMIT,
         )
+        assert ended.returncode in (0, -signal.SIGINT, -signal.SIGTERM)
+        assert master.address_of("/somebody") == ""
 
 
 LIGHT = """

@@ -61,8 +61,11 @@ def test_a_process_that_yields_more_is_left_alone() -> None:
 @grouped
 def test_a_child_in_a_session_of_its_own_yields_as_its_parent() -> None:
     child = f"from merlin_ros.process_priority import inherit_priority; inherit_priority(); {GROUP}"
+    # The parent prints what the child said: of two processes, each may print before the other.
     begin = (
-        f"import subprocess, sys; subprocess.run([sys.executable, '-c', {child!r}], start_new_session=True)"
+        "import subprocess, sys\n"
+        f"command = [sys.executable, '-c', {child!r}]\n"
+        "print(subprocess.check_output(command, start_new_session=True, text=True))"
     )
     assert answer(after=begin).endswith("nice 5")
 

@@ -40,6 +40,8 @@ INTERRUPT_TIMEOUT = 15.0
 TERMINATE_TIMEOUT = 1.0
 #: Wall seconds after which a signal that did not wake the run is seen at the latest.
 LOOK_FOR_SIGNALS = 0.5
+#: Wall seconds in which roslaunch reports a death for which it has ended a start.
+DEATH_REPORT = 10.0
 #: Ends of the names of parameters that name a file which has to be there when a node starts.
 FILE_PARAMETERS = ("/domain_path", "knowledge_base/problem_path", "/world_file", "/world_path")
 EXIT_FAILED = 1
@@ -225,8 +227,11 @@ class LaunchRun:
             stack.enter_context(announced(uri, self._request.launch_file, self.log_folder))
             self._parent.start(auto_terminate=False)
         except (RLException, LaunchError) as error:
-            self._say(f"{self._request.launch_file.name}: {one_line(error)}")
-            return EXIT_REFUSED
+            code = self._ended_while_it_started()
+            if code is None:
+                self._say(f"{self._request.launch_file.name}: {one_line(error)}")
+                code = EXIT_REFUSED
+            return code
         nodes = self._parent.config.nodes
         self._page = page_of(nodes, self._parent.parameters())
         self._missions = {node.process_name: None for node in nodes if node.name == MISSION_NODE}
@@ -240,6 +245,19 @@ class LaunchRun:
                 code = self._handle(self._events.get(timeout=LOOK_FOR_SIGNALS))
                 if code is not None:
                     return code
+
+    def _ended_while_it_started(self) -> Optional[int]:
+        """The exit code if a required node died before all were started. roslaunch's error names another."""
+        monitor = self._parent.pm if self._parent is not None else None
+        if monitor is None or not monitor.is_shutdown:
+            return None
+        # roslaunch stops its monitor first, and reports the death then.
+        with contextlib.suppress(queue.Empty):
+            while True:
+                code = self._handle(self._events.get(timeout=DEATH_REPORT))
+                if code is not None:
+                    return code
+        return None
 
     def _handle(self, event: _Event) -> Optional[int]:
         """The exit code when the event ends the run."""

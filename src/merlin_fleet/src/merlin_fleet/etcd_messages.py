@@ -25,6 +25,10 @@ class HubFails(HubError):
     """etcd is there, and does not do it. Nothing was done."""
 
 
+class HubCompacted(HubFails):
+    """etcd no longer has what was at that revision."""
+
+
 def behind(prefix: bytes) -> bytes:
     """The end of the range of all keys that begin so."""
     return prefix[:-1] + bytes([prefix[-1] + 1])
@@ -94,4 +98,6 @@ def error_of(error: grpc.RpcError) -> HubError:
         )
     if code is grpc.StatusCode.CANCELLED:  # another call on it was not answered in time
         return HubError("the connection to etcd was closed")
+    if code is grpc.StatusCode.OUT_OF_RANGE and "compacted" in details:
+        return HubCompacted(f"etcd refuses: {details}")
     return HubFails(f"etcd refuses: {details or code.name}")

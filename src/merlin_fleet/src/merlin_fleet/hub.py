@@ -15,7 +15,7 @@ import grpc
 
 from merlin_fleet.certified import HubError, Tls, certificate_problem, time_of
 from merlin_fleet.core.store import Item, Snapshot, Txn, TxnResult
-from merlin_fleet.etcd_messages import HubFails, behind, error_of, item_of, txn_message
+from merlin_fleet.etcd_messages import HubCompacted, behind, error_of, item_of, txn_message
 from merlin_fleet.hub_watch import ChannelClosed, Listener, Watch
 
 DEFAULT_ENDPOINT = "127.0.0.1:2379"
@@ -73,6 +73,7 @@ class EtcdHub:
         self._channel: Optional[grpc.Channel] = None
         self._turn = 0
         self._dropped = ""
+        self._written: Optional[Item] = None  # the last answered put of what it follows
         self._closed = threading.Event()
         self._thread: Optional[threading.Thread] = None
 
@@ -89,7 +90,12 @@ class EtcdHub:
         if not answer.succeeded:
             for response in answer.responses:
                 items += map(item_of, response.response_range.kvs)
-        return TxnResult(answer.succeeded, answer.header.revision, tuple(items))
+        revision = answer.header.revision
+        followed = [put for put in txn.puts if self._root <= put.key.encode() < self._end]
+        if answer.succeeded and followed:
+            with self._lock:
+                self._written = Item(followed[-1].key, followed[-1].value, revision)
+        return TxnResult(answer.succeeded, revision, tuple(items))
 
     def grant(self, ttl: float) -> Tuple[int, float]:
         """A new lease, and its time in s.
@@ -228,9 +234,13 @@ class EtcdHub:
             told = watch.told
             try:
                 cluster, known = self._where()
-                has = self._has(watch.last) if watch.resumes(cluster, known) else None
+                with self._lock:
+                    written = self._written
+                has = self._has(watch.latest(written), known) if watch.resumes(cluster, known) else None
                 if not has:
                     watch.restart(*self._read(), another=has is False)
+                    with self._lock:  # of a store that is gone; what was written meanwhile stays
+                        self._written = None if self._written is written else self._written
                 watch.run(self._open(), self._timeout)
             except (grpc.RpcError, ChannelClosed) as error:
                 reason = str(error_of(error)) if isinstance(error, grpc.RpcError) else str(error)
@@ -248,19 +258,23 @@ class EtcdHub:
                 pause = PAUSES[min(failures, len(PAUSES) - 1)]
                 self._closed.wait(pause * random.uniform(0.7, 1.3))  # not all robots at once
 
-    def _has(self, last: Optional[Item]) -> Optional[bool]:
-        """Whether etcd has the last change that was delivered, at its revision; None: that cannot be seen.
+    def _has(self, last: Optional[Item], known: int) -> Optional[bool]:
+        """Whether etcd has the last change that this process knows of; None: that cannot be seen.
 
         One that was put back from a backup has the same id when its token is the same, and its revision may
-        have passed the delivered one since then.
+        have passed that of the change since then.
+
+        :param known: etcd's revision.
         """
         if last is None:
             return None  # nothing is left of a deletion
+        if last.modified > known:
+            return False
         try:
             request = rpc.RangeRequest(key=last.key.encode(), revision=last.modified)
             found = list(map(item_of, self._call("KV", "Range", request).kvs))
-        except HubFails:
-            return None  # that revision was compacted
+        except HubCompacted:
+            return None
         return found == [last]
 
     def _reason(self, error: HubError) -> str:

@@ -50,12 +50,20 @@ class Watch:
         """Whether the next changes follow the delivered ones without a gap."""
         return bool(self._revision) and cluster == self._cluster and revision >= self._revision
 
+    def latest(self, written: Optional[Item]) -> Optional[Item]:
+        """The last change that this process knows of: the delivered one, or one that it has written.
+
+        What it has written may be answered before it is delivered, and is known then.
+        """
+        return written if written is not None and written.modified > self._revision else self.last
+
     def restart(self, cluster: int, snapshot: Snapshot, another: bool) -> None:
         """Changes delivered before no longer count.
 
         :param another: whether it is known that the store is not the one that they came from.
         """
-        another = another or self._cluster not in (0, cluster)
+        undelivered = self._snapshot is not None and self._snapshot.another
+        another = another or undelivered or self._cluster not in (0, cluster)
         self._cluster, self._revision = cluster, snapshot.revision
         self.last = max(snapshot.items, key=lambda item: item.modified, default=None)
         self._snapshot = snapshot._replace(another=another)
@@ -117,9 +125,9 @@ class Watch:
 
     def _begin(self) -> None:
         self.connected = True
-        snapshot, self._snapshot = self._snapshot, None
-        if snapshot is not None:
-            self._listener.on_connected(snapshot)
+        if self._snapshot is not None:
+            self._listener.on_connected(self._snapshot)
+            self._snapshot = None  # a listener that raises gets the next one
         else:
             self._listener.on_resumed()
 

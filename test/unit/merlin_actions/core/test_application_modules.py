@@ -1,5 +1,6 @@
 """An application's modules are read anew as a whole, or stay as they were."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -23,7 +24,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "        return HELLO\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)  # as a robot runs
     yield folder
     for name in [name for name in sys.modules if name.partition(".")[0] == "hospital_courier"]:
         del sys.modules[name]
@@ -54,6 +55,17 @@ def test_a_constant_of_another_module_is_read_anew(package: Path) -> None:
     assert (old.say(), new.say()) == ("hello", "good morning")
     assert loaded()().say() == "good morning" and modules.edited() == []
     assert sys.modules["colorsys"] is library
+
+
+def test_an_edit_of_the_same_length_within_a_second_is_read(package: Path) -> None:
+    words = package / "words.py"
+    os.utime(str(words), ns=(10**18, 10**18))
+    modules = noted()
+    words.write_text('HELLO = "salut"\n')
+    os.utime(str(words), ns=(10**18 + 1, 10**18 + 1))
+    assert modules.edited() == ["hospital_courier.words"]
+    with modules.renewed():
+        assert loaded()().say() == "salut"
 
 
 def test_after_an_error_all_is_as_before(package: Path) -> None:

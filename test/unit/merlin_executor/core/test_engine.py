@@ -206,9 +206,18 @@ def test_an_answer_that_fails_at_the_end_keeps_no_other_one() -> None:
 KNOWN = {"robot_at": 1, "Between": 2}
 
 
+def mistake(name: str, *arguments: str) -> str:
+    """What is wrong with an atom in a world with a kitchen and a hall; empty: nothing."""
+    try:
+        check_atom("(g)", "predicate", name, arguments, KNOWN, {"kitchen", "hall"})
+    except GoalError as error:
+        return str(error)
+    return ""
+
+
 def test_names_do_not_depend_on_case() -> None:
-    check_atom("(ROBOT_AT Kitchen)", "predicate", "ROBOT_AT", ["Kitchen"], KNOWN, {"kitchen"})
-    check_atom("(between a b)", "predicate", "between", ["a", "b"], KNOWN, {"a", "b"})
+    assert mistake("ROBOT_AT", "Kitchen") == mistake("robot_at", "KITCHEN") == ""
+    assert mistake("between", "kitchen", "Hall") == mistake("BETWEEN", "hall", "hall") == ""
 
 
 @pytest.mark.parametrize(
@@ -220,8 +229,7 @@ def test_names_do_not_depend_on_case() -> None:
     ],
 )
 def test_what_makes_no_sense_says_why(name: str, arguments: List[str], why: str) -> None:
-    with pytest.raises(GoalError, match=why):
-        check_atom("(g)", "predicate", name, arguments, KNOWN, {"kitchen"})
+    assert mistake(name, *arguments) == f"(g): {why}"
 
 
 def test_notes_survive_and_other_files_are_no_notes(tmp_path: object) -> None:

@@ -80,9 +80,13 @@ def test_the_last_words_of_a_node_that_goes_down_may_be_lost(
     topic: Topic, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reporter = MissionReporter("round")
+    begin = [(MissionStatus.STARTING, 0, "starting")]
     topic.closed = True
+    with pytest.raises(rospy.ROSException):  # a mistake, while the node lives
+        reporter.report(MissionStatus.CANCELLED, "cancelled")
     monkeypatch.setattr(core, "_in_shutdown", True)
     reporter.report(MissionStatus.CANCELLED, "cancelled")
+    assert topic.told == begin
 
 
 class Client:

@@ -3,7 +3,7 @@
 import base64
 import pickle
 import queue
-from typing import Any, List, Tuple
+from typing import Any, Dict, List, Tuple
 
 import pytest
 import rospy
@@ -198,20 +198,39 @@ MESSAGES = [
     status("/M", "GHOST"),
     structure("/M", ["<b>", '"', "A\n", "\\"], [("</text>", "<b>", '"'), ("x", "nowhere", "")], ["]]>"]),
     structure("", [], [], []),
+    structure("/M", ["A"], [("lost", "A", "None"), ("ok", "A", "GHOST")], ["ok"]),
     structure("/M/SUB", ["X"], [("a", "X", "X")], ["X"]),
 ]
 
 
 @given(st.lists(st.sampled_from(MESSAGES), max_size=15))
 def test_any_order_of_messages_and_any_names(messages: list) -> None:
-    _, machines, _, _ = section()
+    tree, machines, _, _ = section()
+    children: Dict[str, List[str]] = {}
+    active: Dict[str, List[str]] = {}
     for message in messages:
-        take = machines.structure if hasattr(message, "children") else machines.status
-        take("/m", message, *([0.0] if take == machines.structure else [0.0, 0.0]))
-        machines.active_leaf("m")
+        if hasattr(message, "children"):
+            machines.structure("/m", message, 0.0)
+            children[message.path] = message.children
+        else:
+            machines.status("/m", message, 0.0, 0.0)
+            active[message.path] = [state for state in message.active_states if state != "None"]
+        shown = tree.get("machines", "containers")
+        assert shown.keys() == {container_key("/m", path) for path in (*children, *active)}
+        for path in children:
+            assert shown[container_key("/m", path)]["children"] == children[path]
+        for path in active:
+            assert shown[container_key("/m", path)]["active"] == active[path]
+        outer = active.get("/M", [])
+        inner = active.get("/M/SUB", []) if outer == ["SUB"] else []
+        assert machines.active_leaf("m") == ("/".join(["M", *outer, *inner]) if outer else "")
         containers = machines.containers_below(machines.root_of(KEY))
+        assert ("/M" in containers) is ("/M" in children)
         if "/M" in containers:
-            machine_graph(containers, "/M")
+            graph = machine_graph(containers, "/M")
+            drawn = {node.id for node in graph.nodes}
+            assert all(f"/M/{child}" in drawn | containers.keys() for child in children["/M"])
+            assert all({edge.tail, edge.head} <= drawn for edge in graph.edges)
 
 
 def test_hostile_names_are_laid_out_and_come_back_as_they_were() -> None:

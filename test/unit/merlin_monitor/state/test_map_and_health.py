@@ -83,12 +83,18 @@ def test_a_path_of_any_length_keeps_its_ends(count: int) -> None:
     assert not count or (path[0][0] == 0.0 and path[-1][0] == count - 1)
 
 
-SHAPES = st.sampled_from([None, "kitchen", 1.0, [], {"x": 1}, {"x": "1", "y": None}, {"x": [], "y": {}}])
+PLACE = {"x": "1.5", "y": 2}
+NO_PLACES = [None, "kitchen", 1.0, [], {"x": 1}, {"x": "1", "y": None}, {"x": [], "y": {}}]
+SHAPES = st.sampled_from([*NO_PLACES, PLACE])
 
 
 @given(SHAPES | st.dictionaries(st.sampled_from(["x", "kitchen"]), SHAPES, max_size=2))
 def test_points_of_interest_of_any_shape(parameter: Any) -> None:
-    MapSection(StateTree()).points(parameter)
+    tree = StateTree()
+    names = MapSection(tree).points(parameter)
+    places = parameter.items() if isinstance(parameter, dict) else ()
+    assert names == [name for name, place in places if place == PLACE]
+    assert tree.get("map", "points") == {name: [1.5, 2.0, 0.0] for name in names}
 
 
 def test_points_of_interest() -> None:

@@ -2,14 +2,14 @@
 
 import base64
 import collections
-import contextlib
 import pickle
 import pickletools
+import tracemalloc
 from typing import Any, Callable, Dict
 
 import pytest
 from geometry_msgs.msg import Point
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from merlin_monitor.text.userdata_text import LONGEST_VALUE, UserDataTextError, userdata_rows
@@ -85,6 +85,17 @@ def test_containers_of_all_kinds_are_shown() -> None:
     assert shown["keyed"] == "{\"('e', 1)\": 2}"
 
 
+def assert_harmless(text: str) -> None:
+    """Whatever it is, it is refused or short, runs nothing, and leaves the next userdata alone."""
+    try:
+        shown = userdata_rows(text)
+    except UserDataTextError:
+        shown = []
+    assert all(len(key) <= 100 and len(value) <= LONGEST_VALUE + 20 for key, value in shown)
+    assert RAN == []
+    assert rows({"a": Mine()}, 2)["a"].endswith("_run('it')")
+
+
 def nested_key() -> bytes:
     """A dict whose key shares its parts: hashing it takes 2 ** 60 steps."""
     program = b"N"
@@ -100,8 +111,15 @@ def announced() -> bytes:
 
 @pytest.mark.parametrize("make", [nested_key, announced])
 def test_what_is_small_and_claims_to_be_huge_costs_nothing(make: Callable[[], bytes]) -> None:
-    with contextlib.suppress(UserDataTextError):
-        userdata_rows(base64.b64encode(make()).decode())
+    """No memory; time without end would be this test's."""
+    text = base64.b64encode(make()).decode()
+    tracemalloc.start()
+    try:
+        assert_harmless(text)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 1 << 20
 
 
 def test_older_smach_sends_the_pickle_itself() -> None:
@@ -130,15 +148,15 @@ def test_what_is_no_userdata_says_so(text: str) -> None:
 
 @given(st.binary(max_size=60))
 def test_random_bytes_do_no_harm(data: bytes) -> None:
-    with contextlib.suppress(UserDataTextError):
-        userdata_rows(base64.b64encode(data).decode())
+    assert_harmless(base64.b64encode(data).decode())
 
 
 OPCODES = [opcode.code.encode("latin-1") for opcode in pickletools.opcodes]
+CALLS = f"c{__name__}\n_run\n(U\x02ittR0".encode()
 
 
-@given(st.lists(st.sampled_from(OPCODES), max_size=20), st.binary(max_size=8))
+@given(st.lists(st.sampled_from([*OPCODES, CALLS]), max_size=20), st.binary(max_size=8))
+@example([CALLS], b"")
 def test_random_programs_do_no_harm(opcodes: list, data: bytes) -> None:
     program = b"\x80\x02}" + data.join(opcodes) + b"."
-    with contextlib.suppress(UserDataTextError):
-        userdata_rows(base64.b64encode(program).decode())
+    assert_harmless(base64.b64encode(program).decode())

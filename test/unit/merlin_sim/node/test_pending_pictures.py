@@ -37,9 +37,13 @@ def held(pictures, time):
 
 
 def test_without_pictures_time_goes_on(pictures):
-    pictures.hold(at(0))
-    pictures.take(None, at(0)).set_result(None)
-    pictures.hold(at(900))
+    assert held(pictures, at(0)).wait(LONG)
+    picture = pictures.take(None, at(0))
+    free = held(pictures, at(900))
+    assert not free.is_set()
+    picture.set_result(None)
+    assert free.wait(LONG)
+    assert held(pictures, at(999)).wait(LONG)
 
 
 def test_time_waits_at_the_latency_behind_the_oldest_picture(pictures):

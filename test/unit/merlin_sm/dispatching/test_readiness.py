@@ -68,6 +68,22 @@ def test_the_actions_of_a_drawing_in_the_order_of_the_plan() -> None:
     assert drawn_actions(GRAPH) == [("drive", ("ann", "kitchen")), ("restart_engine", ("bob",)), ("stay", ())]
 
 
+@pytest.fixture
+def waits(monkeypatch: pytest.MonkeyPatch) -> List[float]:
+    """The limits of the waits that have begun, s."""
+    begun: List[float] = []
+
+    class Noted(deadline.Deadline):
+        """Notes its limit."""
+
+        def __init__(self, seconds: float) -> None:
+            super().__init__(seconds)
+            begun.append(seconds)
+
+    monkeypatch.setattr(readiness, "Deadline", Noted)
+    return begun
+
+
 def test_the_plan_is_waited_for(ready: DispatchReadiness, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(readiness, "DRAWING_WAIT", LONG)
     ready._receive_drawing(String(OLD))
@@ -85,18 +101,20 @@ def test_the_plan_is_waited_for(ready: DispatchReadiness, monkeypatch: pytest.Mo
 
 
 def test_a_dispatcher_that_does_not_draw_is_not_waited_for(
-    ready: DispatchReadiness, ros: List[str], monkeypatch: pytest.MonkeyPatch
+    ready: DispatchReadiness, ros: List[str], waits: List[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(readiness, "DRAWING_WAIT", 1e6)
+    monkeypatch.setattr(readiness, "DRAWING_WAIT", 0.01)
     ros.clear()
     ready.wait(NEW, lambda: False)
+    assert waits == [readiness.INTERFACE_WAIT]
 
 
 def test_a_plan_that_is_never_drawn_is_not_waited_for_without_end(
-    ready: DispatchReadiness, monkeypatch: pytest.MonkeyPatch
+    ready: DispatchReadiness, waits: List[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(readiness, "DRAWING_WAIT", 0.01)
     ready.wait(NEW, lambda: False)
+    assert waits == [readiness.INTERFACE_WAIT, 0.01]
 
 
 def test_interfaces_that_are_announced_without_end_do_not_grow_without_end(ready: DispatchReadiness) -> None:

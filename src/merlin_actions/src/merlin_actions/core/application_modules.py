@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib
+import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -41,6 +42,10 @@ class ApplicationModules:
         Modules that are forgotten live on as long as objects of their classes do.
         """
         old = {name: sys.modules[name] for name, _ in self._sources()}
+        edited = set(self.edited())
+        for name, file in self._sources():
+            if name in edited:
+                _forget_bytecode(file)
         _unbind(old)
         for name in old:
             del sys.modules[name]
@@ -78,6 +83,12 @@ def _stamp(file: Path) -> Tuple[int, int]:
     except OSError:
         return 0, 0
     return found.st_mtime_ns, found.st_size
+
+
+def _forget_bytecode(file: Path) -> None:
+    """Removes what Python has kept of a file: it takes one of the same second and length for the same."""
+    with contextlib.suppress(OSError):
+        Path(importlib.util.cache_from_source(str(file))).unlink()
 
 
 def _unbind(modules: Mapping[str, ModuleType]) -> None:

@@ -1,6 +1,7 @@
 """An etcd of a test's own: on a free port of this machine, in a folder of its own."""
 
 import contextlib
+import os
 import shutil
 import signal
 import subprocess
@@ -80,6 +81,25 @@ class EtcdProcess:
         assert self._process is not None
         self._signal(signal.SIGKILL)
         self._process.wait()
+
+    def put_back(self, snapshot: Path) -> None:
+        """Replaces the data of a killed etcd by a snapshot; its cluster keeps its token and so its id.
+
+        :raises subprocess.CalledProcessError: when etcdctl refuses the snapshot.
+        """
+        folder, peer = f"{self._folder}/data", f"http://127.0.0.1:{self._ports[1]}"
+        shutil.rmtree(folder)
+        command = ["etcdctl", "snapshot", "restore", str(snapshot), "--data-dir", folder, "--name", "hub"]
+        command += ["--initial-cluster", f"hub={peer}", "--initial-advertise-peer-urls", peer]
+        subprocess.run(command, env=dict(os.environ, ETCDCTL_API="3"), check=True, capture_output=True)
+
+    def save(self, snapshot: Path) -> None:
+        """Writes a snapshot of its data, while it runs.
+
+        :raises subprocess.CalledProcessError: when etcdctl fails.
+        """
+        command = ["etcdctl", "--endpoints", self.endpoint, "snapshot", "save", str(snapshot)]
+        subprocess.run(command, env=dict(os.environ, ETCDCTL_API="3"), check=True, capture_output=True)
 
     def close(self) -> None:
         """Ends the process and removes its data."""
