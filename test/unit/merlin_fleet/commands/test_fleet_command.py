@@ -27,7 +27,6 @@ from merlin_fleet.testing.etcd_process import EtcdProcess
 from merlin_fleet.testing.ports import free_ports
 
 pytestmark = pytest.mark.processes
-
 PAGE = (Path(__file__).resolve().parents[4] / "docs" / "fleet.md").read_text(encoding="utf-8")
 LIMIT = 60.0  # s for anything that has to happen
 #: A test machine may stand still for many seconds.
@@ -389,9 +388,8 @@ def test_the_hub_of_the_page(tmp_path: Path) -> None:
     port, peer = free_ports(2)
     line = line.replace("~/.ros/merlin/hub", str(tmp_path / "hub")).replace("2379", str(port))
     peers = ["--listen-peer-urls", f"http://127.0.0.1:{peer}"]  # another one may have the usual port
-    process = subprocess.Popen(
-        [*shlex.split(line), *peers], stdout=subprocess.DEVNULL, stderr=subprocess.STDOUT
-    )
+    words_of_page = [*shlex.split(line), *peers]
+    process = subprocess.Popen(words_of_page, stdout=subprocess.DEVNULL, stderr=subprocess.STDOUT)
     client = FleetClient("lab", [f"127.0.0.1:{port}"])
     try:
         assert client.wait_for_hub(LIMIT)

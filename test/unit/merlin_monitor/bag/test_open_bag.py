@@ -35,7 +35,6 @@ from merlin_monitor.text.phrase import in_english
 from merlin_monitor.web import open_command
 
 pytestmark = pytest.mark.processes
-
 LONG = 60.0
 BEGIN = 1_700_000_000.0  # s since 1970, of a robot
 KITCHEN = {"x": 4.0, "y": 2.0, "yaw": 0.0}

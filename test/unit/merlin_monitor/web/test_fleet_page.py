@@ -34,9 +34,7 @@ from merlin_monitor.web.control import ControlError
 from merlin_monitor.web.web_server import WebServer
 
 pytestmark = pytest.mark.processes
-
-KEYS = Keys("lab")
-EVIL = "<img src=x onerror=\"document.title='owned'\">"
+KEYS, EVIL = Keys("lab"), "<img src=x onerror=\"document.title='owned'\">"
 
 
 class SimulatedHub:
