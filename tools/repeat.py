@@ -98,7 +98,7 @@ def main(words: List[str]) -> int:
     options.results.mkdir(parents=True, exist_ok=True)
     for old in options.results.glob("[0-9]*.*"):
         old.unlink()
-    counts: Counter = Counter()
+    counts: "Counter[str]" = Counter()
     began, done, interrupted = time.monotonic(), 0, False
     try:
         with load(options.load):
