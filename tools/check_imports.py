@@ -120,6 +120,8 @@ WITHOUT_ROS: Dict[str, str] = {
     "merlin_monitor": "access history",
     "merlin_rosplan": "knowledge planning dispatch storage supervision",
 }
+#: Likewise, package → its modules.
+MODULES_WITHOUT_ROS: Dict[str, str] = {"merlin_ros": "alarms"}
 ROS = re.compile(r"(ros\w+|actionlib|smach\w*|tf2_ros|diagnostic_updater|bondpy|\w+_msgs|\w+_srvs)\Z")
 
 #: Imported name → what a manifest calls it.
@@ -234,11 +236,15 @@ def wrong_layer(package: str, root: Path, found: Import) -> Iterator[str]:
 
 def ros_in_a_core(package: str, root: Path, found: Import) -> Iterator[str]:
     """An import of ROS, or of a package that imports ROS, in a sub-package that runs without it."""
-    rooms = WITHOUT_ROS.get(package, "").split()
+    rooms = [*WITHOUT_ROS.get(package, "").split(), *MODULES_WITHOUT_ROS.get(package, "").split()]
     if not rooms or "src" not in found.file.relative_to(root).parts:
         return
-    room = _room(root, found.file)
-    foreign = found.package.startswith("merlin_") and WITHOUT_ROS.get(found.package) != "*"
+    room = _room(root, found.file, rooms)
+    foreign = (
+        found.package.startswith("merlin_")
+        and WITHOUT_ROS.get(found.package) != "*"
+        and found.module.split(".")[1:2] != MODULES_WITHOUT_ROS.get(found.package, "").split()
+    )
     if (room in rooms or "*" in rooms) and (
         ROS.match(found.package) or (foreign and found.package != package)
     ):

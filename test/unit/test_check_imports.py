@@ -36,6 +36,7 @@ def test_allowed_imports_pass(tool: ModuleType, tmp_path: Path) -> None:
         "merlin_sm",
     )
     write(tmp_path, "merlin_sim", "world/survey", "import merlin_ros.node\nimport pybullet\n", "merlin_ros")
+    write(tmp_path, "merlin_rosplan", "dispatch/rules", "import merlin_ros.alarms\n", "merlin_ros")
     assert tool.main() == 0
 
 
@@ -64,6 +65,8 @@ def test_allowed_imports_pass(tool: ModuleType, tmp_path: Path) -> None:
             "people is not below merlin_sim/r",
         ),
         ("merlin_sim", "cellar/x", "from merlin_sim.world import y\n", "merlin_sim/cellar has no layer yet"),
+        ("merlin_rosplan", "dispatch/x", "import merlin_sm.node\n", "merlin_rosplan/dispatch runs without"),
+        ("merlin_ros", "alarms", "import rospy\n", "merlin_ros/alarms runs without ROS"),
         ("merlin_sm", "node", "import numpy\n", "merlin_sm/package.xml does not name python3-numpy"),
     ],
 )
@@ -78,7 +81,7 @@ def test_what_is_forbidden_is_named(
 ) -> None:
     for room in ("world", "people", "node"):
         write(tmp_path, "merlin_sim", f"{room}/__init__", "")
-    write(tmp_path, package, module, text, "merlin_sm", "merlin_sim")
+    write(tmp_path, package, module, text, "merlin_sm", "merlin_sim", "rospy")
     assert tool.main() == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert finding in line

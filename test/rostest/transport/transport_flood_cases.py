@@ -9,7 +9,7 @@ from rosplan_dispatch_msgs.msg import NonBlockingDispatchAction as Action
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchGoal as Goal
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchResult as Result
 
-from merlin_ros.actions import action_client
+from merlin_ros.actions import server_silence
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.action_server import ActionServer
 
@@ -53,7 +53,7 @@ class Floods(unittest.TestCase):
             connection._connection.write_data = lambda data, write=write: going_on.wait(LONG) and write(data)
         return going_on
 
-    @mock.patch.object(action_client, "SILENCE", LONG)  # the server takes its time for so many
+    @mock.patch.object(server_silence, "SILENCE", LONG)  # none arrives while they are kept from their way
     def test_goals_that_are_sent_at_once_all_arrive(self):
         _, client, wait_received = self.flooded("many_goals")
         going_on = self.starve(client._goal_publisher)
@@ -62,8 +62,7 @@ class Floods(unittest.TestCase):
         going_on.set()
         wait_received()
 
-    @mock.patch.object(action_client, "SILENCE", LONG)
-    @mock.patch.object(action_client, "LATE_RESULT", LONG)  # their ends are told while the results wait
+    @mock.patch.object(server_silence, "LATE_RESULT", LONG)  # their ends are told while the results wait
     def test_results_that_are_sent_at_once_all_arrive(self):
         server, client, wait_received = self.flooded("many_results")
         sent = [client.send(Goal()) for _ in range(self.FLOOD)]

@@ -20,12 +20,13 @@ from transport_victim import start_victim
 
 import rostest
 from merlin_ros import deadline
-from merlin_ros.actions import action_client
-from merlin_ros.actions.action_client import SILENCE, ActionClient
+from merlin_ros.actions import action_client, server_silence
+from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.action_server import ActionServer
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.serial_action_server import SerialActionServer
+from merlin_ros.actions.server_silence import SILENCE
 from merlin_test.knowledge_fixture import Received
 
 LONG = 60.0
@@ -213,7 +214,7 @@ class Actions(unittest.TestCase):
         self.assertEqual(sent.status, GoalStatus.LOST)
         self.assertIn("/victim/wait is gone", sent.text)
 
-    @mock.patch.object(action_client, "CONNECTED_SILENCE", LONG)  # the test may be without one, too
+    @mock.patch.object(server_silence, "CONNECTED_SILENCE", LONG)  # the test may be without one, too
     def test_a_server_without_a_processor_for_a_while_is_not_given_up(self):
         victim = start_victim()
         self.addCleanup(victim.wait)

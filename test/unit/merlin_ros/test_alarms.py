@@ -6,7 +6,7 @@ from typing import List
 
 import pytest
 
-from merlin_ros.alarms import Alarms
+from merlin_ros.alarms import LONGEST_TICK, Alarms, TickClock
 
 LIMIT = 60.0  # s
 FAR = 3600.0  # s
@@ -87,3 +87,37 @@ def test_a_time_beyond_measure_keeps_no_other_call(alarms: Alarms, seconds: floa
     alarms.call_later(0.02, lambda: rang.append("early"))
     assert over.wait(10.0)
     assert rang == ["early", "late"]
+
+
+class StalledProcess:
+    """Alarms by a clock that a test sets."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.alarms = Alarms("test", TickClock(lambda: self.now))
+
+    def pass_time(self, seconds: float) -> None:
+        """Time passes; returns when the thread has looked."""
+        self.now += seconds
+        looked = threading.Event()
+        self.alarms.call_later(0.0, looked.set)
+        assert looked.wait(LIMIT)
+
+
+def test_a_stall_of_the_process_brings_no_call() -> None:
+    process = StalledProcess()
+    alarm = process.alarms.call_later(1.0, lambda: None)
+    process.pass_time(10.0)
+    assert alarm.waits
+    for _ in range(round(1.0 / LONGEST_TICK)):
+        process.pass_time(LONGEST_TICK)
+    assert not alarm.waits
+
+
+def test_the_time_in_which_nothing_waits_brings_no_call() -> None:
+    process = StalledProcess()
+    process.pass_time(10.0)
+    process.now += 3600.0
+    alarm = process.alarms.call_later(1.0, lambda: None)
+    process.pass_time(0.5)
+    assert alarm.waits

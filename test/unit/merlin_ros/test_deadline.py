@@ -8,6 +8,7 @@ import pytest
 from merlin_msgs.msg import SimStatus
 
 from merlin_ros import deadline
+from merlin_ros.alarms import LONGEST_TICK
 from merlin_ros.deadline import Deadline, limit
 
 
@@ -15,7 +16,8 @@ from merlin_ros.deadline import Deadline, limit
 def test_zero_has_passed(seconds):
     assert Deadline(seconds).expired
     assert not Deadline(seconds).wait_event(threading.Event())
-    with threading.Condition() as condition:
+    condition = threading.Condition()
+    with condition:
         assert not Deadline(seconds).wait(condition, lambda: False)
 
 
@@ -76,3 +78,45 @@ def test_time_goes_on_when_a_paused_simulator_has_ended(watch):
     paused._update(SimStatus(paused=True))  # of the next one
     clock.now += 1.0
     assert paused.paused_time() == 6.0
+
+
+class Wait:
+    """A condition, or an event, of a thread that may be stalled while it waits."""
+
+    def __init__(self, monkeypatch):
+        self.now = 100.0
+        self.stalls = [10.0]  # s by which the next waits overrun
+        monkeypatch.setattr(deadline, "running_time", lambda: self.now)
+        monkeypatch.setattr(deadline.rospy, "is_shutdown", lambda: False)
+
+    def wait(self, seconds):
+        self.now += seconds + (self.stalls.pop() if self.stalls else 0.0)
+
+    def is_set(self):
+        return self.now > 111.0
+
+
+@pytest.fixture
+def stalled(monkeypatch):
+    return Wait(monkeypatch)
+
+
+def test_a_stall_of_the_thread_that_waits_is_no_part_of_the_wait(stalled):
+    assert Deadline(2.0).wait(stalled, stalled.is_set)
+
+
+def test_neither_is_one_of_a_thread_that_waits_for_an_event(stalled):
+    assert Deadline(2.0).wait_event(stalled)
+
+
+def test_what_was_missed_in_one_wait_is_there_in_the_next(stalled):
+    end = Deadline(2.0)
+    assert end.wait(stalled, lambda: stalled.now > 100.5)
+    assert end.remaining() > 1.0
+
+
+@pytest.mark.parametrize("stalls", [[], [10.0]])
+def test_a_wait_ends_after_enough_ticks(stalled, stalls):
+    stalled.stalls = list(stalls)
+    assert not Deadline(2.0).wait(stalled, lambda: False)
+    assert stalled.now == pytest.approx(102.0 + sum(stalls), abs=LONGEST_TICK)

@@ -1,14 +1,15 @@
 """When an action server counts as connected: never by the links of a process that has ended."""
 
 import socket
-import threading
 from types import SimpleNamespace
 
 import pytest
 import rospy
-from actionlib_msgs.msg import GoalStatusArray
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
-from smach_ros.action_connection import ActionConnection
+from smach_ros import action_connection
+from smach_ros.action_connection import GONE, LATE_RESULT, LONGEST_LOOK, SILENCE, ActionConnection
 
 SERVER = "/move_base"
 
@@ -19,6 +20,12 @@ class Links:
     def __init__(self):
         self.impl = SimpleNamespace(connections=[])
         self._others = []
+
+    def get_num_connections(self):
+        return len(self.impl.connections)
+
+    def publish(self, message):
+        """Takes a message."""
 
     def open(self):
         """The newest process connects."""
@@ -46,18 +53,41 @@ def links():
         each.close()
 
 
+class Time:
+    """The wall's clock and that of ROS, set by a test."""
+
+    wall = ros = 100.0
+
+    def monotonic(self):
+        return self.wall
+
+    def pass_by(self, seconds):
+        self.wall += seconds
+        self.ros += seconds
+
+
 @pytest.fixture
-def connection(links, monkeypatch):
-    monkeypatch.setattr(rospy, "get_time", lambda: 0.0)
-    made = ActionConnection.__new__(ActionConnection)
-    made.changed, made._goals, made._server, made._proved = threading.Condition(), {}, "", None
-    for name, each in links.items():
-        setattr(made, f"_{name}", each)
+def clocks(monkeypatch):
+    made = Time()
+    monkeypatch.setattr(action_connection, "time", made)
+    monkeypatch.setattr(rospy, "get_time", lambda: made.ros)
+    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time.from_sec(made.ros))
     return made
 
 
-def status(connection):
-    message = GoalStatusArray()
+@pytest.fixture
+def connection(links, clocks, monkeypatch):
+    def link(topic, *_, **__):
+        kind = topic.rpartition("/")[2]
+        return links[f"{kind}_publisher" if kind in ("goal", "cancel") else f"{kind}_subscriber"]
+
+    monkeypatch.setattr(rospy, "Publisher", link)
+    monkeypatch.setattr(rospy, "Subscriber", link)
+    return ActionConnection(SERVER, MoveBaseAction)
+
+
+def status(connection, *statuses):
+    message = GoalStatusArray(status_list=list(statuses))
     message._connection_header = {"callerid": SERVER}
     connection._receive_status(message)
 
@@ -87,3 +117,66 @@ def test_a_status_before_the_link_for_results_proves_nothing(connection, links):
     assert not connection.ready()
     status(connection)
     assert connection.ready()
+
+
+LOOK = 0.5  # s between two looks of a state
+
+
+def watch(connection, clocks, goal, seconds):
+    """A state looks for some time; returns why its server is lost."""
+    for _ in range(round(seconds / LOOK)):
+        clocks.pass_by(LOOK)
+        connection.settle(goal)
+        connection.why_lost(goal)
+    return connection.why_lost(goal)
+
+
+@pytest.fixture
+def goal(connection, links):
+    """A goal that the server has acknowledged."""
+    for each in links.values():
+        each.open()
+    sent = connection.send(MoveBaseGoal())
+    status(connection, GoalStatus(goal_id=GoalID(id=sent.id), status=GoalStatus.ACTIVE))
+    return sent
+
+
+def test_a_server_that_is_silent_for_enough_looks_is_lost(connection, clocks, goal):
+    assert not watch(connection, clocks, goal, SILENCE)
+    assert "has been silent" in watch(connection, clocks, goal, LOOK)
+
+
+def test_a_process_that_was_stalled_has_heard_no_silence(connection, clocks, goal):
+    clocks.pass_by(10.0)
+    assert not connection.why_lost(goal)
+    assert "has been silent" in watch(connection, clocks, goal, SILENCE)
+
+
+def test_a_server_whose_connection_closed_is_gone_after_enough_looks(connection, clocks, goal, links):
+    links["status_subscriber"].impl.connections.clear()
+    clocks.pass_by(10.0)
+    assert not connection.why_lost(goal)
+    assert "is gone" in watch(connection, clocks, goal, GONE)
+
+
+def test_the_server_of_a_goal_that_was_sent_before_a_stall_may_acknowledge_it(connection, clocks, links):
+    links["status_subscriber"].open()
+    sent = connection.send(MoveBaseGoal())
+    clocks.pass_by(10.0)
+    status(connection)
+    assert not connection.why_lost(sent)
+
+
+def test_a_result_waits_for_a_process_that_was_stalled(connection, clocks, goal):
+    status(connection, GoalStatus(goal_id=GoalID(id=goal.id), status=GoalStatus.SUCCEEDED))
+    clocks.pass_by(10.0)
+    connection.settle(goal)
+    assert not goal.done
+    watch(connection, clocks, goal, LATE_RESULT)
+    assert goal.done and goal.status == GoalStatus.SUCCEEDED
+
+
+def test_a_paused_simulator_makes_no_server_silent(connection, clocks, goal):
+    for _ in range(100):
+        clocks.wall += LONGEST_LOOK
+        assert not connection.why_lost(goal)

@@ -29,6 +29,7 @@ from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.peers import connected_peers
+from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.node import master_is_lost
@@ -125,7 +126,7 @@ class ActionInterface:
             decisions = self._queue.cancel_all("its action interface shuts down")
         self._carry_out(decisions)
         with self._changed:
-            self._changed.wait_for(lambda: self._queue.idle, SHUTDOWN_WAIT)
+            wait_ticks(lambda tick: self._changed.wait_for(lambda: self._queue.idle, tick), SHUTDOWN_WAIT)
 
     def master_lost(self) -> None:
         """Stops what runs: nothing else of the system can be found any more."""

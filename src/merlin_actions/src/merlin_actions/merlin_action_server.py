@@ -14,6 +14,7 @@ from merlin_actions.core.machine_slot import MachineSlot, SlotDecision, SlotStep
 from merlin_actions.core.names import CONCURRENT, DECLARED, action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
+from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
 from merlin_sm.holding.gate import gate
@@ -116,7 +117,10 @@ class MerlinActionServer:
             decisions = self._slot.cancel_all("its host shuts down")
         self._carry_out(decisions)
         with self._changed:
-            self._changed.wait_for(lambda: not set(running) & set(self._slot.running), SHUTDOWN_WAIT)
+            wait_ticks(
+                lambda tick: self._changed.wait_for(lambda: not set(running) & set(self._slot.running), tick),
+                SHUTDOWN_WAIT,
+            )
         self._server.shutdown()
         with self._showing:
             while self._shown:

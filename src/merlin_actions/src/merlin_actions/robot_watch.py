@@ -12,13 +12,12 @@ from merlin_msgs.msg import RobotHost
 
 from merlin_actions.core.availability import Availability
 from merlin_actions.core.robot_book import AVAILABLE, GONE_AFTER, HostWord, RobotBook, RobotChange
+from merlin_ros.alarms import TICK, TickClock
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
 from merlin_sm.robot_roster import RobotRoster, is_node, sender_of
 
-TICK = 0.1  # s of wall time between two looks for hosts that are silent
-LONGEST_TICK = 0.2  # s that one look may count: a starved watcher must not take the hosts for silent
 RETRY = 0.3  # s of wall time between two attempts to reach the knowledge base
 LONGEST_NAME = 100  # characters of a name in the log
 PUBLISH_LIMIT = 2.0  # s of wall time that an answer waits for the knowledge
@@ -128,15 +127,13 @@ class RobotWatch:
             self._changed.notify_all()
 
     def _watch(self) -> None:
-        began = last = time.monotonic()
+        ticks = TickClock()
         settled = False
         while not rospy.is_shutdown():
             with self._changed:
                 if not self._pending:
                     self._changed.wait(TICK)
-                now = time.monotonic()
-                self._add(self._book.pass_time(min(now - last, LONGEST_TICK)))
-                last = now
+                self._add(self._book.pass_time(ticks.look()))
                 changes, listeners = list(self._pending), list(self._listeners)
                 self._pending.clear()
             for change in changes:
@@ -147,7 +144,7 @@ class RobotWatch:
                         listener(change)
                     except Exception:  # a robot of an impossible name must not hide the others
                         rospy.logerr(f"robot {change.robot}: {traceback.format_exc()}")
-            if not settled and now - began > GONE_AFTER:
+            if not settled and ticks.now > GONE_AFTER:
                 settled = True
                 self._facts.settle()
 

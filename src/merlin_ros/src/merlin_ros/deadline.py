@@ -1,7 +1,8 @@
 """Deadlines on software: they run on the monotonic clock and stand still while the simulator is paused.
 
 A paused simulator stops ``/clock``: servers that time themselves by ROS time fall silent and look dead. So
-waits for software count *running time*, the monotonic time less the time spent paused.
+waits for software count *running time*, the monotonic time less the time spent paused. A wait counts the
+ticks of the thread that waits (:mod:`.alarms`): what that thread misses comes on top.
 """
 
 import math
@@ -12,9 +13,11 @@ from typing import Any, Callable, Optional
 import rospy
 from merlin_msgs.msg import SimStatus
 
+from merlin_ros.alarms import INSTANT, TICK, TickClock
 from merlin_ros.master.master_link import lost
 
 SIM_STATUS_TOPIC = "/merlin_sim/status"
+LONGEST_SLEEP = 1.0  # s of wall time between two looks for a shutdown where nothing else passes
 
 
 class _PauseWatch:
@@ -113,22 +116,23 @@ class Deadline:
 
         :return: the last value of the predicate.
         """
-        while not predicate():
-            left = self.remaining()
-            if left <= 0.0 or rospy.is_shutdown():
-                return False
-            # A bounded slice, because shutdown and the end of a pause do not notify this condition.
-            condition.wait(min(left, 1.0))
-        return True
+        return self._wait(condition.wait, predicate)
 
     def wait_event(self, event: threading.Event) -> bool:
         """Waits until the event is set, the deadline passes or ROS shuts down.
 
         :return: whether the event is set.
         """
-        while not event.is_set():
+        return self._wait(event.wait, event.is_set)
+
+    def _wait(self, sleep: Callable[[float], Any], predicate: Callable[[], bool]) -> bool:
+        ticks = TickClock(running_time)
+        while not predicate():
             left = self.remaining()
-            if left <= 0.0 or rospy.is_shutdown():
-                break
-            event.wait(min(left, 1.0))
-        return event.is_set()
+            if left < INSTANT or rospy.is_shutdown():
+                return False
+            # A bounded slice, because shutdown and the end of a pause do not notify.
+            sleep(min(left, TICK) if left < math.inf else LONGEST_SLEEP)
+            ticks.look()
+            self._end += ticks.missed
+        return True

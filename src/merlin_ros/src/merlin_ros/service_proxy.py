@@ -14,7 +14,7 @@ from rosgraph.network import write_ros_handshake_header
 from rospy.exceptions import ROSException, TransportException
 from rospy.impl.tcpros_base import TCPROSTransport
 
-from merlin_ros.alarms import call_later
+from merlin_ros.alarms import Alarm, call_later
 from merlin_ros.call_scope import CallScope, current_scope
 from merlin_ros.master.master_link import ERRORS, bounded_master, lost
 
@@ -82,7 +82,8 @@ class ServiceProxy:
 
     :param name: of the service, relative names allowed.
     :param service_class: the generated service type.
-    :param timeout: longest wait for an answer, s of wall time; None: as long as it takes.
+    :param timeout: longest wait for an answer, s of wall time in which this process is not stalled; None: as
+        long as it takes.
     :param patience: longest wait of the first call for the service to be offered, s of wall time: a client
         that is started together with the server may call at once.
     """
@@ -133,7 +134,7 @@ class ServiceProxy:
             if "responded with an error" in str(error):
                 raise ServiceError(f"service {self.name} failed: {_reason(str(error))}") from error
             waited = time.monotonic() - begin
-            why = f"given up after {waited:.1f} s" if scope.ended else self._why(error, waited)
+            why = f"given up after {waited:.1f} s" if scope.ended else self._why(error, limit)
             raise ServiceUnavailable(f"service {self.name} does not answer: {why}") from error
         except BaseException:  # a request that cannot be written: half of it would go in front of the next
             self._close()
@@ -210,9 +211,9 @@ class ServiceProxy:
             if self._user is scope and self._proxy is not None:
                 self._give_up(self._proxy)
 
-    def _why(self, error: Exception, waited: float) -> str:
+    def _why(self, error: Exception, limit: Optional[Alarm]) -> str:
         """A sentence for a failed call: `[Errno 111]` does not name the node to restart."""
-        if self._timeout is not None and waited >= self._timeout:
+        if limit is not None and not limit.waits:
             return f"no answer within {self._timeout:g} s"
         text = str(error)
         if "timed out" in text:

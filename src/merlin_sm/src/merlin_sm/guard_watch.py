@@ -7,6 +7,7 @@ from typing import Callable, Optional
 import rospy
 from merlin_msgs.msg import GuardStatus
 
+from merlin_ros.alarms import wait_ticks
 from merlin_ros.master.master_link import MasterSilent, get_param
 
 EXPECTED_PARAM = "merlin/guard_expected"
@@ -48,13 +49,13 @@ class GuardWatch:
             if expected is not None:
                 rospy.logwarn_once(OFF)
             return ""
-        end = time.monotonic() + WAIT
         with self._changed:
-            while not self._fresh() and not interrupted() and not rospy.is_shutdown():
-                left = end - time.monotonic()
-                if left <= 0.0:
-                    break
-                self._changed.wait(left)
+            wait_ticks(
+                lambda tick: self._changed.wait_for(
+                    lambda: self._fresh() or interrupted() or rospy.is_shutdown(), tick
+                ),
+                WAIT,
+            )
             if self._status is None or not self._fresh():
                 return SILENT
             if self._status.state == GuardStatus.STOPPED:

@@ -1,5 +1,6 @@
 """A planner ends with everything it has started, within its limits, and a cancel never waits for it."""
 
+import itertools
 import os
 import signal
 import stat
@@ -12,9 +13,10 @@ from pathlib import Path
 import pytest
 from process_end import gone
 
+from merlin_ros.alarms import LONGEST_TICK, TickClock
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
-from merlin_rosplan.supervision import planner_tree
+from merlin_rosplan.supervision import planner_host, planner_tree
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHost, PlannerHosts
 from merlin_rosplan.supervision.planner_tree import descendants
 from merlin_rosplan.supervision.planning import Planning
@@ -275,6 +277,21 @@ def test_a_supervisor_that_hangs_ends_the_wait_for_its_answer():
         with pytest.raises(HostError, match=f"process {host.pid} does not answer: it hangs"):
             host.wait(0.1)
         assert not host.alive
+    finally:
+        os.kill(host.pid, signal.SIGKILL)
+        host.close()
+
+
+def test_a_stall_of_the_node_does_not_use_up_the_wait_for_an_answer(monkeypatch):
+    looks = itertools.count(0.0, 10.0)  # the node is stalled for 10 s before each look at the clock
+    monkeypatch.setattr(planner_host, "TickClock", lambda: TickClock(lambda: next(looks)))
+    host = PlannerHost()
+    os.kill(host.pid, signal.SIGSTOP)
+    try:
+        host.begin({"time_limit": 0.0})
+        with pytest.raises(HostError, match="it hangs"):
+            host.wait(5 * LONGEST_TICK)
+        assert next(looks) > 5 * 10.0
     finally:
         os.kill(host.pid, signal.SIGKILL)
         host.close()

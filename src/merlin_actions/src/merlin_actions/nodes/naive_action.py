@@ -17,6 +17,7 @@ from merlin_actions.core.execution import Execution
 from merlin_actions.core.names import DECLARED, ros_name
 from merlin_actions.merlin_action_server import SHUTDOWN_WAIT
 from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_ros.alarms import wait_ticks
 from merlin_ros.node import on_master_lost, run_node
 from merlin_ros.parameters import number
 from merlin_sm.introspection import start_introspection
@@ -54,7 +55,7 @@ class NaiveAction(ActionInterface):
         """Preempts what runs, waits until it has stopped, at most ``SHUTDOWN_WAIT``, and stops serving."""
         self.machine.cancel()
         super().shutdown()
-        if self._turn.acquire(timeout=SHUTDOWN_WAIT):
+        if wait_ticks(lambda tick: self._turn.acquire(timeout=tick), SHUTDOWN_WAIT):
             self._turn.release()
 
     def _spawn(self, execution: Execution) -> None:

@@ -11,6 +11,7 @@ from typing import Callable, Generic, List, Optional, Tuple, TypeVar, cast
 from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun, Ticket
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
 from merlin_pddl.breakpoints import Breakpoints
+from merlin_ros.alarms import wait_ticks
 
 TIDY_PERIOD = 1.0  # s between two attempts to remove what a run has left
 
@@ -94,10 +95,14 @@ class Engine(Generic[J]):
     def shutdown(self, timeout: float) -> None:
         """Cancels what runs and answers what waits.
 
-        :param timeout: s for the run to end.
+        :param timeout: s for the run to end, which a stall of the process does not use up.
         """
         self.decide(lambda agenda: agenda.close())
-        self._worker.join(timeout)
+        wait_ticks(self._ended, timeout)
+
+    def _ended(self, seconds: float) -> bool:
+        self._worker.join(seconds)
+        return not self._worker.is_alive()
 
     @property
     def paused(self) -> bool:

@@ -1,15 +1,15 @@
 """The action client of MERLIN: actionlib's protocol, event-driven, and aware of a server that died.
 
 An action server that is killed never answers: its connections close and its status falls silent. This client
-counts the silence in running time (:mod:`merlin_ros.deadline`) and ends the goal as LOST. A server that stays
-connected may only be waiting for a processor, and gets more time. Silence is counted in the client's own
-ticks: one that was itself starved does not take for silent the server.
+counts the silence (:mod:`.server_silence`) in running time (:mod:`merlin_ros.deadline`) and ends the goal as
+LOST. A server that stays connected may only be waiting for a processor, and gets more time.
 
 The client owns its goals (:mod:`.actions.lease`): it renews their lease, cancels what it gives up, and
 cancels what an earlier process of its node has left at the server.
 """
 
 import itertools
+import math
 import threading
 from typing import Any, Callable, Dict, List, Mapping, Optional
 
@@ -20,18 +20,15 @@ from merlin_ros.actions.client_goal import TERMINAL, ClientGoal
 from merlin_ros.actions.lease import LEASED
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_ros.actions.peers import came_over_open, connected_peers, reaches
-from merlin_ros.deadline import Deadline, running_time
+from merlin_ros.actions.server_silence import CONNECTED_SILENCE, LOOK, ServerSilence
+from merlin_ros.alarms import TickClock
+from merlin_ros.deadline import running_time
 from merlin_ros.publishing import OnSubscriber, publish
 
-SILENCE = 3.0  # s of running time without status after which a server that is not connected counts as dead
-CONNECTED_SILENCE = 7.0  # s of that after which one counts as dead that is
-GONE_SILENCE = 1.0  # s of that after which one counts as dead whose process has closed its connection
-LONGEST_TICK = 0.5  # s of silence that one look may count
 REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
 KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when the server names it again
 SPEAKING = 2.0  # s since its last status within which a server is waited for beyond the time-out
 CONNECTING = 10.0  # s of that: rospy tries a connection that failed again at growing intervals
-LATE_RESULT = 3.0  # s that a result may come behind the status that announces it
 QUEUE = 1000  # goals and cancels that wait for a connection; rospy drops the oldest, and says nothing
 DEAD_OWNERS = 1000  # owners whose goals were given up that are remembered; then the oldest is forgotten
 
@@ -58,7 +55,7 @@ class ActionClient:
         self._server = ""  # name of the node that sent the last status
         self._header: Optional[Mapping[str, str]] = None  # of the connection over which it came
         self._proved = ""  # the server whose link for results was open when a status came
-        self._silence = 0.0  # s since then, as the watchdog counts them
+        self._silence = ServerSilence(self.name, running_time)
         self._given_up: Dict[str, float] = {}  # goal id -> running time of the last cancel
         self._dead_owners: Dict[str, None] = {}  # the oldest first
         self._stopped = False
@@ -131,13 +128,15 @@ class ActionClient:
             whose connections are not complete, gets `CONNECTING` more; not with 0, which is one look.
         :param unless: ends the wait when it is true.
         """
-        deadline = Deadline(timeout)
-        longest = Deadline(timeout + CONNECTING) if timeout else deadline
+        shortest = math.inf if timeout is None else timeout
+        longest = shortest + CONNECTING if timeout else shortest
+        ticks = TickClock(running_time)
         with self._changed:
             while not self.alive:
-                left = deadline.remaining()
+                ticks.look()
+                left = shortest - ticks.now
                 if left <= 0.0 and running_time() - (self._last_status or -SPEAKING) < SPEAKING:
-                    left = longest.remaining()
+                    left = longest - ticks.now
                 if left <= 0.0 or rospy.is_shutdown() or self._stopped or unless():
                     return False
                 # rospy announces a connection of our publishers, but not one of our subscribers.
@@ -161,13 +160,12 @@ class ActionClient:
         goal_id = GoalID(
             stamp=now, id=f"{self._node}-{LIFE}-{next(_numbers)}-{now.secs}.{now.nsecs:09d}{LEASED}"
         )
-        sent = ClientGoal(goal_id, self._send_cancel, on_done, on_feedback, owner)
+        with self._changed:
+            sent = ClientGoal(goal_id, self._send_cancel, on_done, on_feedback, owner, self._silence.look())
         message = self._goal_type(goal_id=goal_id, goal=goal)
         message.header.stamp = now
         self._lease.hold(sent.id, owner)
         with self._changed:
-            if not self._goals:
-                self._silence = 0.0
             over = owner is not None and owner in self._dead_owners
             if not over:
                 self._goals[sent.id] = sent
@@ -244,6 +242,8 @@ class ActionClient:
         status = message.status
         with self._changed:
             goal = self._goals.pop(status.goal_id.id, None)
+            if goal is not None:
+                self._silence.settle(goal)
         if goal is not None:
             try:
                 goal.finish(status.status, status.text, message.result)
@@ -260,25 +260,16 @@ class ActionClient:
 
     def _receive_status(self, message: GoalStatusArray) -> None:
         statuses = {status.goal_id.id: status for status in message.status_list}
-        lost: List[ClientGoal] = []
         with self._changed:
             now = running_time()
             self._last_status = now
             self._header = message._connection_header
             self._server = message._connection_header["callerid"]
             self._proved = self._server if self._server in connected_peers(self._result_subscriber) else ""
-            self._silence = 0.0
             left = self._left_running(statuses, now)
-            for goal in list(self._goals.values()):
-                status = statuses.get(goal.id)
-                if status is not None:
-                    goal.seen = True
-                    goal.status = status.status if status.status not in TERMINAL else goal.status
-                    if status.status in TERMINAL and goal.ended_on_server is None:
-                        goal.ended_on_server = now
-                        goal.text = status.text
-                elif goal.seen and goal.ended_on_server is None:
-                    lost.append(self._goals.pop(goal.id))
+            lost = self._silence.hear(statuses, self._goals.values())
+            for goal in lost:
+                del self._goals[goal.id]
             self._changed.notify_all()
         for goal_id in left:
             self._publish_cancel(goal_id)
@@ -319,22 +310,23 @@ class ActionClient:
 
     def _watch(self) -> None:
         """Ends goals whose server is silent and repeats cancels that got lost."""
-        looked = running_time()
         while True:
             with self._changed:
                 while not self._goals and not self._stopped:
                     self._changed.wait()
                 if self._stopped or rospy.is_shutdown():
                     return
-                self._changed.wait(REPEAT_CANCEL / 2)
+                self._changed.wait(LOOK)
                 now = running_time()
-                self._silence += min(now - looked, LONGEST_TICK)
-                looked = now
-                if self._last_status is not None and not connected_peers(self._subscribers[-1]):
-                    for goal in self._goals.values():
-                        goal.alone = now
+                self._silence.look()
+                publishes, connected = bool(connected_peers(self._subscribers[-1])), self._connected()
+                if not publishes:
+                    self._silence.part(self._goals.values())
                 ended = [
-                    (goal, why) for goal in self._goals.values() for why in [self._why_lost(goal, now)] if why
+                    (goal, why)
+                    for goal in self._goals.values()
+                    for why in [self._silence.why_lost(goal, publishes, connected)]
+                    if why
                 ]
                 for goal, _ in ended:
                     del self._goals[goal.id]
@@ -349,20 +341,3 @@ class ActionClient:
                 self._lose(goal, why)
             for goal in again:
                 self._send_cancel(goal)
-
-    def _why_lost(self, goal: ClientGoal, now: float) -> str:
-        last = self._last_status or 0.0
-        silent = min(self._silence, now - goal.sent)
-        if silent > GONE_SILENCE and last and not connected_peers(self._subscribers[-1]):
-            return f"the process of the action server {self.name} is gone"
-        if silent > (CONNECTED_SILENCE if self._connected() else SILENCE):
-            return f"the action server {self.name} has been silent for {silent:.1f} s"
-        if goal.alone is None:
-            since, patience = goal.sent, SILENCE
-        else:  # what answers now is another process than the one that it was sent to
-            since, patience = goal.alone, GONE_SILENCE
-        if not goal.seen and last - since > patience:
-            return f"the action server {self.name} never acknowledged the goal"
-        if goal.ended_on_server is not None and now - goal.ended_on_server > LATE_RESULT:
-            return f"the action server {self.name} ended the goal without a result: {goal.text}"
-        return ""

@@ -7,7 +7,7 @@ from typing import Any, Callable, Optional
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 
-from merlin_ros.deadline import Deadline, running_time
+from merlin_ros.deadline import Deadline
 
 TERMINAL = frozenset(
     (
@@ -28,6 +28,7 @@ class ClientGoal:
     :param on_done: called once, when it has ended.
     :param on_feedback: called with each feedback.
     :param owner: id of the goal of this process's own server on whose behalf it was sent.
+    :param sent: when, s by the client's own clock.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class ClientGoal:
         on_done: Optional[Callable[["ClientGoal"], None]],
         on_feedback: Optional[Callable[["ClientGoal", Any], None]],
         owner: Optional[str] = None,
+        sent: float = 0.0,
     ) -> None:
         self._cancel = cancel
         self.goal_id = goal_id
@@ -48,10 +50,12 @@ class ClientGoal:
         self._on_done = on_done
         self.on_feedback = on_feedback
         self._ended = threading.Event()
-        self.sent = running_time()
+        # Times are s of the client's own clock (:mod:`.server_silence`), but for the last one.
+        self.sent = sent
+        self.turn = sent  # when the server acknowledged what was sent before it
         self.seen = False  # in a status list of the server
-        self.alone: Optional[float] = None  # running time when no server was connected
-        self.ended_on_server: Optional[float] = None  # running time of the terminal status
+        self.alone: Optional[float] = None  # when no server was connected
+        self.ended_on_server: Optional[float] = None  # when the terminal status came
         self.cancel_sent: Optional[float] = None  # running time of the last cancel
 
     @property

@@ -1,7 +1,6 @@
 """The server's side of a lease: notices that the owner of a goal is silent, gone, or back."""
 
 import threading
-import time
 import traceback
 from collections import deque
 from typing import Callable, Deque, List, Optional
@@ -11,9 +10,7 @@ from merlin_msgs.msg import Lease
 
 from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseBook, LeaseChange, LeaseState
 from merlin_ros.actions.peers import connected_peers
-
-TICK = 0.1  # s of wall time between two looks for owners that are silent
-LONGEST_TICK = 0.2  # s that one look may count: a starved watcher must not take the owner for silent
+from merlin_ros.alarms import TICK, TickClock
 
 
 class LeaseWatch:
@@ -120,18 +117,14 @@ class LeaseWatch:
             self._changed.notify_all()
 
     def _watch(self) -> None:
-        last = time.monotonic()
+        ticks = TickClock()
         while not rospy.is_shutdown():
             with self._changed:
                 if not self._pending and not self._stopped:
                     self._changed.wait(TICK if self._book.watching else None)
                 if self._stopped:
                     return
-                now = time.monotonic()
-                self._add(
-                    self._book.pass_time(min(now - last, LONGEST_TICK), connected_peers(self._subscriber))
-                )
-                last = now
+                self._add(self._book.pass_time(ticks.look(), connected_peers(self._subscriber)))
                 changes = list(self._pending)
                 self._pending.clear()
             for change in changes:

@@ -20,6 +20,7 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseState
+from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import OK, WARN, Health
 from merlin_rosplan.dispatch.dispatch import PlanDispatch
@@ -123,7 +124,7 @@ class PlanDispatcher(Component):
             self._state.notify_all()
         if dispatch is not None:
             dispatch.cancel("the dispatcher ends")
-            dispatch.ended.wait(SHUTDOWN_DEADLINE)
+            wait_ticks(dispatch.ended.wait, SHUTDOWN_DEADLINE)
 
     def health(self) -> Health:
         """Whether a plan is dispatched; a warning with the reason when the last one failed."""

@@ -8,8 +8,9 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from typing import Any, Dict, List, Optional
+
+from merlin_ros.alarms import TICK, TickClock, call_later
 
 #: s within which a cancel is answered even when the supervising process does not answer
 CANCEL_LIMIT = 1.0
@@ -80,21 +81,21 @@ class PlannerHost:
             number = self._number
             with contextlib.suppress(HostError):
                 self._send({"cancel": number})
-        timer = threading.Timer(CANCEL_LIMIT, self._give_up, (number,))
-        timer.name = "planner cancel"
-        timer.daemon = True
-        timer.start()
+        # In a thread of its own: the lock is held while a supervising process that hangs is sent something.
+        limit = threading.Thread(target=self._give_up, args=(number,), name="planner cancel", daemon=True)
+        call_later(CANCEL_LIMIT, limit.start)
 
     def wait(self, limit: Optional[float] = None) -> Dict[str, Any]:
         """How the planning ended.
 
-        :param limit: s for the answer; None: as long as the process lives.
+        :param limit: s for the answer, which a stall of this process does not use up; None: as long as the
+            supervising process lives.
         :raises HostError: the process ended instead, or hangs.
         """
-        end = None if limit is None else time.monotonic() + limit
+        ticks = TickClock()
         try:
             while True:
-                *lines, self._received = (self._received + self._receive(end)).split(b"\n")
+                *lines, self._received = (self._received + self._receive(limit, ticks)).split(b"\n")
                 for line in lines:
                     answer: Dict[str, Any] = json.loads(line)
                     if answer["job"] == self._number:
@@ -109,11 +110,12 @@ class PlannerHost:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(CANCEL_LIMIT)
 
-    def _receive(self, end: Optional[float]) -> bytes:
-        if end is not None:
-            poll = select.poll()
-            poll.register(self._channel, select.POLLIN)
-            if not poll.poll(1000.0 * max(0.0, end - time.monotonic())):
+    def _receive(self, limit: Optional[float], ticks: TickClock) -> bytes:
+        poll = select.poll()
+        poll.register(self._channel, select.POLLIN)
+        while limit is not None and not poll.poll(1000.0 * max(0.0, min(limit - ticks.now, TICK))):
+            ticks.look()
+            if ticks.now >= limit:
                 self._lost.set()
                 raise HostError(
                     f"the planner's supervising process {self.pid} does not answer: it hangs; another one is "

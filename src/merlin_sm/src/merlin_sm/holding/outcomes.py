@@ -11,6 +11,7 @@ import weakref
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from merlin_pddl.breakpoints import BreakpointError
+from merlin_ros.alarms import wait_ticks
 from merlin_sm.autonomy import LEVELS, read_level
 from merlin_sm.holding.seat import ENDED, HELD, OUT, RUNS, Seat, Wish
 from merlin_sm.holding.state_holds import Pattern, StateHolds, read_state_pattern
@@ -161,7 +162,7 @@ class Outcomes:
         :return: the outcome with which it is left.
         """
         wish = seat.wish
-        returned = wish is None or wish.reached.wait(REACH_LIMIT)
+        returned = wish is None or wait_ticks(wish.reached.wait, REACH_LIMIT)
         with self._lock:
             # From here on a cancel comes too late for this state: SMACH preempts the next one.
             cancelled = seat.is_cancelled()

@@ -1,6 +1,7 @@
 """The client side of an action, event-driven: goals, cancels, and servers that die.
 
 actionlib's own client waits by polling, cannot tell a dead server and lets the kernel delay small packets.
+Silence counts in looks of this process: one that was stalled itself does not take its servers for silent.
 """
 
 import itertools
@@ -15,6 +16,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from smach.log import wake_at_shutdown
 
 GONE = 1.0  # s of wall time without a connection to its status after which a server counts as dead
+LONGEST_LOOK = 1.0  # s that one look at the clocks may count; states look every 0.5 s
 SILENCE = 5.0  # s without a status, by the wall and by ROS time, after which a server counts as dead
 LATE_RESULT = 3.0  # s of wall time that a result may come behind the status that announces it
 REPEAT_CANCEL = 0.5  # s of wall time after which a cancel without effect is sent again
@@ -39,9 +41,9 @@ class SentGoal:
         self.text = ""
         self.result: Any = None
         self.done = False
-        self.sent = now  # wall, ROS
+        self.sent = now  # wall, ROS, as the connection counts them
         self.seen = False
-        self.ended: Optional[float] = None  # wall time of a terminal status
+        self.ended: Optional[float] = None  # counted wall time of a terminal status
         self.end: Any = None  # that status
         self.cancelled: Optional[float] = None  # wall time of the last cancel
 
@@ -62,10 +64,12 @@ class ActionConnection:
         self.changed = threading.Condition(threading.RLock())  # guards the fields below
         wake_at_shutdown(self.changed)
         self._goals: Dict[str, SentGoal] = {}
-        self._status_at: Optional[Tuple[float, float]] = None  # wall, ROS
+        self._looked = time.monotonic(), rospy.get_time()
+        self._counted = (0.0, 0.0)  # wall, ROS: s that passed in looks of this process
+        self._status_at: Optional[Tuple[float, float]] = None  # counted
         self._server = ""
         self._proved: Any = None  # the server's link for results that was open when the last status came
-        self._connected_at = time.monotonic()
+        self._connected_at = 0.0  # counted
         listener = _Listener(self.changed)
         self._goal_publisher = rospy.Publisher(
             name + "/goal", self._action_goal_type, listener, tcp_nodelay=True, queue_size=10
@@ -131,9 +135,9 @@ class ActionConnection:
     def send(self, goal: Any) -> SentGoal:
         """Sends a goal."""
         stamp = rospy.Time.now()
-        sent = SentGoal(
-            f"{rospy.get_caller_id()}-smach-{next(_numbers)}-{stamp.secs}.{stamp.nsecs:09d}", _now()
-        )
+        with self.changed:
+            now = self._look()
+        sent = SentGoal(f"{rospy.get_caller_id()}-smach-{next(_numbers)}-{stamp.secs}.{stamp.nsecs:09d}", now)
         message = self._action_goal_type(goal_id=GoalID(stamp=stamp, id=sent.id), goal=goal)
         message.header.stamp = stamp
         with self.changed:
@@ -162,7 +166,7 @@ class ActionConnection:
 
         A server that has just been connected may send it before it knows that connection.
         """
-        if goal.ended is not None and not goal.done and time.monotonic() - goal.ended > LATE_RESULT:
+        if goal.ended is not None and not goal.done and self._look()[0] - goal.ended > LATE_RESULT:
             rospy.logwarn(f"Action {self.name}: the result did not arrive; using an empty one")
             goal.status, goal.text = goal.end.status, goal.end.text
             goal.result, goal.done = self._result_type(), True
@@ -175,7 +179,7 @@ class ActionConnection:
 
     def why_lost(self, goal: SentGoal) -> str:
         """Why the server will no longer answer, or an empty text."""
-        wall, ros = _now()
+        wall, ros = self._look()
         if self._status_subscriber.get_num_connections():
             self._connected_at = wall
         if wall - max(self._connected_at, goal.sent[0]) > GONE:
@@ -189,6 +193,15 @@ class ActionConnection:
             return f"the action server {self.name} never acknowledged the goal"
         return goal.text if goal.status == GoalStatus.LOST else ""
 
+    def _look(self) -> Tuple[float, float]:
+        """Wall and ROS time, s, without what this process has missed; called with the condition held."""
+        wall, ros = time.monotonic(), rospy.get_time()
+        steps = (wall - self._looked[0], ros - self._looked[1])  # the ROS clock may be set back
+        self._looked = wall, ros
+        wall_step, ros_step = (min(max(0.0, step), LONGEST_LOOK) for step in steps)
+        self._counted = self._counted[0] + wall_step, self._counted[1] + ros_step
+        return self._counted
+
     def _receive_result(self, message: Any) -> None:
         with self.changed:
             goal = self._goals.pop(message.status.goal_id.id, None)
@@ -200,7 +213,7 @@ class ActionConnection:
     def _receive_status(self, message: GoalStatusArray) -> None:
         with self.changed:
             self._server = message._connection_header["callerid"]
-            self._status_at = _now()
+            self._status_at = self._look()
             self._proved = _link_from(self._result_subscriber, self._server)
             lost: List[SentGoal] = []
             if self._goals:
@@ -252,7 +265,3 @@ def _is_open(link: Any) -> bool:
     except (TypeError, ValueError):  # it has no socket any more
         return False
     return not poll.poll(0)
-
-
-def _now() -> Tuple[float, float]:
-    return time.monotonic(), rospy.get_time()
