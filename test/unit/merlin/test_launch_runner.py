@@ -23,8 +23,8 @@ RUN = [sys.executable, "-c", "from merlin.launch_runner import main; raise Syste
 class Run:
     """One run in a session of its own."""
 
-    def __init__(self, tmp_path: Path, *words: str) -> None:
-        env = dict(os.environ, ROS_HOME=str(tmp_path), ROS_LOG_DIR=str(tmp_path / "log"))
+    def __init__(self, tmp_path: Path, *words: str, **variables: str) -> None:
+        env = dict(os.environ, ROS_HOME=str(tmp_path), ROS_LOG_DIR=str(tmp_path / "log"), **variables)
         env.pop("ROS_MASTER_URI", None)
         self._mark = f"MERLIN_TEST={tmp_path}"
         env["MERLIN_TEST"] = str(tmp_path)
@@ -54,8 +54,8 @@ class Run:
         return found
 
 
-def run(tmp_path: Path, *words: str) -> Tuple[int, List[str], List[str]]:
-    started = Run(tmp_path, *words)
+def run(tmp_path: Path, *words: str, **variables: str) -> Tuple[int, List[str], List[str]]:
+    started = Run(tmp_path, *words, **variables)
     result = started.end()
     assert started.left() == []
     return result
@@ -120,6 +120,7 @@ def test_a_broken_launch_file_is_one_line(tmp_path: Path, content: str, expected
     assert expected in err[0]
 
 
+@pytest.mark.everywhere
 def test_a_busy_port_is_refused(tmp_path: Path) -> None:
     with socket.socket() as holder:
         holder.bind(("", 0))
@@ -131,6 +132,22 @@ def test_a_busy_port_is_refused(tmp_path: Path) -> None:
     assert str(port) in err[0]
 
 
+@pytest.mark.everywhere
+def test_a_folder_of_logs_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    folder = tmp_path / "a file"  # root may write to any folder
+    folder.touch()
+    code, out, err = run(folder, str(LAUNCH_FILE), "mission:=exit 0")
+    assert (code, out, len(err)) == (2, [], 1)
+    assert f"no logs can be written to {folder}/log/" in err[0] and "Not a directory; set ROS_HOME" in err[0]
+
+
+def test_an_address_of_another_machine_is_named(tmp_path: Path) -> None:
+    code, _, err = run(tmp_path, str(LAUNCH_FILE), "mission:=exit 0", ROS_IP="127.0.0.1", ROS_HOSTNAME="x.invalid")
+    assert (code, len(err)) == (2, 1)
+    assert "ROS_HOSTNAME=x.invalid is not an address of this machine, it seems; correct or unset it" in err[0]
+
+
+@pytest.mark.everywhere
 def test_two_runs_beside_each_other(tmp_path: Path) -> None:
     first = Run(tmp_path / "a", str(LAUNCH_FILE), "mission:=wait")
     second = Run(tmp_path / "b", str(LAUNCH_FILE), "mission:=exit 0")
@@ -141,6 +158,7 @@ def test_two_runs_beside_each_other(tmp_path: Path) -> None:
     assert first.left() == second.left() == []
 
 
+@pytest.mark.everywhere
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_stops_everything(tmp_path: Path, number: int, code: int) -> None:
     started = Run(tmp_path, str(LAUNCH_FILE), "mission:=wait")

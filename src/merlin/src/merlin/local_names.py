@@ -27,6 +27,14 @@ def resolves(name: str) -> bool:
         return False
 
 
+def given_address() -> str:
+    """The variable with which the user says under which address this machine is reached; empty: none is set."""
+    for name in ("ROS_HOSTNAME", "ROS_IP"):  # in the order in which ROS looks
+        if os.environ.get(name):
+            return f"{name}={os.environ[name]}"
+    return ""
+
+
 def use_loopback() -> str:
     """Makes this process and its children use 127.0.0.1 when the host name has no address.
 
@@ -36,7 +44,7 @@ def use_loopback() -> str:
     """
     missing = [] if resolves(LOCALHOST) else [f"{LOOPBACK} {LOCALHOST}"]
     name = socket.gethostname()
-    if not os.environ.get("ROS_IP") and not os.environ.get("ROS_HOSTNAME") and not resolves(name):
+    if not given_address() and not resolves(name):
         os.environ["ROS_IP"] = LOOPBACK
         if name != LOCALHOST:
             missing.append(f"127.0.1.1 {name}")
