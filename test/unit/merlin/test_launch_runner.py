@@ -24,7 +24,7 @@ class Run:
     """One run in a session of its own."""
 
     def __init__(self, tmp_path: Path, *words: str, **variables: str) -> None:
-        env = dict(os.environ, ROS_HOME=str(tmp_path), ROS_LOG_DIR=str(tmp_path / "log"), **variables)
+        env = {**os.environ, "ROS_HOME": str(tmp_path), "ROS_LOG_DIR": str(tmp_path / "log"), **variables}
         env.pop("ROS_MASTER_URI", None)
         self._mark = f"MERLIN_TEST={tmp_path}"
         env["MERLIN_TEST"] = str(tmp_path)
@@ -133,16 +133,20 @@ def test_a_busy_port_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.everywhere
-def test_a_folder_of_logs_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("variable", "made"), [("ROS_HOME", ""), ("ROS_LOG_DIR", "/")])
+def test_a_folder_of_ros_that_cannot_be_made_is_named(tmp_path: Path, variable: str, made: str) -> None:
     folder = tmp_path / "a file"  # root may write to any folder
     folder.touch()
-    code, out, err = run(folder, str(LAUNCH_FILE), "mission:=exit 0")
+    code, out, err = run(tmp_path, str(LAUNCH_FILE), "mission:=exit 0", **{variable: f"{folder}/ros"})
     assert (code, out, len(err)) == (2, [], 1)
-    assert f"no logs can be written to {folder}/log/" in err[0] and "Not a directory; set ROS_HOME" in err[0]
+    assert f"the folder {folder}/ros{made}" in err[0]
+    assert "cannot be made: Not a directory; set ROS_HOME, and ROS_LOG_DIR" in err[0]
 
 
 def test_an_address_of_another_machine_is_named(tmp_path: Path) -> None:
-    code, _, err = run(tmp_path, str(LAUNCH_FILE), "mission:=exit 0", ROS_IP="127.0.0.1", ROS_HOSTNAME="x.invalid")
+    code, _, err = run(
+        tmp_path, str(LAUNCH_FILE), "mission:=exit 0", ROS_IP="127.0.0.1", ROS_HOSTNAME="x.invalid"
+    )
     assert (code, len(err)) == (2, 1)
     assert "ROS_HOSTNAME=x.invalid is not an address of this machine, it seems; correct or unset it" in err[0]
 

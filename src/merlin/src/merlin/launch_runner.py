@@ -42,8 +42,8 @@ TERMINATE_TIMEOUT = 1.0
 LOOK_FOR_SIGNALS = 0.5
 #: Ends of the names of parameters that name a file which has to be there when a node starts.
 FILE_PARAMETERS = ("/domain_path", "knowledge_base/problem_path", "/world_file", "/world_path")
-#: What helps where the folder of ROS cannot be written.
-WRITABLE = "set ROS_HOME to a folder that you may write to (and ROS_LOG_DIR, if it is set)"
+#: What helps where the user may not write to the folder of ROS.
+WRITABLE = "set ROS_HOME, and ROS_LOG_DIR if you use it, to a folder that you may write to"
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -198,12 +198,13 @@ class LaunchRun:
 
         :return: the exit code: the mission's, 128 + signal, or 1 and 2 for a failed or refused run.
         """
-        try:
-            self.log_folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            where = f"{self.log_folder}: {error.strerror}"
-            print(f"{self._command}: no logs can be written to {where}; {WRITABLE}", file=sys.stderr)
-            return EXIT_REFUSED
+        for folder in (Path(rospkg.get_ros_home()), self.log_folder):  # nodes are started in the first
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                why = f"the folder {folder} cannot be made: {error.strerror}"
+                print(f"{self._command}: {why}; {WRITABLE}", file=sys.stderr)
+                return EXIT_REFUSED
         adopt_orphans()
         roslib.set_interactive(True)  # else roslaunch takes the signal handlers for itself
         previous = {number: signal.signal(number, self._signalled) for number in SIGNALS}

@@ -28,7 +28,7 @@ def resolves(name: str) -> bool:
 
 
 def given_address() -> str:
-    """The variable with which the user says under which address this machine is reached; empty: none is set."""
+    """The variable in which the user gives the address of this machine, as NAME=value; empty: none is set."""
     for name in ("ROS_HOSTNAME", "ROS_IP"):  # in the order in which ROS looks
         if os.environ.get(name):
             return f"{name}={os.environ[name]}"
