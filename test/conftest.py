@@ -28,14 +28,26 @@ settings.register_profile("merlin", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "merlin"))
 
+#: What another workspace, or the robot that the user works with, has set in this shell.
+OTHER_ROS = (
+    "ROS_IP",
+    "ROS_HOSTNAME",
+    "ROS_NAMESPACE",
+    "ROS_LOG_DIR",
+    "ROSCONSOLE_FORMAT",
+    "ROSCONSOLE_CONFIG_FILE",
+)
+
 LIMIT = 450.0  # s, below pytest's own limit, so that the suite's processes are ended here
 
 
 def pytest_configure() -> None:
-    """Where the machine's names have no addresses, all tests run on 127.0.0.1.
+    """Tests begin as in a new shell; where the machine's names have no addresses, they run on 127.0.0.1.
 
     A shell starts what is in the background deaf to Ctrl-C, and so would be every process of the tests.
     """
+    for name in OTHER_ROS:
+        os.environ.pop(name, None)
     use_loopback()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -7,6 +7,8 @@ from typing import List
 
 import pytest
 
+pytestmark = pytest.mark.everywhere
+
 ROOT = Path(__file__).resolve().parents[2]
 OF_ROS = {"catkin", "ros-core", "python3-rospy", "ros-std-msgs", "libnav-msgs-dev", "tf2-tools"}
 OTHERS = {"build-essential", "python3-opencv", "graphviz", "catkin-lint"}

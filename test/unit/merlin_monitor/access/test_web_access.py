@@ -12,6 +12,7 @@ from served import TOKEN, Served, ask
 from merlin_monitor.access.web_access import RequestRefused, WebAccess
 
 
+@pytest.mark.everywhere
 @pytest.mark.parametrize(
     ("host", "status"),
     [
@@ -34,6 +35,7 @@ def test_the_host_has_to_be_this_machine(served: Served, host: str, status: int)
     assert status == 200 or "not served under the name" in answer.said
 
 
+@pytest.mark.everywhere
 def test_the_address_that_is_printed_is_served() -> None:
     WebAccess("0.0.0.0").check_host(f"{socket.gethostname()}:8080")
 
