@@ -36,7 +36,7 @@ help:
 	@echo "make lint   ruff, mypy, the map of imports, tests that assert nothing, catkin_lint, roslaunch-check"
 	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
-	@echo "make debian  build and demo in a bare root of another Debian (VERSION=12|13 TARGET='build demo test' PYTEST='FILE …')"
+	@echo "make debian  build and demo in a bare root of another Debian (VERSION=12|13 TARGET='build demo test' PYTEST='FILE …' AS=root|user)"
 	@echo "make build  only what the others need"
 
 build:
@@ -114,7 +114,7 @@ docs:
 	@tools/docs.sh
 
 debian:
-	@VERSION=$(VERSION) TARGET="$(TARGET)" PYTEST="$(PYTEST)" tools/debian.sh
+	@VERSION=$(VERSION) TARGET="$(TARGET)" PYTEST="$(PYTEST)" AS="$(AS)" tools/debian.sh
 
 lint: build
 	@$(IN) tools/lint.sh

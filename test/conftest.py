@@ -31,6 +31,18 @@ settings.register_profile("merlin", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "merlin"))
 
+#: What another workspace, or the robot that the user works with, has set in this shell; and what has the
+#: processes of tests print at once, unlike those of a user.
+FOREIGN = (
+    "ROS_IP",
+    "ROS_HOSTNAME",
+    "ROS_NAMESPACE",
+    "ROS_LOG_DIR",
+    "ROSCONSOLE_FORMAT",
+    "ROSCONSOLE_CONFIG_FILE",
+    "PYTHONUNBUFFERED",
+)
+
 LIMIT = 450.0  # s, below pytest's own limit, so that the suite's processes are ended here
 #: How long each file of tests takes; ``make test`` writes a new list into results/test/durations.txt.
 DURATIONS = Path(__file__).parent / "durations.txt"
@@ -46,7 +58,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Where the machine's names have no addresses, all tests run on 127.0.0.1.
+    """Tests begin as in a new shell; where the machine's names have no addresses, they run on 127.0.0.1.
 
     A shell starts what is in the background deaf to Ctrl-C, and so would be every process of the tests.
     Processes of tests buffer what they print, as a user's do: one that is awaited has to flush.
@@ -55,8 +67,9 @@ def pytest_configure(config: pytest.Config) -> None:
         target = Path(config.rootpath) / "results" / "test" / "durations.txt"
         workers = config.getoption("numprocesses", None) or 1
         config.pluginmanager.register(Progress(read_durations(DURATIONS), workers, target))
+    for name in FOREIGN:
+        os.environ.pop(name, None)
     use_loopback()
-    os.environ.pop("PYTHONUNBUFFERED", None)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -9,9 +9,17 @@ workspace=$PWD
 fail() { echo "build: $*" >&2; exit 1; }
 say() { echo "build: $*"; }
 
+# The first lines of scripts, catkin and lists of folders cannot hold such a path, and fail with other words, minutes later.
+case $workspace in
+*[[:space:]:\;\"\'\`\$\&\(\)#%\\]*) fail "the path '$workspace' has a blank, or another character that catkin cannot use; move the workspace to a path of letters, digits, '-', '_' and '.'" ;;
+esac
+
 as_root() {
   if [ "$(id -u)" = 0 ]; then env DEBIAN_FRONTEND=noninteractive "$@"
-  elif command -v sudo >/dev/null; then sudo env DEBIAN_FRONTEND=noninteractive "$@"
+  elif command -v sudo >/dev/null; then
+    # sudo forgets how this user reaches the network.
+    sudo env DEBIAN_FRONTEND=noninteractive ${http_proxy:+http_proxy="$http_proxy"} \
+      ${https_proxy:+https_proxy="$https_proxy"} ${no_proxy:+no_proxy="$no_proxy"} "$@"
   else fail "'$*' needs root: install sudo or run it once as root"; fi
 }
 
@@ -63,14 +71,17 @@ build_pybullet() {
 
 make_venv() {
   local python=/usr/bin/python3 stamp=.venv/.requirements pip=".venv/bin/pip --disable-pip-version-check" key numpy pybullet
+  local alone='import site; site.ENABLE_USER_SITE = False'
   # The Python of a conda environment with ROS is the one that can import it.
   case $ros/ in "${CONDA_PREFIX:-/none}"/*) python=$CONDA_PREFIX/bin/python3 ;; esac
   # cv_bridge and OpenCV are built for this numpy.
-  numpy=$("$python" -c 'import numpy; print("numpy==" + numpy.__version__)') || fail "$python has no numpy"
-  key=$({ echo "$python $numpy"; cat requirements.txt requirements-nodeps.txt; } | sha256sum)
+  numpy=$("$python" -s -c 'import numpy; print("numpy==" + numpy.__version__)') || fail "$python has no numpy"
+  key=$({ echo "$python $numpy $alone"; cat requirements.txt requirements-nodeps.txt; } | sha256sum)
   [ -x .venv/bin/python ] && [ "$(cat $stamp 2>/dev/null)" = "$key" ] && return
   say "virtual environment .venv"
   [ -x .venv/bin/python ] || "$python" -m venv --system-site-packages .venv
+  # What the user has for himself in ~/.local would otherwise come before Debian's packages: another numpy, for one.
+  find .venv/lib -path '*/python3*/site-packages' -prune -exec sh -c 'echo "$1" >"$2/_without_user_site.pth"' sh "$alone" {} \;
   echo "$numpy" >.venv/constraints.txt
   pybullet=$(grep '^pybullet' requirements.txt)
   $pip install -q --no-deps --only-binary :all: "$pybullet" 2>.venv/pip.log || build_pybullet "$pybullet"

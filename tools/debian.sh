@@ -2,6 +2,7 @@
 # Runs the README's commands in a bare root of a Debian release: make debian VERSION=13
 #   VERSION=13            or 12
 #   TARGET="build demo"   targets of make that are run one after the other; test: all tests, and PYTEST="FILE …": these
+#   AS=user               in the home of an ordinary user who may use sudo; root
 #   MIRROR=…              of Debian, http://deb.debian.org/debian
 #   FOLDER=/tmp           where the root is made: about 6 GB, removed at the end, also after an error and Ctrl-C
 # What is committed is run: the root gets a clone. All that is mounted for it is mounted in a namespace of its own, which
@@ -17,6 +18,11 @@ case ${VERSION:-13} in
 13) release=trixie ;;
 *) fail "VERSION=$VERSION is not 12 or 13" ;;
 esac
+case ${AS:-root} in
+root) home=/root packages=git,make,ca-certificates ;;
+user) home=/home/user packages=git,make,ca-certificates,sudo ;;
+*) fail "AS=$AS is not root or user" ;;
+esac
 
 # Second half: inside the namespaces, as their first process.
 if [ "${1:-}" = --inside ]; then
@@ -26,30 +32,40 @@ if [ "${1:-}" = --inside ]; then
   ln -sf pts/ptmx "$root/dev/ptmx"
   mount -t tmpfs -o mode=1777 tmpfs "$root/dev/shm"
   inside() {
-    chroot "$root" /usr/bin/env -i HOME=/root LANG=C.UTF-8 TERM="${TERM:-dumb}" DEBIAN_FRONTEND=noninteractive \
+    chroot --userspec="$account" "$root" /usr/bin/env -i HOME="$home" USER="$account" LANG=C.UTF-8 \
+      TERM="${TERM:-dumb}" DEBIAN_FRONTEND=noninteractive \
       PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin \
       http_proxy="${http_proxy:-}" https_proxy="${https_proxy:-}" no_proxy="${no_proxy:-}" "$@"
   }
+  account=root
   inside update-ca-certificates >/dev/null 2>&1
+  if [ "$home" != /root ]; then
+    inside useradd --create-home --shell /bin/bash user
+    inside sh -c 'echo "user ALL=(ALL:ALL) NOPASSWD: ALL" >/etc/sudoers.d/user'   # as an installed Debian, without the password
+    inside mv /root/merlin "$home/merlin"
+    inside chown -R user:user "$home/merlin"
+    account=user
+  fi
   for target in ${TARGET:-build demo}; do
-    say "Debian ${VERSION:-13}: make $target"
+    say "Debian ${VERSION:-13}: make $target, as $account"
     if [ "$target" = test ] && [ -n "${PYTEST:-}" ]; then
-      inside make -s -C /root/merlin build
+      inside make -s -C "$home/merlin" build
       # shellcheck disable=SC2086
-      inside sh -c 'cd /root/merlin && exec tools/in_workspace.sh python -m pytest -q "$@"' sh $PYTEST
+      inside sh -c 'cd ~/merlin && exec tools/in_workspace.sh python -m pytest -q "$@"' sh $PYTEST
       continue
     fi
-    inside make -s -C /root/merlin LINGER=false "$target"   # no key is waited for between two targets
+    inside make -s -C "$home/merlin" LINGER=false "$target"   # no key is waited for between two targets
   done
   exit 0
 fi
 
-[ "$(id -u)" = 0 ] || exec sudo --preserve-env=VERSION,TARGET,PYTEST,MIRROR,FOLDER,http_proxy,https_proxy,no_proxy "$0"
+[ "$(id -u)" = 0 ] || exec sudo --preserve-env=VERSION,TARGET,PYTEST,AS,MIRROR,FOLDER,http_proxy,https_proxy,no_proxy "$0"
 for tool in debootstrap unshare git pkill; do
   command -v "$tool" >/dev/null || fail "it needs $tool: apt-get install debootstrap util-linux git procps"
 done
 workspace=$PWD
 root=$(mktemp -d "${FOLDER:-/tmp}/merlin-debian-${VERSION:-13}.XXXXXX")
+chmod 755 "$root"   # the user's / in there
 child=
 remove() {
   trap '' INT TERM HUP
@@ -75,7 +91,7 @@ attended() { "$@" & child=$!; wait "$child"; child=; }
 
 say "Debian ${VERSION:-13} ($release) in $root"
 attended unshare --mount --pid --fork --kill-child --propagation private \
-  sh -c 'exec "$@" >"$0" 2>&1' "$root.log" debootstrap --variant=minbase --include=git,make,ca-certificates \
+  sh -c 'exec "$@" >"$0" 2>&1' "$root.log" debootstrap --variant=minbase --include="$packages" \
   "$release" "$root" "${MIRROR:-http://deb.debian.org/debian}" || {
   tail -n 5 "$root.log" >&2
   fail "debootstrap failed (network? MIRROR?); the whole log is $root.log"

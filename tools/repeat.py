@@ -12,9 +12,8 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
-from collections import Counter
 from pathlib import Path
-from typing import Iterator, List, Set
+from typing import Dict, Iterator, List, Set
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results" / "repeat"
@@ -98,13 +97,14 @@ def main(words: List[str]) -> int:
     options.results.mkdir(parents=True, exist_ok=True)
     for old in options.results.glob("[0-9]*.*"):
         old.unlink()
-    counts: "Counter[str]" = Counter()
+    counts: Dict[str, int] = {}
     began, done, interrupted = time.monotonic(), 0, False
     try:
         with load(options.load):
             for number in range(1, options.times + 1):
                 failed = run(number, options.tests, options.results)
-                counts.update(failed)
+                for name in failed:
+                    counts[name] = counts.get(name, 0) + 1
                 done = number
                 each = (time.monotonic() - began) / number
                 left = each * (options.times - number) / 60.0
@@ -113,7 +113,7 @@ def main(words: List[str]) -> int:
     except KeyboardInterrupt:
         interrupted = True
     print(f"\n{done} runs at load {options.load} on {os.cpu_count()} processors")
-    for name, count in counts.most_common():
+    for name, count in sorted(counts.items(), key=lambda row: -row[1]):
         print(f"{100.0 * count / done:5.1f} %  {count} of {done}  {name}")
     if counts:
         print(f"the outputs are in {options.results}")

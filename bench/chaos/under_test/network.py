@@ -30,6 +30,11 @@ def why_impossible() -> str:
         return "there is no ip: apt-get install iproute2"
     if not Path("/dev/net/tun").exists():
         return "there is no /dev/net/tun"
+    name = f"tried{os.getpid()}"
+    tried = subprocess.run(["ip", "netns", "add", name], capture_output=True, text=True, check=False)
+    if tried.returncode:  # as to root of a container
+        return f"network namespaces are refused: {tried.stderr.strip()}"
+    subprocess.run(["ip", "netns", "delete", name], check=False)
     return ""
 
 

@@ -68,6 +68,7 @@ def ask(shaped: Shaped, limit: float) -> str:
     return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout.strip()
 
 
+@pytest.mark.everywhere
 def test_a_link_can_be_cut_and_healed(network: Shaped) -> None:
     server = subprocess.Popen(run(network, ROBOT, ECHO), stdout=subprocess.PIPE, text=True)
     try:

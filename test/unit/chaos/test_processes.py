@@ -6,7 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from chaos.under_test import processes
+
+pytestmark = pytest.mark.everywhere
 
 SLEEP = "import sys; print('up', flush=True); sys.stdin.read()"
 

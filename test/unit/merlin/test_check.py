@@ -101,6 +101,7 @@ def test_every_mistake_of_an_application_is_named(tmp_path: Path) -> None:
     assert operator.startswith("my.launch: operator ask of the domain has no class")
 
 
+@pytest.mark.everywhere
 def test_a_misspelt_class_is_named(tmp_path: Path) -> None:
     done = check(tmp_path, application(tmp_path, f"{NAVIGATE}, {ASK}k"))
     assert done.returncode == 2

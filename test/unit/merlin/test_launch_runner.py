@@ -27,8 +27,8 @@ RUN = [sys.executable, "-c", "from merlin.launch_runner import main; raise Syste
 class Run:
     """One run in a session of its own."""
 
-    def __init__(self, tmp_path: Path, *words: str) -> None:
-        env = dict(os.environ, ROS_HOME=str(tmp_path), ROS_LOG_DIR=str(tmp_path / "log"))
+    def __init__(self, tmp_path: Path, *words: str, **variables: str) -> None:
+        env = {**os.environ, "ROS_HOME": str(tmp_path), "ROS_LOG_DIR": str(tmp_path / "log"), **variables}
         env.pop("ROS_MASTER_URI", None)
         self._mark = f"MERLIN_TEST={tmp_path}"
         env["MERLIN_TEST"] = str(tmp_path)
@@ -58,8 +58,8 @@ class Run:
         return found
 
 
-def run(tmp_path: Path, *words: str) -> Tuple[int, List[str], List[str]]:
-    started = Run(tmp_path, *words)
+def run(tmp_path: Path, *words: str, **variables: str) -> Tuple[int, List[str], List[str]]:
+    started = Run(tmp_path, *words, **variables)
     result = started.end()
     assert started.left() == []
     return result
@@ -124,6 +124,7 @@ def test_a_broken_launch_file_is_one_line(tmp_path: Path, content: str, expected
     assert expected in err[0]
 
 
+@pytest.mark.everywhere
 def test_a_busy_port_is_refused(tmp_path: Path) -> None:
     with socket.socket() as holder:
         holder.bind(("", 0))
@@ -135,6 +136,26 @@ def test_a_busy_port_is_refused(tmp_path: Path) -> None:
     assert str(port) in err[0]
 
 
+@pytest.mark.everywhere
+@pytest.mark.parametrize(("variable", "made"), [("ROS_HOME", ""), ("ROS_LOG_DIR", "/")])
+def test_a_folder_of_ros_that_cannot_be_made_is_named(tmp_path: Path, variable: str, made: str) -> None:
+    folder = tmp_path / "a file"  # root may write to any folder
+    folder.touch()
+    code, out, err = run(tmp_path, str(LAUNCH_FILE), "mission:=exit 0", **{variable: f"{folder}/ros"})
+    assert (code, out, len(err)) == (2, [], 1)
+    assert f"the folder {folder}/ros{made}" in err[0]
+    assert "cannot be made: Not a directory; set ROS_HOME, and ROS_LOG_DIR" in err[0]
+
+
+def test_an_address_of_another_machine_is_named(tmp_path: Path) -> None:
+    code, _, err = run(
+        tmp_path, str(LAUNCH_FILE), "mission:=exit 0", ROS_IP="127.0.0.1", ROS_HOSTNAME="x.invalid"
+    )
+    assert (code, len(err)) == (2, 1)
+    assert "ROS_HOSTNAME=x.invalid is not an address of this machine, it seems; correct or unset it" in err[0]
+
+
+@pytest.mark.everywhere
 def test_two_runs_beside_each_other(tmp_path: Path) -> None:
     first = Run(tmp_path / "a", str(LAUNCH_FILE), "mission:=wait")
     second = Run(tmp_path / "b", str(LAUNCH_FILE), "mission:=exit 0")
@@ -145,6 +166,7 @@ def test_two_runs_beside_each_other(tmp_path: Path) -> None:
     assert first.left() == second.left() == []
 
 
+@pytest.mark.everywhere
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_stops_everything(tmp_path: Path, number: int, code: int) -> None:
     started = Run(tmp_path, str(LAUNCH_FILE), "mission:=wait")

@@ -129,6 +129,8 @@ class Kept:
 
 TERMINAL = """
 import fcntl, termios
+
+pytestmark = pytest.mark.everywhere
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 """
 

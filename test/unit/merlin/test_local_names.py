@@ -96,6 +96,7 @@ def test_roslaunch_below_a_test_does_not_need_them(tmp_path: Path, launch_file: 
     assert "heard hello" in done.stdout, done.stdout + done.stderr
 
 
+@pytest.mark.everywhere
 def test_the_tools_of_the_workspace_do_not_need_them(tmp_path: Path) -> None:
     name = socket.gethostname()
     shell = ["sh", "-c", "echo $ROS_IP $ROS_MASTER_URI"]

@@ -113,11 +113,13 @@ def test_a_node_that_ended_or_could_not_begin_is_not_started_again(
     assert node.process.returncode == code and len(node.pids()) == 1
 
 
+@pytest.mark.everywhere
 def test_a_program_that_does_not_exist() -> None:
     done = subprocess.run([str(RESPAWN), "/nowhere/node"], capture_output=True, text=True, timeout=LONG)
     assert done.returncode == 127 and "/nowhere/node" in done.stderr
 
 
+@pytest.mark.everywhere
 @pytest.mark.parametrize(
     ("word", "how"), [("-9", "signal KILL"), ("-11", "signal SEGV"), ("1", "exit code 1")]
 )
@@ -184,6 +186,7 @@ def test_a_node_that_does_not_listen_is_not_given_up(run: Callable[..., Run]) ->
     assert gone(pid)
 
 
+@pytest.mark.everywhere
 def test_the_node_ends_when_the_script_is_killed(run: Callable[..., Run]) -> None:
     node = run("wait")
     pid = node.wait_ready()

@@ -10,6 +10,8 @@ from merlin.launch_request import LaunchError
 from merlin.reload import wanted
 from merlin_ros.master import master_link
 
+pytestmark = pytest.mark.everywhere
+
 
 class Graph:
     """Stands in for a master."""

@@ -61,6 +61,7 @@ def test_a_breakpoint_is_named(progress: SendProgress, said: List[str]) -> None:
     assert said == ["held at the breakpoint (ask kitchen)"]
 
 
+@pytest.mark.everywhere
 def test_ctrl_c_before_the_node_has_begun_gives_no_traceback() -> None:
     script = Path(__file__).resolve().parents[3] / "src" / "merlin" / "scripts" / "send"
     process = subprocess.Popen([sys.executable, script, "(checked hall)"], stderr=subprocess.PIPE, text=True)

@@ -33,7 +33,7 @@ def test_a_wrong_argument_ends_the_launch(
 ) -> None:
     done = subprocess.run(
         ["rosrun", "merlin", "run", str(ACTIONS), f"actions:={actions}", *further],
-        env={**os.environ, "ROS_LOG_DIR": str(tmp_path)},
+        env={**os.environ, "ROS_HOME": str(tmp_path), "ROS_LOG_DIR": str(tmp_path)},
         capture_output=True,
         text=True,
         timeout=300,

@@ -113,6 +113,7 @@ def test_without_an_oracle_the_efficiency_is_unknown() -> None:
     assert not RunRecord({}, [], ended="executor died").right
 
 
+@pytest.mark.everywhere
 def test_the_tables_have_their_columns(tmp_path: Path) -> None:
     paths = write_run(tmp_path / "new", run())
     with paths["runs.csv"].open() as file:
@@ -125,6 +126,7 @@ def test_the_tables_have_their_columns(tmp_path: Path) -> None:
     assert rows[1]["stopping_s"] == "0.5" and rows[0]["cancel_sent"] == ""
 
 
+@pytest.mark.everywhere
 def test_the_plot_is_written(tmp_path: Path) -> None:
     picture = MapPicture(np.eye(20, dtype=bool), 0.05, (0.0, 0.0))
     plot_path(

@@ -75,6 +75,7 @@ assert "get_workspaces" in dir(search) and callable(search.get_workspaces)
     )
 
 
+@pytest.mark.everywhere
 def test_the_search_for_files_has_what_it_has():
     run(
         """
@@ -111,6 +112,7 @@ def test_a_patient_node_has_its_priority_back_when_it_runs(tmp_path):
     run(text)
 
 
+@pytest.mark.everywhere
 def test_a_patient_node_that_cannot_be_imported_says_why():
     text = "from merlin_ros import lean_start; lean_start.run('no_such_node', patient=True)"
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)

@@ -59,6 +59,7 @@ def begin(master: str, *args: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
+@pytest.mark.everywhere
 @pytest.mark.parametrize("master", ["nonsense", "http://", "http://localhost:nowhere", ""])
 def test_an_address_that_is_none_is_named(master: str) -> None:
     run = begin(master)
@@ -67,6 +68,7 @@ def test_an_address_that_is_none_is_named(master: str) -> None:
     assert "Traceback" not in run.stderr
 
 
+@pytest.mark.everywhere
 def test_a_node_with_parameters_and_no_master_says_so() -> None:
     run = begin(NO_MASTER, "_rate:=1")
     assert run.returncode == CANNOT_BEGIN
@@ -102,6 +104,7 @@ def test_a_node_that_waits_for_its_master_ends_when_told_to(master: Any, number:
     assert "started" not in node.output
 
 
+@pytest.mark.everywhere
 def test_a_node_waits_for_its_master(master: Any) -> None:
     master.kill()
     node = master.node(NODE)
@@ -133,6 +136,7 @@ def test_a_second_node_of_a_name_is_refused_and_the_first_goes_on(master: Any, a
     assert "shutdown request" not in first.output
 
 
+@pytest.mark.everywhere
 def test_the_same_name_in_another_namespace_is_another_name(master: Any) -> None:
     for namespace in ("/one", "/two"):
         master.node(NODE, f"__ns:={namespace}").expect("started")

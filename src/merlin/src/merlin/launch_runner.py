@@ -27,7 +27,7 @@ from roslaunch.substitution_args import SubstitutionException
 from merlin.error_relay import ErrorRelay
 from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest, one_line
 from merlin.linger import Page, keep, lingers, page_of, terminal
-from merlin.local_names import LOCALHOST, LOOPBACK, master_uri, resolves, use_loopback
+from merlin.local_names import LOCALHOST, LOOPBACK, given_address, master_uri, resolves, use_loopback
 from merlin.master import Master
 from merlin.orphans import adopt_orphans, end_children
 from merlin.running import announced
@@ -44,6 +44,8 @@ LOOK_FOR_SIGNALS = 0.5
 DEATH_REPORT = 10.0
 #: Ends of the names of parameters that name a file which has to be there when a node starts.
 FILE_PARAMETERS = ("/domain_path", "knowledge_base/problem_path", "/world_file", "/world_path")
+#: What helps where the user may not write to the folder of ROS.
+WRITABLE = "set ROS_HOME, and ROS_LOG_DIR if you use it, to a folder that you may write to"
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -198,10 +200,16 @@ class LaunchRun:
 
         :return: the exit code: the mission's, 128 + signal, or 1 and 2 for a failed or refused run.
         """
+        for folder in (Path(rospkg.get_ros_home()), self.log_folder):  # nodes are started in the first
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                why = f"the folder {folder} cannot be made: {error.strerror}"
+                print(f"{self._command}: {why}; {WRITABLE}", file=sys.stderr)
+                return EXIT_REFUSED
         adopt_orphans()
         roslib.set_interactive(True)  # else roslaunch takes the signal handlers for itself
         previous = {number: signal.signal(number, self._signalled) for number in SIGNALS}
-        self.log_folder.mkdir(parents=True, exist_ok=True)
         log_file = self.log_folder / "run.log"
         with contextlib.ExitStack() as stack:
             self._relay = stack.enter_context(ErrorRelay(log_file))
@@ -229,7 +237,7 @@ class LaunchRun:
         except (RLException, LaunchError) as error:
             code = self._ended_while_it_started()
             if code is None:
-                self._say(f"{self._request.launch_file.name}: {one_line(error)}")
+                self._say(f"{self._request.launch_file.name}: {one_line(error)}{_advice(error)}")
                 code = EXIT_REFUSED
             return code
         nodes = self._parent.config.nodes
@@ -302,6 +310,14 @@ class LaunchRun:
 
     def _logs(self) -> str:
         return f"; logs: {self.log_folder}"
+
+
+def _advice(error: Exception) -> str:
+    """What to do when roslaunch does not reach itself; it does not name the variable that misleads it."""
+    given = given_address()
+    if not given or "contact my own server" not in str(error):
+        return ""
+    return f" {given} is not an address of this machine, it seems; correct or unset it"
 
 
 def _positive(exit_code: Optional[int]) -> int:

@@ -29,6 +29,14 @@ def resolves(name: str) -> bool:
         return False
 
 
+def given_address() -> str:
+    """The variable in which the user gives the address of this machine, as NAME=value; empty: none is set."""
+    for name in ("ROS_HOSTNAME", "ROS_IP"):  # in the order in which ROS looks
+        if os.environ.get(name):
+            return f"{name}={os.environ[name]}"
+    return ""
+
+
 def use_loopback() -> str:
     """Makes this process and its children use 127.0.0.1 when the host name has no address.
 
@@ -38,7 +46,7 @@ def use_loopback() -> str:
     """
     missing = [] if resolves(LOCALHOST) else [f"{LOOPBACK} {LOCALHOST}"]
     name = socket.gethostname()
-    if not os.environ.get("ROS_IP") and not os.environ.get("ROS_HOSTNAME") and not resolves(name):
+    if not given_address() and not resolves(name):
         os.environ["ROS_IP"] = LOOPBACK
         if name != LOCALHOST:
             missing.append(f"127.0.1.1 {name}")

@@ -49,6 +49,7 @@ def test_a_file_that_is_wrong_is_named_without_its_tokens(tmp_path: Path, text: 
     assert str(path) in str(raised.value) and "abcdefg" not in str(raised.value)
 
 
+@pytest.mark.everywhere
 def test_a_file_that_others_can_read_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "operators.yaml"
     write_operators(path, {"ana": ANA})
@@ -68,6 +69,7 @@ def test_a_file_that_breaks_while_it_is_used_changes_nothing(tmp_path: Path) -> 
     assert operators.name_of(ANA) is None and operators.trouble == ""
 
 
+@pytest.mark.everywhere
 def test_the_file_of_the_readme_can_be_used(tmp_path: Path) -> None:
     readme = (WEB.parent / "README.md").read_text()
     text = re.findall(r"```yaml\n(.*?)```", readme, re.DOTALL)[1]  # the first is a list of goals
@@ -82,6 +84,7 @@ def command(monkeypatch: pytest.MonkeyPatch, path: Path, *words: str) -> int:
     return operator_command.main()
 
 
+@pytest.mark.everywhere
 def test_the_command_makes_and_removes_operators(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -108,6 +111,7 @@ def test_wrong_tokens_of_an_address_cost_more_and_more_and_are_told_with_their_n
     assert tokens.note("10.0.0.7", 108.0 + FORGET + 1.0) == delays[0]
 
 
+@pytest.mark.everywhere
 def test_a_wrong_token_is_in_the_history_and_the_right_one_does_not_wait(served: Served) -> None:
     bad: Dict[str, str] = {"X-Merlin-Token": "wrong"}
     assert ask(served.url, "control/who", "POST", bad).status == 403

@@ -12,6 +12,7 @@ from served import TOKEN, Served, ask
 from merlin_monitor.access.web_access import RequestRefused, WebAccess
 
 
+@pytest.mark.everywhere
 @pytest.mark.parametrize(
     ("host", "status"),
     [
@@ -42,6 +43,7 @@ def refuses(access: WebAccess, host: str) -> bool:
     return False
 
 
+@pytest.mark.everywhere
 def test_the_address_that_is_printed_is_served(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(socket, "gethostname", lambda: "Robot-7")
     monkeypatch.setattr(socket, "getfqdn", lambda: "Robot-7.lab")

@@ -12,6 +12,8 @@ from merlin_monitor.state.events import Event
 from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.terminal import history_command
 
+pytestmark = pytest.mark.everywhere
+
 LIMIT = 60.0
 
 

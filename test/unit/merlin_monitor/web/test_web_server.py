@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import socket
 import threading
 import time
 from pathlib import Path
@@ -172,6 +173,7 @@ def test_who_closes_is_forgotten_and_nothing_is_kept_for_nobody(served: Served) 
     assert served.server._live.pages == 0 and served.state.tree._feeds == before
 
 
+@pytest.mark.everywhere
 def test_a_port_that_is_taken_leads_to_the_next_one() -> None:
     first = listen("127.0.0.1", 0)
     port = first.getsockname()[1]
@@ -181,6 +183,18 @@ def test_a_port_that_is_taken_leads_to_the_next_one() -> None:
     second.close()
 
 
+def test_without_ipv6_localhost_is_served_on_ipv4(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream, nowhere = socket.SOCK_STREAM, ("2001:db8::1", 0)  # an address for documents, which no machine has
+    found = [
+        (socket.AF_INET6, stream, 6, "", nowhere),
+        (socket.AF_INET, stream, 6, "", ("127.0.0.1", 0)),
+    ]
+    monkeypatch.setattr(web_server.socket, "getaddrinfo", lambda *_, **__: found)
+    with listen("localhost", 0) as served:
+        assert served.getsockname()[0] == "127.0.0.1"
+
+
+@pytest.mark.everywhere
 @pytest.mark.parametrize(("host", "port"), [("203.0.113.7", 8080), ("no.such.host.invalid", 0)])
 def test_an_address_that_cannot_be_used_is_named(host: str, port: int) -> None:
     with pytest.raises(ServerError, match=host.replace(".", r"\.")):

@@ -11,6 +11,8 @@ import pytest
 from merlin_ros.master import master_link
 from merlin_ros.master.master_link import bounded_master, bounded_proxy, get_param
 
+pytestmark = pytest.mark.everywhere
+
 LIMIT = 60.0  # s
 closed = threading.Event()
 connections: List[Any] = []

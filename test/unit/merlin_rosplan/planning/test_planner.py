@@ -118,6 +118,7 @@ def test_bad_pddl_says_where(problem, goal, place):
     assert outcome.state == PlannerState.INVALID and place in outcome.reason
 
 
+@pytest.mark.everywhere
 def test_a_file_that_is_missing_is_named(tmp_path):
     outcome = plan(str(tmp_path / "nowhere.pddl"))
     assert outcome.state == PlannerState.INVALID and "nowhere.pddl" in outcome.reason
@@ -138,6 +139,7 @@ def test_a_planning_enters_nothing_into_the_table_of_names(problem, monkeypatch)
     assert entered == []
 
 
+@pytest.mark.everywhere
 def test_an_external_planner_gets_both_files(problem, script, tmp_path):
     folder = tmp_path / "a folder with PROBLEM in its name"
     folder.mkdir()
@@ -176,6 +178,7 @@ def test_of_several_plans_the_best_valid_one_counts(problem, script):
     assert outcome.state == PlannerState.SOLVED and outcome.plan == PLAN
 
 
+@pytest.mark.everywhere
 @pytest.mark.parametrize(
     "body, state, part",
     [
@@ -193,6 +196,7 @@ def test_how_an_external_planner_fails_is_reported(problem, script, body, state,
     assert outcome.state == state and part in outcome.reason
 
 
+@pytest.mark.everywhere
 def test_the_time_limit_kills_the_planner_and_what_it_started(problem, script, tmp_path):
     pids = tmp_path / "pids"
     command = script(f"sleep 60 & echo $! > {pids}; echo $$ >> {pids}; sleep 60; true\n")
@@ -251,6 +255,7 @@ def test_a_planning_cancelled_before_it_begins_starts_no_planner(problem, script
     assert not (tmp_path / "ran").exists()
 
 
+@pytest.mark.everywhere
 @needs_kairos
 def test_a_missing_program_falls_back_to_kairos_with_a_warning(problem):
     planning = Planning(
@@ -332,6 +337,7 @@ def test_cancel_from_many_threads_at_any_moment(tmp_path):
         assert not runner.is_alive()
 
 
+@pytest.mark.everywhere
 def test_returncode_of_a_signal(tmp_path):
     result = PlannerProcess().run(["/bin/sh", "-c", "kill -TERM $$"], tmp_path)
     assert result.returncode == -signal.SIGTERM

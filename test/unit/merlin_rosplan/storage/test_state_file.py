@@ -103,6 +103,7 @@ def test_refused_transaction_leaves_no_trace_in_the_file(path):
     assert again.instances() == [] and again.version == 0
 
 
+@pytest.mark.everywhere
 def test_killed_process_loses_nothing_it_acknowledged(path):
     process = subprocess.Popen(
         [sys.executable, "-c", WRITER, str(path), DOMAIN_TEXT], stdout=subprocess.PIPE, text=True
@@ -128,7 +129,10 @@ class FullDisk:
     def __init__(self, folder):
         self.folder = folder
         folder.mkdir()
-        subprocess.run(["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", str(folder)], check=True)
+        mount = ["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", str(folder)]
+        done = subprocess.run(mount, capture_output=True, text=True, check=False)
+        if done.returncode:  # also root may not in a container
+            pytest.skip(f"a small file system cannot be mounted: {done.stderr.splitlines()[0]}")
 
     def fill(self):
         with (self.folder / "ballast").open("wb", buffering=0) as ballast, contextlib.suppress(OSError):
@@ -141,8 +145,6 @@ class FullDisk:
 
 @pytest.fixture
 def disk(tmp_path):
-    if os.geteuid() != 0:
-        pytest.skip("a small file system is mounted by root")
     made = FullDisk(tmp_path / "disk")
     yield made
     subprocess.run(["umount", "-l", str(made.folder)], check=True)
@@ -157,6 +159,7 @@ _BINDING = {"parameters": {"r": "r", "from": "a", "to": "b"}}
 _PARAMETERS = {"start": _BINDING, "end": _BINDING}
 
 
+@pytest.mark.everywhere
 def test_full_disk_takes_nothing_new_but_what_runs_comes_to_its_end(disk):
     path = disk.folder / "state.sqlite"
     store = open_store(path)
@@ -197,6 +200,7 @@ def test_file_of_another_domain_is_refused(path):
     open_store(path, other, reset=True).close()
 
 
+@pytest.mark.everywhere
 def test_file_in_use_is_refused(path):
     store = open_store(path)
     with pytest.raises(StateFileError, match="another knowledge base using it"):
@@ -204,6 +208,7 @@ def test_file_in_use_is_refused(path):
     store.close()
 
 
+@pytest.mark.everywhere
 def test_damaged_file_is_refused(path):
     path.parent.mkdir()
     path.write_text("this is not a database" * 100)

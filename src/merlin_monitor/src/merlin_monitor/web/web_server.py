@@ -1,6 +1,7 @@
 """The web server: the page, its live feed, the map's picture, the history and the control of the robot."""
 
 import asyncio
+import errno
 import json
 import logging
 import socket
@@ -280,21 +281,31 @@ def listen(host: str, port: int) -> socket.socket:
     candidates: List[int] = [port] if port == 0 else list(range(port, min(port + PORTS_TRIED, 65536)))
     for candidate in candidates:
         try:
-            family, kind, _, _, address = socket.getaddrinfo(
+            addresses = socket.getaddrinfo(
                 host or None, candidate, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-            )[0]
+            )
         except (OSError, OverflowError) as error:
             raise ServerError(f"the address {host!r} cannot be used: {error}; correct host:=…") from error
-        found = socket.socket(family, kind)
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            found.bind(address)
-            found.listen(64)
-        except OSError as error:
-            found.close()
-            last = error
-            if isinstance(error, PermissionError):
-                break
-            continue
-        return found
+        for family, kind, _, _, address in addresses:
+            try:
+                return _bound(socket.socket(family, kind), address)
+            except OSError as error:
+                last = error
+                if error.errno == errno.EADDRINUSE:
+                    break
+            # The next address: localhost is ::1 first, also on a machine without IPv6.
+        if isinstance(last, PermissionError):
+            break
     raise ServerError(f"cannot listen on {host}:{port}: {last}; choose another port:=…")
+
+
+def _bound(found: socket.socket, address: Any) -> socket.socket:
+    """The socket, listening; closed when that raises an OSError."""
+    try:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        found.bind(address)
+        found.listen(64)
+    except OSError:
+        found.close()
+        raise
+    return found
