@@ -2,7 +2,7 @@
 
 import threading
 from types import SimpleNamespace
-from typing import Any, Callable, Dict, List
+from typing import Any, Callable, Dict, List, Sequence
 
 import pytest
 import rospy
@@ -42,8 +42,11 @@ class Guards:
             self.callbacks["/kb/robots"](RobotHost(robot=robot, node=f"/{robot}/merlin_fsm_host"))
         self.expected = len(robots) + 1
 
-    def say(self, robot: str, moving: bool) -> None:
-        self.callbacks[f"/{robot}/merlin/guard"](GuardStatus(moving=moving))
+    def say(
+        self, robot: str, moving: bool, state: int = GuardStatus.PASSING, goals: Sequence[str] = ()
+    ) -> None:
+        status = GuardStatus(moving=moving, state=state, goals=list(goals))
+        self.callbacks[f"/{robot}/merlin/guard"](status)
 
 
 def test_a_brake_goes_on_when_all_robots_that_drive_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,3 +88,46 @@ def test_a_guard_that_says_nothing_ends_the_wait_with_its_limit(monkeypatch: pyt
     monkeypatch.setattr(module, "BRAKE_WAIT", 0.01)
     guards.client.brake("cancelled")
     assert len(guards.braked) == 3
+
+
+def test_a_cancel_waits_for_the_motion_goal_of_a_machine_that_died(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "GOAL_WAIT", LONG)
+    guards = Guards(monkeypatch)
+    guards.meet("ann", "bob")
+    guards.say("ann", True, goals=["ann-1"])
+    guards.client.brake("cancelled")
+    guards.say("ann", False, GuardStatus.HOLDING, ["ann-1"])
+    stood: List[bool] = []
+    waiting = threading.Thread(target=lambda: stood.append(guards.client.wait_standing()), daemon=True)
+    waiting.start()
+    guards.say("bob", False, GuardStatus.HOLDING, ["of another plan"])
+    assert waiting.is_alive() and not stood
+    guards.say("ann", False, GuardStatus.IDLE)
+    waiting.join(LONG)
+    assert stood == [True]
+
+
+@pytest.mark.parametrize(
+    ("state", "goals"),
+    [(GuardStatus.PASSING, ["ann-1"]), (GuardStatus.HOLDING, ["ann-2"]), (GuardStatus.IDLE, [])],
+)
+def test_a_goal_of_another_client_is_not_waited_for(
+    monkeypatch: pytest.MonkeyPatch, state: int, goals: List[str]
+) -> None:
+    monkeypatch.setattr(module, "GOAL_WAIT", 10 * LONG)
+    guards = Guards(monkeypatch)
+    guards.meet("ann", "bob")
+    guards.say("ann", True, goals=["ann-1"])
+    guards.client.brake("cancelled")
+    guards.say("ann", False, state, goals)
+    assert guards.client.wait_standing()
+
+
+def test_a_goal_that_does_not_end_delays_the_answer_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "GOAL_WAIT", 0.01)
+    guards = Guards(monkeypatch)
+    guards.meet("ann", "bob")
+    guards.say("ann", True, goals=["ann-1"])
+    guards.client.brake("cancelled")
+    guards.say("ann", False, GuardStatus.HOLDING, ["ann-1"])
+    assert guards.client.wait_standing()

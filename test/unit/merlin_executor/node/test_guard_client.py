@@ -34,6 +34,9 @@ class Guard:
     def moves(self) -> bool:
         return False
 
+    def holds_goals(self) -> bool:
+        return False
+
 
 @pytest.fixture
 def client(monkeypatch: pytest.MonkeyPatch) -> Iterator[GuardClient]:

@@ -17,6 +17,9 @@ from merlin_sm.robot_roster import RobotRoster, is_node, sender_of
 
 HALT_LIMIT = 1.0  # s of wall time for the guard to answer
 FRESH = 1.5  # s of wall time for which the word of another robot's guard counts; it sends one every 0.5 s
+#: s of running time for a motion goal whose state machine died to be cancelled: by its guard (0.9 s), or by
+#: the next process of the machine.
+GOAL_WAIT = 1.5
 BRAKE_WAIT = 0.02  # s of wall time for several guards to say that their bases are braked
 
 
@@ -39,14 +42,19 @@ class GuardClient:
         self._robots = rospy.Subscriber(f"{knowledge_base}/robots", RobotHost, self._meet, tcp_nodelay=True)
 
     def wait_standing(self) -> bool:
-        """Waits until each guard reports that its base stands.
+        """Waits until each guard reports that its base stands and that the goals which it held have ended.
 
         :return: False when one still moves; True also without a guard.
         """
         with self._changed:
-            return Deadline(self._stand_wait).wait(
+            stands = Deadline(self._stand_wait).wait(
                 self._changed, lambda: not any(guard.moves() for guard in self._guards.values())
             )
+            if stands:
+                Deadline(GOAL_WAIT).wait(
+                    self._changed, lambda: not any(guard.holds_goals() for guard in self._guards.values())
+                )
+            return stands
 
     def brake(self, reason: str) -> None:
         """Asks the guards to hold their bases until a cancel has reached the motion goals.
@@ -113,6 +121,7 @@ class _Guard:
         self._changed = changed
         self._status: Optional[GuardStatus] = None
         self._heard = 0.0
+        self._braked: Set[str] = set()  # ids of the goals that ran at the last brake
         self._brake = rospy.Publisher(f"{namespace}merlin/brake", String, tcp_nodelay=True, queue_size=1)
         self._halt = ServiceProxy(f"{namespace}merlin/halt", Trigger, timeout=HALT_LIMIT)
         self._subscriber = rospy.Subscriber(
@@ -125,8 +134,16 @@ class _Guard:
             return False
         return bool(self._status.moving)
 
+    def holds_goals(self) -> bool:
+        """Whether goals that ran at the last brake still run and may not move the base."""
+        if self._status is None or time.monotonic() - self._heard > FRESH:
+            return False
+        return self._status.state == GuardStatus.HOLDING and not self._braked.isdisjoint(self._status.goals)
+
     def brake(self, reason: str) -> None:
         """Asks the guard to hold its base for now."""
+        with self._changed:
+            self._braked = set(self._status.goals) if self._status is not None else set()
         publish(self._brake, String(reason))
 
     def halt(self) -> Halt:
