@@ -1,4 +1,4 @@
-"""Which unit tests import a module of MERLIN."""
+"""Which tests without processes of ROS import a module of MERLIN."""
 
 import ast
 from collections import defaultdict
@@ -10,7 +10,8 @@ class Imports:
     """Which test files import a module, and over how many others."""
 
     def __init__(self, root: Path) -> None:
-        files = [*root.glob("src/*/src/**/*.py"), *root.glob("test/unit/**/*.py")]
+        folders = ("src/*/src", "test/unit", "test/execution")
+        files = [path for folder in folders for path in root.glob(f"{folder}/**/*.py")]
         self._tests = [path for path in files if path.name.startswith("test_")]
         # What tests share lies in folders that they put on the path, and is imported by its bare name.
         named = {_name(path, root): path for path in files}
