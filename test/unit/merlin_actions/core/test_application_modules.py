@@ -56,6 +56,13 @@ def test_a_constant_of_another_module_is_read_anew(package: Path) -> None:
     assert sys.modules["colorsys"] is library
 
 
+def test_before_anything_is_noted_nothing_counts_as_edited(package: Path) -> None:
+    modules = ApplicationModules()
+    assert modules.edited() == []
+    loaded()
+    assert modules.edited() == []
+
+
 def test_after_an_error_all_is_as_before(package: Path) -> None:
     modules = noted()
     old = loaded()
