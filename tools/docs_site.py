@@ -32,7 +32,7 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
     ),
     ("Design", ("docs/architecture.md", "docs/reliability.md", "docs/fleet.md", "docs/ontology.md")),
     ("ROS and ROSPlan", ("docs/ros1.md", "docs/over-rosplan.md", "docs/rosplan-compatibility.md")),
-    ("Measured", ("docs/benchmarks.md", "docs/experiment.md")),
+    ("Measured", ("docs/benchmarks.md", "docs/mutants.md", "docs/experiment.md")),
 )
 
 

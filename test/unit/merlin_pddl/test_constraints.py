@@ -130,6 +130,8 @@ def test_every_form_is_read_and_written(constraint):
     "constraint, part",
     [
         ("(sometimes (at bar))", "expected a constraint"),
+        ("(and (sometimes (at bar)) (sometime (at bar)))", "expected a constraint"),
+        ("(and (sometime (at bar)) (sometimes (at bar)))", "expected a constraint"),
         ("(sometime (att bar))", "did you mean 'at'"),
         ("(sometime (at bra))", "did you mean 'bar'"),
         ("(within (at bar))", "takes 1 number"),

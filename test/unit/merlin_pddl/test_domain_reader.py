@@ -1,9 +1,10 @@
 import pytest
 
+from merlin_pddl.domain import depends_on
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import END, OVER_ALL, START, Atom, Comparison, Forall, to_pddl
 from merlin_pddl.problem_reader import parse_problem
-from merlin_pddl.text_reader import PddlError
+from merlin_pddl.text_reader import PddlError, read_text
 
 RICH = """
 ; every construct that a knowledge base has to understand
@@ -152,3 +153,24 @@ def test_errors_in_problems(rich, sections, reason):
     with pytest.raises(PddlError, match="problem.pddl:1:[0-9]+: ") as caught:
         parse_problem(f"(define (problem x) {sections})", rich, "problem.pddl")
     assert reason in str(caught.value)
+
+
+CHAIN = """(define (domain chain) (:requirements :derived-predicates :fluents)
+  (:predicates (ready) (fed) (awake) (other)) (:functions (charge))
+  (:derived (ready) (and (fed) (not (awake)))) (:derived (fed) (or (fed) (> (charge) 3)))
+  (:action go :parameters () :precondition (ready) :effect (other)))"""
+
+
+def test_a_condition_depends_on_what_its_rules_depend_on():
+    domain = parse_domain(CHAIN)
+    condition = Atom("ready", ())
+    assert depends_on(condition, domain.derived) == {"ready", "fed", "awake", "charge"}
+    assert depends_on(Atom("other", ()), domain.derived) == {"other"}
+
+
+def test_a_word_keeps_the_spelling_and_the_place_that_it_has_in_the_text():
+    (found,) = read_text("\n  (Drive HALL)", "a.pddl")
+    assert [(word, word.written, word.source, word.line, word.column) for word in found] == [
+        ("drive", "Drive", "a.pddl", 2, 4),
+        ("hall", "HALL", "a.pddl", 2, 10),
+    ]

@@ -68,6 +68,7 @@ def test_objects_get_the_spelling_of_the_problem():
         ("0: (a)", "is not '<time>"),
         ("(a)", "is not '<time>"),
         ("0: () [1]", "is not '<time>"),
+        ("x", "is not an action, and there is none in the whole text"),
         ("garbage", "is not an action, and there is none in the whole text"),
     ],
 )

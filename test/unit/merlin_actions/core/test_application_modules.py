@@ -68,6 +68,13 @@ def test_an_edit_of_the_same_length_within_a_second_is_read(package: Path) -> No
         assert loaded()().say() == "salut"
 
 
+def test_before_anything_is_noted_nothing_counts_as_edited(package: Path) -> None:
+    modules = ApplicationModules()
+    assert modules.edited() == []
+    loaded()
+    assert modules.edited() == []
+
+
 def test_after_an_error_all_is_as_before(package: Path) -> None:
     modules = noted()
     old = loaded()

@@ -141,6 +141,11 @@ def test_an_interrupted_request_has_all_its_new_plans_again() -> None:
     assert course.replans == 2
 
 
+def test_a_request_that_has_not_begun_has_moved_nothing() -> None:
+    course = Course(3)
+    assert not course.may_move and not course.unreachable and not course.timed_out
+
+
 def test_a_dispatched_plan_can_have_moved_the_base() -> None:
     course = Course(3)
     course.begin()

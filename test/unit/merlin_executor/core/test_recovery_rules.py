@@ -175,6 +175,13 @@ def test_a_request_beyond_a_limit_is_refused(texts: List[str], items: int, token
     assert what in too_large(texts, items, tokens)
 
 
+def test_what_a_request_does_not_have_leaves_no_room_for_more() -> None:
+    with pytest.raises(RequestTooLarge, match="1001 goals"):
+        check_size(["(a)"] * (MAX_GOALS + 1))
+    with pytest.raises(RequestTooLarge, match="1001 goals"):
+        check_size((), MAX_GOALS + 1)
+
+
 def test_a_request_at_the_limits_is_taken() -> None:
     assert too_large(["(a)"] * MAX_GOALS, 0, MAX_TOKENS) == ""
     assert too_large([" " * MAX_TEXT], MAX_GOALS - 1) == ""

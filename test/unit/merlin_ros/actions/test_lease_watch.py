@@ -2,7 +2,7 @@
 
 import threading
 from types import SimpleNamespace
-from typing import Any, Iterator, List
+from typing import Any, Iterator, List, Set
 
 import pytest
 from actionlib_msgs.msg import GoalID, GoalStatus
@@ -61,3 +61,31 @@ def test_the_end_of_a_goal_stays_its_end_when_its_client_fails(logged: List[str]
     goal.finish(GoalStatus.LOST, "its server is gone", None)
     assert goal.done and goal.status == GoalStatus.LOST
     assert "goal 1" in logged[0] and "ValueError: broken" in logged[0]
+
+
+def test_a_watch_without_a_held_goal_waits_for_the_next_lease(
+    logged: List[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    callbacks: List[Any] = []
+    looks: List[int] = []
+    subscriber = SimpleNamespace(unregister=lambda: None)
+
+    def subscribe(_: str, __: Any, callback: Any, **___: Any) -> Any:
+        callbacks.append(callback)
+        return subscriber
+
+    def peers(_: Any) -> Set[str]:
+        looks.append(len(looks))
+        return {"/a"}
+
+    monkeypatch.setattr(lease_watch.rospy, "Subscriber", subscribe)
+    monkeypatch.setattr(lease_watch, "connected_peers", peers)
+    before = set(threading.enumerate())
+    watch = LeaseWatch("drive/lease", lambda change: None)
+    (receive,) = callbacks
+    for life in range(50):
+        receive(Lease(owner="/a", life=str(life), held=[]))
+    (thread,) = set(threading.enumerate()) - before
+    watch.shutdown()
+    thread.join(LONG)
+    assert not thread.is_alive() and len(looks) == 0

@@ -53,6 +53,18 @@ def test_an_interface_is_just_announced_for_a_while_and_again_after_a_restart(cl
     assert not watch.just_announced("paint")
 
 
+def test_an_interface_that_has_been_silent_for_long_makes_room_for_another(clock):
+    watch = InterfaceWatch(clock)
+    for number in range(OPERATORS):
+        watch.announce(f"old{number}")
+    watch.announce("early")
+    assert watch.seconds_silent("early") is None
+    clock.now += KEEP + 1.0
+    watch.announce("late")
+    assert watch.seconds_silent("late") == 0.0
+    assert watch.seconds_silent("old0") is None and watch.seconds_silent("old1") is not None
+
+
 def test_names_that_are_announced_without_end_do_not_grow_without_end(clock):
     watch = InterfaceWatch(clock)
     watch.announce("drive")

@@ -7,6 +7,7 @@ from execution_store import add, apply, facts, value
 
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance
+from merlin_rosplan.knowledge.interruption import passed
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.storage.state_file import StateFile
@@ -112,3 +113,17 @@ def test_numbers_of_an_interruption_are_checked_before_anything_begins(courier, 
     with pytest.raises(UpdateRefused, match=reason):
         apply(store, "start", "t", "drive", WAY, "/n", [], [text])
     assert value(store, "battery") == 50 and store.executions() == []
+
+
+@pytest.mark.parametrize(
+    ("now", "planned", "expected"),
+    [
+        (4_000_000_000, 10.0, (3.0, 10.0)),
+        (40_000_000_000, 10.0, (10.0, 10.0)),  # it lasted longer than planned: all of it is done
+        (4_000_000_000, None, (3.0, 3.0)),
+        (500_000_000, None, (0.0, 0.0)),  # time has jumped back
+    ],
+)
+def test_what_has_passed_is_bounded_by_what_was_planned(now, planned, expected):
+    numbers = passed(1_000_000_000, now, planned)
+    assert (numbers["#t"], numbers["?duration"]) == expected

@@ -233,6 +233,17 @@ def test_timed_items_come_true(store, clock):
     assert store.timed() == []
 
 
+def test_a_snapshot_counts_timed_items_from_now(store, clock):
+    add(store, Fact("idle", ()), at=5_000)
+    add(store, FunctionValue("limit", (), 7.0), at=9_000)
+    clock.now = 2_000
+    _, problem = store.snapshot()
+    assert [(timed.at, timed.item.text()) for timed in problem.timed] == [
+        (3_000, "(idle)"),
+        (7_000, "(limit)"),
+    ]
+
+
 def test_problem_that_does_not_fit_leaves_nothing(store):
     problem = parse_problem("(define (problem p) (:domain d) (:objects a - poi) (:init (checked a)))", DOMAIN)
     problem.facts.append(Fact("nonsense", ()))

@@ -52,6 +52,13 @@ def test_ontology_answers_queries(files):
     assert {"(inside kitchen building)", "(contains building flat)"} <= facts
 
 
+def test_a_class_that_a_restriction_defines_stays_a_type(files):
+    restriction = "[ a owl:Restriction ; owl:onProperty :inside ; owl:someValuesFrom :Place ]"
+    (files / "house.ttl").write_text(HOUSE + f":Poi owl:equivalentClass {restriction} .")
+    assert run(files) == 0
+    assert read_domain(files / "out" / "domain.pddl").types.subtypes("place") == {"place", "poi", "bathroom"}
+
+
 def test_only_the_chosen_properties(files):
     assert run(files, "--property", "nextTo") == 0
     assert set(read_domain(files / "out" / "domain.pddl").predicates) == {"nextto", "checked"}

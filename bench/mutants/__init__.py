@@ -1,0 +1,1 @@
+"""What the unit tests catch: modules are changed in small ways, and the tests that notice it are counted."""
