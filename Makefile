@@ -73,12 +73,10 @@ PYTEST = $(IN) python -m pytest --dist loadfile --no-loadscope-reorder --progres
 check: build
 	@$(IN) tools/check.sh $(if $(ALL),--all) $(call given,SINCE,since)
 
-# Tests wait for processes half of the time, so there are more workers than processors. The faults have the machine to
-# themselves.
-JOBS ?= $(shell expr 2 \* $$(nproc))
+# Tests wait for processes most of the time, so there are more workers than processors.
+JOBS ?= $(shell expr 3 \* $$(nproc))
 test: build
 	@$(PYTEST) -n $(JOBS) --junitxml=results/tests.xml test
-	@$(IN) python -m pytest -m alone test/application
 
 TESTS ?= test
 TIMES ?= 20

@@ -33,7 +33,7 @@ if [ -n "$tests" ]; then
   [ "$(wc -w <<<"$tests")" -gt 8 ] || [ -n "$all" ] && workers=$(nproc)
   # shellcheck disable=SC2086
   python -m pytest -n $workers --dist loadfile --no-loadscope-reorder --progress -rs \
-    -m "not processes and not long and not alone" $tests || status=$?
+    -m "not processes and not long" $tests || status=$?
   [ $status != 5 ] || status=0   # all tests of these files start processes
 else
   echo "check: the change concerns no unit test"

@@ -13,15 +13,13 @@ import sys
 import time
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Dict, Iterator, List, Set
+from typing import Dict, Iterator, List, Optional, Set
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results" / "repeat"
 EXIT_FAILED, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
 #: Exit codes of pytest after which its report is complete: all passed, some failed.
 COMPLETE = (0, 1)
-#: s that an interrupted run may take to end its nodes.
-ENDS = 60.0
 
 
 @contextlib.contextmanager
@@ -47,33 +45,54 @@ def failed_in(report: Path) -> Set[str]:
     }
 
 
-def run(number: int, words: List[str], results: Path) -> Set[str]:
-    """One run; returns what failed.
+class Run:
+    """Runs of pytest one after the other, which an interrupt ends."""
 
-    :raises SystemExit: no test could be run; pytest has said why.
-    """
-    report, output = results / f"{number}.xml", results / f"{number}.txt"
-    command = [sys.executable, "-m", "pytest", f"--junitxml={report}", "-rs", *words]
-    with output.open("w", encoding="utf-8") as file:
-        process = subprocess.Popen(
-            command, cwd=str(ROOT), stdin=subprocess.DEVNULL, stdout=file, stderr=subprocess.STDOUT
-        )
-        try:
-            code = process.wait()
-        except KeyboardInterrupt:
-            process.send_signal(signal.SIGINT)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(ENDS)
-            process.kill()
-            process.wait()
-            raise
-    if code not in COMPLETE:
-        print(
-            f"repeat: pytest ended with {code}:\n{output.read_text(encoding='utf-8')[-3000:]}",
-            file=sys.stderr,
-        )
-        raise SystemExit(EXIT_USAGE)
-    return failed_in(report)
+    def __init__(self) -> None:
+        self.interrupted = False
+        self._process: Optional[subprocess.Popen[bytes]] = None
+        # Not an exception, which could come while a process begins that nothing would end.
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._interrupt)
+
+    def _interrupt(self, _number: int, _frame: object) -> None:
+        self.interrupted = True
+        if self._process is not None:
+            self._process.send_signal(signal.SIGINT)
+
+    def once(self, number: int, words: List[str], results: Path) -> Set[str]:
+        """One run; returns what failed, or nothing when it was interrupted.
+
+        :raises SystemExit: no test could be run; pytest has said why.
+        """
+        report, output = results / f"{number}.xml", results / f"{number}.txt"
+        command = [sys.executable, "-m", "pytest", f"--junitxml={report}", "-rs", *words]
+        with output.open("w", encoding="utf-8") as file:
+            # Of its own group: a terminal's Ctrl-C would reach it twice.
+            self._process = subprocess.Popen(
+                command,
+                cwd=str(ROOT),
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                preexec_fn=_begin,
+            )
+            if self.interrupted:
+                self._process.send_signal(signal.SIGINT)
+            code = self._process.wait()
+            self._process = None
+        if self.interrupted:
+            return set()
+        if code not in COMPLETE:
+            last = output.read_text(encoding="utf-8")[-3000:]
+            print(f"repeat: pytest ended with {code}:\n{last}", file=sys.stderr)
+            raise SystemExit(EXIT_USAGE)
+        return failed_in(report)
+
+
+def _begin() -> None:
+    os.setpgrp()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def arguments(words: List[str]) -> argparse.Namespace:
@@ -98,20 +117,19 @@ def main(words: List[str]) -> int:
     for old in options.results.glob("[0-9]*.*"):
         old.unlink()
     counts: Dict[str, int] = {}
-    began, done, interrupted = time.monotonic(), 0, False
-    try:
-        with load(options.load):
-            for number in range(1, options.times + 1):
-                failed = run(number, options.tests, options.results)
-                for name in failed:
-                    counts[name] = counts.get(name, 0) + 1
-                done = number
-                each = (time.monotonic() - began) / number
-                left = each * (options.times - number) / 60.0
-                result = ", ".join(sorted(failed)) or "passed"
-                print(f"{number}: {each:.1f} s each, {left:.0f} min left: {result}", flush=True)
-    except KeyboardInterrupt:
-        interrupted = True
+    began, done, runs = time.monotonic(), 0, Run()
+    with load(options.load):
+        for number in range(1, options.times + 1):
+            failed = runs.once(number, options.tests, options.results)
+            if runs.interrupted:
+                break
+            for name in failed:
+                counts[name] = counts.get(name, 0) + 1
+            done = number
+            each = (time.monotonic() - began) / number
+            left = each * (options.times - number) / 60.0
+            result = ", ".join(sorted(failed)) or "passed"
+            print(f"{number}: {each:.1f} s each, {left:.0f} min left: {result}", flush=True)
     print(f"\n{done} runs at load {options.load} on {os.cpu_count()} processors")
     for name, count in sorted(counts.items(), key=lambda row: -row[1]):
         print(f"{100.0 * count / done:5.1f} %  {count} of {done}  {name}")
@@ -119,7 +137,7 @@ def main(words: List[str]) -> int:
         print(f"the outputs are in {options.results}")
     elif done:
         print("nothing failed")
-    if interrupted:
+    if runs.interrupted:
         return EXIT_INTERRUPTED
     return EXIT_FAILED if counts else 0
 

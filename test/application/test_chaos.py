@@ -85,7 +85,6 @@ def test_an_interrupted_campaign_leaves_no_process(tmp_path: Path) -> None:
     assert marked(os.getpid()) == []
 
 
-@pytest.mark.alone
 @pytest.mark.timeout(900)
 def test_the_robot_survives_the_ten_failures_that_hurt_most(tmp_path: Path) -> None:
     words = ["--patience", str(PATIENCE), "--seed", "15", "--faults", *TEN]

@@ -50,5 +50,5 @@ def test_an_interrupt_ends_it_with_what_is_known(tmp_path: Path) -> None:
         first = process.stdout.readline()
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=LIMIT)
-    assert first.startswith("1: ") and process.returncode == 130
+    assert first.startswith("1: ") and process.returncode == 130, out
     assert "1 runs at load 0" in out

@@ -78,11 +78,11 @@ class Progress:
         self._thread.start()
 
     @pytest.hookimpl(tryfirst=True)
-    def pytest_report_teststatus(self, report: pytest.TestReport) -> Optional[Tuple[str, str, str]]:
-        """No dots: their place is taken by lines."""
-        if report.passed:
-            return ("passed" if report.when == "call" else ""), "", ""
-        return None
+    def pytest_report_teststatus(self, report: pytest.TestReport) -> Tuple[str, str, str]:
+        """No letters: their place is taken by lines."""
+        if report.when == "call" or report.skipped:
+            return report.outcome, "", ""
+        return ("" if report.passed else "error"), "", ""
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         """Without workers, this process has the tests."""

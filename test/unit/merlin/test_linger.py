@@ -21,7 +21,7 @@ from merlin_monitor.state.events import Event
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.everywhere]
 
 KEEP = """
 import os, sys
@@ -106,6 +106,8 @@ class Kept:
         os.close(inner)
         assert self.process.stderr is not None
         self.line = self.process.stderr.readline()
+        if self.line.startswith("Traceback"):
+            self.line += self.process.stderr.read()
 
     def shown(self) -> Any:
         """What the page shows."""
@@ -129,8 +131,6 @@ class Kept:
 
 TERMINAL = """
 import fcntl, termios
-
-pytestmark = pytest.mark.everywhere
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 """
 
