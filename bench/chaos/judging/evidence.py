@@ -117,7 +117,7 @@ def _ended_before(evidence: Evidence, server: str, at: float) -> Set[str]:
 
 
 def stood_at(evidence: Evidence, begin: float) -> Optional[float]:
-    """Begin of the first time of standing that lasts, None when there is none.
+    """Begin of the first time of standing that lasts, or that a new drive ends; None when there is none.
 
     A base that a wall has stopped does not stand: its last command has to be zero, unless it stops by itself
     without commands.
@@ -126,9 +126,13 @@ def stood_at(evidence: Evidence, begin: float) -> Optional[float]:
     obeys = evidence.trial.variant.base_timeout is None
     command = scene_at(evidence.log, begin).command
     driven = obeys and command is not None and commands_motion(command)
+    known = scene_at(evidence.log, begin).active.get("move_base", frozenset())
     for event in evidence.log:
         if not begin <= event.at <= evidence.end:
             continue
+        new = event.kind == events.GOALS and event["server"] == "move_base" and set(event["active"]) - known
+        if new and since is not None:
+            return since
         if event.kind == events.COMMAND:
             driven = obeys and commands_motion(event)
         if event.kind not in (events.TRUTH, events.COMMAND):

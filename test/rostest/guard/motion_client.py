@@ -29,12 +29,16 @@ def beat():
             changed.wait(0.15)
 
 
+def reaches(publisher, *nodes):
+    return {link.endpoint_id for link in publisher.impl.connections}.issuperset(nodes)
+
+
 threading.Thread(target=beat, daemon=True).start()
 for line in sys.stdin:
     answer = line.strip()
     with changed:
         if answer == "drive":
-            while goals.get_num_connections() < 2 or leases.get_num_connections() < 1:  # server and guard
+            while not (reaches(goals, "/base", "/merlin_guard") and reaches(leases, "/merlin_guard")):
                 changed.wait(0.02)
             answer = f"goal-{uuid.uuid4().hex}"
             held[:] = [answer]

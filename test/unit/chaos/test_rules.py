@@ -87,6 +87,16 @@ def test_a_robot_that_stops_tells_and_goes_on_is_not_blamed() -> None:
     assert judgement.outcome == "CANCELLED"
 
 
+@pytest.mark.parametrize(("goal", "blamed"), [("a", True), ("new", False)])
+def test_a_base_that_stands_shortly_may_drive_for_a_new_goal_only(goal: str, blamed: bool) -> None:
+    story = Story().drive(6.0, 10.6, 10.7)
+    story.add(10.72, events.GOALS, server="move_base", active=[goal], ended={})
+    for tick in range(215, 400):
+        story.add(tick / 20, events.TRUTH, speed=0.3, turn=0.0, x=2.0, y=0.0)
+    judgement = story.judge(Trial("test", KILL, Moment.DRIVING))
+    assert any("drives on" in text for text in judgement.violations) == blamed
+
+
 def test_a_base_that_drives_on_is_seen_with_how_far() -> None:
     story = Story().drive(6.0, 99.0, 20.0)
     story.add(10.5, events.GOALS, server="move_base", active=[], ended={"a": 2})

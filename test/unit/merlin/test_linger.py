@@ -102,6 +102,7 @@ class Kept:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            cwd=str(Path(__file__).parent),  # a folder below the present one is shown without what is above
         )
         os.close(inner)
         assert self.process.stderr is not None
