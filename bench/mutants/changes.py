@@ -126,5 +126,5 @@ def mutants(module: Path, sample: int, seed: int, root: Path) -> List[Mutant]:
 def _means_something_else(source: str, text: str) -> bool:
     try:
         return ast.dump(ast.parse(text)) != ast.dump(ast.parse(source))
-    except SyntaxError:  # the star that begins keyword parameters is no multiplication
+    except SyntaxError:  # the star before keyword parameters does not multiply
         return False
