@@ -30,7 +30,16 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
             "docs/simulation.md",
         ),
     ),
-    ("Design", ("docs/architecture.md", "docs/reliability.md", "docs/fleet.md", "docs/ontology.md")),
+    (
+        "Design",
+        (
+            "docs/architecture.md",
+            "docs/reliability.md",
+            "docs/safety.md",
+            "docs/fleet.md",
+            "docs/ontology.md",
+        ),
+    ),
     ("ROS and ROSPlan", ("docs/ros1.md", "docs/over-rosplan.md", "docs/rosplan-compatibility.md")),
     ("Measured", ("docs/benchmarks.md", "docs/mutants.md", "docs/experiment.md")),
 )
