@@ -2,13 +2,12 @@
 
 import os
 import signal
-import subprocess
-import sys
 from typing import Any
 
 import pytest
 
 from merlin_guard.guard_node import PRIORITY
+from merlin_test.priorities import may_go_before_others
 
 pytestmark = pytest.mark.processes
 
@@ -103,14 +102,6 @@ def alone(master: Any) -> Any:
     return guard
 
 
-def may_go_before_others() -> bool:
-    """Whether this user may raise priorities: root of a container may not."""
-    code = f"import os; os.setpriority(os.PRIO_PROCESS, 0, {PRIORITY})"
-    return (
-        subprocess.run([sys.executable, "-c", code], stderr=subprocess.DEVNULL, check=False).returncode == 0
-    )
-
-
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
 def test_it_passes_what_has_a_goal_and_ends_as_a_node_does(
     master: Any, alone: Any, number: int, code: int
@@ -119,7 +110,7 @@ def test_it_passes_what_has_a_goal_and_ends_as_a_node_does(
     driver.expect("started")
     driver.say("drive")
     driver.expect("MOVES")
-    if may_go_before_others():
+    if may_go_before_others(PRIORITY):
         assert os.getpriority(os.PRIO_PROCESS, alone.process.pid) == PRIORITY
     driver.say("end")
     driver.expect("STANDS")
