@@ -48,7 +48,8 @@ def _import_patiently(module: str) -> None:
 
     def work() -> None:
         with contextlib.suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), PATIENT)
+            patient = max(PATIENT, os.getpriority(os.PRIO_PROCESS, 0))
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), patient)
         with contextlib.suppress(Exception):
             importlib.import_module(module)
 

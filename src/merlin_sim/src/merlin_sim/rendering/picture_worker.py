@@ -9,7 +9,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,15 @@ WORK_LIMIT, WORK_LIMIT_PER_MEGAPIXEL = 5.0, 10.0
 
 class WorkerLost(PictureError):
     """The process has ended or does not answer."""
+
+
+class _Activity(NamedTuple):
+    """What a process has done so far; a hung one neither works nor waits for a processor."""
+
+    worked: float
+    """Processor time, s."""
+    waited: int
+    """Time for which its threads were ready to run and had no processor, ns."""
 
 
 class PictureWorker:
@@ -66,7 +75,8 @@ class PictureWorker:
     def expose(self, shot: Shot, limit: float) -> np.ndarray:
         """The picture of a shot: height x width x 3, RGB, 0..255.
 
-        :param limit: s of wall time without an answer or any processor time, after which it counts as hung.
+        :param limit: s of wall time without an answer, any work or a wait for a processor, after which it
+            counts as hung.
         :raises PictureError: the picture cannot be made.
         :raises WorkerLost: the process is no longer of use; close it.
         """
@@ -100,21 +110,25 @@ class PictureWorker:
         """
         poll = select.poll()
         poll.register(self._channel, select.POLLIN)
-        began = before = self._worked()
+        began = before = self._activity()
         while not poll.poll(limit * 1000.0):
-            now = self._worked()
-            if now == before or now - began > most:
+            now = self._activity()
+            if now == before or now.worked - began.worked > most:
                 raise socket.timeout
             before = now
         return receive(self._channel)
 
-    def _worked(self) -> float:
-        """Processor time of the process so far, s."""
+    def _activity(self) -> _Activity:
+        process = Path(f"/proc/{self.pid}")
+        waited = 0
         try:
-            fields = Path(f"/proc/{self.pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
+            fields = (process / "stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
+            for thread in (process / "task").iterdir():
+                with contextlib.suppress(OSError):  # the thread has ended, or the kernel does not count it
+                    waited += int((thread / "schedstat").read_text(encoding="ascii").split()[1])
         except OSError as error:
             raise EOFError from error
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return _Activity((int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), waited)
 
     def interrupt(self) -> None:
         """Ends a wait for a picture, from another thread."""
