@@ -81,7 +81,7 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
 #: beside them, of which one may be named by itself. A package that is missing here has no sub-packages.
 LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_pddl": (".", "analysis", "checks"),
-    "merlin_ros": ("master", ".", "actions"),
+    "merlin_ros": ("alarms", "master ports", ".", "actions"),
     "merlin_sm": ("dispatching", ".", "states", "holding trees", "breakpoint_client state_factory"),
     "merlin_rosplan": (
         "knowledge planning dispatch",

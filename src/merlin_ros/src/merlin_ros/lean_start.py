@@ -76,22 +76,14 @@ def end_lightly() -> None:
     """Spares this process what it would compute for nothing when it ends.
 
     Python looks through all objects of a node several times before it lets go of them: 0.15 s of computing
-    that a launch of 15 nodes pays 15 times, all at once. And `rosgraph` closes the socket of an XML-RPC
-    server, as roslaunch has one, without stopping the thread that waits at it: the thread then looks at the
-    closed socket again and again, at full speed, until the last of the launch's nodes has ended.
+    that a launch of 15 nodes pays 15 times, all at once. And the thread of an XML-RPC server, as roslaunch
+    has one, ends with its server (`merlin_ros.ports.xmlrpc_port`): rosgraph's own would look at the closed
+    socket again and again, at full speed, until the last of the launch's nodes has ended.
     """
     atexit.register(gc.freeze)
-    from rosgraph.xmlrpc import XmlRpcNode
+    from merlin_ros.ports.xmlrpc_port import use_entrance
 
-    closes = XmlRpcNode.shutdown
-    if closes.__module__ != __name__:
-
-        def shutdown(self: XmlRpcNode, reason: str) -> None:
-            if self.server is not None:  # shutdown() waits for that thread's next look, up to 0.5 s
-                threading.Thread(target=self.server.shutdown, name="XML-RPC end", daemon=True).start()
-            closes(self, reason)
-
-        XmlRpcNode.shutdown = shutdown
+    use_entrance()
 
 
 class LazyMessages(MetaPathFinder, Loader):

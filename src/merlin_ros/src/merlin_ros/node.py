@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 import traceback
-from typing import Any, Callable, Iterator, Optional, Tuple, Type
+from typing import Any, Callable, Iterator, List, Optional, Tuple, Type
 
 import rosgraph
 import rospy
@@ -15,6 +15,7 @@ from rosgraph.names import load_mappings, resolve_name
 from rosgraph.network import parse_http_host_and_port
 from rospy.client import load_command_line_node_params
 from rospy.core import is_shutdown_requested
+from rospy.impl import tcpros_base
 from rospy.impl.paramserver import get_param_server_cache
 from rospy.names import get_caller_id
 
@@ -24,11 +25,14 @@ from merlin_ros.master import master_link, publisher_updates
 from merlin_ros.master.master_keeper import MasterKeeper
 from merlin_ros.master.namesake import living_namesake
 from merlin_ros.parameters import ParameterError
+from merlin_ros.ports import tcpros_port, xmlrpc_port
+from merlin_ros.ports.self_check import Port, SelfCheck
 from merlin_ros.prompt_sending import send_promptly
 
 #: Exit code of a node that could not begin: starting it again as it is will not help.
 CANNOT_BEGIN = 2
-#: Exit code of a node that may begin at another try: another node that it needs did not run in time.
+#: Exit code of a node that may work when it is started again: another node that it needs did not run in
+#: time, or it cannot be reached any more.
 NOT_YET = 1
 #: Between two attempts to reach a master that does not run yet, s of wall time.
 MASTER_PERIOD = 0.3
@@ -53,6 +57,7 @@ class _Ending:
         # Not an Event: a second signal within the handler of the first would take its lock twice.
         self.requested = False
         self.number = 0  # of the first signal
+        self.broken = False  # the node ends because it cannot go on
         self._in_rospy = False
         self._begun = False
         self._makes = False
@@ -63,6 +68,8 @@ class _Ending:
 
         A launch that stops its nodes sends SIGINT: a SIGTERM meant this node alone, which is to come back.
         """
+        if self.broken:
+            return NOT_YET
         return 128 + signal.SIGTERM if self.number == signal.SIGTERM else 0
 
     def install(self) -> None:
@@ -104,7 +111,11 @@ class _Ending:
         if self._begun:
             if first:
                 # Not daemonic: the process ends when everything is closed.
-                threading.Thread(target=_shut_down, args=(f"signal-{number}",), name="shutdown").start()
+                closing = threading.Thread(target=_shut_down, args=(f"signal-{number}",), name="shutdown")
+                try:
+                    closing.start()
+                except RuntimeError:  # no thread
+                    _exit(self.code)
         elif not self._in_rospy:
             raise SystemExit(self.code)
         elif first:
@@ -123,7 +134,8 @@ def init_node(name: str, **options: Any) -> None:
     call to the master, as when a service is announced, the node waits for a lock that it holds itself, for
     ever. As with rospy's own handler the main thread is not interrupted; it looks at `rospy.is_shutdown`.
 
-    The node notices when the master is lost (:func:`on_master_lost`) and registers again when it is back.
+    The node notices when the master is lost (:func:`on_master_lost`) and registers again when it is back. It
+    ends with :data:`NOT_YET` when it cannot go on by itself (`merlin_ros.ports.self_check`).
 
     :param name: unless ``__name`` is given on the command line.
     :param options: of `rospy.init_node`.
@@ -143,6 +155,7 @@ def init_node(name: str, **options: Any) -> None:
     master_link.bound_rospy()
     master_link.hasten_registration()
     publisher_updates.keep_all()
+    tcpros_port.use_entrance()
     hand_over_promptly()
     _wait_for_master(name)
     if not options.get("anonymous"):
@@ -159,6 +172,9 @@ def init_node(name: str, **options: Any) -> None:
     _keeper = MasterKeeper(rospy.get_name(), rospy.core.get_node_uri())
     rospy.on_shutdown(_keeper.stop)  # before anything else ends: it registers nothing any more
     _keeper.start()
+    check = SelfCheck(_own_ports, _end_broken)
+    rospy.on_shutdown(check.stop)
+    check.start()
     _ending.begun()
 
 
@@ -323,6 +339,26 @@ def _shut_down(reason: str) -> None:
     _limit(END_LIMIT, 1)
     rospy.signal_shutdown(reason)
     _ending.ended()
+
+
+def _own_ports() -> List[Port]:
+    _, xmlrpc = parse_http_host_and_port(rospy.core.get_node_uri())
+    _, tcpros = tcpros_base.get_tcpros_server_address()
+    ports = [Port("XML-RPC", xmlrpc, xmlrpc_port.PROBE)]
+    return [*ports, Port("TCPROS", tcpros, tcpros_port.PROBE)] if tcpros else ports
+
+
+def _end_broken(reason: str) -> None:
+    """Ends the process to be started again; without a thread or a descriptor, which may be what it lacks."""
+    if _ending.requested or is_shutdown_requested():
+        return
+    _ending.broken = True
+    signal.alarm(int(END_LIMIT))  # the kernel ends it if what follows hangs
+    with contextlib.suppress(Exception):
+        rospy.logfatal(f"{rospy.get_name()}: {reason}; the node ends, to be started again")
+    rospy.signal_shutdown(reason)
+    time.sleep(RETURN_LIMIT)
+    _exit(NOT_YET)
 
 
 def _exit(code: int) -> None:

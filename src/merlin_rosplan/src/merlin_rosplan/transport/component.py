@@ -16,7 +16,7 @@ import rospy.names
 from merlin_ros.health import Health, HealthReporter
 from merlin_ros.node import keep_params, run_node
 from merlin_rosplan.transport.direct_service import offer
-from merlin_rosplan.transport.service_server import Service, open_door
+from merlin_rosplan.transport.service_server import Service
 
 #: Scope of the knowledge base where nothing else is said.
 KNOWLEDGE_BASE = "rosplan_knowledge_base"
@@ -124,7 +124,6 @@ class Component(metaclass=_ComponentType):
         """Offers a service; its callback raises ``rospy.ServiceException`` to make the call fail."""
         service = self.own(Service(self.resolve(name), service_class, callback))
         offer(service, self._closed)
-        open_door()
         return service
 
     def publisher(

@@ -1,11 +1,9 @@
-"""Services that answer every request, or close its connection; and a door that is not blocked by one client.
+"""Services that answer every request, or close its connection.
 
-rospy reads the greeting of one connection after the other, lets five more wait, and forgets a connection
-whose request it cannot decode: the client waits forever.
+rospy forgets a connection whose request it cannot decode: the client waits forever.
 """
 
 import contextlib
-import socket
 import struct
 import threading
 from typing import Any, Callable, Dict, List, Optional
@@ -14,12 +12,8 @@ import rospy
 from rospy.exceptions import TransportException, TransportTerminated
 from rospy.impl import tcpros_base
 
-#: Connections that may wait to be greeted.
-BACKLOG = 256
-#: Bytes of a greeting: service or topic, type and the client's name.
-MAX_GREETING = 64 * 1024
-#: s of wall time for a greeting, and between two pieces of one request.
-STALLED = 10.0
+from merlin_ros.ports.entrance import STALLED
+
 #: Bytes of one request: 100 000 items with names of 500 letters each.
 MAX_REQUEST = 128 * 1024 * 1024
 
@@ -107,61 +101,3 @@ class Service(rospy.Service):
 
 def _client(header: Dict[str, str]) -> str:
     return header.get("callerid", "an unnamed client")[:80]
-
-
-def open_door() -> None:
-    """Prepares the socket where rospy listens for topics and services. May be called again.
-
-    Accepted connections inherit TCP_NODELAY: rospy has no option for services, and the end of an answer of
-    more than 64 kB would wait 40 ms for the acknowledgement of its beginning.
-    """
-    server = getattr(tcpros_base._tcpros_server, "tcp_ros_server", None)
-    listening = getattr(server, "server_sock", None)
-    if server is None or listening is None or isinstance(server.inbound_handler, _Greeter):
-        return
-    listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    listening.listen(BACKLOG)
-    server.inbound_handler = _Greeter(server.inbound_handler)
-
-
-class _Greeter:
-    """Greets each new connection in a thread of its own, for a limited time."""
-
-    def __init__(self, greet: Callable[[Any, Any], None]) -> None:
-        self._greet = greet
-
-    def __call__(self, connection: Any, address: Any) -> None:
-        threading.Thread(
-            target=self._run, args=(connection, address), name="greeting of a connection", daemon=True
-        ).start()
-
-    def _run(self, connection: Any, address: Any) -> None:
-        """Waits for the whole greeting before rospy reads it.
-
-        rospy hands the connection to another thread, which sets time-outs of its own: none may be set here
-        once that has begun.
-        """
-        try:
-            connection.settimeout(None)
-            _limit_receiving(connection, STALLED)
-            whole = self._greeting_is_there(connection)
-            _limit_receiving(connection, 0.0)
-        except OSError:
-            whole = False
-        if whole:
-            self._greet(connection, address)
-        else:
-            connection.close()  # rospy would log a greeting of any length
-
-    def _greeting_is_there(self, connection: Any) -> bool:
-        peek = socket.MSG_PEEK | socket.MSG_WAITALL
-        start = connection.recv(_LENGTH.size, peek)
-        if len(start) < _LENGTH.size:
-            return False
-        length = _LENGTH.size + _LENGTH.unpack(start)[0]
-        return length <= MAX_GREETING and len(connection.recv(length, peek)) == length
-
-
-def _limit_receiving(connection: Any, seconds: float) -> None:
-    """Limits each wait for bytes in the kernel; 0 means no limit."""
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", int(seconds), 0))
