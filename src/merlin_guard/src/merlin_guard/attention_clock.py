@@ -28,8 +28,7 @@ class AttentionClock:
         self.world = 0.0
         self.back_at = 0.0
         self.order = SendingOrder()
-        self._ros: Optional[int] = None  # ROS time at the last look, ns
-        self._followed = (0.0, 0.0)  # wall, world, then
+        self._looked = (0.0, 0.0)  # wall and world at the last look at ROS time
         self._rate = 1.0
         self._last: Optional[float] = None
 
@@ -57,9 +56,6 @@ class AttentionClock:
 
     def look(self, ros_time: int) -> None:
         """Takes ROS time, ns, as it is at the last event."""
-        self.order.look(ros_time)
-        if self._ros is not None:
-            wall, world = self._followed
-            passed = min(self.wall - wall, max(0, ros_time - self._ros) / 1e9)
-            self.world = max(self.world, world + passed)
-        self._ros, self._followed = ros_time, (self.wall, self.world)
+        wall, world = self._looked
+        self.world = max(self.world, world + min(self.wall - wall, self.order.look(ros_time) / 1e9))
+        self._looked = self.wall, self.world

@@ -13,13 +13,13 @@ class SendingOrder:
         self._now: Optional[int] = None  # ROS time at the last look
         self._line = 0
 
-    def look(self, now: int) -> None:
-        """ROS time is `now`; to be told before each stamp."""
+    def look(self, now: int) -> int:
+        """ROS time is `now`; to be told before each stamp. Returns what has passed since the last look."""
         if self._now is None:
-            self._line = now
-        else:  # what comes after a step back comes later
-            self._line += now - self._now if now >= self._now else 1
-        self._now = now
+            self._now = self._line = now
+        passed = now - self._now if now >= self._now else 1  # what comes after a step back comes later
+        self._now, self._line = now, self._line + passed
+        return passed
 
     def place(self, stamp: int) -> int:
         """Where a stamp of ROS time is on the line; beyond its end when it is ahead of the clock."""
