@@ -286,40 +286,20 @@ class Guard(unittest.TestCase):
         self.assertNotIn(True, self.witness.velocities)
         wait_back()
 
-    def test_a_motion_server_that_hangs_stops_the_base_unless_the_simulator_is_paused(self):
+    def test_a_motion_server_that_hangs_stops_the_base_though_somebody_says_that_a_simulator_is_paused(self):
         simulator = rospy.Publisher("/merlin_sim/status", SimStatus, latch=True, queue_size=1)
         self.addCleanup(simulator.unregister)
         simulator.publish(SimStatus(paused=True, achieved_factor=1.0))
-        self.witness.wait(simulator.get_num_connections)
         self.drive()
         pid = pid_of("/base")
         os.kill(pid, signal.SIGSTOP)
         try:
-            self.witness.statuses(5)  # 2.5 s
-            self.assertEqual((self.witness.status.state, self.witness.status.moving), (PASSING, True))
-            simulator.publish(SimStatus(paused=False, achieved_factor=1.0))
             self.witness.has_said(HOLDING, "status has been silent for 1 s")
             self.zero()
         finally:
             os.kill(pid, signal.SIGCONT)
         self.witness.state(PASSING)
-
-    def test_a_simulator_that_dies_while_it_is_paused_does_not_stop_the_time_of_the_guard(self):
-        simulator = rospy.Publisher("/merlin_sim/status", SimStatus, latch=True, queue_size=1)
-        self.witness.wait(simulator.get_num_connections)
-        simulator.publish(SimStatus(paused=True, achieved_factor=1.0))
-        self.drive()
-        pid = pid_of("/base")
-        os.kill(pid, signal.SIGSTOP)
-        try:
-            self.witness.statuses(3)
-            self.assertEqual((self.witness.status.state, self.witness.status.moving), (PASSING, True))
-            simulator.unregister()
-            self.witness.has_said(HOLDING, "status has been silent for 1 s")
-            self.zero()
-        finally:
-            os.kill(pid, signal.SIGCONT)
-        self.witness.state(PASSING)
+        self.assertEqual(simulator.get_num_connections(), 0, "nobody on a robot listens to it")
 
     def test_a_guard_that_ends_sends_zero(self):
         side = Witness("/side/cmd_vel")

@@ -33,7 +33,8 @@ LONG = 60.0
 
 
 class Deadlines(unittest.TestCase):
-    def test_a_deadline_begins_where_the_simulator_was_heard_before(self):
+    @mock.patch.object(deadline, "simulated", return_value=True)
+    def test_a_deadline_begins_where_the_simulator_was_heard_before(self, _):
         received = threading.Event()
         publisher = rospy.Publisher(deadline.SIM_STATUS_TOPIC, SimStatus, latch=True, queue_size=1)
         self.addCleanup(publisher.unregister)

@@ -12,6 +12,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from merlin_actions import robot_watch
 from merlin_actions.core.robot_book import AVAILABLE
 from merlin_actions.robot_watch import AvailableFacts, RobotWatch
+from merlin_ros import alarms
 from merlin_ros.service_proxy import ServiceUnavailable
 from merlin_sm.knowledge_client import ADD, KnowledgeError, Update, fact
 from merlin_sm.robot_roster import OF_ONE
@@ -141,6 +142,24 @@ def test_robots_that_come_and_go_for_ever_leave_nothing() -> None:
             facts.wait_published(f"guest{number}", LONG)
     assert [robot for robot, there in knowledge.available.items() if there] == ["r1"]
     assert not facts._availability.robots - {"r1"}
+
+
+def test_a_wait_for_the_knowledge_does_not_count_a_stall_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    knowledge = Knowledge("r1")
+    knowledge.silent = 3
+    facts = AvailableFacts(knowledge)  # type: ignore[arg-type]
+    limit = 600.0
+    clock = SimpleNamespace(now=0.0)
+
+    def stalled() -> float:
+        clock.now += limit  # between any two looks
+        return float(clock.now)
+
+    waits = lambda attempt, seconds: alarms.wait_ticks(attempt, seconds, stalled)  # noqa: E731
+    monkeypatch.setattr(robot_watch, "wait_ticks", waits)
+    facts.put("r1", False)
+    facts.wait_published("r1", limit)
+    assert not knowledge.available["r1"]
 
 
 def test_a_robot_that_is_forgotten_is_told_to_those_that_listen(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,7 +28,7 @@ class World:
     def lease(self, held=(), suspended=(), owner="/host", life="1"):
         return self.do(self.permit.lease(BASE, owner, life, held, suspended, self.now))
 
-    def cancel(self, goal_id="", stamp=0.0):
+    def cancel(self, goal_id="", stamp=0):
         return self.do(self.permit.cancel(BASE, goal_id, stamp, self.now))
 
     def drive(self):

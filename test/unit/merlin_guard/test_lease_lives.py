@@ -23,7 +23,7 @@ def passing(goal_id: str) -> bool:
     permit = MotionPermit(["/move_base"])
     for tick in range(11):
         now = 100.0 + tick / 10
-        permit.status("/move_base", [GoalReport(goal_id, ACTIVE, 1.0, False)], now)
+        permit.status("/move_base", [GoalReport(goal_id, ACTIVE, 1, False)], now)
         sent = permit.command(True, now).send
     return sent is Send.COMMAND and permit.view.state is GuardState.PASSING
 
@@ -53,7 +53,7 @@ def test_cancels_that_come_before_their_goals_do_not_grow_for_ever():
         server.cancel(str(number), 0.0)
         server.cancel("0", 0.0)  # once more: it is the youngest again
     for name in ("0", "2", "1"):
-        server.goal_sent(name, 0.0)
+        server.goal_sent(name, 0)
     assert [goal.cancelled_at is not None for goal in server.goals.values()] == [True, False, False]
 
 
@@ -63,7 +63,7 @@ def test_goals_for_a_server_that_is_gone_do_not_grow_for_ever():
     server.report([GoalReport("drives", ACTIVE)])
     server.goals["drives"].refuse("it was cancelled")
     for number in range(3 * UNSEEN):
-        server.goal_sent(str(number), 0.0)
+        server.goal_sent(str(number), 0)
         if number % UNSEEN == 5:
             clock.world += 100.0
             server.forget_silent()

@@ -213,6 +213,29 @@ def test_a_paused_simulation_makes_no_server_silent():
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.1])
+def test_nobody_pauses_or_slows_the_world_while_ros_time_goes_on(rate):
+    world = driving(command_timeout=1.0)
+    for _ in range(60):
+        world.permit.world_rate(rate, world.now)
+        world.now += 0.05
+        world.permit.ros_time(round(1e9 * world.now), world.now)
+        world.do(world.permit.tick(world.now))
+        world.lease(["a"])
+    assert not world.permit.view.moving
+
+
+def test_ros_time_that_stands_still_or_is_set_back_passes_no_time():
+    world = driving(command_timeout=1.0)
+    world.permit.world_rate(0.0, world.now)
+    for number in range(60):
+        world.now += 0.05
+        world.permit.ros_time(100 if number < 30 else 50, world.now)
+        world.do(world.permit.tick(world.now))
+        world.lease(["a"])
+    assert world.permit.view.moving, "it is paused"
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.1])
 def test_a_simulator_that_is_gone_neither_pauses_nor_slows_the_world(rate):
     world = driving()
     world.permit.world_rate(rate, world.now)
@@ -264,7 +287,7 @@ def test_a_refused_goal_of_one_server_holds_what_another_commands():
 
 def test_halt_blocks_the_goals_there_are_and_no_later_one():
     world = driving()
-    world.permit.goal_sent(BASE, "b", 1.0, world.now)  # on its way
+    world.permit.goal_sent(BASE, "b", 1, world.now)  # on its way
     decision = world.permit.halt("halted by /executor", world.now)
     assert decision.send is Send.ZERO and [cancel.goal_id for cancel in decision.cancels] == ["a", "b"]
     assert not world.drive() and "halted by /executor" in world.reason
@@ -307,7 +330,7 @@ def test_a_brake_does_not_concern_foreign_goals():
     world.status(("rviz", ACTIVE))
     world.permit.brake("/executor cancels its action", world.now)
     assert world.drive()
-    world.permit.goal_sent(BASE, "host-1-leased", 1.0, world.now)  # its lease is on its way
+    world.permit.goal_sent(BASE, "host-1-leased", 1, world.now)  # its lease is on its way
     world.permit.brake("/executor cancels its action", world.now)
     world.status(("rviz", SUCCEEDED), ("host-1-leased", ACTIVE))
     world.lease(["host-1-leased"])

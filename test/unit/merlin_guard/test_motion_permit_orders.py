@@ -90,7 +90,7 @@ class RandomOrders(RuleBasedStateMachine):
 
     @rule(server=st.sampled_from((BASE, DOCK)), goal_id=ids)
     def goal_sent(self, server, goal_id):
-        self.note(self.permit.goal_sent(server, goal_id, 0.0, self.now))
+        self.note(self.permit.goal_sent(server, goal_id, 0, self.now))
 
     @rule(moving=st.booleans())
     def command(self, moving):

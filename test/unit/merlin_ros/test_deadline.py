@@ -36,9 +36,10 @@ def test_a_parameter_of_zero_is_no_limit():
 
 
 class Clock:
-    """The monotonic clock, set by a test."""
+    """The monotonic clock and that of ROS, set by a test."""
 
     now = 100.0
+    ros = 7.0
 
     def monotonic(self):
         return self.now
@@ -49,6 +50,7 @@ def watch(monkeypatch):
     """A watch of a simulator to which the connection is open, and the clock."""
     clock = Clock()
     monkeypatch.setattr(deadline, "time", clock)
+    monkeypatch.setattr(deadline.rospy, "get_time", lambda: clock.ros)
     made = deadline._PauseWatch()
     made._started = True
     connection = SimpleNamespace(socket=object())
@@ -78,6 +80,30 @@ def test_time_goes_on_when_a_paused_simulator_has_ended(watch):
     paused._update(SimStatus(paused=True))  # of the next one
     clock.now += 1.0
     assert paused.paused_time() == 6.0
+
+
+@pytest.mark.parametrize("rate", [0.2, 1.0, 5.0])
+def test_a_pause_is_not_believed_while_the_clock_goes_on(watch, rate):
+    paused, _, clock = watch
+    for _ in range(10):
+        paused._update(SimStatus(paused=True))
+        clock.now += 1.0
+        clock.ros += rate
+    assert paused.paused_time() == pytest.approx(max(0.0, 10.0 - 10.0 * rate))
+    clock.ros -= 30.0  # a step back is no progress
+    clock.now += 1.0
+    assert paused.paused_time() == pytest.approx(max(0.0, 10.0 - 10.0 * rate) + 1.0)
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_a_robot_does_not_listen_to_a_simulator(monkeypatch, simulated):
+    topics = []
+    monkeypatch.setattr(deadline.rospy, "Subscriber", lambda topic, *_, **__: topics.append(topic))
+    monkeypatch.setattr(deadline.rospy.core, "is_initialized", lambda: True)
+    monkeypatch.setattr(deadline.rospy.rostime, "is_rostime_initialized", lambda: True)
+    monkeypatch.setattr(deadline.rospy.rostime, "is_wallclock", lambda: not simulated)
+    deadline._PauseWatch().paused_time()
+    assert topics == ([deadline.SIM_STATUS_TOPIC] if simulated else [])
 
 
 class Wait:

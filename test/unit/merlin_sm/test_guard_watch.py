@@ -53,6 +53,31 @@ def test_what_it_said_long_ago_does_not_count(expect, monkeypatch):
     assert watch.why_not() == SILENT
 
 
+class Clock:
+    now = 100.0
+
+    def monotonic(self):
+        return self.now
+
+
+def test_what_waited_in_a_process_that_was_held_up_says_nothing_of_now(expect, monkeypatch):
+    expect(True)
+    clock = Clock()
+    monkeypatch.setattr(guard_watch, "time", clock)
+    monkeypatch.setattr(guard_watch, "FRESH", 1.5)
+    watch = GuardWatch()
+    watch._receive(GuardStatus())
+    assert watch.why_not() == ""
+    clock.now += 10.0
+    for _ in range(5):  # of a guard that hung meanwhile
+        watch._receive(GuardStatus())
+        clock.now += 0.001
+    assert watch.why_not() == SILENT
+    clock.now += 0.5
+    watch._receive(GuardStatus())
+    assert watch.why_not() == ""
+
+
 def test_a_guard_that_stopped_the_base_fails_at_once_with_its_reason(expect):
     expect(True)
     watch = GuardWatch()

@@ -180,3 +180,14 @@ def test_a_paused_simulator_makes_no_server_silent(connection, clocks, goal):
     for _ in range(100):
         clocks.wall += LONGEST_LOOK
         assert not connection.why_lost(goal)
+
+
+def test_stamps_never_decrease_and_follow_what_the_server_has_taken(connection, clocks, monkeypatch):
+    sent = []
+    monkeypatch.setattr(connection._goal_publisher, "publish", sent.append)
+    connection.send(MoveBaseGoal())
+    clocks.ros -= 30.0
+    connection.send(MoveBaseGoal())
+    status(connection, GoalStatus(goal_id=GoalID(id="of another process", stamp=rospy.Time(500))))
+    connection.send(MoveBaseGoal())
+    assert [goal.goal_id.stamp.to_sec() for goal in sent] == [100.0, 100.0, 500.0]

@@ -165,7 +165,10 @@ class MerlinAction(ActionInterface):
         return ending
 
     def _answer_end(self, execution: Execution, ending: Ending) -> None:
-        super()._answer_end(execution, self._of_robot(execution, ending))
+        ending = self._of_robot(execution, ending)
+        if ending.robot:  # the robot may have left since
+            self._servers.wait_published(ending.robot)
+        super()._answer_end(execution, ending)
 
     def robot_changed(self, change: RobotChange) -> None:
         """A robot takes actions, or no longer takes actions: then its running actions fail."""

@@ -12,7 +12,7 @@ from merlin_msgs.msg import RobotHost
 
 from merlin_actions.core.availability import Availability
 from merlin_actions.core.robot_book import AVAILABLE, GONE_AFTER, HostWord, RobotBook, RobotChange
-from merlin_ros.alarms import TICK, TickClock
+from merlin_ros.alarms import TICK, TickClock, wait_ticks
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
@@ -20,7 +20,7 @@ from merlin_sm.robot_roster import RobotRoster, is_node, sender_of
 
 RETRY = 0.3  # s of wall time between two attempts to reach the knowledge base
 LONGEST_NAME = 100  # characters of a name in the log
-PUBLISH_LIMIT = 2.0  # s of wall time that an answer waits for the knowledge
+PUBLISH_LIMIT = 2.0  # s of its own time that an answer waits for the knowledge
 
 
 class RobotWatch:
@@ -72,17 +72,18 @@ class RobotWatch:
     def wait(self, robot: str, seconds: float, unless: Callable[[], bool]) -> str:
         """Waits for the first message of a robot; returns why it takes no actions, or nothing.
 
-        :param seconds: of wall time.
+        :param seconds: of the caller's own time.
         :param unless: ends the wait when it is true; call :meth:`wake` when that changes.
         """
-        end = time.monotonic() + max(seconds, 0.0)
+
+        def known() -> bool:
+            return self._book.available(robot) or bool(self._book.why_not(robot)) or unless()
+
         with self._changed:
-            while not self._book.available(robot) and not self._book.why_not(robot) and not unless():
-                left = end - time.monotonic()
-                if left <= 0.0 or rospy.is_shutdown():
-                    there = ", ".join(self._book.robots) or "none"
-                    return f"no host says that it is robot {robot} ({seconds:g} s); there are: {there}"
-                self._changed.wait(left)
+            over = lambda: known() or rospy.is_shutdown()  # noqa: E731
+            if not wait_ticks(lambda tick: self._changed.wait_for(over, tick), seconds) or not known():
+                there = ", ".join(self._book.robots) or "none"
+                return f"no host says that it is robot {robot} ({seconds:g} s); there are: {there}"
             return self._book.why_not(robot)
 
     def wake(self) -> None:
@@ -177,9 +178,13 @@ class AvailableFacts:
             self._changed.notify_all()
 
     def wait_published(self, robot: str, seconds: float) -> None:
-        """Waits until the knowledge says what is known of a robot, s of wall time at most."""
+        """Waits until the knowledge says what is known of a robot, s of the caller's own time at most."""
+
+        def written() -> bool:
+            return not self._there or self._availability.is_written(robot)
+
         with self._changed:
-            self._changed.wait_for(lambda: not self._there or self._availability.is_written(robot), seconds)
+            wait_ticks(lambda tick: self._changed.wait_for(written, tick), seconds)
 
     def _write_all(self) -> None:
         while not rospy.is_shutdown():

@@ -2,6 +2,8 @@
 
 from typing import Optional
 
+from merlin_ros.actions.sending_order import SendingOrder
+
 LONGEST_STEP = 0.2  # s that one step may add
 GAP = 0.5  # s between two steps from which the guard counts as having been away
 
@@ -14,15 +16,19 @@ class AttentionClock:
     silent.
 
     :ivar wall: s of attention in wall time.
-    :ivar world: s of attention in the time of the robot's world: it stands still while a simulator is paused,
-        and is slower while the simulator is slower than real time.
+    :ivar world: s of attention in the time of the robot's world: it stands still while a simulator says that
+        it is paused, and is slower while that says that it is slower than real time. But it is never slower
+        than ROS time: nobody's word alone stops it.
     :ivar back_at: `wall` when the guard last came back after a gap; 0.0 before the first one.
+    :ivar order: of what is stamped with ROS time.
     """
 
     def __init__(self) -> None:
         self.wall = 0.0
         self.world = 0.0
         self.back_at = 0.0
+        self.order = SendingOrder()
+        self._looked = (0.0, 0.0)  # wall and world at the last look at ROS time
         self._rate = 1.0
         self._last: Optional[float] = None
 
@@ -47,3 +53,9 @@ class AttentionClock:
         self.world += step * self._rate
         if elapsed > GAP:
             self.back_at = self.wall
+
+    def look(self, ros_time: int) -> None:
+        """Takes ROS time, ns, as it is at the last event."""
+        wall, world = self._looked
+        self.world = max(self.world, world + min(self.wall - wall, self.order.look(ros_time) / 1e9))
+        self._looked = self.wall, self.world

@@ -8,8 +8,8 @@ class GoalHeader(NamedTuple):
     """What every ``...ActionGoal`` begins with, besides its header."""
 
     id: str
-    stamp: float
-    """When it was sent, s of ROS time."""
+    stamp: int
+    """When it was sent, ns of ROS time."""
 
 
 def read_goal_header(message: bytes) -> GoalHeader:
@@ -23,7 +23,7 @@ def read_goal_header(message: bytes) -> GoalHeader:
         goal_id, _ = _text(message, end + 8)
     except struct.error as error:
         raise ValueError(f"{len(message)} bytes are not a goal message: {error}") from error
-    return GoalHeader(goal_id, seconds + nanoseconds * 1e-9)
+    return GoalHeader(goal_id, seconds * 1_000_000_000 + nanoseconds)
 
 
 def _text(message: bytes, start: int) -> Tuple[str, int]:

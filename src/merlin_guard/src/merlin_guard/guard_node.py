@@ -18,6 +18,7 @@ from merlin_guard.motion_permit import GuardState, MotionPermit, PermitDecision,
 from merlin_guard.motion_server import GoalReport
 from merlin_guard.ros_graph import living_guard_of_this_name
 from merlin_guard.surroundings import Surroundings
+from merlin_ros.deadline import SIM_STATUS_TOPIC, simulated
 from merlin_ros.master.master_link import MasterSilent, get_param, set_param
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
@@ -28,7 +29,6 @@ NAME = "merlin_guard"
 #: Nice value: about nine times the share of a process at 0, and a short way to the processor. What stops the
 #: base must not queue behind what drives it.
 PRIORITY = -10
-SIM_STATUS_TOPIC = "/merlin_sim/status"
 TICK = 0.05  # s of wall time between two looks at the limits
 STATUS_PERIOD = 0.5  # s of wall time between two statuses without a change
 SLOWEST = 0.1  # factor of a simulation below which a slow one counts as this slow
@@ -69,7 +69,7 @@ class GuardNode:
         self._keeping = 0  # stops that are being written; a published state outlives the guard
         self._since = rospy.Time.from_sec(float(get_param(SINCE_PARAM, 0.0)) if stopped else 0.0)
         self._published_at = -math.inf
-        self._born = self._seen = rospy.Time.now()
+        self._born = rospy.Time.now()
         self._closing = False
         self._over = threading.Event()
         # A base that connects may have kept the last velocity of a guard that died.
@@ -105,7 +105,10 @@ class GuardNode:
         def listen(topic: str, message_class: Any, callback: Any, **options: Any) -> rospy.Subscriber:
             return rospy.Subscriber(topic, message_class, callback, tcp_nodelay=True, **options)
 
-        self._simulator = listen(SIM_STATUS_TOPIC, SimStatus, self._receive_simulation)
+        # On a robot no node may slow the guard's time by a word of a simulator.
+        self._simulator = (
+            listen(SIM_STATUS_TOPIC, SimStatus, self._receive_simulation) if simulated() else None
+        )
         self._subscribers = [
             listen("merlin/stop", Empty, lambda _: self._stop("stopped on the topic merlin/stop")),
             listen(
@@ -154,7 +157,7 @@ class GuardNode:
                 GoalReport(
                     entry.goal_id.id,
                     entry.status,
-                    entry.goal_id.stamp.to_sec(),
+                    entry.goal_id.stamp.to_nsec(),
                     # Goals that are older than the first tick of a clock are older than the guard.
                     not entry.goal_id.stamp.is_zero() and (born.is_zero() or entry.goal_id.stamp < born),
                 )
@@ -164,13 +167,11 @@ class GuardNode:
         self._surroundings.heard(server)
 
     def _look_at_clock(self) -> None:
-        """Notes that ROS time has begun, or has jumped back; called with the lock held."""
+        """Notes what ROS time is: it may have begun, or been set back; called with the lock held."""
         now = rospy.Time.now()
         if self._born.is_zero() or now < self._born:
             self._born = now
-        if now < self._seen:
-            self._apply(self._permit.clock_began_anew(time.monotonic()))
-        self._seen = now
+        self._permit.ros_time(now.to_nsec(), time.monotonic())
 
     def _receive_goal(self, message: rospy.AnyMsg, server: str) -> None:
         try:
@@ -184,7 +185,8 @@ class GuardNode:
 
     def _receive_cancel(self, message: GoalID, server: str) -> None:
         with self._lock:
-            self._apply(self._permit.cancel(server, message.id, message.stamp.to_sec(), time.monotonic()))
+            self._look_at_clock()
+            self._apply(self._permit.cancel(server, message.id, message.stamp.to_nsec(), time.monotonic()))
 
     def _receive_lease(self, lease: Lease, server: str) -> None:
         with self._lock:
@@ -290,8 +292,9 @@ class GuardNode:
         while not self._over.wait(TICK):
             with self._lock:
                 clients = {server: _connected(topic) for server, topic in self._leases.items()}
-                simulated = bool(_connected(self._simulator))
-                self._apply(self._permit.tick(time.monotonic(), clients, simulated))
+                simulator = self._simulator is not None and bool(_connected(self._simulator))
+                self._look_at_clock()
+                self._apply(self._permit.tick(time.monotonic(), clients, simulator))
                 view = self._permit.view
             reason = view.reason if view.state is GuardState.HOLDING else ""
             if reason != before:

@@ -104,24 +104,22 @@ class MotionPermit:
         self._servers[server].report(reports)
         return self._settle()
 
-    def goal_sent(self, server: str, goal_id: str, stamp: float, now: float) -> PermitDecision:
-        """A client has sent a goal, at `stamp` (s of ROS time)."""
+    def goal_sent(self, server: str, goal_id: str, stamp: int, now: float) -> PermitDecision:
+        """A client has sent a goal, at `stamp` (ns of ROS time)."""
         self._clock.advance(now)
         self._servers[server].goal_sent(goal_id, stamp)
         return self._settle()
 
-    def cancel(self, server: str, goal_id: str, stamp: float, now: float) -> PermitDecision:
+    def cancel(self, server: str, goal_id: str, stamp: int, now: float) -> PermitDecision:
         """A client has sent a cancel; `goal_id` and `stamp` as in actionlib."""
         self._clock.advance(now)
         self._servers[server].cancel(goal_id, stamp)
         return self._settle()
 
-    def clock_began_anew(self, now: float) -> PermitDecision:
-        """ROS time has jumped back: the stamps of before say nothing about further goals."""
+    def ros_time(self, ros_time: int, now: float) -> None:
+        """What ROS time is, ns; to be told before each event that has a stamp, and each tick."""
         self._clock.advance(now)
-        for server in self._servers.values():
-            server.forget_stamps()
-        return self._settle()
+        self._clock.look(ros_time)
 
     def lease(
         self, server: str, owner: str, life: str, held: Sequence[str], suspended: Sequence[str], now: float
@@ -173,7 +171,7 @@ class MotionPermit:
         return self._settle()
 
     def world_rate(self, rate: float, now: float) -> PermitDecision:
-        """Says how fast the world runs, s per s of wall time; 0: it is paused."""
+        """A simulator says how fast it runs, s per s of wall time; 0: it is paused."""
         self._clock.advance(now)
         self._clock.set_rate(rate)
         return self._settle()

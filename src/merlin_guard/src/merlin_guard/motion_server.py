@@ -1,5 +1,6 @@
 """What the guard knows about one motion server: its goals, their cancels and leases, its silence."""
 
+import math
 from collections import OrderedDict
 from typing import Dict, Iterable, List, NamedTuple, Optional
 
@@ -23,8 +24,8 @@ class GoalReport(NamedTuple):
 
     id: str
     status: int
-    stamp: float = 0.0
-    """When the goal was sent, s of ROS time."""
+    stamp: int = 0
+    """When the goal was sent, ns of ROS time; 0: not known."""
     earlier: bool = False
     """Whether it was sent before the guard began."""
 
@@ -32,6 +33,7 @@ class GoalReport(NamedTuple):
 class MotionGoal:
     """A goal of a motion server that has not ended.
 
+    :ivar sent: when, in the order of the guard's clock; infinite: not known.
     :ivar status: of the last status list; None before the first one that names it.
     :ivar cancelled_at: wall clock of the first sign of a cancel, s.
     :ivar refused: why its motion is refused for good; empty while it is not.
@@ -40,9 +42,9 @@ class MotionGoal:
     :ivar owned: whether a lease ever named it.
     """
 
-    def __init__(self, goal_id: str, stamp: float, now: float, earlier: bool = False) -> None:
+    def __init__(self, goal_id: str, sent: float, now: float, earlier: bool = False) -> None:
         self.id = goal_id
-        self.stamp = stamp
+        self.sent = sent
         self.seen_at = now
         self.earlier = earlier
         self.owned = False
@@ -97,7 +99,7 @@ class MotionServer:
         self._heard_wall: Optional[float] = None
         self._heard_world = 0.0
         self._early_cancels: OrderedDict[str, float] = OrderedDict()
-        self._cancelled_before = 0.0  # stamp up to which goals were cancelled
+        self._cancelled_before = -math.inf  # goals sent until then were cancelled; in the order of the clock
 
     def report(self, reports: Iterable[GoalReport]) -> None:
         """Takes a status list: goals that it does not name, or names as ended, have ended."""
@@ -122,34 +124,31 @@ class MotionServer:
                 del self.goals[goal.id]
         self._forgotten.clear()
 
-    def goal_sent(self, goal_id: str, stamp: float) -> None:
-        """A client has sent a goal."""
+    def goal_sent(self, goal_id: str, stamp: int) -> None:
+        """A client has sent a goal, at `stamp` (ns of ROS time)."""
         if goal_id and goal_id not in self.goals:
             self._add(goal_id, stamp, earlier=False)
             _forget_unseen(self.goals)
 
-    def cancel(self, goal_id: str, stamp: float) -> None:
+    def cancel(self, goal_id: str, stamp: int) -> None:
         """A client has sent a cancel, with actionlib's rules.
 
         :param goal_id: of one goal; empty: see `stamp`.
-        :param stamp: goals sent until then, s of ROS time; 0 and no id: all goals.
+        :param stamp: goals sent until then, ns of ROS time; 0 and no id: all goals.
         """
         now = self._clock.wall
+        before = self._clock.order.sent(stamp) if stamp else -math.inf
         for goal in self.goals.values():
-            if goal.id == goal_id or (not goal_id and not stamp) or 0.0 < goal.stamp <= stamp:
+            if goal.id == goal_id or (not goal_id and not stamp) or goal.sent <= before:
                 goal.mark_cancelled(now)
         if goal_id and goal_id not in self.goals:
             self._early_cancels[goal_id] = now
             self._early_cancels.move_to_end(goal_id)
             if len(self._early_cancels) > EARLY_CANCELS:
                 self._early_cancels.popitem(last=False)
-        self._cancelled_before = max(self._cancelled_before, stamp)
+        self._cancelled_before = max(self._cancelled_before, before)
         while self._early_cancels and now - next(iter(self._early_cancels.values())) > KEEP_CANCEL:
             self._early_cancels.popitem(last=False)
-
-    def forget_stamps(self) -> None:
-        """Cancels of all goals up to a stamp do not count for further goals."""
-        self._cancelled_before = 0.0
 
     def forget_silent(self) -> None:
         """Counts all goals as ended once the server has been silent for long: it is dead."""
@@ -182,9 +181,12 @@ class MotionServer:
     def _silence(self) -> float:
         return self._clock.world - self._heard_world
 
-    def _add(self, goal_id: str, stamp: float, earlier: bool) -> MotionGoal:
-        goal = self.goals[goal_id] = MotionGoal(goal_id, stamp, self._clock.wall, earlier)
-        if self._early_cancels.pop(goal_id, None) is not None or 0.0 < stamp <= self._cancelled_before:
+    def _add(self, goal_id: str, stamp: int, earlier: bool) -> MotionGoal:
+        order = self._clock.order
+        sent = order.sent(stamp) if stamp else math.inf
+        goal = self.goals[goal_id] = MotionGoal(goal_id, sent, self._clock.wall, earlier)
+        late = stamp and order.place(stamp) <= self._cancelled_before
+        if self._early_cancels.pop(goal_id, None) is not None or late:
             goal.mark_cancelled(self._clock.wall)
         return goal
 

@@ -4,11 +4,12 @@ import math
 import threading
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Optional, Sequence, Tuple, Union
+from typing import Deque, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
 import tf2_ros
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
@@ -17,6 +18,7 @@ from merlin_reactive.ros_messages import pose_of, pose_of_transform
 from merlin_ros.deadline import Deadline
 
 HISTORY = 40  # odometry messages kept, to place a scan where it was made
+AHEAD = 1.0  # s that a stamp may be ahead of the odometry's: localisation dates its transforms ahead
 
 
 class StateError(Exception):
@@ -43,6 +45,7 @@ class RobotState:
         self.global_frame = global_frame
         self.changed = threading.Condition()  # guards the messages; notified at each odometry
         self._odometry: Deque[Odometry] = deque(maxlen=HISTORY)
+        self._heard = rospy.Time()  # when the last of it came
         self._scan: Optional[LaserScan] = None
         self._mount: Optional[Pose] = None  # of the laser on the robot
         self.buffer = tf2_ros.Buffer()
@@ -73,18 +76,34 @@ class RobotState:
             return self._odometry[-1] if found and not stop.is_set() else None
 
     def missing(self, age: float) -> str:
-        """What has not come within `age` seconds of ROS time, as a sentence; empty when all is there."""
+        """What is missing or too old to drive by, as part of a sentence; empty when all is there.
+
+        The odometry has to have come in time. The age of the scan, and of the transform of the odometry's
+        frame, is what the odometry is newer: a stall of this process, or another machine's clock, is no age.
+
+        :param age: s of ROS time; a static transform has none.
+        """
         with self.changed:
             odometry = self._odometry[-1] if self._odometry else None
-            scan = self._scan
-        silent = _silence("odom", odometry, age) or _silence("scan", scan, age)
-        if silent or odometry is None:
-            return silent
+            scan, heard = self._scan, self._heard
+        if odometry is None:
+            return f"nothing has come on {rospy.resolve_name('odom')}"
+        silence = (rospy.Time.now() - heard).to_sec()
+        if abs(silence) > age:  # negative: the clock was set back
+            return f"{rospy.resolve_name('odom')} is silent for {abs(silence):.1f} s"
+        if scan is None:
+            return f"nothing has come on {rospy.resolve_name('scan')}"
         try:
-            self._frame_pose(odometry.header.frame_id)
+            frame = self._frame(odometry.header.frame_id)
         except StateError as error:
             return str(error)
-        return ""
+        now = odometry.header.stamp
+        return _why_old(rospy.resolve_name("scan"), now, scan.header.stamp, age) or _why_old(
+            f"the transform from {odometry.header.frame_id} to {self.global_frame}",
+            now,
+            frame.header.stamp,
+            age,
+        )
 
     def wake(self) -> None:
         """Wakes a wait, so that it re-checks its stop event."""
@@ -116,8 +135,11 @@ class RobotState:
         return PlacedScan(base.compose(self._mount), *rays_of(message), stamp)
 
     def _frame_pose(self, frame: str) -> Pose:
+        return pose_of_transform(self._frame(frame))
+
+    def _frame(self, frame: str) -> TransformStamped:
         try:
-            return pose_of_transform(self.buffer.lookup_transform(self.global_frame, frame, rospy.Time(0)))
+            return self.buffer.lookup_transform(self.global_frame, frame, rospy.Time(0))
         except tf2_ros.TransformException as error:
             raise StateError(
                 f"no transform from {frame} to {self.global_frame}; does localisation run? ({error})"
@@ -136,6 +158,7 @@ class RobotState:
             if self._odometry and message.header.stamp < self._odometry[-1].header.stamp:
                 self._odometry.clear()
             self._odometry.append(message)
+            self._heard = rospy.Time.now()
             self.changed.notify_all()
 
     def _receive_scan(self, message: LaserScan) -> None:
@@ -186,10 +209,9 @@ def odometry_at(history: Sequence[Odometry], stamp: float) -> Pose:
     return pose_of(before.pose.pose)
 
 
-def _silence(topic: str, message: Union[Odometry, LaserScan, None], age: float) -> str:
-    """A sentence when the last message of a topic is older than `age` seconds; empty when it is not."""
-    name = rospy.resolve_name(topic)
-    if message is None:
-        return f"nothing has come on {name}"
-    silence = (rospy.Time.now() - message.header.stamp).to_sec()
-    return f"{name} is silent for {silence:.1f} s" if silence > age else ""
+def _why_old(what: str, now: rospy.Time, stamp: rospy.Time, age: float) -> str:
+    """Why something with a stamp is not of now; empty when it is, or has no stamp."""
+    old = 0.0 if stamp.is_zero() else (now - stamp).to_sec()
+    if old < -AHEAD:
+        return f"{what} is {-old:.1f} s ahead of the odometry; do their clocks agree?"
+    return f"{what} is {old:.1f} s old" if old > age else ""

@@ -1,7 +1,8 @@
 """Deadlines on software: they run on the monotonic clock and stand still while the simulator is paused.
 
 A paused simulator stops ``/clock``: servers that time themselves by ROS time fall silent and look dead. So
-waits for software count *running time*, the monotonic time less the time spent paused. A wait counts the
+waits for software count *running time*, the monotonic time less the time spent paused. Where ROS time is no
+simulator's, or goes on, nothing is paused, whatever the topic says. A wait counts the
 ticks of the thread that waits (:mod:`.alarms`): what that thread misses comes on top.
 """
 
@@ -20,6 +21,14 @@ SIM_STATUS_TOPIC = "/merlin_sim/status"
 LONGEST_SLEEP = 1.0  # s of wall time between two looks for a shutdown where nothing else passes
 
 
+def simulated() -> bool:
+    """Whether ROS time is a simulator's: ``/use_sim_time`` was set when this node began.
+
+    On a robot no topic of a simulator may have an effect: whoever listens to one asks this first.
+    """
+    return not rospy.rostime.is_wallclock()
+
+
 class _PauseWatch:
     """Adds up how long the simulator has been paused. One per process, started by its first reader.
 
@@ -30,21 +39,19 @@ class _PauseWatch:
         self._subscriber: Optional[rospy.Subscriber] = None
         self._lock = threading.Lock()  # guards all fields below
         self._started = False
-        self._paused_since: Optional[float] = None
-        self._paused_before = 0.0
+        self._paused = False
+        self._looked = (0.0, 0.0)  # monotonic and ROS time at the last look in a pause, s
+        self._total = 0.0
 
     def paused_time(self) -> float:
         """Seconds of monotonic time spent paused so far."""
         if not self._started:
             self._start()
         with self._lock:
-            now = time.monotonic()
-            if self._paused_since is None:
-                return self._paused_before
-            if self._gone():  # a simulator that ended while it was paused does not stop the time forever
-                self._resume(now)
-                return self._paused_before
-            return self._paused_before + now - self._paused_since
+            self._look()
+            if self._paused and self._gone():  # what ended while it was paused does not stop the time forever
+                self._paused = False
+            return self._total
 
     def _start(self) -> None:
         if not (rospy.core.is_initialized() and rospy.rostime.is_rostime_initialized()) or lost.is_set():
@@ -53,23 +60,25 @@ class _PauseWatch:
             if self._started:
                 return
             self._started = True
+        if not simulated():
+            return
         # Not under the lock: where the topic is subscribed already, rospy calls `_update` within this.
         # Without a simulator there is no publisher here, and the time simply runs.
         self._subscriber = rospy.Subscriber(SIM_STATUS_TOPIC, SimStatus, self._update, queue_size=10)
 
     def _update(self, status: SimStatus) -> None:
         with self._lock:
-            now = time.monotonic()
-            if status.paused and self._paused_since is None:
-                self._paused_since = now
-            elif not status.paused:
-                self._resume(now)
+            self._look()
+            if status.paused and not self._paused:
+                self._looked = time.monotonic(), rospy.get_time()
+            self._paused = status.paused
 
-    def _resume(self, now: float) -> None:
-        """Called with the lock held."""
-        if self._paused_since is not None:
-            self._paused_before += now - self._paused_since
-            self._paused_since = None
+    def _look(self) -> None:
+        """Adds what was paused since the last look; called with the lock held."""
+        if self._paused:
+            (before, ros_before), self._looked = self._looked, (time.monotonic(), rospy.get_time())
+            passed, ros_passed = self._looked[0] - before, self._looked[1] - ros_before
+            self._total += max(0.0, passed - max(0.0, ros_passed))
 
     def _gone(self) -> bool:
         """Whether no connection to a simulator is open; rospy counts one that died for a while."""

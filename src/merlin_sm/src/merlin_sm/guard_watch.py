@@ -1,5 +1,6 @@
 """Whether the velocity guard lets a drive begin: no guard, no new drive."""
 
+import math
 import threading
 import time
 from typing import Callable, Optional
@@ -13,6 +14,7 @@ from merlin_ros.master.master_link import MasterSilent, get_param
 EXPECTED_PARAM = "merlin/guard_expected"
 STATUS_TOPIC = "merlin/guard"
 FRESH = 1.5  # s of wall time for which a status counts; the guard sends one every 0.5 s, paused or not
+APART = 0.2  # s; nearer to each other, two statuses may have waited in this process
 WAIT = 4.0  # s of wall time to wait for one: what a guard takes to come back on a busy machine
 
 OFF = "the velocity guard is switched off (guard:=false): nothing stops the base when MERLIN fails"
@@ -26,6 +28,7 @@ class GuardWatch:
         self._changed = threading.Condition()  # guards the fields below
         self._status: Optional[GuardStatus] = None
         self._heard_at = 0.0
+        self._doubted = -math.inf  # when the first status came after a gap
         self._subscriber = rospy.Subscriber(STATUS_TOPIC, GuardStatus, self._receive, tcp_nodelay=True)
 
     def wake(self) -> None:
@@ -63,11 +66,16 @@ class GuardWatch:
         return ""
 
     def _fresh(self) -> bool:
-        return self._status is not None and time.monotonic() - self._heard_at <= FRESH
+        fresh = self._status is not None and time.monotonic() - self._heard_at <= FRESH
+        return fresh and self._heard_at - self._doubted >= APART
 
     def _receive(self, status: GuardStatus) -> None:
         with self._changed:
-            self._status, self._heard_at = status, time.monotonic()
+            now = time.monotonic()
+            # Was the guard silent, or this process held up? What waited in it says nothing of now.
+            if self._status is not None and now - self._heard_at > FRESH:
+                self._doubted = now
+            self._status, self._heard_at = status, now
             self._changed.notify_all()
 
 

@@ -130,4 +130,6 @@ def test_a_token_tells_the_life_that_has_begun_it() -> None:
     token = Token.read("3/1/life_1/7")
     assert (token.key, token.life, token.number) == ((3, 1), "life_1", "7")
     assert token.left_by_earlier("life_2") and not token.left_by_earlier("life_1")
-    assert Token.read("of another program").key is None
+    for text in ("of another program", "3/1", "a/b/life_1/7"):
+        other = Token.read(text)
+        assert not (other.key and other.life) and not other.left_by_earlier("life_2")

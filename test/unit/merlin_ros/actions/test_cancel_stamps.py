@@ -31,7 +31,7 @@ def send(server: ActionServer, name: str, stamp: float) -> None:
 
 def test_goals_up_to_the_stamp_are_cancelled(server: ActionServer, goals: List[ServerGoal]) -> None:
     server._receive_cancel(GoalID(stamp=rospy.Time(100)))
-    send(server, "late", 99)
+    send(server, "late", 99)  # "new" is of a node to which the tick of the clock came first
     send(server, "new", 101)
     assert [goal.id for goal in goals] == ["new"]
 
@@ -45,6 +45,41 @@ def test_goals_are_taken_after_the_clock_has_jumped_back(
     clock.set(120.0)
     send(server, "later", 50)
     assert [goal.id for goal in goals] == ["new", "later"]
+
+
+def test_a_cancel_that_is_stamped_ahead_counts_as_now(
+    server: ActionServer, goals: List[ServerGoal], clock: Any
+) -> None:
+    send(server, "running", 100)
+    server._receive_cancel(GoalID(stamp=rospy.Time(86_500)))
+    assert goals[0].cancel_requested
+    for now in (100.02, 200.0):
+        clock.set(now)
+        send(server, f"of {now}", int(now) + 1)
+    assert [goal.id for goal in goals] == ["running", "of 100.02", "of 200.0"]
+
+
+def test_a_clock_that_is_set_back_after_a_cancel_refuses_no_goal(
+    server: ActionServer, goals: List[ServerGoal], clock: Any
+) -> None:
+    server._receive_cancel(GoalID(stamp=rospy.Time(100)))
+    clock.set(110.0)
+    server._receive_cancel(GoalID(id="another"))  # it looks at the clock
+    clock.set(90.0)
+    send(server, "new", 90)
+    server._receive_cancel(GoalID(stamp=rospy.Time(90)))
+    clock.set(91.0)
+    send(server, "late", 89)
+    assert [goal.id for goal in goals] == ["new"] and goals[0].cancel_requested
+
+
+def test_a_goal_that_is_stamped_ahead_can_be_cancelled_by_a_stamp(
+    server: ActionServer, goals: List[ServerGoal], clock: Any
+) -> None:
+    send(server, "ahead", 86_500)
+    clock.set(101.0)
+    server._receive_cancel(GoalID(stamp=rospy.Time(101)))
+    assert goals[0].cancel_requested
 
 
 def test_cancels_that_come_before_their_goals_do_not_grow_for_ever(

@@ -2,7 +2,12 @@
 
 import pytest
 
-from merlin_rosplan.dispatch.interface_watch import JUST_ANNOUNCED, KEEP, OPERATORS, InterfaceWatch
+from merlin_rosplan.dispatch.interface_watch import (
+    JUST_ANNOUNCED,
+    KEEP,
+    OPERATORS,
+    InterfaceWatch,
+)
 
 
 class Clock:
@@ -10,6 +15,14 @@ class Clock:
 
     def __call__(self):
         return self.now
+
+
+def look(watch, clock, seconds):
+    """A dispatch looks every second, for some seconds; returns what it sees last."""
+    for _ in range(round(seconds)):
+        clock.now += 1.0
+        silent = watch.seconds_silent("paint")
+    return silent
 
 
 @pytest.fixture
@@ -25,8 +38,7 @@ def test_who_was_never_heard_of_is_unknown(clock):
 def test_silence_counts_from_the_last_announcement_whatever_the_case(clock):
     watch = InterfaceWatch(clock)
     watch.announce("Paint")
-    clock.now += 3.0
-    assert watch.seconds_silent("PAINT") == pytest.approx(3.0)
+    assert look(watch, clock, 3.0) == watch.seconds_silent("PAINT") == pytest.approx(3.0)
     watch.announce("paint")
     assert watch.seconds_silent("paint") == 0.0
 
@@ -36,8 +48,28 @@ def test_an_interface_that_announces_itself_slowly_is_given_more_time(clock):
     watch = InterfaceWatch(clock)
     for _ in range(3):
         watch.announce("paint")
-        clock.now += 5.0
-    assert watch.seconds_silent("paint") == pytest.approx(1.0)
+        silent = look(watch, clock, 5.0)
+    assert silent == pytest.approx(1.0)
+
+
+def test_nobody_was_silent_while_this_process_was_stalled(clock):
+    watch = InterfaceWatch(clock)
+    for _ in range(3):
+        watch.announce("paint")
+        clock.now += 1.0
+    clock.now += 600.0
+    assert watch.seconds_silent("paint") < 2.0
+    for _ in range(2):
+        watch.announce("paint")
+        clock.now += 1.0
+    assert look(watch, clock, 3.0) == 4.0
+
+
+def test_one_that_died_while_nobody_looked_has_been_silent_all_the_time(clock):
+    watch = InterfaceWatch(clock)
+    watch.announce("paint")
+    clock.now += 60.0
+    assert look(watch, clock, 2.0) == 62.0  # the time that it has to take an action
 
 
 def test_an_interface_is_just_announced_for_a_while_and_again_after_a_restart(clock):

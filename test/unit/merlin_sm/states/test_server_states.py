@@ -105,6 +105,12 @@ def state(goal: Any = "goal", **options: Any) -> ActionState:
         (GoalStatus.ABORTED, "", ABORTED, "/server aborted"),
         (GoalStatus.REJECTED, "too far", ABORTED, "/server refused the goal: too far"),
         (GoalStatus.PREEMPTED, "", ABORTED, "/server was preempted by another client"),
+        (
+            GoalStatus.RECALLED,
+            "no",
+            ABORTED,
+            "/server recalled the goal: another client cancelled it, or sent a newer one: no",
+        ),
         (GoalStatus.LOST, "it died", ABORTED, "/server was lost: it died"),
     ],
 )

@@ -27,11 +27,11 @@ class Token(NamedTuple):
         return f"{plan}/{action}/{self.life}/{self.number}"
 
     def left_by_earlier(self, life: str) -> bool:
-        """Whether an earlier process of the same node has begun it.
+        """Whether an earlier process of the same node has begun it; never of a token of another program.
 
         :param life: of this process.
         """
-        return self.life != life
+        return self.key is not None and self.life not in ("", life)
 
     @staticmethod
     def read(text: str) -> "Token":

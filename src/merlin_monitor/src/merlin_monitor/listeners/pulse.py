@@ -10,6 +10,7 @@ from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_ros.deadline import SIM_STATUS_TOPIC
 
 SAMPLES = 4.0  # per s of wall time
 CHECKS = 0.5  # s of wall time between two looks at what is silent
@@ -38,7 +39,8 @@ class Pulse:
         self._checked = 0.0  # of the thread that beats
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._work, name="pulse", daemon=True)
-        self._subscriber = ros.subscribe("/merlin_sim/status", SimStatus, self._simulator, queue_size=10)
+        if ros.parameter("/use_sim_time", False):  # elsewhere its topic says nothing
+            self._subscriber = ros.subscribe(SIM_STATUS_TOPIC, SimStatus, self._simulator, queue_size=10)
 
     def start(self) -> None:
         """Begins."""

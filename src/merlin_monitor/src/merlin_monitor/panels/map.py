@@ -54,7 +54,8 @@ class MapPanel(Panel):
         )
         map_topic = str(self.ros.parameter("~map_topic", "/map"))
         people_topic = self.ros.resolve(str(self.ros.parameter("~people_topic", "people")))
-        self._people_topics = [people_topic, SIMULATED_PEOPLE]
+        simulated = self.ros.parameter("/use_sim_time", False)
+        self._people_topics = [people_topic, SIMULATED_PEOPLE] if simulated else [people_topic]
         self._people: Any = None
         self._points: Any = None
         self._shown: Optional[Tuple[float, float, float]] = None

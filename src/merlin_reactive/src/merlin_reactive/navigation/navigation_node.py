@@ -35,11 +35,13 @@ from merlin_ros.health import ERROR, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_ros.parameters import number
 
-START_TIMEOUT = 10.0  # s of running time for map, odometry, scan and transforms to appear
-SILENCE = 3.0  # s of running time without odometry after which driving is given up
-SCAN_AGE = 1.0  # s of ROS time after which a scan is too old to drive by
+START_TIMEOUT = 10.0  # s of running time for the map to appear
+PATIENCE = 10.0  # s of running time that it stands without them before driving is given up
+LOOK = 0.1  # s of running time without odometry after which the ages are looked at
+SENSOR_AGE = 0.5  # s of ROS time after which odometry, scan and transforms are too old to drive by
 JUMP, JUMP_SPEED = 0.3, 2.0  # m and m/s; no base of this kind moves further between two odometries
 JUMP_TURN, JUMP_TURN_SPEED = 0.5, 4.0  # rad and rad/s
+PLAN_WAIT = 3.0  # s of running time that a plan waits for odometry
 FEEDBACK_EVERY = 4  # control steps
 
 
@@ -77,6 +79,7 @@ class NavigationNode:
     def __init__(self) -> None:
         self._settings = read_settings()
         self._frame = str(rospy.get_param("~global_frame", "map"))
+        self._age = number("~sensor_age", SENSOR_AGE, 0.05)
         self._navigator: Optional[Navigator] = None  # replaced with each map; `_state.changed` is its lock
         self._state = RobotState(self._frame)
         self._gate = VelocityGate("cmd_vel")
@@ -102,7 +105,7 @@ class NavigationNode:
         """Whether everything that driving needs has arrived: map, odometry, scan."""
         if self._navigator is None:
             return Health(ERROR, f"there is no map on {rospy.resolve_name(self._map_topic)}")
-        missing = self._state.missing(SILENCE)
+        missing = self._state.missing(self._age)
         return Health(ERROR, missing) if missing else Health()
 
     def _meet_others(self) -> Tuple[Optional[RightOfWay], Optional[WayExchange]]:
@@ -169,41 +172,49 @@ class NavigationNode:
         stamp: Optional[rospy.Time] = None
         started = False
         scanned = -math.inf
-        starting = Deadline(START_TIMEOUT)
+        patience = Deadline(PATIENCE)
+        standing = False
         step = 0
         shown: Optional[List[Point]] = None  # the path that was published last
         last: Optional[Odometry] = None
         while True:
-            odometry = self._state.wait_news(stamp, goal.cancel_event, SILENCE if started else START_TIMEOUT)
+            odometry = self._state.wait_news(stamp, goal.cancel_event, LOOK)
             if goal.cancel_requested:
                 goal.cancelled(text="cancelled")
                 return
-            if odometry is None:
-                raise StateError(f"There is no odometry on {rospy.resolve_name('odom')}")
-            if last is not None:
-                _refuse_jump(last, odometry)
-            last = odometry
-            stamp = odometry.header.stamp
-            now = stamp.to_sec()
+            if odometry is not None:
+                if last is not None:
+                    _refuse_jump(last, odometry)
+                last = odometry
+                stamp = odometry.header.stamp
+            missing = self._state.missing(self._age)
             try:
-                pose = self._state.pose(odometry)
-                scan = self._state.scan(scanned)
-            except StateError:
-                if started or starting.expired:
-                    raise
-                continue  # tf fills within the first moments
+                pose = self._state.pose(odometry) if odometry is not None and not missing else None
+                scan = self._state.scan(scanned) if pose is not None else None
+            except StateError as error:
+                missing = str(error)
+            if missing:
+                if patience.expired:
+                    raise StateError(f"{NO_CONTROL_TEXT} {missing[0].upper()}{missing[1:]}.")
+                self._gate.send(goal, 0.0, 0.0)
+                if started and not standing:
+                    rospy.logwarn(f"navigation: the robot stands: {missing}")
+                    goal.tell(f"stands: {missing}")
+                standing = True
+                continue
+            if odometry is None or pose is None:
+                continue
+            if standing and started:
+                rospy.loginfo("navigation: the robot drives on: nothing is missing any more")
+                goal.tell("")
+            standing, patience = False, Deadline(PATIENCE)
+            now = odometry.header.stamp.to_sec()
             if scan is not None:
                 scanned = scan.stamp
                 navigator.see(scan.pose, scan.angles, scan.ranges, now)
-            elif abs(now - scanned) > SCAN_AGE:
-                if starting.expired:
-                    raise StateError(f"{NO_CONTROL_TEXT} There is no scan on {rospy.resolve_name('scan')}.")
-                self._gate.send(goal, 0.0, 0.0)
-                continue
             if not started:
                 navigator.start(target, pose, now)
                 started = True
-            starting = Deadline(START_TIMEOUT)
             result = navigator.step(pose, velocity_of(odometry), now)
             if result.outcome is DriveOutcome.REACHED:
                 goal.succeed(text=result.text)
@@ -229,7 +240,7 @@ class NavigationNode:
             if request.start.header.frame_id:
                 start = goal_pose(request.start, self._frame, self._state.buffer)
             else:
-                odometry = self._state.wait_news(None, threading.Event(), SILENCE)
+                odometry = self._state.wait_news(None, threading.Event(), PLAN_WAIT)
                 if odometry is None:
                     raise StateError(f"There is no odometry on {rospy.resolve_name('odom')}")
                 start = self._state.pose(odometry)

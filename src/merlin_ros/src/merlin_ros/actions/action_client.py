@@ -6,12 +6,16 @@ LOST. A server that stays connected may only be waiting for a processor, and get
 
 The client owns its goals (:mod:`.actions.lease`): it renews their lease, cancels what it gives up, and
 cancels what an earlier process of its node has left at the server.
+
+A goal is stamped no earlier than the last one of this process, and those that the server names: actionlib's
+``SimpleActionServer`` refuses what is older than the goal that it took last, and a clock may be set back.
 """
 
 import itertools
 import math
+import re
 import threading
-from typing import Any, Callable, Dict, List, Mapping, Optional
+from typing import Any, Callable, ClassVar, Dict, List, Mapping, Optional
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
@@ -29,6 +33,7 @@ REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
 KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when the server names it again
 SPEAKING = 2.0  # s since its last status within which a server is waited for beyond the time-out
 CONNECTING = 10.0  # s of that: rospy tries a connection that failed again at growing intervals
+AHEAD = 1.0  # s that a stamp may be ahead of the clock before it is told
 QUEUE = 1000  # goals and cancels that wait for a connection; rospy drops the oldest, and says nothing
 DEAD_OWNERS = 1000  # owners whose goals were given up that are remembered; then the oldest is forgotten
 
@@ -43,6 +48,9 @@ class ActionClient:
     :param name: of the action; relative names and remapping as usual.
     :param action_spec: the generated ``...Action`` class.
     """
+
+    _stamps: ClassVar[Dict[str, rospy.Time]] = {}  # of the last goal, by action
+    _stamps_lock: ClassVar[threading.Lock] = threading.Lock()  # guards _stamps
 
     def __init__(self, name: str, action_spec: type) -> None:
         self.name = rospy.resolve_name(name)
@@ -61,6 +69,8 @@ class ActionClient:
         self._stopped = False
         self._watchdog: Optional[threading.Thread] = None
         self._node = rospy.get_name()
+        self._own_ids = re.compile(rf"{re.escape(self._node)}-([0-9a-f]{{12}})-\d+-\d+\.\d+{LEASED}")
+        self._taken = rospy.Time()  # the latest stamp of a goal in the last status list
         self._lease = LeaseHolder(self.name + "/lease")
         listener = OnSubscriber(lambda _: self._wake())
         self._goal_publisher = rospy.Publisher(
@@ -157,8 +167,16 @@ class ActionClient:
         :param on_feedback: called with the goal and each feedback, likewise.
         """
         now = rospy.Time.now()
+        with self._stamps_lock:
+            stamp = self._stamps[self.name] = max(now, self._taken, self._stamps.get(self.name, now))
+        if (stamp - now).to_sec() > AHEAD:
+            rospy.logwarn_throttle(
+                60.0,
+                f"{self.name} has taken a goal that is stamped {(stamp - now).to_sec():.0f} s ahead of this "
+                "clock, which was set back or is behind: further goals get that stamp until it has caught up",
+            )
         goal_id = GoalID(
-            stamp=now, id=f"{self._node}-{LIFE}-{next(_numbers)}-{now.secs}.{now.nsecs:09d}{LEASED}"
+            stamp=stamp, id=f"{self._node}-{LIFE}-{next(_numbers)}-{now.secs}.{now.nsecs:09d}{LEASED}"
         )
         with self._changed:
             sent = ClientGoal(goal_id, self._send_cancel, on_done, on_feedback, owner, self._silence.look())
@@ -263,6 +281,7 @@ class ActionClient:
         with self._changed:
             now = running_time()
             self._last_status = now
+            self._taken = max((status.goal_id.stamp for status in message.status_list), default=rospy.Time())
             self._header = message._connection_header
             self._server = message._connection_header["callerid"]
             self._proved = self._server if self._server in connected_peers(self._result_subscriber) else ""
@@ -279,7 +298,8 @@ class ActionClient:
     def _left_running(self, statuses: Dict[str, GoalStatus], now: float) -> List[str]:
         """Goals that run at the server and that nothing here waits for; called with the lock held.
 
-        Those that were given up, and those of an earlier process of this node: rospy names are unique.
+        Those that were given up, and those of an earlier process of this node: rospy names are unique. Other
+        clients of this process send goals, too, plain ones of actionlib among them: their ids have no life.
         """
         for goal_id, since in list(self._given_up.items()):
             if goal_id not in statuses and now - since > KEEP_GIVEN_UP:
@@ -288,8 +308,8 @@ class ActionClient:
         for goal_id, status in statuses.items():
             if status.status in _STOPPING or goal_id in self._goals:
                 continue
-            earlier = goal_id.startswith(f"{self._node}-") and not goal_id.startswith(f"{self._node}-{LIFE}-")
-            if earlier or goal_id in self._given_up:
+            ours = self._own_ids.fullmatch(goal_id)
+            if (ours is not None and ours[1] != LIFE) or goal_id in self._given_up:
                 last = self._given_up.get(goal_id)
                 if last is None or now - last > REPEAT_CANCEL:
                     self._given_up[goal_id] = now

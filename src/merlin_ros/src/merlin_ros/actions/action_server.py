@@ -7,6 +7,7 @@ cancel callback may wait for what an execution holds; a goal whose client leases
 """
 
 import itertools
+import math
 import threading
 import time
 import traceback
@@ -20,6 +21,7 @@ from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
+from merlin_ros.actions.sending_order import SendingOrder
 from merlin_ros.publishing import publish
 
 STATUS_PERIOD = 0.2  # s of wall time, actionlib's usual 5 Hz
@@ -41,8 +43,11 @@ class ServerGoal:
     and do nothing, when it has ended already: the first call decides.
     """
 
-    def __init__(self, server: "ActionServer", goal_id: GoalID, goal: Any, sender: str = "") -> None:
+    def __init__(
+        self, server: "ActionServer", goal_id: GoalID, goal: Any, sender: str = "", sent: int = 0
+    ) -> None:
         self._server = server
+        self.sent = sent  # when, as the server places its stamp
         self.sender = sender
         """The node that sent it; empty: not known."""
         self._status = GoalStatus(goal_id=goal_id, status=GoalStatus.PENDING)
@@ -56,11 +61,6 @@ class ServerGoal:
     def id(self) -> str:
         """The actionlib goal id."""
         return str(self._status.goal_id.id)
-
-    @property
-    def stamp(self) -> rospy.Time:
-        """When the client sent it."""
-        return self._status.goal_id.stamp
 
     @property
     def status(self) -> int:
@@ -106,6 +106,13 @@ class ServerGoal:
         return self._end(
             GoalStatus.RECALLED if self.status in _PENDING else GoalStatus.PREEMPTED, result, text
         )
+
+    def tell(self, text: str) -> None:
+        """Says in its status what it waits for; empty: for nothing."""
+        with self._server.lock:
+            if not self.done:
+                self._status.text = text
+                self._server.publish_status()
 
     def feedback(self, feedback: Any) -> None:
         """Publishes feedback to the client; nothing is sent after the end."""
@@ -174,8 +181,8 @@ class ActionServer:
         self.lock = threading.RLock()  # guards the goals and keeps results and statuses in order
         self._goals: Dict[str, ServerGoal] = {}
         self._early_cancels: OrderedDict[str, float] = OrderedDict()  # the oldest first
-        self._cancel_before = rospy.Time()  # goals sent until then are cancelled
-        self._cancelled_at = rospy.Time()  # when that was asked for
+        self._order = SendingOrder()
+        self._cancel_before = -math.inf  # goals sent until then are cancelled; in that order
         self._stopped = threading.Event()
         self._subscribers: List[rospy.Subscriber] = []
         self._publishers: List[rospy.Publisher] = []
@@ -276,14 +283,12 @@ class ActionServer:
             if goal_id.id in self._goals:
                 return
             sender = str((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
-            goal = ServerGoal(self, goal_id, message.goal, sender)
+            self._order.look(rospy.Time.now().to_nsec())
+            stamp = goal_id.stamp.to_nsec()
+            goal = ServerGoal(self, goal_id, message.goal, sender, self._order.sent(stamp))
             self._goals[goal.id] = goal
             overtaken = self._early_cancels.pop(goal.id, None) is not None
-            if rospy.Time.now() < self._cancelled_at:  # the clock began anew: that was another time
-                self._cancel_before = self._cancelled_at = rospy.Time()
-            # Before the first tick of a simulated clock every stamp is zero.
-            cancelled = rospy.Time() < self._cancel_before and goal_id.stamp <= self._cancel_before
-            if overtaken or cancelled:
+            if overtaken or self._order.place(stamp) <= self._cancel_before:
                 goal.cancelled(text="cancelled before it arrived")
                 return
             self.publish_status()
@@ -320,24 +325,20 @@ class ActionServer:
 
     def _receive_cancel(self, cancel: GoalID) -> None:
         with self.lock:
+            self._order.look(rospy.Time.now().to_nsec())
+            before = -math.inf if cancel.stamp.is_zero() else self._order.sent(cancel.stamp.to_nsec())
             everything = not cancel.id and cancel.stamp.is_zero()
             wanted = [
                 goal
                 for goal in self._goals.values()
-                if not goal.done
-                and (
-                    everything
-                    or goal.id == cancel.id
-                    or (not cancel.stamp.is_zero() and goal.stamp <= cancel.stamp)
-                )
+                if not goal.done and (everything or goal.id == cancel.id or goal.sent <= before)
             ]
             if cancel.id and cancel.id not in self._goals:
                 self._early_cancels[cancel.id] = time.monotonic()
                 self._early_cancels.move_to_end(cancel.id)
                 if len(self._early_cancels) > EARLY_CANCELS:
                     self._early_cancels.popitem(last=False)
-            if cancel.stamp > self._cancel_before:
-                self._cancel_before, self._cancelled_at = cancel.stamp, rospy.Time.now()
+            self._cancel_before = max(self._cancel_before, before)
         for goal in wanted:
             if goal.request_cancel():
                 self._call(goal, self._on_cancel)

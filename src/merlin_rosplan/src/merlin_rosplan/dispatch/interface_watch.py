@@ -1,5 +1,6 @@
 """Which action interfaces are alive, from the announcements that each makes every second."""
 
+import math
 import threading
 from typing import Callable, Dict, Optional, Tuple
 
@@ -7,10 +8,16 @@ DEAD = 5.0  # announcements missed after which the next one is that of a new int
 OPERATORS = 1000  # whose announcements are remembered; any node may make some
 KEEP = 60.0  # s of silence after which one may be forgotten for another
 JUST_ANNOUNCED = 5.0  # s after the first announcement
+LONGEST_LOOK = (
+    2.2  # s between two looks from which this process may have been stalled; a dispatch looks oftener
+)
+GRACE = 0.9  # s after that in which what an interface that lives has announced is read
 
 
 class InterfaceWatch:
     """Remembers when each operator's interface was last announced; thread-safe.
+
+    Where this process was stalled, nobody was silent: announcements may wait to be read.
 
     :param clock: s, monotonic; should stand still while the simulator is paused.
     """
@@ -21,11 +28,16 @@ class InterfaceWatch:
         # Operator -> (when, s since the one before); the one that is silent for longest first.
         self._heard: Dict[str, Tuple[float, float]] = {}
         self._first: Dict[str, float] = {}  # operator -> when its present interface began
+        self._looked, self._back, self._gap = (
+            clock(),
+            -math.inf,
+            0.0,
+        )  # last look, last end of a gap, its length
 
     def announce(self, operator: str) -> None:
         """The interface of an operator has announced itself."""
-        now = self._clock()
         with self._lock:
+            now = self._look()
             name = operator.lower()
             if name not in self._heard and not self._has_room(now):
                 return
@@ -47,10 +59,20 @@ class InterfaceWatch:
         per second of ours is given proportionally more of them.
         """
         with self._lock:
+            now = self._look()
             known = self._heard.get(operator.lower())
-        if known is None:
-            return None
-        return (self._clock() - known[0]) / min(max(1.0, known[1]), 10.0)
+            if known is None:
+                return None
+            stalled = self._gap if known[0] < self._back and now - self._back < GRACE else 0.0
+        return (now - known[0] - stalled) / min(max(1.0, known[1]), 10.0)
+
+    def _look(self) -> float:
+        """The time; notes a gap between two looks. Called with the lock held."""
+        now = self._clock()
+        if now - self._looked > LONGEST_LOOK:
+            self._back, self._gap = now, now - self._looked
+        self._looked = now
+        return now
 
     def _has_room(self, now: float) -> bool:
         """Whether another operator can be remembered; one that has been silent for long is forgotten."""

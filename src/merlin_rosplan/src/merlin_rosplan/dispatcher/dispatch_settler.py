@@ -13,6 +13,7 @@ from merlin_sm.execution_journal import ExecutionJournal
 CALL_LIMIT = 10.0  # s of wall time for one call of the knowledge base
 #: s of running time after which an interface that lives is left to settle its execution itself
 PATIENCE = 60.0
+LOOK = 1.0  # s of wall time between two looks; what watches the interfaces takes fewer for a stall
 RETRY = 1.0  # s of wall time until a knowledge base that does not answer is asked again
 
 
@@ -59,7 +60,7 @@ class DispatchSettler:
                 except ServiceError as error:
                     rospy.logwarn("the execution of %s is still open: %s", action, error)
                     wait = RETRY
-            if self._closed.wait(min(wait, patience.remaining() + 0.01)):
+            if self._closed.wait(min(wait, LOOK, patience.remaining() + 0.01)):
                 return
 
     def _until_dead(self, operator: str) -> float:

@@ -117,7 +117,7 @@ class ActionState(MerlinState):
 
 _STATUS_TEXT = {
     GoalStatus.PREEMPTED: "was preempted by another client",
-    GoalStatus.RECALLED: "was recalled by another client",
+    GoalStatus.RECALLED: "recalled the goal: another client cancelled it, or sent a newer one",
     GoalStatus.ABORTED: "aborted",
     GoalStatus.REJECTED: "refused the goal",
     GoalStatus.LOST: "was lost",

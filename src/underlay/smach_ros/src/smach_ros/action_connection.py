@@ -68,6 +68,7 @@ class ActionConnection:
         self._counted = (0.0, 0.0)  # wall, ROS: s that passed in looks of this process
         self._status_at: Optional[Tuple[float, float]] = None  # counted
         self._server = ""
+        self._stamp = rospy.Time()  # of the last goal that was sent, or that the server names
         self._proved: Any = None  # the server's link for results that was open when the last status came
         self._connected_at = 0.0  # counted
         listener = _Listener(self.changed)
@@ -133,11 +134,15 @@ class ActionConnection:
         )
 
     def send(self, goal: Any) -> SentGoal:
-        """Sends a goal."""
-        stamp = rospy.Time.now()
+        """Sends a goal.
+
+        actionlib's SimpleActionServer refuses what is older than the goal that it took last: where the clock
+        was set back, the stamp stays.
+        """
         with self.changed:
-            now = self._look()
-        sent = SentGoal(f"{rospy.get_caller_id()}-smach-{next(_numbers)}-{stamp.secs}.{stamp.nsecs:09d}", now)
+            now, made = self._look(), rospy.Time.now()
+            stamp = self._stamp = max(made, self._stamp)
+        sent = SentGoal(f"{rospy.get_caller_id()}-smach-{next(_numbers)}-{made.secs}.{made.nsecs:09d}", now)
         message = self._action_goal_type(goal_id=GoalID(stamp=stamp, id=sent.id), goal=goal)
         message.header.stamp = stamp
         with self.changed:
@@ -213,6 +218,7 @@ class ActionConnection:
     def _receive_status(self, message: GoalStatusArray) -> None:
         with self.changed:
             self._server = message._connection_header["callerid"]
+            self._stamp = max([self._stamp, *(status.goal_id.stamp for status in message.status_list)])
             self._status_at = self._look()
             self._proved = _link_from(self._result_subscriber, self._server)
             lost: List[SentGoal] = []

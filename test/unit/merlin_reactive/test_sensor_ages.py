@@ -1,0 +1,192 @@
+"""Navigation stands while odometry, scan or transforms are too old, says which, and drives on after that."""
+
+import queue
+import threading
+from types import SimpleNamespace
+from typing import Any, Dict, Iterator, List
+
+import pytest
+import rospy
+import tf2_ros
+from geometry_msgs.msg import PoseStamped, TransformStamped, Twist
+from nav_msgs.msg import OccupancyGrid, Odometry
+from sensor_msgs.msg import LaserScan
+
+from merlin_reactive import robot_state
+from merlin_reactive.navigation import navigation_node, velocity_gate
+from merlin_reactive.navigation.navigation_node import SENSOR_AGE, NavigationNode
+from merlin_reactive.pose import Pose
+from merlin_reactive.ros_messages import transform
+
+LIMIT = 60.0  # s
+STEP = 0.05  # s of ROS time between two messages
+SENSORS = ("odom", "scan", "tf")
+
+
+class Goal:
+    """A goal of the action server, and what is said of it."""
+
+    def __init__(self) -> None:
+        target = PoseStamped()
+        target.header.frame_id = "map"
+        target.pose.position.x, target.pose.position.y, target.pose.orientation.w = 4.0, 2.5, 1.0
+        self.goal = SimpleNamespace(target_pose=target)
+        self.cancel_event = threading.Event()
+        self.told: List[str] = []
+        self.text = ""
+
+    @property
+    def cancel_requested(self) -> bool:
+        return self.cancel_event.is_set()
+
+    def tell(self, text: str) -> None:
+        self.told.append(text)
+
+    def abort(self, text: str) -> None:
+        self.text = text
+
+    def feedback(self, _: Any) -> None:
+        """Nobody listens."""
+
+    cancelled = succeed = abort
+
+
+class Robot:
+    """The topics of a robot at (1, 2.5), which stands whatever it is told, and its navigation."""
+
+    def __init__(self, clock: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.receive: Dict[str, Any] = {}
+        self.velocities: queue.Queue[Twist] = queue.Queue()
+        self.buffer: Any = None
+        self._clock, self._time = clock, 100.0
+        for module in (navigation_node, robot_state, velocity_gate):
+            monkeypatch.setattr(module.rospy, "Subscriber", self._subscribe)
+            monkeypatch.setattr(module.rospy, "Publisher", self._advertise)
+        monkeypatch.setattr(rospy, "Service", lambda *_: None)
+        monkeypatch.setattr(rospy, "on_shutdown", lambda _: None)
+        monkeypatch.setattr(rospy, "get_param", lambda _, default=None: default)
+        for level in ("loginfo", "logwarn", "logerr"):
+            monkeypatch.setattr(rospy, level, lambda *_: None)
+        made = tf2_ros.Buffer(debug=False)
+        monkeypatch.setattr(robot_state.tf2_ros, "Buffer", lambda: made)
+        monkeypatch.setattr(robot_state.tf2_ros, "TransformListener", lambda _: None)
+        monkeypatch.setattr(navigation_node, "SerialActionServer", self._serve)
+        monkeypatch.setattr(velocity_gate, "publish", lambda publisher, message: publisher.publish(message))
+        NavigationNode()
+        made.set_transform_static(self._transform("base", "laser", 0.0), "test")
+        self.buffer = made
+        world = OccupancyGrid(data=[0] * 10_000)
+        world.info.width = world.info.height = 100
+        world.info.resolution, world.info.origin.orientation.w = 0.05, 1.0
+        self.receive["map"](world)
+
+    def _subscribe(self, topic: str, _: Any, callback: Any, **__: Any) -> None:
+        self.receive[topic.strip("/")] = callback
+
+    def _advertise(self, topic: str, *_: Any, **__: Any) -> Any:
+        return SimpleNamespace(publish=self.velocities.put if topic == "cmd_vel" else lambda _: None)
+
+    def _serve(self, name: str, _: Any, execute: Any, cancel: Any) -> Any:
+        self.execute, self.cancel = execute, cancel
+        return SimpleNamespace(name=name, start=lambda: None)
+
+    @staticmethod
+    def _transform(parent: str, child: str, at: float) -> TransformStamped:
+        return transform(Pose(0.0, 0.0, 0.0), parent, child, rospy.Time.from_sec(at))
+
+    def tick(self, *silent: str) -> None:
+        """Time passes, and all sensors but the silent ones speak."""
+        self._time += STEP
+        self._clock.set(self._time)
+        if "tf" not in silent:
+            self.buffer.set_transform(self._transform("map", "odom", self._time), "test")
+        if "scan" not in silent:
+            scan = LaserScan(ranges=[9.0] * 9, angle_min=-1.0, angle_increment=0.25, range_max=5.0)
+            scan.header.stamp, scan.header.frame_id = rospy.Time.from_sec(self._time), "laser"
+            self.receive["scan"](scan)
+        if "odom" not in silent:
+            odometry = Odometry(child_frame_id="base")
+            odometry.header.stamp, odometry.header.frame_id = rospy.Time.from_sec(self._time), "odom"
+            odometry.pose.pose.position.x, odometry.pose.pose.position.y = 1.0, 2.5
+            odometry.pose.pose.orientation.w = 1.0
+            self.receive["odom"](odometry)
+
+    def speed(self) -> float:
+        """Of the next command."""
+        return float(self.velocities.get(timeout=LIMIT).linear.x)
+
+    def drives(self) -> None:
+        """All sensors speak until it drives."""
+        for _ in range(3):  # what belongs to messages of before may still come
+            self.tick()
+            self.speed()
+        self.tick()
+        assert self.speed() > 0.0
+
+    def stands(self, sensor: str) -> None:
+        """One sensor is silent for longer than it may be, until the base is told to stand."""
+        for _ in range(round(SENSOR_AGE / STEP) + 2):
+            self.tick(sensor)
+        for _ in range(100):
+            if self.speed() == 0.0:
+                return
+            self.tick(sensor)
+        pytest.fail(f"it drives on without {sensor}")
+
+
+@pytest.fixture
+def goal() -> Goal:
+    return Goal()
+
+
+@pytest.fixture
+def robot(clock: Any, monkeypatch: pytest.MonkeyPatch, goal: Goal) -> Iterator[Robot]:
+    made = Robot(clock, monkeypatch)
+    driving = threading.Thread(target=made.execute, args=(goal,), daemon=True)
+    made.driving = driving  # type: ignore[attr-defined]
+    driving.start()
+    yield made
+    goal.cancel_event.set()
+    made.cancel(goal)
+    driving.join(LIMIT)
+    assert not driving.is_alive()
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_it_stands_without_a_sensor_and_drives_on_with_it(robot: Robot, goal: Goal, sensor: str) -> None:
+    robot.drives()
+    robot.stands(sensor)
+    what = {"tf": "the transform from odom to map", "scan": "/scan", "odom": "/odom"}[sensor]
+    robot.tick(sensor)
+    assert goal.told and what in goal.told[-1]
+    while goal.told[-1]:
+        robot.tick()
+        robot.speed()
+    robot.drives()
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_the_goal_fails_when_the_sensor_does_not_come_back(
+    robot: Robot, goal: Goal, sensor: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot.drives()
+    monkeypatch.setattr(navigation_node, "PATIENCE", 0.0)
+    robot.drives()
+    for _ in range(round(SENSOR_AGE / STEP) + 2):
+        robot.tick(sensor)
+    robot.driving.join(LIMIT)  # type: ignore[attr-defined]
+    assert goal.text.startswith(navigation_node.NO_CONTROL_TEXT) and sensor in goal.text.replace(
+        "transform", "tf"
+    )
+
+
+def test_a_static_transform_never_is_too_old(robot: Robot) -> None:
+    robot.drives()
+    robot.buffer.clear()
+    robot.buffer.set_transform_static(robot._transform("base", "laser", 0.0), "test")
+    robot.buffer.set_transform_static(robot._transform("map", "odom", 0.0), "test")
+    for _ in range(20):
+        robot.tick("tf")
+        assert robot.speed() >= 0.0
+    robot.tick("tf")
+    assert robot.speed() > 0.0

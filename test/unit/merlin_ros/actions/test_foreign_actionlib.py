@@ -1,0 +1,102 @@
+"""A plain server of actionlib serves a node whose clock is set back, and one that also has a plain client."""
+
+import sys
+from typing import Any
+
+import pytest
+
+SERVER = """
+import actionlib, rospy
+from merlin_msgs.msg import ListenAction, ListenResult
+
+rospy.init_node("server")
+server = actionlib.SimpleActionServer(
+    "listen", ListenAction, lambda goal: server.set_succeeded(ListenResult(text="heard")), auto_start=False
+)
+server.start()
+print("serves", flush=True)
+rospy.spin()
+"""
+
+CLIENT = """
+import sys, time
+import rospy
+from merlin_msgs.msg import ListenAction, ListenGoal
+from merlin_ros.actions.action_client import ActionClient
+
+wall, back = time.time, [float(sys.argv[1])]
+time.time = lambda: wall() - back[0]
+rospy.init_node("client")
+if sys.argv[2:] == ["smach"]:
+    import smach, smach_ros
+    state = smach_ros.SimpleActionState("listen", ListenAction, goal=ListenGoal())
+    run = lambda: state.execute(smach.UserData())
+else:
+    client = ActionClient("listen", ListenAction)
+    assert client.wait_for_server(60.0)
+    def run():
+        goal = client.send(ListenGoal())
+        assert goal.wait(60.0)
+        return goal.status, goal.result.text
+print("END", run(), flush=True)
+back[0] += 86400.0
+print("END", run(), flush=True)
+"""
+
+BOTH = """
+import sys
+import actionlib, rospy
+from merlin_msgs.msg import ListenAction, ListenGoal, ListenResult
+from merlin_ros.actions.action_client import ActionClient
+
+rospy.init_node("both")
+begun = []
+def execute(goal):
+    begun.append(goal)
+    while not server.is_preempt_requested() and not rospy.is_shutdown() and not sys.stdin.readline():
+        pass
+    if server.is_preempt_requested():
+        server.set_preempted()
+    else:
+        server.set_succeeded(ListenResult(text="heard"))
+server = actionlib.SimpleActionServer("listen", ListenAction, execute, auto_start=False)
+server.start()
+ours = ActionClient("listen", ListenAction)
+assert ours.wait_for_server(60.0)
+plain = actionlib.SimpleActionClient("listen", ListenAction)
+assert plain.wait_for_server(rospy.Duration(60.0))
+heard = []
+plain.send_goal(ListenGoal(), active_cb=lambda: heard.append(1))
+statuses = []
+subscriber = rospy.Subscriber("listen/status", rospy.AnyMsg, statuses.append)
+while len(statuses) < 5:
+    rospy.sleep(0.05)
+print("go on", flush=True)
+assert plain.wait_for_result(rospy.Duration(60.0))
+print("END", plain.get_state(), plain.get_result().text, flush=True)
+"""
+
+pytestmark = pytest.mark.processes
+
+
+def run(master: Any, code: str, *arguments: str) -> Any:
+    return master.spawn(sys.executable, "-c", code, *arguments)
+
+
+@pytest.mark.parametrize(("kind", "end"), [("merlin", "END (3, 'heard')"), ("smach", "END succeeded")])
+def test_a_clock_that_is_set_back_refuses_no_goal(master: Any, kind: str, end: str) -> None:
+    run(master, SERVER).expect("serves")
+    options = [kind] if kind == "smach" else []
+    client = run(master, CLIENT, "0", *options)
+    assert [client.expect("END"), client.expect("END")] == [end, end]
+    client.ended()
+    again = run(master, CLIENT, "86400", *options)  # its process begins after the step
+    assert [again.expect("END"), again.expect("END")] == [end, end]
+
+
+def test_the_goal_of_a_plain_client_beside_one_of_merlin_is_left_alone(master: Any) -> None:
+    node = run(master, BOTH)
+    node.expect("go on")
+    node.process.stdin.write("heard\n")
+    node.process.stdin.flush()
+    assert node.expect("END") == "END 3 heard"
