@@ -3,8 +3,8 @@
 from typing import Dict, List, Optional
 
 from merlin_pddl.domain import Domain
-from merlin_pddl.formula_reader import TRAJECTORY, FormulaReader, Scope, number_of, parameters
-from merlin_pddl.text_reader import Expression, Node, Word
+from merlin_pddl.formula_reader import TRAJECTORY, FormulaReader, Scope, parameters, preference_name
+from merlin_pddl.text_reader import Expression, Node, number_of
 
 #: constraint → how many numbers and how many conditions follow it
 FORMS: Dict[str, List[int]] = {
@@ -51,7 +51,8 @@ class ConstraintReader:
         elif head == "forall" and len(node) == 3:
             declared = parameters(node[1], self._domain, "'forall'")
             self._check(node[2], {**scope, **{v.name: v.types for v in declared}})
-        elif head == "preference" and len(node) in (2, 3):
+        elif head == "preference":
+            preference_name(node)
             self._check(node[-1], scope)
         elif head == "at" and len(node) == 3 and node[1] == "end":
             self._formulas.condition(node[2], scope)
@@ -67,7 +68,7 @@ class ConstraintReader:
             wanted = f"{numbers} number(s) and " if numbers else ""
             raise node.error(f"'{node.head}' takes {wanted}{conditions} condition(s)")
         for part in node[1 : 1 + numbers]:
-            value = number_of(part) if isinstance(part, Word) else None
+            value = number_of(part)
             if value is None or value < 0:
                 raise part.error(f"'{node.head}' takes a time in s here")
         for part in node[1 + numbers :]:

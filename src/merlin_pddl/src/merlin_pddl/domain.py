@@ -72,6 +72,7 @@ class Domain:
     functions: Dict[str, Signature] = field(default_factory=dict)
     operators: Dict[str, Operator] = field(default_factory=dict)
     derived: Dict[str, List[Derived]] = field(default_factory=dict)
+    preferences: FrozenSet[str] = frozenset()  # their names
     digest: str = ""  # of the file's content: shows whether stored knowledge belongs to this domain
 
     def constants_of(self, type_name: str, subtypes: bool = True) -> List[str]:
@@ -83,6 +84,11 @@ class Domain:
         """The constant of these types if there is exactly one."""
         found = {name for type_name in types for name in self.constants_of(type_name)}
         return found.pop() if len(found) == 1 else None
+
+    def implies(self, name: str, type_name: str) -> bool:
+        """Whether the declaration of a constant says already that it is of a type."""
+        declared = self.constants.get(name.lower())
+        return declared is not None and self.accepts((type_name.lower(),), declared)
 
     def type_name(self, types: Tuple[str, ...]) -> str:
         """One type name for messages, which know no `either`: the nearest type that covers all of them."""

@@ -5,8 +5,17 @@ from pathlib import Path
 from typing import Callable, Dict, List, Optional, Tuple, Union
 
 from merlin_pddl.domain import Derived, Domain, Duration, Operator, Signature, self_negating
-from merlin_pddl.formula import OVER_ALL, START, Effect, TimedCondition, Variable
-from merlin_pddl.formula_reader import FormulaReader, Scope, parameters, typed_list
+from merlin_pddl.formula import OVER_ALL, START, Effect, TimedCondition, Variable, terms
+from merlin_pddl.formula_reader import (
+    IN_CONTINUOUS,
+    IN_DURATIVE,
+    SPECIALS,
+    FormulaReader,
+    Scope,
+    parameters,
+    preference_names,
+    typed_list,
+)
 from merlin_pddl.text_reader import Expression, Node, Word, name_of, read_expression, read_file
 from merlin_pddl.type_hierarchy import TypeCycleError
 
@@ -47,6 +56,9 @@ def open_definition(node: Expression, kind: str) -> Tuple[Word, List[Expression]
     for section in node[2:]:
         if not isinstance(section, Expression) or not section.head.startswith(":"):
             raise section.error("expected a section such as (:types ...)")
+        for word in section[1:] if section.head == ":requirements" else []:
+            if not isinstance(word, Word) or not word.startswith(":"):
+                raise word.error("expected a requirement such as ':typing'")
         sections.append(section)
     return name_of(title[1], f"the name of the {kind}"), sections
 
@@ -58,6 +70,7 @@ class DomainReader:
         name, self._sections = open_definition(node, "domain")
         self._domain = Domain(str(name))
         self._domain.digest = hashlib.sha256(node.text().encode()).hexdigest()
+        self._domain.preferences = frozenset(preference_names(node))
         self._formulas = FormulaReader(self._domain)
         self._rules: List[Expression] = []
 
@@ -172,8 +185,10 @@ class DomainReader:
                     raise (kind or node).error(OBJECT_FLUENTS)
                 continue
             name, signature = self._signature(node, "function")
-            if name in self._domain.functions:
-                raise name.error(f"the function '{name}' is declared twice")
+            if self._domain.functions.get(str(name), signature) != signature:
+                raise name.error(f"the function '{name}' is declared twice, with other parameters")
+            if name in SPECIALS:
+                raise name.error(f"'{name}' has a meaning in PDDL and cannot be the name of a function")
             self._domain.functions[str(name)] = signature
 
     def _derived(self, section: Expression) -> None:
@@ -201,6 +216,8 @@ class DomainReader:
             parameters(parts[":parameters"], self._domain, f"'{name}'") if ":parameters" in parts else ()
         )
         scope: Scope = {variable.name: variable.types for variable in declared}
+        if durative:
+            scope = {**IN_DURATIVE, **scope}
         conditions: List[TimedCondition] = []
         durations: List[Duration] = []
         if durative:
@@ -245,11 +262,14 @@ class DomainReader:
         if node.head == "and":
             return [found for part in node[1:] for found in self._durations(part, scope)]
         when = self._formulas.time_of(node)
+        if when == OVER_ALL:
+            raise node.error("a duration is bounded at start or at end")
         if when:
             return [Duration(d.op, d.value, when) for d in self._durations(node[2], scope)]
         if node.head not in ("=", "<=", ">=") or len(node) != 3 or node[1] != "?duration":
             raise node.error("expected (= ?duration <number>), or <= or >=")
-        return [Duration(node.head, self._formulas.numeric(node[2], scope))]
+        bare = {name: types for name, types in scope.items() if types}  # no bound of itself
+        return [Duration(node.head, self._formulas.numeric(node[2], bare))]
 
     def _effects(
         self,
@@ -293,13 +313,16 @@ class DomainReader:
         variables: Tuple[Variable, ...],
         conditions: Tuple[TimedCondition, ...],
     ) -> Effect:
-        if node.head in ASSIGNMENTS and node.head not in self._domain.predicates:
+        # There may be a predicate of this name: its arguments are names.
+        numeric = any(isinstance(part, Expression) for part in node[1:])
+        if node.head in ASSIGNMENTS and (numeric or node.head not in self._domain.predicates):
             if len(node) != 3:
                 raise node.error(f"'{node.head}' takes a function and a value")
+            continuous = when is None and node.head in ("increase", "decrease")
             fluent = self._formulas.fluent(node[1], scope)
-            value = self._formulas.numeric(node[2], scope)
-            if when is None and node.head not in ("increase", "decrease"):
-                raise node.error("expected (at start ...) or (at end ...)")
+            value = self._formulas.numeric(node[2], {**scope, **IN_CONTINUOUS} if continuous else scope)
+            if when is None and not (continuous and any(part.name == "#t" for part in terms(value))):
+                raise node.error("expected (at start ...), (at end ...), or a change with the time, (* #t 2)")
             return Effect(
                 when or OVER_ALL,
                 fluent=fluent,

@@ -5,7 +5,7 @@ Terms are strings: a variable starts with a question mark, anything else is an o
 
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Union
+from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple, Union
 
 START = "start"
 OVER_ALL = "over all"
@@ -239,6 +239,22 @@ def terms(formula: Formula) -> List[Union[Atom, Fluent, Special]]:
     if isinstance(formula, (Not, Forall, Exists, Preference)):
         return terms(formula.part)
     return []
+
+
+def preferences(condition: Condition) -> List[Preference]:
+    """The preferences that stand in a condition."""
+    if isinstance(condition, Preference):
+        return [condition, *preferences(condition.part)]
+    if isinstance(condition, (And, Or)):
+        return [found for part in condition.parts for found in preferences(part)]
+    if isinstance(condition, (Not, Forall, Exists)):
+        return preferences(condition.part)
+    return []
+
+
+def violated(metric: Numeric) -> Set[str]:
+    """The preferences whose violations a metric counts."""
+    return {name for term in terms(metric) if term.name == "is-violated" for name in term.args}
 
 
 def conjuncts(condition: Condition) -> List[Condition]:

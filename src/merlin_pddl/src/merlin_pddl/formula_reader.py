@@ -1,7 +1,6 @@
 """Reads typed lists, conditions and numeric expressions, checking every name against the domain."""
 
-import math
-from typing import Dict, List, Sequence, Set, Tuple, Union
+from typing import Dict, List, Mapping, Sequence, Set, Tuple, Union
 
 from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.formula import (
@@ -25,8 +24,18 @@ from merlin_pddl.formula import (
     Special,
     TimedCondition,
     Variable,
+    preferences,
 )
-from merlin_pddl.text_reader import Expression, Node, Word, is_name, is_variable, name_of, suggestion
+from merlin_pddl.text_reader import (
+    Expression,
+    Node,
+    Word,
+    is_name,
+    is_variable,
+    name_of,
+    number_of,
+    suggestion,
+)
 
 COMPARISONS = (">", ">=", "<", "<=", "=")
 ARITHMETIC = ("+", "-", "*", "/")
@@ -48,9 +57,20 @@ IN_CONSTRAINTS = (
     "is a trajectory constraint: a condition is about one moment; "
     "write it into (:constraints ...) of the domain, which every plan then obeys"
 )
-SPECIALS = ("#t", "?duration", "total-time", "total-cost")
 
-Scope = Dict[str, Tuple[str, ...]]
+#: Variables with their types, and the special values that may be named, which have none.
+Scope = Mapping[str, Tuple[str, ...]]
+
+#: Special value -> where it may stand.
+SPECIALS = {
+    "#t": "in the continuous effects of durative actions",
+    "?duration": "in durative actions",
+    "total-time": "in a metric",
+    "is-violated": "in a metric",
+}
+IN_DURATIVE: Scope = {"?duration": ()}
+IN_CONTINUOUS: Scope = {"?duration": (), "#t": ()}
+IN_METRIC: Scope = {"total-time": (), "is-violated": ()}
 
 
 def typed_list(nodes: Sequence[Node], domain: Domain, variables: bool) -> List[Tuple[Word, Tuple[str, ...]]]:
@@ -73,7 +93,9 @@ def typed_list(nodes: Sequence[Node], domain: Domain, variables: bool) -> List[T
         if variables:
             if not isinstance(node, Word) or not is_variable(node):
                 shown = node.text()[:40] if isinstance(node, Expression) else node
-                raise node.error(f"expected a variable such as '?x', found '{shown}'")
+                before = waiting[-1] if waiting else ""
+                hint = f"; write a blank before the '-' of '{before}'" if before.endswith("-") else ""
+                raise node.error(f"expected a variable such as '?x', found '{shown}'{hint}")
             waiting.append(node)
         else:
             waiting.append(name_of(node, "a name"))
@@ -90,6 +112,24 @@ def _types(node: Node, domain: Domain) -> Tuple[str, ...]:
     if name not in domain.types:
         raise name.error(f"unknown type '{name}'" + suggestion(name, domain.types))
     return (str(name),)
+
+
+def preference_names(node: Node) -> Set[str]:
+    """The names of the preferences that stand in an expression."""
+    if not isinstance(node, Expression):
+        return set()
+    own = {str(node[1])} if node.head == "preference" and len(node) == 3 else set()
+    return own.union(*map(preference_names, node))
+
+
+def preference_name(node: Expression) -> str:
+    """The name of a preference; empty when it has none.
+
+    :raises PddlError: it is not ``(preference [<name>] <condition>)``.
+    """
+    if len(node) not in (2, 3):
+        raise node.error(f"'preference' takes a name and a condition, here are {len(node) - 1} part(s)")
+    return str(name_of(node[1], "the name of a preference")) if len(node) == 3 else ""
 
 
 def parameters(node: Node, domain: Domain, what: str) -> Tuple[Variable, ...]:
@@ -132,10 +172,10 @@ class FormulaReader:
             parts = tuple(self.condition(part, scope) for part in node[1:])
             return And(parts) if head == "and" else Or(parts)
         if head == "not":
-            return Not(self.condition(self._rest(node, 1)[0], scope))
+            return Not(self._plain(self._rest(node, 1)[0], scope, "negated"))
         if head == "imply":
             first, second = self._rest(node, 2)
-            return Or((Not(self.condition(first, scope)), self.condition(second, scope)))
+            return Or((Not(self._plain(first, scope, "negated")), self.condition(second, scope)))
         if head in ("forall", "exists"):
             declared, part = self._rest(node, 2)
             variables = parameters(declared, self._domain, f"'{head}'")
@@ -143,10 +183,16 @@ class FormulaReader:
             body = self.condition(part, inner)
             return Forall(variables, body) if head == "forall" else Exists(variables, body)
         if head == "preference":
-            return Preference(str(node[1]) if len(node) == 3 else "", self.condition(node[-1], scope))
+            return Preference(preference_name(node), self._plain(node[-1], scope, "part of another"))
         if head in COMPARISONS:
             return self._comparison(node, scope)
         return self.atom(node, scope)
+
+    def _plain(self, node: Node, scope: Scope, what: str) -> Condition:
+        found = self.condition(node, scope)
+        if preferences(found):
+            raise node.error(f"a preference cannot be {what}")
+        return found
 
     def timed_condition(self, node: Node, scope: Scope) -> List[TimedCondition]:
         """Reads the condition of a durative action; a quantifier may stand outside of the time.
@@ -168,6 +214,8 @@ class FormulaReader:
                 for found in self.timed_condition(part, inner)
             ]
         if node.head == "preference":
+            preference_name(node)
+            self.timed_condition(node[-1], scope)
             return []
         time = self.time_of(node)
         if not time:
@@ -232,23 +280,28 @@ class FormulaReader:
 
         :raises PddlError: it is malformed or names something unknown.
         """
+        head = str(node) if isinstance(node, Word) else node.head
+        if head in SPECIALS and head not in self._domain.functions:
+            return self._special(node, head, scope)
         if isinstance(node, Word):
             value = number_of(node)
-            if value is not None:
-                return Number(value)
-            if node in SPECIALS and node not in self._domain.functions:
-                return Special(str(node))
-            return self.fluent(node, scope)
+            return self.fluent(node, scope) if value is None else Number(value)
         if node.head in ARITHMETIC:
             parts = tuple(self.numeric(part, scope) for part in node[1:])
             if not parts or (len(parts) == 1 and node.head != "-") or (len(parts) > 2 and node.head in "-/"):
                 raise node.error(f"'{node.head}' with {len(parts)} operand(s)")
             return Arithmetic(node.head, parts)
-        if node.head in SPECIALS and node.head not in self._domain.functions:
-            return Special(node.head)
-        if node.head == "is-violated" and len(node) == 2:
-            return Special(node.head, (str(node[1]),))
         return self.fluent(node, scope)
+
+    @staticmethod
+    def _special(node: Node, name: str, scope: Scope) -> Special:
+        if name not in scope:
+            raise node.error(f"'{name}' can only stand {SPECIALS[name]}")
+        args = node[1:] if isinstance(node, Expression) else []
+        wanted = 1 if name == "is-violated" else 0
+        if len(args) != wanted:
+            raise node.error(f"'{name}' takes {wanted} argument(s), here are {len(args)}")
+        return Special(name, tuple(str(name_of(arg, "the name of a preference")) for arg in args))
 
     def term(self, node: Node, scope: Scope) -> str:
         """Reads a variable or the name of an object.
@@ -258,7 +311,7 @@ class FormulaReader:
         if not isinstance(node, Word):
             raise node.error(f"expected a variable or an object, found '{node.text()[:40]}'")
         if node.startswith("?"):
-            if node not in scope:
+            if not scope.get(str(node)):  # a special value is no object
                 raise node.error(f"unknown variable '{node}'" + suggestion(node, scope))
         elif node not in self._domain.constants and node not in self._objects:
             if not is_name(node):
@@ -281,8 +334,8 @@ class FormulaReader:
         for part, parameter in zip(node[1:], wanted):
             term = self.term(part, scope)
             actual = self.types_of(term, scope)
-            # A variable of a wider type may still hold an object that fits; an object is what it is.
-            may_fit = term.startswith("?") and self._domain.accepts(actual, parameter.types)
+            # A variable may still hold an object that fits; an object is what it is.
+            may_fit = term.startswith("?") and self._domain.types.overlap(actual, parameter.types)
             if not may_fit and not self._domain.accepts(parameter.types, actual):
                 raise part.error(
                     f"'{term}' is of type {' or '.join(actual)}, but '{signature.name}' takes "
@@ -296,14 +349,3 @@ class FormulaReader:
         if len(node) != count + 1:
             raise node.error(f"'{node.head}' takes {count} part(s), here are {len(node) - 1}")
         return node[1:]
-
-
-def number_of(node: Node) -> Union[float, None]:
-    """The value of a word that is a finite number."""
-    if isinstance(node, Word) and (node[0].isdigit() or node[0] in "+-."):
-        try:
-            value = float(node)
-        except ValueError:
-            return None
-        return value if math.isfinite(value) and "_" not in node else None
-    return None

@@ -5,7 +5,7 @@ Times are nanoseconds of ROS time.
 """
 
 from dataclasses import dataclass
-from typing import Any, List, Optional, Tuple, Union
+from typing import Any, List, Optional, Sequence, Tuple, Union
 
 from merlin_pddl.formula import And, Atom, Comparison, Condition, Not, Numeric, to_pddl
 
@@ -20,6 +20,33 @@ SCALE_DOWN = "scale-down"
 
 #: Arithmetic of the changes that are not assignment.
 OPERATIONS = {INCREASE: "+", DECREASE: "-", SCALE_UP: "*", SCALE_DOWN: "/"}
+
+
+class KeysError(ValueError):
+    """Arguments are named, and not by the names that are declared; the text says which."""
+
+
+def arranged(name: str, labels: Sequence[str], pairs: Sequence[Tuple[str, str]]) -> Tuple[str, ...]:
+    """The arguments of a predicate or function in the declared order.
+
+    :param name: of the predicate or function, for the error.
+    :param labels: as declared, without ``?``.
+    :param pairs: key and value of each argument. Keys that are all declared name the arguments; without any
+        declared one the order counts, as in ROSPlan.
+    :raises KeysError: only some keys are declared, or one stands twice.
+    """
+    order = {label.lower(): number for number, label in enumerate(labels)}
+    places = [order.get(key.lower().lstrip("?")) for key, _ in pairs]
+    known = [place for place in places if place is not None]
+    if not known:
+        return tuple(value for _, value in pairs)
+    if len(known) < len(places) or len(set(known)) < len(known):
+        keys, wanted = ", ".join(repr(key) for key, _ in pairs), ", ".join(map(repr, labels))
+        raise KeysError(
+            f"the keys of '{name}' are {keys}, declared are {wanted}: "
+            "name each argument once by its declared key, or none of them"
+        )
+    return tuple(value for _, (_, value) in sorted(zip(known, pairs), key=lambda placed: placed[0]))
 
 
 class Row:

@@ -7,12 +7,21 @@ from merlin_pddl.constraint_reader import ConstraintReader
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import open_definition
 from merlin_pddl.evaluation import arithmetic
-from merlin_pddl.formula import Arithmetic, Condition, Fluent, Numeric
+from merlin_pddl.formula import Arithmetic, Condition, Fluent, Numeric, violated
 from merlin_pddl.formula import Number as NumberValue
-from merlin_pddl.formula_reader import FormulaReader, number_of, typed_list
+from merlin_pddl.formula_reader import IN_METRIC, FormulaReader, preference_names, typed_list
 from merlin_pddl.knowledge import Fact, FunctionValue, Metric, Timed, conjuncts
+from merlin_pddl.plan_text import LONGEST
 from merlin_pddl.problem import Problem
-from merlin_pddl.text_reader import Expression, Node, name_of, read_expression, read_file
+from merlin_pddl.text_reader import (
+    MAX_DEPTH,
+    Expression,
+    Node,
+    name_of,
+    number_of,
+    read_expression,
+    read_file,
+)
 
 NANOSECONDS = 1_000_000_000
 
@@ -47,7 +56,8 @@ def parse_condition(
 
     :raises PddlError: it is malformed, or names something that neither the domain nor `objects` knows.
     """
-    return FormulaReader(domain, dict(objects)).condition(read_expression(text, source), {})
+    node = read_expression(text, source, MAX_DEPTH - 5)  # a problem around it is read too
+    return FormulaReader(domain, dict(objects)).condition(node, {})
 
 
 class ProblemReader:
@@ -59,6 +69,7 @@ class ProblemReader:
     def __init__(self, node: Expression, domain: Domain, constraints: bool = False) -> None:
         self._takes_constraints = constraints
         name, self._sections = open_definition(node, "problem")
+        self._preferences = domain.preferences | preference_names(node)
         self._domain = domain
         self._problem = Problem(str(name), domain.name)
         self._formulas = FormulaReader(domain, self._problem.objects)
@@ -81,9 +92,11 @@ class ProblemReader:
             if section.head not in (*readers, ":requirements", ":length"):
                 raise section.error(f"unknown section '{section.head}'")
         for head, reader in readers.items():
-            for section in self._sections:
-                if section.head == head:
-                    reader(section)
+            found = [section for section in self._sections if section.head == head]
+            if len(found) > 1 and head in (":domain", ":goal", ":metric"):
+                raise found[1].error(f"'{head}' stands twice")
+            for section in found:
+                reader(section)
         return self._problem
 
     def _check_domain(self, section: Expression) -> None:
@@ -112,8 +125,8 @@ class ProblemReader:
                 else:
                     self._problem.facts.append(found)
             else:
-                if time < 0:
-                    raise node.error("a timed fact cannot lie in the past")
+                if not 0 <= time <= LONGEST:
+                    raise node.error(f"a timed fact lies between 0 and {LONGEST:g} s after the start")
                 self._problem.timed.append(Timed(int(time * NANOSECONDS), self._item(node[2])))
 
     def _item(self, node: Node) -> Union[Fact, FunctionValue]:
@@ -131,6 +144,8 @@ class ProblemReader:
         if negative and len(node) != 2:
             raise node.error("'not' takes 1 part")
         atom = self._formulas.atom(node[1] if negative else node, {})
+        if atom.name in self._domain.derived:
+            raise node.error(f"'{atom.name}' is derived: it follows from other facts and is not stated")
         return Fact(atom.name, atom.args, negative)
 
     def _constant(self, value: Numeric) -> Optional[float]:
@@ -157,4 +172,8 @@ class ProblemReader:
     def _metric(self, section: Expression) -> None:
         if len(section) != 3 or section[1] not in ("minimize", "maximize"):
             raise section.error("expected (:metric minimize <expression>) or maximize")
-        self._problem.metric = Metric(str(section[1]), self._formulas.numeric(section[2], {}))
+        value = self._formulas.numeric(section[2], IN_METRIC)
+        unknown = violated(value) - self._preferences
+        if unknown:
+            raise section.error(f"there is no preference '{min(unknown)}'")
+        self._problem.metric = Metric(str(section[1]), value)

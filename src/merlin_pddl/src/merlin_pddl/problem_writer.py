@@ -13,15 +13,8 @@ Named = TypeVar("Named", Fact, FunctionValue)
 EARLIEST = 0.001
 
 
-class ProblemWriteError(Exception):
-    """The problem cannot be said in PDDL; the text says why."""
-
-
 def write_problem(problem: Problem, domain: Domain) -> str:
-    """A problem as PDDL text.
-
-    :raises ProblemWriteError: a timed item is an instance, which PDDL cannot add later.
-    """
+    """A problem as PDDL text, without instances that appear later: PDDL cannot say so."""
     lines = [f"(define (problem {problem.name})", f"(:domain {problem.domain_name})", "(:objects"]
     lines.extend(f"    {line}" for line in object_lines(problem, domain))
     lines.append(")")
@@ -54,7 +47,7 @@ def _init_lines(problem: Problem, domain: Domain) -> List[str]:
     timed: Dict[str, List[str]] = {}
     for row in sorted(problem.timed, key=lambda row: row.at):
         if isinstance(row.item, Instance):
-            raise ProblemWriteError(f"the instance {row.item.text()} is to appear later: PDDL cannot say so")
+            continue
         item = row.item.text() if isinstance(row.item, Fact) else _value_text(row.item)
         name = row.item.name.lower() if isinstance(row.item, Fact) else ""
         text = f"    (at {numeric_text(max(EARLIEST, round(row.at / 1e9, 6)))} {item})"

@@ -5,14 +5,24 @@ PDDL knows no upper case: words are lower-cased here, as ROSPlan's lexer does.
 
 import bisect
 import difflib
+import math
 import re
+import unicodedata
 from pathlib import Path
 from typing import Iterable, List, Optional, Union
 
 #: Deeper nesting than any domain needs; keeps every later recursion within Python's limit.
 MAX_DEPTH = 100
 
-_TOKEN = re.compile(r"\s+|;[^\n]*|([()])|([^\s();]+)")
+# A dash before a letter is a token of its own, as VAL reads it: '?x -place'.
+_NUMBER = r"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
+_PART = rf"{_NUMBER}(?![\w.@-])|[?:]?[\w@-][\w.@-]*|#t|[<>]=?|[-+*/=^]"
+_TOKEN = re.compile(
+    rf"[ \t\n\r\f\v]+|;[^\n\r]*|([()])|(-(?=[A-Za-z_])|(?:{_PART})(?![^\s();]))|([^ \t\n\r\f\v();]+)",
+    re.ASCII | re.IGNORECASE,
+)
+_PARTS = re.compile(_PART, re.ASCII | re.IGNORECASE)
+_LITERAL = re.compile(_NUMBER, re.ASCII)
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_\-]*\Z")
 _VARIABLE = re.compile(r"\?[A-Za-z_][A-Za-z0-9_\-]*\Z")
 
@@ -77,12 +87,14 @@ class Expression(List["Node"]):
 Node = Union[Word, Expression]
 
 
-def read_text(text: str, source: str = "") -> List[Node]:
+def read_text(text: str, source: str = "", depth: int = MAX_DEPTH) -> List[Node]:
     """Reads all expressions of a text.
 
-    :raises PddlError: a parenthesis is missing or too many, or the nesting is absurd.
+    :raises PddlError: a parenthesis is missing or too many, the nesting is absurd, or something is no word of
+        PDDL.
     """
-    lines = [0] + [match.end() for match in re.finditer("\n", text)]
+    text = text[1:] if text.startswith("\ufeff") else text
+    lines = [0] + [match.end() for match in re.finditer(r"\r\n|\r|\n", text)]
     found: List[Node] = []
     open_: List[Expression] = []
     position = 0
@@ -90,14 +102,16 @@ def read_text(text: str, source: str = "") -> List[Node]:
         match = _TOKEN.match(text, position)
         assert match is not None  # the alternatives cover every character
         position = match.end()
-        parenthesis, word = match.groups()
-        if parenthesis is None and word is None:
+        parenthesis, word, wrong = match.groups()
+        if parenthesis is None and word is None and wrong is None:
             continue
         row = bisect.bisect_right(lines, match.start())
         column = match.start() - lines[row - 1] + 1
+        if wrong is not None:
+            raise PddlError(_fault(wrong), source, row, column)
         if parenthesis == "(":
-            if len(open_) == MAX_DEPTH:
-                raise PddlError(f"nested deeper than {MAX_DEPTH} parentheses", source, row, column)
+            if len(open_) == depth:
+                raise PddlError(f"nested deeper than {depth} parentheses", source, row, column)
             open_.append(Expression(source, row, column))
             continue
         if parenthesis == ")":
@@ -112,12 +126,29 @@ def read_text(text: str, source: str = "") -> List[Node]:
     return found
 
 
-def read_expression(text: str, source: str = "") -> Expression:
+def _fault(word: str) -> str:
+    """What is wrong with what stands between two blanks and is no word of PDDL."""
+    strange = re.search(r"[^\x21-\x7e]", word)
+    if strange is not None:
+        sign = strange.group()
+        name = f"U+{ord(sign):04X} {unicodedata.name(sign, '')}".rstrip()
+        instead = "; write an ordinary blank" if sign.isspace() else ""
+        return f"'{shortened(word, 40)}' has a {name}, which may stand in comments only{instead}"
+    parts = _PARTS.findall(word)
+    if len(parts) > 1 and "".join(parts) == word:
+        return f"a blank is missing in '{shortened(word, 40)}': write '{shortened(' '.join(parts), 60)}'"
+    if word in "?:":
+        return f"there may be no blank between '{word}' and the name behind it"
+    hint = " (a number has digits on both sides of its point)" if re.fullmatch(r"[-+.\d]+", word) else ""
+    return f"'{shortened(word, 40)}' is no word of PDDL{hint}"
+
+
+def read_expression(text: str, source: str = "", depth: int = MAX_DEPTH) -> Expression:
     """Reads a text that must be exactly one expression in parentheses.
 
     :raises PddlError: it is something else.
     """
-    nodes = read_text(text, source)
+    nodes = read_text(text, source, depth)
     if not nodes:
         raise PddlError("there is no PDDL here", source, 1, 1)
     if not isinstance(nodes[0], Expression):
@@ -132,18 +163,41 @@ def read_file(path: Union[str, Path]) -> Expression:
 
     :raises PddlError: the file cannot be read, or holds something else.
     """
+    return read_expression(text_of(path), str(path))
+
+
+def text_of(path: Union[str, Path]) -> str:
+    """The text of a file.
+
+    :raises PddlError: the file cannot be read, or is not UTF-8.
+    """
     try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise PddlError(f"cannot be read: {error.strerror or error}", str(path)) from error
-    except (UnicodeDecodeError, ValueError) as error:
-        raise PddlError(f"is not UTF-8 text: {error}", str(path)) from error
-    return read_expression(text, str(path))
+        data = Path(path).read_bytes()
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = re.split(rb"\r\n|\r|\n", data[: error.start])
+        raise PddlError(
+            f"the byte 0x{data[error.start]:02x} is not UTF-8, in a comment neither: save the file as UTF-8",
+            str(path),
+            len(before),
+            len(before[-1].decode()) + 1,
+        ) from error
+    except (OSError, ValueError) as error:  # ValueError: a path with a null byte
+        raise PddlError(f"cannot be read: {getattr(error, 'strerror', '') or error}", str(path)) from error
 
 
 def is_name(text: str) -> bool:
     """Whether the text is a name in PDDL."""
     return _NAME.match(text) is not None
+
+
+def number_of(node: Node) -> Optional[float]:
+    """The value of a word that is a number; None when it is none, or one that no float holds."""
+    if not isinstance(node, Word) or _LITERAL.fullmatch(node) is None:
+        return None
+    value = float(node)
+    # What is too small for a float is refused like what is too large.
+    return value if math.isfinite(value) and (value or not re.search("[1-9]", node.split("e")[0])) else None
 
 
 def name_of(node: Node, what: str) -> Word:

@@ -86,6 +86,11 @@ class TypeHierarchy:
         """Whether `name` is `ancestor` or below it."""
         return ancestor == OBJECT or name == ancestor or name in self.subtypes(ancestor)
 
+    def overlap(self, some: Iterable[str], others: Iterable[str]) -> bool:
+        """Whether there may be an object of one of `some` and of one of `others`."""
+        listed = list(others)
+        return any(self.subtypes(one) & self.subtypes(other) for one in some for other in listed)
+
     def common(self, names: Iterable[str]) -> str:
         """The nearest type that covers all the named ones."""
         listed = list(names)

@@ -23,9 +23,10 @@ from rosplan_knowledge_msgs.srv import (
     KnowledgeQueryServiceResponse,
 )
 
+from merlin_pddl.checks.kairos_check import check_input
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.problem_reader import parse_problem
-from merlin_pddl.problem_writer import ProblemWriteError, write_problem
+from merlin_pddl.problem_writer import write_problem
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.knowledge.executions import Executions
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
@@ -298,12 +299,9 @@ def bombard(seed, strict):
         for goal, message in zip(store.goals(), goals):
             assert reader.goal(message, store.objects).key == goal.key
         assert store.metric is None or reader.metric(metric) == store.metric
-        try:
-            text = write_problem(store.snapshot()[1], DOMAIN)
-        except ProblemWriteError as error:
-            assert "appear later" in str(error)
-        else:
-            read(parse_problem, text, DOMAIN, "p")
+        text = write_problem(store.snapshot()[1], DOMAIN)
+        parse_problem(text, DOMAIN)
+        assert check_input(DOMAIN_TEXT, text, "domain", "problem") is None, text
     return accepted
 
 

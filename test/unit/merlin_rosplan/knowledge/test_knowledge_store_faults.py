@@ -5,10 +5,10 @@ import time
 
 import pytest
 import rospy
-from knowledge_world import DOMAIN, add, remove, texts
+from knowledge_world import DOMAIN, add, texts
 
 from merlin_pddl.formula import Comparison, Number
-from merlin_pddl.knowledge import Fact, Instance, StoredGoal
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance, StoredGoal
 from merlin_pddl.problem_reader import parse_condition
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
@@ -40,17 +40,15 @@ def test_what_is_due_while_the_journal_fails_comes_true_afterwards(clock):
     disk = Disk()
     disk.full = False
     store = KnowledgeStore(DOMAIN, clock=clock, journal=disk)
-    add(store, Instance("poi", "hall"))
     add(store, Fact("idle", ()), at=2_000)
-    add(store, Fact("checked", ("hall",)), at=2_000)
-    remove(store, Instance("poi", "hall"))
+    add(store, FunctionValue("limit", (), 1.0, op="increase"), at=2_000)
     clock.now, disk.full = 2_000, True
     for _ in range(2):
         with pytest.raises(JournalError, match="no space left"):
             store.fire_due()
         assert store.facts() == [] and store.next_due() == 2_000
     disk.full = False
-    assert "unknown object 'hall'" in store.fire_due()[0]
+    assert "(limit) has no value yet" in store.fire_due()[0]
     assert texts(store.facts()) == ["(idle)"] and store.next_due() is None
 
 

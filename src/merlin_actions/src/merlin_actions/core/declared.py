@@ -5,7 +5,7 @@ from typing import List, Mapping, Sequence, Tuple
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import ASSIGNMENTS
-from merlin_pddl.formula_reader import FormulaReader
+from merlin_pddl.formula_reader import IN_CONTINUOUS, FormulaReader
 from merlin_pddl.text_reader import Expression, PddlError, read_expression
 
 _NUMERIC = re.compile(r"\s*\(\s*(assign|increase|decrease|scale-up|scale-down)\s", re.IGNORECASE)
@@ -53,7 +53,7 @@ def declared_fault(text: str, operator: str, domain: Domain, objects: Mapping[st
             if len(node) != 3:
                 raise node.error(f"'{node.head}' takes a function and a value")
             reader.fluent(node[1], scope)
-            reader.numeric(node[2], scope)
+            reader.numeric(node[2], {**scope, **IN_CONTINUOUS})
         else:
             negated = node.head == "not" and len(node) == 2
             part = node[1] if negated else node

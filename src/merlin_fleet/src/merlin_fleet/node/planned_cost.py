@@ -10,7 +10,6 @@ from merlin_fleet.core.records import Goal
 from merlin_pddl.domain import Domain
 from merlin_pddl.plan_text import NO_DURATION, PlanTextError, parse_plan
 from merlin_pddl.problem import Problem
-from merlin_pddl.problem_writer import ProblemWriteError
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.planning.goal_problem import write_goal_problem
@@ -102,7 +101,7 @@ class PlannedCost:
         path = Path(self._folder.name) / "problem.pddl"
         try:
             path.write_text(write_goal_problem(domain, problem, goal.goals), encoding="utf-8")
-        except (PddlError, ProblemWriteError, OSError) as error:
+        except (PddlError, OSError) as error:
             raise CannotPlan(str(error)) from None
         planning = Planning(self._settings, self._domain_path, str(path))
         with self._lock:

@@ -14,7 +14,6 @@ import signal
 import sys
 import time
 import traceback
-from pathlib import Path
 from typing import Any, Callable, List, Optional, Tuple
 
 from merlin_pddl.analysis.shortfall import shortfall
@@ -26,7 +25,7 @@ from merlin_pddl.knowledge import conjuncts
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_condition, parse_problem
 from merlin_pddl.problem_writer import write_problem
-from merlin_pddl.text_reader import PddlError
+from merlin_pddl.text_reader import PddlError, text_of
 
 VALID, INVALID, USAGE = 0, 1, 2
 #: MB that a file may have; reading one MB takes about a second.
@@ -146,11 +145,9 @@ def _read(path: str, max_size: float) -> str:
                 f"has {size:.1f} MB, and at most {max_size:g} are read (--max-size; each takes about 1 s)",
                 path,
             )
-        return Path(path).read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise PddlError(f"cannot be read: {error.strerror or error}", path) from error
-    except ValueError as error:
-        raise PddlError(f"is not UTF-8 text: {error}", path) from error
+        return text_of(path)
+    except (OSError, ValueError) as error:
+        raise PddlError(f"cannot be read: {getattr(error, 'strerror', '') or error}", path) from error
 
 
 def run_limited(

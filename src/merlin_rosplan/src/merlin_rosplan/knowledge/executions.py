@@ -178,7 +178,11 @@ class Executions:
             notes.append(self._restore(token, row))
             return "; ".join(filter(None, notes))
         # An execution has to come to its end whatever happened to the objects it was about.
-        possible = [literal for literal in declared if self._objects_exist(literal[1])]
+        possible = [
+            literal
+            for literal in declared
+            if literal[2] or self._transaction.acceptable(Fact(literal[0], tuple(literal[1])))
+        ]
         _bring_about(RecordedChanges(self._transaction), possible)
         failed = apply_counts(self._transaction, counts, specials)
         self._close(token, row["operator"])
@@ -265,9 +269,6 @@ class Executions:
             except UpdateRefused as error:
                 raise UpdateRefused(f"'{text}': {error}") from error
         return found
-
-    def _objects_exist(self, args: Sequence[str]) -> bool:
-        return all(self._state.spelling(arg) is not None for arg in args)
 
 
 def _bring_about(changes: RecordedChanges, literals: Sequence[Literal]) -> None:

@@ -9,7 +9,7 @@ from merlin_pddl.domain import Operator
 from merlin_pddl.domain_reader import ASSIGNMENTS
 from merlin_pddl.evaluation import Evaluator, arithmetic
 from merlin_pddl.formula import OVER_ALL, to_pddl
-from merlin_pddl.formula_reader import FormulaReader
+from merlin_pddl.formula_reader import IN_CONTINUOUS, FormulaReader
 from merlin_pddl.knowledge import ASSIGN, OPERATIONS, FunctionValue
 from merlin_pddl.text_reader import Expression, PddlError, read_expression
 from merlin_rosplan.knowledge.effects import EffectApplier
@@ -49,7 +49,7 @@ def _count(node: Expression, state: KnowledgeTables) -> Count:
     for row in state.instances.all():
         objects[row.name.lower()] = (*objects.get(row.name.lower(), ()), row.type_name.lower())
     reader = FormulaReader(state.domain, objects)
-    fluent, value = reader.fluent(node[1], {}), reader.numeric(node[2], {})
+    fluent, value = reader.fluent(node[1], {}), reader.numeric(node[2], IN_CONTINUOUS)
     return [node.head, fluent.name, list(fluent.args), to_pddl(value)]
 
 
@@ -88,10 +88,11 @@ def apply_counts(
     for op, name, args, text in counts:
         spelled = [state.spelling(arg) for arg in args]
         result = _result(state, op, (name, *args), text, specials) if None not in spelled else None
-        if result is None:
+        value = None if result is None else FunctionValue(name, tuple(map(str, spelled)), result)
+        if value is None or not transaction.acceptable(value):
             failed.append(f"({op} ({' '.join((name, *args))}) {text})")
         else:
-            changes.set(FunctionValue(name, tuple(map(str, spelled)), result), op)
+            changes.set(value, op)
     return failed
 
 
@@ -102,7 +103,7 @@ def _result(
     try:
         node = read_expression(f"(+ 0 {text})")  # a single word is not an expression
         value = Evaluator(state.domain, state, specials).number(
-            _LooseReader(state.domain, objects).numeric(node, {})
+            _LooseReader(state.domain, objects).numeric(node, IN_CONTINUOUS)
         )
     except PddlError:  # an object of it is gone
         return None

@@ -1,7 +1,7 @@
 """What a strict knowledge base refuses, with the reason; what it accepts gets the domain's spelling."""
 
 import math
-from typing import Callable, Dict, Optional, Tuple
+from typing import Dict, Optional, Tuple
 
 from merlin_pddl.domain import Signature
 from merlin_pddl.formula import (
@@ -19,10 +19,15 @@ from merlin_pddl.formula import (
     Numeric,
     Or,
     Preference,
+    Special,
+    preferences,
     to_pddl,
+    violated,
 )
+from merlin_pddl.formula_reader import SPECIALS
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Metric, StoredGoal
-from merlin_pddl.text_reader import is_name, shortened, suggestion
+from merlin_pddl.problem_reader import parse_condition
+from merlin_pddl.text_reader import PddlError, is_name, shortened, suggestion
 from merlin_pddl.type_hierarchy import OBJECT
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 
@@ -35,16 +40,14 @@ class UpdateRefused(Exception):
 
 
 class KnowledgeChecks:
-    """Checks updates against a domain and the objects that exist.
+    """Checks updates against a domain and the objects that exist: what passes, the planner can read.
 
     :param state: knows the domain and the objects.
-    :param warn: gets a sentence when an accepted item looks wrong: an object of an undeclared type.
     """
 
-    def __init__(self, state: KnowledgeTables, warn: Callable[[str], None] = lambda text: None) -> None:
+    def __init__(self, state: KnowledgeTables) -> None:
         self._state = state
         self._domain = state.domain
-        self._warn = warn
 
     def instance(self, item: Instance) -> Instance:
         """An instance that may be added.
@@ -64,13 +67,19 @@ class KnowledgeChecks:
         return Instance(kind, self._state.spelling(item.name) or item.name)
 
     def fact(self, item: Fact) -> Fact:
-        """A fact that may be added, or be a goal.
+        """A fact that may be added.
 
-        :raises UpdateRefused: predicate or object is unknown, or the arguments are too many, too few or
-            empty.
+        :raises UpdateRefused: predicate or object is unknown, the predicate is derived, or the arguments are
+            too many, too few, empty or of another type.
         """
-        signature = self._signature(item.name, self._domain.predicates, "predicate")
-        return Fact(signature.name, self._arguments(signature, item.args), item.negative, item.since)
+        atom = self._atom(item.name, item.args)
+        if atom.name in self._domain.derived:
+            raise UpdateRefused(f"'{atom.name}' is derived: it follows from other facts and is not stated")
+        return Fact(atom.name, atom.args, item.negative, item.since)
+
+    def _atom(self, name: str, args: Tuple[str, ...]) -> Atom:
+        signature = self._signature(name, self._domain.predicates, "predicate")
+        return Atom(signature.name, self._arguments(signature, args))
 
     def value(self, item: FunctionValue) -> FunctionValue:
         """A function value that may be added.
@@ -93,6 +102,17 @@ class KnowledgeChecks:
         assert item.condition is not None
         return StoredGoal(self._condition(item.condition), None, item.since)
 
+    def check_again(self, goal: StoredGoal) -> None:
+        """Checks a stored goal against the objects that are left.
+
+        :raises UpdateRefused: it can no longer be read.
+        """
+        try:
+            if goal.condition is not None:
+                parse_condition(goal.text(), self._domain, self._state.all_objects())
+        except PddlError as error:
+            raise UpdateRefused(f"the goal {goal.text()} is still there: {error.message}") from error
+
     def metric(self, item: Metric) -> Metric:
         """A metric that may be set.
 
@@ -100,7 +120,12 @@ class KnowledgeChecks:
         """
         if item.optimization.lower() not in ("minimize", "maximize"):
             raise UpdateRefused(f"a metric is to 'minimize' or 'maximize', not to '{item.optimization}'")
-        return Metric(item.optimization.lower(), self._numeric(item.value))
+        value = self._numeric(item.value, ("total-time", "is-violated"))
+        named = {p.name for goal in self._state.goals.all() for p in preferences(goal.condition or And())}
+        unknown = violated(value) - named - self._domain.preferences
+        if unknown:
+            raise UpdateRefused(f"there is no preference '{min(unknown)}' that could be violated")
+        return Metric(item.optimization.lower(), value)
 
     def _signature(self, name: str, known: Dict[str, Signature], what: str) -> Signature:
         if not name:
@@ -126,7 +151,7 @@ class KnowledgeChecks:
                 hint = suggestion(arg.lower(), self._state.objects(parameter.types)[:1000])
                 raise UpdateRefused(f"unknown object '{arg}' in '{signature.name}'{hint}")
             if not self._fits(spelled.lower(), parameter.types):
-                self._warn(
+                raise UpdateRefused(
                     f"'{spelled}' is of type {' and '.join(self._state.object_types(spelled))}, but "
                     f"'{signature.name}' takes {' or '.join(parameter.types)} for '{parameter.label}'"
                 )
@@ -140,22 +165,25 @@ class KnowledgeChecks:
 
     def _condition(self, condition: Condition) -> Condition:
         if isinstance(condition, Atom):
-            fact = self.fact(Fact(condition.name, condition.args))
-            return Atom(fact.name, fact.args)
+            return self._atom(condition.name, condition.args)
         if isinstance(condition, Comparison):
             return Comparison(condition.op, self._numeric(condition.left), self._numeric(condition.right))
         if isinstance(condition, Not):
+            if preferences(condition.part):
+                raise UpdateRefused(f"a preference cannot be negated: {to_pddl(condition)}")
             return Not(self._condition(condition.part))
         # the others come from text, which was read against the domain already
         assert isinstance(condition, (And, Or, Equal, Forall, Exists, Preference)), to_pddl(condition)
         return condition
 
-    def _numeric(self, value: Numeric) -> Numeric:
+    def _numeric(self, value: Numeric, specials: Tuple[str, ...] = ()) -> Numeric:
         if isinstance(value, Fluent):
             signature = self._signature(value.name, self._domain.functions, "function")
             return Fluent(signature.name, self._arguments(signature, value.args))
         if isinstance(value, Arithmetic):
-            return Arithmetic(value.op, tuple(self._numeric(part) for part in value.parts))
+            return Arithmetic(value.op, tuple(self._numeric(part, specials) for part in value.parts))
         if isinstance(value, Number) and not math.isfinite(value.value):
             raise UpdateRefused(f"{value.value} is not a finite number")
+        if isinstance(value, Special) and value.name not in specials:
+            raise UpdateRefused(f"'{value.name}' can only stand {SPECIALS[value.name]}")
         return value

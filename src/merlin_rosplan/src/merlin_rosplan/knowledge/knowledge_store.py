@@ -10,7 +10,7 @@ import heapq
 import threading
 from collections import deque
 from contextlib import contextmanager
-from typing import Callable, Deque, Dict, Iterator, List, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Deque, Dict, Iterator, List, Optional, Sequence, Tuple, Union
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.formula import And, Atom, Condition, Exists, Forall, Not, Or
@@ -19,6 +19,7 @@ from merlin_pddl.problem import Problem
 from merlin_rosplan.knowledge.executions import OpenExecution, open_executions
 from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
+from merlin_rosplan.knowledge.knowledge_table import Table
 from merlin_rosplan.knowledge.transaction import Item, StateChange, Step, Transaction
 
 LONG = 500  # items of one question from when it is asked of a copy
@@ -54,7 +55,7 @@ class KnowledgeStore:
         everything.
     :param clock: now, in nanoseconds of ROS time.
     :param journal: where every transaction is written before it counts; its content is loaded first.
-    :param warn: gets a sentence when a strict store accepts what looks wrong; must not block.
+    :param warn: gets a sentence when a strict store drops something of its journal; must not block.
 
     What the journal raises when it cannot be read is passed on.
     """
@@ -72,7 +73,7 @@ class KnowledgeStore:
         self._lock = threading.RLock()
         self._state = KnowledgeTables(domain)
         self._copy: Optional[KnowledgeTables] = None  # of the state as it is, once one was needed
-        self._checks = KnowledgeChecks(self._state, warn) if strict else None
+        self._checks = KnowledgeChecks(self._state) if strict else None
         self._clock = clock
         self._journal = journal
         self._next_order = 1
@@ -83,6 +84,7 @@ class KnowledgeStore:
         if journal is not None:
             try:
                 self._load(journal)
+                self._drop_refused(warn)
             except BaseException:
                 journal.close()
                 raise
@@ -107,6 +109,28 @@ class KnowledgeStore:
         self._next_order = 1 + max((row.order for _, row in rows), default=0)
         self._queue_timed(self._state.timed.all())
 
+    def _drop_refused(self, warn: Callable[[str], None]) -> None:
+        """Drops what a store that was not strict has left, and no planner can read."""
+        if self._checks is None:
+            return
+        state, checks = self._state, self._checks
+        with self.transaction("state file") as transaction:
+            rules: Tuple[Tuple[Table[Any], Callable[[Any], object]], ...] = (
+                (state.instances, checks.instance),
+                (state.facts, checks.fact),
+                (state.values, checks.value),
+                (state.timed, lambda row: transaction.checked(row.item)),
+                (state.goals, lambda row: checks.check_again(checks.goal(row))),
+                (state.metric, lambda row: checks.metric(row.metric)),
+            )
+            for table, check in rules:
+                for row in list(table.all()):
+                    try:
+                        check(row)
+                    except UpdateRefused as error:
+                        warn(f"the state file has what no planner can read; it is dropped: {error}")
+                        transaction.drop(table, row.key)
+
     # --- changes --------------------------------------------------------------------------------
 
     def listen(self, callback: Callable[[StateChange], None]) -> None:
@@ -125,6 +149,7 @@ class KnowledgeStore:
             self._copy = None
             try:
                 yield transaction
+                transaction.settle()
                 if transaction.steps and self._journal is not None:
                     self._journal.commit(transaction.steps, self.version + 1)
             except OSError as error:
@@ -311,7 +336,7 @@ class KnowledgeStore:
             now = self._clock()
             objects: Dict[str, Tuple[str, ...]] = {}
             for instance in self._state.instances.all():
-                if instance.name.lower() not in self.domain.constants:
+                if not self.domain.implies(instance.name, instance.type_name):
                     objects[instance.name] = (*objects.get(instance.name, ()), instance.type_name)
             metric = self._state.metric.get("metric")
             goals = self._state.goals.all()

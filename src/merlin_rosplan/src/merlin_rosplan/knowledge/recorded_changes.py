@@ -31,9 +31,14 @@ class RecordedChanges:
             self._transaction.drop(self._transaction.state.facts, fact.key)
 
     def add(self, fact: Fact) -> None:
-        """Adds a fact that does not hold yet."""
+        """Adds a fact that does not hold yet.
+
+        :raises UpdateRefused: it may not be stored: a variable of an operator may hold an object of a type
+            that the predicate does not take.
+        """
         known = self._transaction.state.facts.get(fact.key)
         if known is None or known.negative:
+            self._transaction.checked(fact)
             was = "absent" if known is None else "negative"
             self.notes.append({"kind": "fact", "name": fact.name, "args": list(fact.args), "was": was})
             self._transaction.add_fact(fact)
@@ -43,7 +48,9 @@ class RecordedChanges:
 
         :param value: the result.
         :param op: how it came about: only INCREASE and DECREASE are taken back as differences.
+        :raises UpdateRefused: it may not be stored.
         """
+        self._transaction.checked(value)
         before = self._transaction.state.value(value.key)
         relative = op in (INCREASE, DECREASE) and before is not None
         self._transaction.add_value(value)
@@ -85,7 +92,7 @@ def _restore_fact(transaction: Transaction, note: Note) -> None:
     fact = fact_of(note)
     if note["was"] == "absent":
         transaction.drop(transaction.state.facts, fact.key)
-    elif all(transaction.state.spelling(arg) is not None for arg in fact.args):
+    elif transaction.acceptable(fact):
         transaction.add_fact(Fact(fact.name, fact.args, note["was"] == "negative"))
 
 

@@ -1,10 +1,11 @@
 """Changes to a knowledge state that happen together or not at all."""
 
+import re
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Optional, Tuple, Union
+from typing import Any, Dict, List, Optional, Set, Tuple, Union
 
 from merlin_pddl.evaluation import arithmetic
-from merlin_pddl.formula import Atom
+from merlin_pddl.formula import Atom, violated
 from merlin_pddl.knowledge import (
     ASSIGN,
     OPERATIONS,
@@ -21,6 +22,8 @@ from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables, MetricRow,
 from merlin_rosplan.knowledge.knowledge_table import Table
 
 Item = Union[Instance, Fact, FunctionValue]
+
+_WORD = re.compile(r"[^\s()]+")
 
 
 @dataclass
@@ -59,6 +62,7 @@ class Transaction:
         self.steps: List[Step] = []
         self.cleared = False
         self._checks = checks
+        self._gone: Set[str] = set()  # objects, lower-case, of which a type was removed
 
     # --- steps ----------------------------------------------------------------------------------
 
@@ -122,6 +126,14 @@ class Transaction:
         if isinstance(item, Instance):
             return self._checks.instance(item)
         return self._checks.fact(item) if isinstance(item, Fact) else self._checks.value(item)
+
+    def acceptable(self, item: Item) -> bool:
+        """Whether an item may be added."""
+        try:
+            self.checked(item)
+        except UpdateRefused:
+            return False
+        return True
 
     def _in_order(self, row: Timed) -> Timed:
         row.order = self.next_order  # it is the row's key
@@ -204,6 +216,10 @@ class Transaction:
             names = [instance.name.lower() for instance in self.state.instances.of_type(type_name)]
         for name in names:
             self.drop(self.state.instances, (type_name, name))
+            self._gone.add(name)
+            for row in self.state.timed.all():
+                if not isinstance(row.item, Instance) and name in row.item.key[1:]:
+                    self.drop(self.state.timed, row.key)
             for table in (self.state.facts, self.state.values):
                 for key in table.mentioning(name):
                     self.drop(table, key)
@@ -222,10 +238,34 @@ class Transaction:
         """Removes every goal that fits; an empty name or argument fits anything."""
         if not _has_wildcard(goal):
             self.drop(self.state.goals, goal.key)
+        else:
+            for row in self.state.goals.all():
+                if goal_fits(goal, row):
+                    self.drop(self.state.goals, row.key)
+        # A metric over preferences of a goal that is gone means nothing any more.
+        metric = self.state.metric.get("metric")
+        if metric is not None and violated(metric.metric.value) and self._checks is not None:
+            try:
+                self._checks.metric(metric.metric)
+            except UpdateRefused:
+                self.drop(self.state.metric, "metric")
+
+    def settle(self) -> None:
+        """Checks what the steps together have left; nothing is left about an object that is gone.
+
+        :raises UpdateRefused: a goal or the metric still names it.
+        """
+        if self._checks is None or not self._gone:
             return
         for row in self.state.goals.all():
-            if goal_fits(goal, row):
-                self.drop(self.state.goals, row.key)
+            if row.instance is None and not self._gone.isdisjoint(_WORD.findall(row.key)):
+                self._checks.check_again(row)
+        metric = self.state.metric.get("metric")
+        try:
+            if metric is not None:
+                self._checks.metric(metric.metric)
+        except UpdateRefused as error:
+            raise UpdateRefused(f"the metric is still there: {error}") from error
 
     def set_metric(self, metric: Optional[Metric]) -> None:
         """Replaces the metric; None drops it.

@@ -1,6 +1,6 @@
 """The domain in ROSPlan's messages."""
 
-from typing import Any, Dict, List, Tuple
+from typing import Any, Dict, List, Sequence, Tuple
 
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainAssignment, DomainFormula, DomainOperator
@@ -101,12 +101,12 @@ def read_operator(message: DomainOperator) -> Operator:
         pair.key: Variable(f"?{pair.key}", (pair.value,)) for pair in message.formula.typed_parameters
     }
 
-    def term(operand: KeyValue) -> str:
-        variable = parameters.get(operand.key)
-        return variable.name if variable is not None else operand.key
+    def arguments(_: str, operands: Sequence[KeyValue]) -> Tuple[str, ...]:
+        known = [parameters.get(operand.key) for operand in operands]
+        return tuple(each.name if each else operand.key for each, operand in zip(known, operands))
 
     def atom(formula: DomainFormula) -> Atom:
-        return Atom(formula.name, tuple(term(pair) for pair in formula.typed_parameters))
+        return Atom(formula.name, arguments(formula.name, formula.typed_parameters))
 
     def listed(when: str, suffix: str) -> List[Any]:
         return getattr(message, f"{_PREFIX[when]}_{suffix}", [])
@@ -117,13 +117,14 @@ def read_operator(message: DomainOperator) -> Operator:
         conditions += [TimedCondition(when, atom(each)) for each in listed(when, "simple_condition")]
         conditions += [TimedCondition(when, Not(atom(each))) for each in listed(when, "neg_condition")]
         conditions += [
-            TimedCondition(when, read_comparison(each, term)) for each in listed(when, "comparison")
+            TimedCondition(when, read_comparison(each, arguments)) for each in listed(when, "comparison")
         ]
         effects += [Effect(when, atom(each)) for each in listed(when, "add_effects")]
         effects += [Effect(when, atom(each), negative=True) for each in listed(when, "del_effects")]
         for each in listed(when, "assign_effects"):
             left = atom(each.LHS)
-            op, value = _ASSIGNMENT_NAMES.get(each.assign_type, "assign"), read_expression(each.RHS, term)
+            op = _ASSIGNMENT_NAMES.get(each.assign_type, "assign")
+            value = read_expression(each.RHS, arguments)
             effects.append(Effect(when, fluent=Fluent(left.name, left.args), op=op, value=value))
     durative = any(each.when != START for each in conditions) or any(each.when != START for each in effects)
     return Operator(

@@ -1,12 +1,13 @@
 """Numeric expressions and comparisons between PDDL values and ROSPlan's messages (prefix notation)."""
 
-from typing import Callable, Dict, List, Tuple, Union
+from typing import Callable, Dict, List, Mapping, Sequence, Tuple, Union
 
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, ExprComposite
 
-from merlin_pddl.domain import Domain
+from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.formula import Arithmetic, Atom, Comparison, Fluent, Number, Numeric, Special
+from merlin_pddl.knowledge import KeysError, arranged
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_sm.knowledge_text import COMPARISONS, OPERATORS
 
@@ -14,9 +15,9 @@ _COMPARISON_NAMES = {number: name for name, number in COMPARISONS.items()}
 _OPERATION_NAMES = {number: name for name, number in OPERATORS.items()}
 _SPECIALS = {"#t": ExprBase.HASHT, "total-time": ExprBase.TOTAL_TIME, "?duration": ExprBase.DURATION}
 _SPECIAL_NAMES = {number: name for name, number in _SPECIALS.items()}
-_NAMED_SPECIALS = ("total-cost", "is-violated")  # no number of their own: carried as functions
+_NAMED_SPECIALS = ("is-violated",)  # no number of its own: carried as a function
 _MAX_TOKENS = 10_000
-_DEEPEST = 100  # levels of a numeric expression
+_DEEPEST = 90  # levels of a numeric expression: a problem around it is read too
 
 
 class FormulaWriter:
@@ -84,15 +85,40 @@ class FormulaWriter:
         )
 
 
-def _object(pair: KeyValue) -> str:
-    name: str = pair.value
-    return name
+#: The terms of a predicate or function of that name, from the pairs of a message.
+Arguments = Callable[[str, Sequence[KeyValue]], Tuple[str, ...]]
 
 
-def read_expression(message: ExprComposite, term: Callable[[KeyValue], str] = _object) -> Numeric:
+def by_position(name: str, pairs: Sequence[KeyValue]) -> Tuple[str, ...]:
+    """The values as they stand, whatever their keys: what an original ROSPlan means."""
+    return tuple(pair.value for pair in pairs)
+
+
+def by_name(known: Mapping[str, Signature]) -> Arguments:
+    """Reads the values by the declared keys, or by position where none of the keys is declared.
+
+    :param known: the predicates or functions.
+    :return: raises UpdateRefused for keys of which only some are declared.
+    """
+
+    def arguments(name: str, pairs: Sequence[KeyValue]) -> Tuple[str, ...]:
+        signature = known.get(name.lower())
+        if signature is None:
+            return by_position(name, pairs)
+        try:
+            return arranged(
+                name, [each.label for each in signature.parameters], [(p.key, p.value) for p in pairs]
+            )
+        except KeysError as error:
+            raise UpdateRefused(str(error)) from error
+
+    return arguments
+
+
+def read_expression(message: ExprComposite, arguments: Arguments = by_position) -> Numeric:
     """The expression in a message.
 
-    :param term: the variable or object that an argument of a function stands for.
+    :param arguments: the variables or objects that the arguments of a function stand for.
     :raises UpdateRefused: the tokens are not prefix notation.
     """
     tokens = message.tokens
@@ -104,7 +130,7 @@ def read_expression(message: ExprComposite, term: Callable[[KeyValue], str] = _o
     stack: List[Numeric] = []
     for token in reversed(tokens):
         if token.expr_type != ExprBase.OPERATOR:
-            stack.append(_operand(token, term))
+            stack.append(_operand(token, arguments))
             continue
         wanted = 1 if token.op == ExprBase.UMINUS else 2
         if len(stack) < wanted:
@@ -133,24 +159,24 @@ def _depth_exceeded(size: int, value: Numeric) -> bool:
     return False
 
 
-def _operand(token: ExprBase, term: Callable[[KeyValue], str]) -> Numeric:
+def _operand(token: ExprBase, arguments: Arguments) -> Numeric:
     if token.expr_type == ExprBase.CONSTANT:
         return Number(token.constant)
     if token.expr_type == ExprBase.FUNCTION:
         name = token.function.name
-        args = tuple(term(pair) for pair in token.function.typed_parameters)
+        args = arguments(name, token.function.typed_parameters)
         return Special(name, args) if name.lower() in _NAMED_SPECIALS else Fluent(name, args)
     if token.expr_type == ExprBase.SPECIAL and token.special_type in _SPECIAL_NAMES:
         return Special(_SPECIAL_NAMES[token.special_type])
     raise UpdateRefused(f"a token of a numeric expression has the unknown type {token.expr_type}")
 
 
-def read_comparison(message: DomainInequality, term: Callable[[KeyValue], str] = _object) -> Comparison:
-    """The comparison in a message; `term` as for :func:`read_expression`.
+def read_comparison(message: DomainInequality, arguments: Arguments = by_position) -> Comparison:
+    """The comparison in a message; `arguments` as for :func:`read_expression`.
 
     :raises UpdateRefused: it is malformed.
     """
     if message.comparison_type not in _COMPARISON_NAMES:
         raise UpdateRefused(f"{message.comparison_type} is not a comparison")
     name = _COMPARISON_NAMES[message.comparison_type]
-    return Comparison(name, read_expression(message.LHS, term), read_expression(message.RHS, term))
+    return Comparison(name, read_expression(message.LHS, arguments), read_expression(message.RHS, arguments))

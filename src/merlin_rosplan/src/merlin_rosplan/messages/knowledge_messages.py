@@ -25,7 +25,13 @@ from merlin_pddl.problem_reader import parse_condition
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.transaction import Item
-from merlin_rosplan.messages.expression_messages import FormulaWriter, read_comparison, read_expression
+from merlin_rosplan.messages.expression_messages import (
+    FormulaWriter,
+    by_name,
+    by_position,
+    read_comparison,
+    read_expression,
+)
 
 _ASSIGNMENTS = {
     KnowledgeItem.AP_ASSIGN: ASSIGN,
@@ -47,10 +53,13 @@ class KnowledgeReader:
     """Reads the knowledge items of requests.
 
     :param domain: for goals and queries that come as PDDL text.
+    :param keys: arguments are named by the declared keys, where they have them; else only their order counts.
     """
 
-    def __init__(self, domain: Domain) -> None:
+    def __init__(self, domain: Domain, keys: bool = True) -> None:
         self._domain = domain
+        self._of_predicate = by_name(domain.predicates) if keys else by_position
+        self._of_function = by_name(domain.functions) if keys else by_position
 
     def item(self, message: KnowledgeItem) -> Item:
         """An instance, fact or function value.
@@ -60,10 +69,10 @@ class KnowledgeReader:
         kind = message.knowledge_type
         if kind == KnowledgeItem.INSTANCE:
             return Instance(message.instance_type, message.instance_name)
-        args = tuple(pair.value for pair in message.values)
         labels = tuple(pair.key for pair in message.values)
         since = message.initial_time.to_nsec()
         if kind == KnowledgeItem.FACT:
+            args = self._of_predicate(message.attribute_name, message.values)
             return Fact(message.attribute_name, args, message.is_negative, since, labels)
         if kind == KnowledgeItem.FUNCTION:
             if message.assign_op not in _ASSIGNMENTS:
@@ -71,6 +80,7 @@ class KnowledgeReader:
                     f"assign_op {message.assign_op} of '{message.attribute_name}' cannot be applied at once"
                 )
             op = _ASSIGNMENTS[message.assign_op]
+            args = self._of_function(message.attribute_name, message.values)
             return FunctionValue(message.attribute_name, args, message.function_value, since, op, labels)
         raise UpdateRefused(f"knowledge_type {kind} is not an instance, fact or function value")
 
@@ -91,10 +101,10 @@ class KnowledgeReader:
         """
         kind = message.knowledge_type
         if kind == KnowledgeItem.FACT:
-            atom = Atom(message.attribute_name, tuple(pair.value for pair in message.values))
+            atom = Atom(message.attribute_name, self._of_predicate(message.attribute_name, message.values))
             return Not(atom) if message.is_negative else atom
         if kind == KnowledgeItem.INEQUALITY:
-            comparison = read_comparison(message.ineq)
+            comparison = read_comparison(message.ineq, self._of_function)
             return Not(comparison) if message.is_negative else comparison
         if kind == KnowledgeItem.EXPRESSION and message.attribute_name:
             if len(message.attribute_name) > MAX_EXPRESSION:
@@ -116,16 +126,16 @@ class KnowledgeReader:
         if message.knowledge_type in (KnowledgeItem.INEQUALITY, KnowledgeItem.EXPRESSION):
             return self.condition(message, objects)
         if message.knowledge_type == KnowledgeItem.FUNCTION:
-            return FunctionValue(message.attribute_name, tuple(pair.value for pair in message.values), 0.0)
+            args = self._of_function(message.attribute_name, message.values)
+            return FunctionValue(message.attribute_name, args, 0.0)
         return self.item(message)
 
-    @staticmethod
-    def metric(message: KnowledgeItem) -> Metric:
+    def metric(self, message: KnowledgeItem) -> Metric:
         """A metric.
 
         :raises UpdateRefused: it is malformed.
         """
-        return Metric(message.optimization, read_expression(message.expr))
+        return Metric(message.optimization, read_expression(message.expr, self._of_function))
 
 
 class KnowledgeWriter:

@@ -105,9 +105,9 @@ class KnowledgeSnapshots:
         problem = Problem("task", domain.name)
         for type_name in dict.fromkeys([*domain.types, "object"]):
             for name in self._ask("state/instances", type_name, False, False).instances:
-                if name.lower() not in domain.constants:
+                if not domain.implies(name, type_name):
                     problem.objects[name] = (*problem.objects.get(name, ()), type_name)
-        reader = KnowledgeReader(domain)
+        reader = KnowledgeReader(domain, keys=False)  # an original stores the keys as they were sent
         objects: Dict[str, Tuple[str, ...]] = {**domain.constants}
         objects.update({name.lower(): types for name, types in problem.objects.items()})
         try:

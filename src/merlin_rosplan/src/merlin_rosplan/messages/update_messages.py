@@ -20,7 +20,7 @@ class UpdateReader:
     """
 
     def __init__(self, domain: Domain, objects: Objects, strict: bool) -> None:
-        self._reader = KnowledgeReader(domain)
+        self._reader = KnowledgeReader(domain, keys=strict)
         self._objects = objects
         self._strict = strict
 

@@ -73,7 +73,7 @@ class KnowledgeBase(Component):
         self.param("use_unknowns", False)  # ROSPlan reads it and never uses it
         max_items = int(self.number("max_items", MAX_ITEMS, 0))
         self.store = self._make_store()
-        self._reader = KnowledgeReader(self.domain)
+        self._reader = KnowledgeReader(self.domain, keys=self.strict)
         self._updates = UpdateReader(self.domain, self.store.objects, self.strict)
         self._writer = KnowledgeWriter(self.domain)
         self._status = self.publisher("status/update", StatusUpdate)
@@ -82,7 +82,7 @@ class KnowledgeBase(Component):
         self.store.listen(self._publish_change)
         self.own(TimedKnowledge(self.store, self.scope))
         DomainServices(self, self.domain, self.store.sensed)
-        StateServices(self, self.store, max_items)
+        StateServices(self, self.store, max_items, self.strict)
         self.service("update", KnowledgeUpdateService, self._update)
         self.service("update_array", bounded(UpdateArray, max_items), self._update_array)
         self.service("clear", Empty, self._clear)

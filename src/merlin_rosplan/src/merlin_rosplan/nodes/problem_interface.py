@@ -11,8 +11,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_pddl.domain import Domain
+from merlin_pddl.knowledge import Instance
 from merlin_pddl.problem import Problem
-from merlin_pddl.problem_writer import ProblemWriteError, write_problem
+from merlin_pddl.problem_writer import write_problem
 from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.nodes.world_reader import WorldReader
@@ -20,6 +21,10 @@ from merlin_rosplan.transport.component import Component, ComponentError, run_co
 from merlin_rosplan.transport.handover import Handover, digest_service
 
 PROBLEM_INTERFACE = "rosplan_problem_interface"
+
+
+class ProblemWriteError(Exception):
+    """The problem cannot be generated; the text says why."""
 
 
 class ProblemInterface(Component):
@@ -78,6 +83,10 @@ class ProblemInterface(Component):
             domain, problem = self._snapshot()
             for instance in problem.instance_goals:
                 rospy.logwarn("%s: PDDL has no goal that %s exists; left out", self.scope, instance.text())
+            for row in problem.timed:
+                if isinstance(row.item, Instance):
+                    text = row.item.text()
+                    rospy.logwarn("%s: PDDL cannot say that %s appears later; left out", self.scope, text)
             text = write_problem(problem, domain)
             if path:
                 _write(path, text)

@@ -38,11 +38,11 @@ MAX_QUERY_TIME = 60.0
 class StateServices:
     """Offers ``state/...`` and ``query_state`` below a component."""
 
-    def __init__(self, component: Component, store: KnowledgeStore, max_items: int) -> None:
+    def __init__(self, component: Component, store: KnowledgeStore, max_items: int, keys: bool) -> None:
         self._name = component.scope
         self._max_query_time = component.number("max_query_time", MAX_QUERY_TIME, 0)
         self._store = store
-        self._reader = KnowledgeReader(store.domain)
+        self._reader = KnowledgeReader(store.domain, keys)
         self._writer = KnowledgeWriter(store.domain)
         component.service("state/instances", GetInstanceService, self._instances)
         component.service("state/propositions", GetAttributeService, self._propositions)

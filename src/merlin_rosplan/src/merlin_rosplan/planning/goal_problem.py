@@ -15,7 +15,6 @@ def write_goal_problem(domain: Domain, problem: Problem, goals: Sequence[str]) -
     :param problem: a copy of the state; its goals are replaced.
     :param goals: PDDL text.
     :raises PddlError: a goal is not PDDL, or not one of the domain.
-    :raises ProblemWriteError: the state cannot be said in PDDL.
     """
     objects = {**domain.constants, **{name.lower(): kinds for name, kinds in problem.objects.items()}}
     problem.goals = [part for text in goals for part in conjuncts(parse_condition(text, domain, objects))]

@@ -8,7 +8,6 @@ from typing import Optional, Sequence, Tuple
 from merlin_pddl.domain import Domain
 from merlin_pddl.plan_text import NO_DURATION, PlanStep, parse_plan
 from merlin_pddl.problem import Problem
-from merlin_pddl.problem_writer import ProblemWriteError
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.planning.goal_problem import write_goal_problem
 from merlin_rosplan.planning.planner import PlannerSettings
@@ -85,7 +84,7 @@ class Previews:
         path = Path(self._folder.name) / "problem.pddl"
         try:
             path.write_text(write_goal_problem(*world, goals), encoding="utf-8")
-        except (PddlError, ProblemWriteError, OSError) as error:
+        except (PddlError, OSError) as error:
             return PlanningOutcome(PlannerState.INVALID, str(error))
         settings = dataclasses.replace(self._settings, command=command, without=tuple(without))
         planning = Planning(settings, domain_path, str(path))
