@@ -23,7 +23,7 @@ kairos = pytest.importorskip("kairos")
 STRICTER = [
     r"expected (the name of|a name|a predicate|a function|a type|the type)[^']*'[^']*[.@][^']*'",
     r"expected (the name of|a name|a predicate|a function|a type)[^']*'[0-9][^']*'",
-    r"expected [^']*, found '-'",
+    r"expected [^']*, found '-[^']*'",
     r"expected a variable such as '\?x', found '\?([0-9]|[^']*[.@])",
     r"expected a (predicate|function), found '-?[0-9][^']*'",
     r"is no word of PDDL",

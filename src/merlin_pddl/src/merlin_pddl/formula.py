@@ -275,8 +275,5 @@ def conjuncts(condition: Condition) -> List[Condition]:
 
 
 def bind(term: str, bindings: Mapping[str, str]) -> str:
-    """The object a term stands for.
-
-    :raises KeyError: the term is a variable without a value.
-    """
-    return bindings[term] if term.startswith("?") else term
+    """The object a term stands for. A variable without a value is none: a client may ask about ``?x``."""
+    return bindings.get(term, term)

@@ -14,6 +14,7 @@ _LINE = re.compile(r"^\s*([^\s:]+)\s*:\s*\(([^()]*)\)+\s*\[\s*(?:D:\s*)?([^\s\];
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 # a time and a colon, or something in parentheses: meant as an action, whatever is missing
 _MEANT = re.compile(r"^\s*(?:[+-]?[\d.]+(?:[eE][+-]?\d+)?\s*:|\()")
+_END = re.compile(r"\r\n|\r|\n")
 _SYMBOL = re.compile(r"[^\s()?;:]+")
 
 
@@ -57,7 +58,7 @@ def parse_line(line: str) -> Optional[PlanStep]:
 
 def _step(line: str, number: int) -> PlanStep:
     found = _LINE.match(line)
-    words = found.group(2).split() if found else []
+    words = re.findall(r"[^ \t]+", found.group(2)) if found else []
     if not found or not words:
         raise PlanTextError(f"{_place(line, number)}, is not '<time>: (<action> <arguments>) [<duration>]'")
     time, duration = (
@@ -96,7 +97,7 @@ def parse_plan(text: str) -> List[PlanStep]:
     """
     steps: List[PlanStep] = []
     other = ""  # the first line that is neither an action nor a comment
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(_END.split(text), 1):
         if len(line.strip()) < 2:
             if steps:
                 break

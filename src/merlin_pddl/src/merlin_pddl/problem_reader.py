@@ -11,7 +11,6 @@ from merlin_pddl.formula import Arithmetic, Condition, Fluent, Numeric, violated
 from merlin_pddl.formula import Number as NumberValue
 from merlin_pddl.formula_reader import IN_METRIC, FormulaReader, preference_names, typed_list
 from merlin_pddl.knowledge import Fact, FunctionValue, Metric, Timed, conjuncts
-from merlin_pddl.plan_text import LONGEST
 from merlin_pddl.problem import Problem
 from merlin_pddl.text_reader import (
     MAX_DEPTH,
@@ -24,6 +23,8 @@ from merlin_pddl.text_reader import (
 )
 
 NANOSECONDS = 1_000_000_000
+#: s: ROS counts them in 32 bits.
+LATEST = 2**32
 
 
 #: Why a knowledge base takes no trajectory constraints, and what to do.
@@ -125,8 +126,8 @@ class ProblemReader:
                 else:
                     self._problem.facts.append(found)
             else:
-                if not 0 <= time <= LONGEST:
-                    raise node.error(f"a timed fact lies between 0 and {LONGEST:g} s after the start")
+                if not 0 <= time <= LATEST:
+                    raise node.error(f"a timed fact lies between 0 and {LATEST} s after the start")
                 self._problem.timed.append(Timed(int(time * NANOSECONDS), self._item(node[2])))
 
     def _item(self, node: Node) -> Union[Fact, FunctionValue]:
