@@ -2,9 +2,11 @@
 
 from typing import Dict, List, Optional, Sequence
 
+from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, KnowledgeItem
 
 from merlin_executor.goals.goal_rules import GoalError, check_atom
+from merlin_pddl.knowledge import arranged
 from merlin_sm.knowledge_client import KnowledgeClient
 from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 
@@ -14,28 +16,35 @@ __all__ = ["GoalError", "check_goals"]
 def check_goals(items: Sequence[KnowledgeItem], knowledge: KnowledgeClient) -> None:
     """Compares goals with the domain and the objects of a knowledge base.
 
+    Arguments that are named by the declared keys are put into the declared order, in the items themselves.
+
     :raises GoalError: for no goals at all, unknown predicates, functions and objects, wrong numbers of
-        arguments, and kinds of knowledge that cannot be goals.
+        arguments or keys, and kinds of knowledge that cannot be goals.
     :raises merlin_ros.service_proxy.ServiceError: when the knowledge base does not answer.
     """
     if not items:
         raise GoalError("the request has no goals")
-    predicates = _arities(knowledge.predicates())
-    functions: Optional[Dict[str, int]] = None
+    predicates = knowledge.predicates()
+    functions: Optional[Dict[str, DomainFormula]] = None
     objects = {name.lower() for name in knowledge.instances()}
     for item in items:
-        text = to_pddl(item)
         if item.knowledge_type == KnowledgeItem.FACT:
+            item.values = _in_order(item.attribute_name, item.values, predicates)
+            text = to_pddl(item)
             arguments = [value.value for value in item.values]
-            check_atom(text, "predicate", item.attribute_name, arguments, predicates, objects)
+            check_atom(text, "predicate", item.attribute_name, arguments, _arities(predicates), objects)
         elif item.knowledge_type == KnowledgeItem.INEQUALITY:
-            functions = functions if functions is not None else _arities(knowledge.function_signatures())
+            functions = functions if functions is not None else knowledge.function_signatures()
+            for token in _functions(item.ineq):
+                called = token.function
+                called.typed_parameters = _in_order(called.name, called.typed_parameters, functions)
+            text = to_pddl(item)
             for token in _functions(item.ineq):
                 arguments = [value.value for value in token.function.typed_parameters]
-                check_atom(text, "function", token.function.name, arguments, functions, objects)
+                check_atom(text, "function", token.function.name, arguments, _arities(functions), objects)
             _check_readable(text)
         else:
-            raise GoalError(f"{text!r} is neither a fact nor a comparison, so it cannot be a goal")
+            raise GoalError(f"{to_pddl(item)!r} is neither a fact nor a comparison, so it cannot be a goal")
 
 
 def _check_readable(text: str) -> None:
@@ -44,6 +53,16 @@ def _check_readable(text: str) -> None:
         parse_goal(text)
     except PDDLSyntaxError as error:
         raise GoalError(f"{text} is not a comparison of two expressions: {error}") from error
+
+
+def _in_order(name: str, pairs: List[KeyValue], known: Dict[str, DomainFormula]) -> List[KeyValue]:
+    formula = {key.lower(): formula for key, formula in known.items()}.get(name.lower())
+    labels = [] if formula is None else [parameter.key for parameter in formula.typed_parameters]
+    try:
+        values = arranged(name, labels, [(pair.key, pair.value) for pair in pairs])
+    except ValueError as error:
+        raise GoalError(str(error)) from error
+    return [KeyValue(key="", value=value) for value in values]
 
 
 def _arities(formulas: Dict[str, DomainFormula]) -> Dict[str, int]:

@@ -281,7 +281,7 @@ class FormulaReader:
         :raises PddlError: it is malformed or names something unknown.
         """
         head = str(node) if isinstance(node, Word) else node.head
-        if head in SPECIALS and head not in self._domain.functions:
+        if head in SPECIALS:
             return self._special(node, head, scope)
         if isinstance(node, Word):
             value = number_of(node)

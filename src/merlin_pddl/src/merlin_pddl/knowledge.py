@@ -22,10 +22,6 @@ SCALE_DOWN = "scale-down"
 OPERATIONS = {INCREASE: "+", DECREASE: "-", SCALE_UP: "*", SCALE_DOWN: "/"}
 
 
-class KeysError(ValueError):
-    """Arguments are named, and not by the names that are declared; the text says which."""
-
-
 def arranged(name: str, labels: Sequence[str], pairs: Sequence[Tuple[str, str]]) -> Tuple[str, ...]:
     """The arguments of a predicate or function in the declared order.
 
@@ -33,7 +29,7 @@ def arranged(name: str, labels: Sequence[str], pairs: Sequence[Tuple[str, str]])
     :param labels: as declared, without ``?``.
     :param pairs: key and value of each argument. Keys that are all declared name the arguments; without any
         declared one the order counts, as in ROSPlan.
-    :raises KeysError: only some keys are declared, or one stands twice.
+    :raises ValueError: only some keys are declared, or one stands twice.
     """
     order = {label.lower(): number for number, label in enumerate(labels)}
     places = [order.get(key.lower().lstrip("?")) for key, _ in pairs]
@@ -42,7 +38,7 @@ def arranged(name: str, labels: Sequence[str], pairs: Sequence[Tuple[str, str]])
         return tuple(value for _, value in pairs)
     if len(known) < len(places) or len(set(known)) < len(known):
         keys, wanted = ", ".join(repr(key) for key, _ in pairs), ", ".join(map(repr, labels))
-        raise KeysError(
+        raise ValueError(
             f"the keys of '{name}' are {keys}, declared are {wanted}: "
             "name each argument once by its declared key, or none of them"
         )

@@ -70,7 +70,6 @@ class ProblemReader:
     def __init__(self, node: Expression, domain: Domain, constraints: bool = False) -> None:
         self._takes_constraints = constraints
         name, self._sections = open_definition(node, "problem")
-        self._preferences = domain.preferences | preference_names(node)
         self._domain = domain
         self._problem = Problem(str(name), domain.name)
         self._formulas = FormulaReader(domain, self._problem.objects)
@@ -174,7 +173,7 @@ class ProblemReader:
         if len(section) != 3 or section[1] not in ("minimize", "maximize"):
             raise section.error("expected (:metric minimize <expression>) or maximize")
         value = self._formulas.numeric(section[2], IN_METRIC)
-        unknown = violated(value) - self._preferences
-        if unknown:
-            raise section.error(f"there is no preference '{min(unknown)}'")
+        for name in violated(value) - self._domain.preferences:
+            if not any(name in preference_names(part) for part in self._sections if part.head != ":init"):
+                raise section.error(f"there is no preference '{name}'")
         self._problem.metric = Metric(str(section[1]), value)

@@ -93,7 +93,7 @@ def read_text(text: str, source: str = "", depth: int = MAX_DEPTH) -> List[Node]
     :raises PddlError: a parenthesis is missing or too many, the nesting is absurd, or something is no word of
         PDDL.
     """
-    text = text[1:] if text.startswith("\ufeff") else text
+    text = text[1:] if text.startswith("\ufeff") else text  # a mark of the byte order
     lines = [0] + [match.end() for match in re.finditer(r"\r\n|\r|\n", text)]
     found: List[Node] = []
     open_: List[Expression] = []
@@ -173,14 +173,14 @@ def text_of(path: Union[str, Path]) -> str:
     """
     try:
         data = Path(path).read_bytes()
-        return data.decode("utf-8-sig")
+        return data.decode()
     except UnicodeDecodeError as error:
         before = re.split(rb"\r\n|\r|\n", data[: error.start])
         raise PddlError(
             f"the byte 0x{data[error.start]:02x} is not UTF-8, in a comment neither: save the file as UTF-8",
             str(path),
             len(before),
-            len(before[-1].decode()) + 1,
+            len(before[-1].decode(errors="replace")) + 1,
         ) from error
     except (OSError, ValueError) as error:  # ValueError: a path with a null byte
         raise PddlError(f"cannot be read: {getattr(error, 'strerror', '') or error}", str(path)) from error

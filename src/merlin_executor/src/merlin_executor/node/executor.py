@@ -46,7 +46,7 @@ from merlin_sm.breakpoint_service import BreakpointService
 from merlin_sm.dispatch_client import DispatchClient
 from merlin_sm.introspection import start_introspection
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
-from merlin_sm.knowledge_text import PDDLSyntaxError
+from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
 from merlin_sm.planning_client import PlanningClient
 from merlin_sm.states.planning import CALL_GRACE
 
@@ -161,6 +161,7 @@ class Executor:
             request = Request(goal, next(self._order), self._max_replans)
             with self._checking(goal):
                 check_goals(request.items, self._knowledge)
+            request.texts = [to_pddl(item) for item in request.items]  # the arguments are in order now
         except (PDDLSyntaxError, GoalError, RequestTooLarge) as error:
             self._refuse(goal, str(error))
         except ServiceError as error:

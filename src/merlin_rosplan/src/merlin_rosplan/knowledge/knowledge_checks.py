@@ -1,7 +1,7 @@
 """What a strict knowledge base refuses, with the reason; what it accepts gets the domain's spelling."""
 
 import math
-from typing import Dict, Optional, Tuple
+from typing import Dict, Optional, Set, Tuple
 
 from merlin_pddl.domain import Signature
 from merlin_pddl.formula import (
@@ -121,11 +121,14 @@ class KnowledgeChecks:
         if item.optimization.lower() not in ("minimize", "maximize"):
             raise UpdateRefused(f"a metric is to 'minimize' or 'maximize', not to '{item.optimization}'")
         value = self._numeric(item.value, ("total-time", "is-violated"))
-        named = {p.name for goal in self._state.goals.all() for p in preferences(goal.condition or And())}
-        unknown = violated(value) - named - self._domain.preferences
-        if unknown:
-            raise UpdateRefused(f"there is no preference '{min(unknown)}' that could be violated")
+        if self.unknown(item):
+            raise UpdateRefused(f"there is no preference '{min(self.unknown(item))}' that could be violated")
         return Metric(item.optimization.lower(), value)
+
+    def unknown(self, metric: Metric) -> Set[str]:
+        """The preferences of a metric that neither the domain nor a goal has."""
+        named = {p.name for goal in self._state.goals.all() for p in preferences(goal.condition or And())}
+        return violated(metric.value) - named - self._domain.preferences
 
     def _signature(self, name: str, known: Dict[str, Signature], what: str) -> Signature:
         if not name:

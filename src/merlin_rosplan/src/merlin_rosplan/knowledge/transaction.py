@@ -1,11 +1,12 @@
 """Changes to a knowledge state that happen together or not at all."""
 
+import contextlib
 import re
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Set, Tuple, Union
 
 from merlin_pddl.evaluation import arithmetic
-from merlin_pddl.formula import Atom, violated
+from merlin_pddl.formula import Atom
 from merlin_pddl.knowledge import (
     ASSIGN,
     OPERATIONS,
@@ -129,11 +130,10 @@ class Transaction:
 
     def acceptable(self, item: Item) -> bool:
         """Whether an item may be added."""
-        try:
+        with contextlib.suppress(UpdateRefused):
             self.checked(item)
-        except UpdateRefused:
-            return False
-        return True
+            return True
+        return False
 
     def _in_order(self, row: Timed) -> Timed:
         row.order = self.next_order  # it is the row's key
@@ -243,12 +243,9 @@ class Transaction:
                 if goal_fits(goal, row):
                     self.drop(self.state.goals, row.key)
         # A metric over preferences of a goal that is gone means nothing any more.
-        metric = self.state.metric.get("metric")
-        if metric is not None and violated(metric.metric.value) and self._checks is not None:
-            try:
-                self._checks.metric(metric.metric)
-            except UpdateRefused:
-                self.drop(self.state.metric, "metric")
+        found = self.state.metric.get("metric")
+        if self._checks is not None and found is not None and self._checks.unknown(found.metric):
+            self.drop(self.state.metric, "metric")
 
     def settle(self) -> None:
         """Checks what the steps together have left; nothing is left about an object that is gone.

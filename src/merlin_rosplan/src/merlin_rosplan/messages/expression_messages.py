@@ -7,7 +7,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase
 
 from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.formula import Arithmetic, Atom, Comparison, Fluent, Number, Numeric, Special
-from merlin_pddl.knowledge import KeysError, arranged
+from merlin_pddl.knowledge import arranged
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_sm.knowledge_text import COMPARISONS, OPERATORS
 
@@ -105,11 +105,10 @@ def by_name(known: Mapping[str, Signature]) -> Arguments:
         signature = known.get(name.lower())
         if signature is None:
             return by_position(name, pairs)
+        labels = [parameter.label for parameter in signature.parameters]
         try:
-            return arranged(
-                name, [each.label for each in signature.parameters], [(p.key, p.value) for p in pairs]
-            )
-        except KeysError as error:
+            return arranged(name, labels, [(pair.key, pair.value) for pair in pairs])
+        except ValueError as error:
             raise UpdateRefused(str(error)) from error
 
     return arguments

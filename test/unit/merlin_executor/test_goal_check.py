@@ -1,0 +1,53 @@
+"""Goals that come as items name their arguments by the declared keys, or by none of them."""
+
+import pytest
+from diagnostic_msgs.msg import KeyValue
+from rosplan_knowledge_msgs.msg import DomainFormula, KnowledgeItem
+
+from merlin_executor.goal_check import GoalError, check_goals
+from merlin_sm.knowledge_text import parse_goal, to_pddl
+
+
+class World:
+    """What a knowledge client says about a small domain."""
+
+    def predicates(self):
+        return {"door": DomainFormula("door", [KeyValue("from", "room"), KeyValue("to", "room")])}
+
+    def function_signatures(self):
+        return {"way": DomainFormula("way", [KeyValue("from", "room"), KeyValue("to", "room")])}
+
+    def instances(self):
+        return ["a", "b"]
+
+
+def checked(item):
+    check_goals([item], World())
+    return to_pddl(item)
+
+
+def pairs(values):
+    return [KeyValue(*pair) for pair in values]
+
+
+@pytest.mark.parametrize(
+    "values, order",
+    [
+        ([("to", "b"), ("from", "a")], "a b"),
+        ([("p0", "b"), ("p1", "a")], "b a"),
+        ([("", "b"), ("", "a")], "b a"),
+    ],
+)
+def test_arguments_are_in_the_declared_order(values, order):
+    fact = KnowledgeItem(knowledge_type=KnowledgeItem.FACT, attribute_name="Door", values=pairs(values))
+    assert checked(fact) == f"(Door {order})"
+    (comparison,) = parse_goal("(> (way a a) 3)")
+    comparison.ineq.LHS.tokens[0].function.typed_parameters = pairs(values)
+    assert checked(comparison) == f"(> (way {order}) 3)"
+
+
+def test_keys_of_which_only_some_are_declared_are_refused():
+    values = pairs([("to", "b"), ("x", "a")])
+    fact = KnowledgeItem(knowledge_type=KnowledgeItem.FACT, attribute_name="door", values=values)
+    with pytest.raises(GoalError, match="the keys of 'door' are 'to', 'x', declared are 'from', 'to'"):
+        checked(fact)
