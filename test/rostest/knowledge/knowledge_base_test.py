@@ -28,7 +28,7 @@ from rosplan_knowledge_msgs.srv import (
 )
 from rosplan_knowledge_msgs.srv import KnowledgeUpdateServiceRequest as Update
 from std_msgs.msg import String
-from std_srvs.srv import Empty
+from std_srvs.srv import Empty, Trigger
 
 import rostest
 from merlin_ros.actions.lease_holder import LeaseHolder
@@ -130,6 +130,7 @@ class KnowledgeBaseTest(unittest.TestCase):
             fact("checked", "kitchn"),
             fact("checked"),
             fact("checked", ""),
+            fact("checked", "anywhere"),
             instance("table", "t"),
             travel_time("kitchen", "moon", 3.0),
             Item(knowledge_type=9),
@@ -141,6 +142,24 @@ class KnowledgeBaseTest(unittest.TestCase):
         self.assertFalse(self.update([0], []))
         self.assertEqual(self.propositions(), before)
         self.assertTrue(self.update([Update.REMOVE_KNOWLEDGE], [fact("nobody", "knows", "this")]))
+
+    def test_arguments_are_named_by_the_declared_keys(self):
+        item = travel_time("", "", 77.0)
+        item.values = [KeyValue("to", "kitchen"), KeyValue("from", "anywhere")]
+        before = self.one_travel_time("anywhere", "kitchen")
+        self.assertTrue(self.update([0], [item]))
+        self.assertEqual(self.one_travel_time("anywhere", "kitchen"), 77.0)
+        self.assertTrue(self.query(item).all_true)
+        self.assertTrue(self.update([0], [travel_time("anywhere", "kitchen", before)]))
+        item.values[1].key = "p1"
+        self.assertFalse(call("update", KnowledgeUpdateService, 0, item).success)
+        self.assertIn("the keys of 'travel_time' are 'to', 'p1'", call("last_refusal", Trigger).message)
+
+    def one_travel_time(self, start, end):
+        for item in call("state/functions", GetAttributeService, "travel_time").attributes:
+            if [pair.value for pair in item.values] == [start, end]:
+                return item.function_value
+        self.fail(f"from {start} to {end} there is no travel time")
 
     def test_lenient_knowledge_base_accepts_everything(self):
         for item in (fact("new", "a", ""), instance("table", "t"), travel_time("x", "y", 3.0)):

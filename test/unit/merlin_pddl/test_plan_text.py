@@ -80,3 +80,9 @@ def test_what_makes_no_plan_is_refused_with_its_line(line, reason):
 
 def test_comments_alone_are_an_empty_plan():
     assert parse_plan("; cost = 0\n\n; done\n") == []
+
+
+@pytest.mark.parametrize("blank", ["\xa0", "\x85", "\u2028", "\x1c"])
+def test_other_blanks_part_neither_words_nor_lines(blank):
+    (step,) = parse_plan(f"0: (go{blank}home now) [1]\n")
+    assert (step.name, step.arguments) == (f"go{blank}home", ("now",))
