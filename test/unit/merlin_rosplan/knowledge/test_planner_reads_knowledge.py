@@ -200,7 +200,7 @@ def test_whatever_is_accepted_the_planner_reads():
 
 @pytest.mark.long
 def test_whatever_is_accepted_the_planner_reads_by_the_thousand():
-    assert sum(bombard(seed)[0] for seed in range(1_000, 4_000)) > 10_000
+    assert sum(bombard(seed)[0] for seed in range(1_000, 4_000)) > 9_000
 
 
 def test_the_others_still_get_their_plans():
