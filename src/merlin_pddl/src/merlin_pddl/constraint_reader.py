@@ -3,8 +3,15 @@
 from typing import Dict, List, Optional
 
 from merlin_pddl.domain import Domain
-from merlin_pddl.formula_reader import TRAJECTORY, FormulaReader, Scope, parameters, preference_name
-from merlin_pddl.text_reader import Expression, Node, number_of
+from merlin_pddl.formula_reader import (
+    TRAJECTORY,
+    FormulaReader,
+    Scope,
+    number_of,
+    parameters,
+    preference_name,
+)
+from merlin_pddl.text_reader import Expression, Node
 
 #: constraint → how many numbers and how many conditions follow it
 FORMS: Dict[str, List[int]] = {

@@ -1,5 +1,7 @@
 """Reads typed lists, conditions and numeric expressions, checking every name against the domain."""
 
+import math
+import re
 from typing import Dict, List, Mapping, Sequence, Set, Tuple, Union
 
 from merlin_pddl.domain import Domain, Signature
@@ -26,16 +28,7 @@ from merlin_pddl.formula import (
     Variable,
     preferences,
 )
-from merlin_pddl.text_reader import (
-    Expression,
-    Node,
-    Word,
-    is_name,
-    is_variable,
-    name_of,
-    number_of,
-    suggestion,
-)
+from merlin_pddl.text_reader import NUMBER, Expression, Node, Word, is_name, is_variable, name_of, suggestion
 
 COMPARISONS = (">", ">=", "<", "<=", "=")
 ARITHMETIC = ("+", "-", "*", "/")
@@ -349,3 +342,12 @@ class FormulaReader:
         if len(node) != count + 1:
             raise node.error(f"'{node.head}' takes {count} part(s), here are {len(node) - 1}")
         return node[1:]
+
+
+def number_of(node: Node) -> Union[float, None]:
+    """The value of a word that is a number; None when it is none, or one that no float holds."""
+    if not isinstance(node, Word) or re.fullmatch(NUMBER, node, re.ASCII) is None:
+        return None
+    value = float(node)
+    # What is too small for a float is refused like what is too large.
+    return value if math.isfinite(value) and (value or not re.search("[1-9]", node.split("e")[0])) else None

@@ -9,18 +9,10 @@ from merlin_pddl.domain_reader import open_definition
 from merlin_pddl.evaluation import arithmetic
 from merlin_pddl.formula import Arithmetic, Condition, Fluent, Numeric, violated
 from merlin_pddl.formula import Number as NumberValue
-from merlin_pddl.formula_reader import IN_METRIC, FormulaReader, preference_names, typed_list
+from merlin_pddl.formula_reader import IN_METRIC, FormulaReader, number_of, preference_names, typed_list
 from merlin_pddl.knowledge import Fact, FunctionValue, Metric, Timed, conjuncts
 from merlin_pddl.problem import Problem
-from merlin_pddl.text_reader import (
-    MAX_DEPTH,
-    Expression,
-    Node,
-    name_of,
-    number_of,
-    read_expression,
-    read_file,
-)
+from merlin_pddl.text_reader import MAX_DEPTH, Expression, Node, name_of, read_expression, read_file
 
 NANOSECONDS = 1_000_000_000
 #: s: ROS counts them in 32 bits.

@@ -5,7 +5,6 @@ PDDL knows no upper case: words are lower-cased here, as ROSPlan's lexer does.
 
 import bisect
 import difflib
-import math
 import re
 import unicodedata
 from pathlib import Path
@@ -14,15 +13,15 @@ from typing import Iterable, List, Optional, Union
 #: Deeper nesting than any domain needs; keeps every later recursion within Python's limit.
 MAX_DEPTH = 100
 
+#: A number, as a regular expression.
+NUMBER = r"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
 # A dash before a letter is a token of its own, as VAL reads it: '?x -place'.
-_NUMBER = r"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
-_PART = rf"{_NUMBER}(?![\w.@-])|[?:]?[\w@-][\w.@-]*|#t|[<>]=?|[-+*/=^]"
+_PART = rf"{NUMBER}(?![\w.@-])|[?:]?[\w@-][\w.@-]*|#t|[<>]=?|[-+*/=^]"
 _TOKEN = re.compile(
     rf"[ \t\n\r\f\v]+|;[^\n\r]*|([()])|(-(?=[A-Za-z_])|(?:{_PART})(?![^\s();]))|([^ \t\n\r\f\v();]+)",
     re.ASCII | re.IGNORECASE,
 )
 _PARTS = re.compile(_PART, re.ASCII | re.IGNORECASE)
-_LITERAL = re.compile(_NUMBER, re.ASCII)
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_\-]*\Z")
 _VARIABLE = re.compile(r"\?[A-Za-z_][A-Za-z0-9_\-]*\Z")
 
@@ -189,15 +188,6 @@ def text_of(path: Union[str, Path]) -> str:
 def is_name(text: str) -> bool:
     """Whether the text is a name in PDDL."""
     return _NAME.match(text) is not None
-
-
-def number_of(node: Node) -> Optional[float]:
-    """The value of a word that is a number; None when it is none, or one that no float holds."""
-    if not isinstance(node, Word) or _LITERAL.fullmatch(node) is None:
-        return None
-    value = float(node)
-    # What is too small for a float is refused like what is too large.
-    return value if math.isfinite(value) and (value or not re.search("[1-9]", node.split("e")[0])) else None
 
 
 def name_of(node: Node, what: str) -> Word:

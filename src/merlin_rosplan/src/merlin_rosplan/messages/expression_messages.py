@@ -89,11 +89,6 @@ class FormulaWriter:
 Arguments = Callable[[str, Sequence[KeyValue]], Tuple[str, ...]]
 
 
-def by_position(name: str, pairs: Sequence[KeyValue]) -> Tuple[str, ...]:
-    """The values as they stand, whatever their keys: what an original ROSPlan means."""
-    return tuple(pair.value for pair in pairs)
-
-
 def by_name(known: Mapping[str, Signature]) -> Arguments:
     """Reads the values by the declared keys, or by position where none of the keys is declared.
 
@@ -103,15 +98,17 @@ def by_name(known: Mapping[str, Signature]) -> Arguments:
 
     def arguments(name: str, pairs: Sequence[KeyValue]) -> Tuple[str, ...]:
         signature = known.get(name.lower())
-        if signature is None:
-            return by_position(name, pairs)
-        labels = [parameter.label for parameter in signature.parameters]
+        labels = [] if signature is None else [parameter.label for parameter in signature.parameters]
         try:
             return arranged(name, labels, [(pair.key, pair.value) for pair in pairs])
         except ValueError as error:
             raise UpdateRefused(str(error)) from error
 
     return arguments
+
+
+#: The values as they stand, whatever their keys: what an original ROSPlan means.
+by_position = by_name({})
 
 
 def read_expression(message: ExprComposite, arguments: Arguments = by_position) -> Numeric:
