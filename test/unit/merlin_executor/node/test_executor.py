@@ -7,6 +7,7 @@ from typing import Any, Callable, Dict, List, Optional
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import ExecuteGoal, ExecuteResult
 from rosplan_knowledge_msgs.msg import ExprBase, KnowledgeItem
 
@@ -119,7 +120,7 @@ class Knowledge:
         self.on_check()
         if self.error is not None:
             raise self.error
-        return {"checked": SimpleNamespace(typed_parameters=["poi"])}
+        return {"checked": SimpleNamespace(typed_parameters=[KeyValue(key="p", value="poi")])}
 
     def function_signatures(self) -> Dict[str, Any]:
         return {"battery": SimpleNamespace(typed_parameters=[])}
