@@ -21,7 +21,7 @@ def goal(text: str = "(done a)", **more: Any) -> Goal:
         goal(needs=("x" * LONGEST_RECORD,)),
         goal(groups=tuple(f"g{number}" for number in range(LONGEST_RECORD))),
         goal(domain="x" * LONGEST_RECORD),
-        goal(f"(done {'ä' * (MAX_TEXT - 100)})"),  # six characters each, as the hub keeps them
+        goal(f"(done a) ;{'ä' * (MAX_TEXT - 100)}"),  # six characters each, as the hub keeps them
     ],
 )
 def test_a_goal_that_would_fill_the_hubs_messages_is_refused(large: Goal) -> None:
