@@ -25,6 +25,9 @@ class GuardStart(unittest.TestCase):
             ("_motion_servers:=[]", "~motion_servers is []"),
             ("_require_lease:=perhaps", "~require_lease is 'perhaps'"),
             ("_stop_button:=-3", "~stop_button is -3"),
+            ("_max_speed:=0", "~max_speed is 0; it has to be a number, more than 0"),
+            ("_max_turn_speed:=fast", "~max_turn_speed is 'fast'"),
+            ("_over_limit:=brake", "~over_limit is 'brake'; it has to be clamp or refuse"),
             ("_suspend_after:=9.0", "suspend_after (9 s) is longer than lose_after (3 s)"),
         ):
             found = refused_guard("__name:=wrong", "cmd_vel:=/other", argument)

@@ -122,3 +122,41 @@ def test_each_robot_has_a_host_and_stands_in_the_world(file, arguments, robots):
 def test_none_is_one_robot_without_a_name(robots):
     config = load("include/application.launch", **ROBOTS, robots=robots)
     assert {node.namespace for node in config.nodes if node.type == "fsm_host"} == {"/"}
+
+
+# --- what the velocity guard is told of the base -------------------------------------------------------
+
+LIMITS = ("max_speed", "max_turn_speed", "max_acceleration", "max_turn_acceleration", "base_timeout")
+
+
+def of_base(config, robot=""):
+    return [config.params[f"{robot}/merlin_guard/{name}"].value for name in LIMITS]
+
+
+@pytest.mark.parametrize(
+    "file, arguments, robot",
+    [
+        ("home.launch", {}, ""),
+        ("restaurant.launch", {}, ""),
+        ("restaurant.launch", {"robots": "ann,bob"}, "/bob"),
+        ("include/application.launch", {**ROBOTS, "on": "simulator"}, ""),
+        ("include/application.launch", {**ROBOTS, "on": "simulator", "robots": "ann,bob"}, "/ann"),
+    ],
+)
+def test_of_the_simulated_base_all_is_known_and_nothing_that_it_does_is_limited(file, arguments, robot):
+    from merlin_sim.engine.simulation import RobotSpec
+    from merlin_sim.robot.drive import DriveLimits
+
+    speed, turn_speed, *accelerations, timeout = of_base(load(file, **arguments), robot)
+    assert (speed, turn_speed) == (DriveLimits.speed, DriveLimits.turn_speed)
+    assert accelerations == ["inf", "inf"] and timeout == RobotSpec.command_timeout
+
+
+@pytest.mark.parametrize("robots, robot", [("", ""), ("ann,bob", "/bob")])
+def test_of_a_robot_only_what_somebody_has_said_is_known(robots, robot):
+    file, arguments = "include/robot.launch", {**ROBOT, "robots": robots}
+    assert of_base(load(file, **arguments), robot) == [""] * 5
+    given = dict(zip(LIMITS, (0.5, 1.5, 0.8, "inf", 0.25)))
+    config = load(file, **arguments, **given, over_limit="refuse")
+    assert of_base(config, robot) == list(given.values())
+    assert config.params[f"{robot}/merlin_guard/over_limit"].value == "refuse"

@@ -387,3 +387,13 @@ def test_every_refused_goal_is_cancelled_at_least_every_second_until_it_ends(ste
             assert world.now - since >= 0.5 - 1e-6
             since = world.now
         assert world.now - since < 0.6
+
+
+def test_which_servers_are_heard_and_which_drive():
+    world = World()
+    assert world.permit.view.heard == world.permit.drivers == ()
+    world.status(*DRIVING, server=DOCK)
+    world.status()
+    assert world.permit.view.heard == (BASE, DOCK) and world.permit.drivers == (DOCK,)
+    world.after(1.5, [])
+    assert world.permit.view.heard == (BASE,) and world.permit.drivers == (), "what is held does not drive"

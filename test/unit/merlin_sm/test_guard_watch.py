@@ -85,6 +85,104 @@ def test_a_guard_that_stopped_the_base_fails_at_once_with_its_reason(expect):
     assert watch.why_not() == "the velocity guard has stopped the base: stopped by /page"
 
 
+def heard(**fields):
+    """A status of a guard that looks after one server, and hears it."""
+    return GuardStatus(**{"servers": ["/ann/move_base"], "heard": ["/ann/move_base"], **fields})
+
+
+def test_a_server_that_the_guard_hears_may_drive(expect, monkeypatch):
+    expect(True)
+    monkeypatch.setattr(guard_watch, "get_param", lambda *_: pytest.fail("the master was asked"))
+    watch = GuardWatch()
+    watch._receive(heard())
+    assert watch.why_not(server="/ann/move_base") == ""
+
+
+@pytest.mark.parametrize("server", ["/move_base", "/bob/move_base", "/ann/dock"])
+def test_a_server_that_the_guard_does_not_know_is_named_at_once(expect, monkeypatch, server):
+    expect(True)
+    monkeypatch.setattr(guard_watch, "WAIT", 600.0)
+    watch = GuardWatch()
+    watch._receive(heard())
+    assert watch.why_not(server=server) == (
+        f"the velocity guard passes no velocities of {server}: it is not among its motion_servers "
+        "[/ann/move_base]"
+    )
+
+
+def test_a_server_that_the_guard_does_not_hear_is_named(expect):
+    expect(True)
+    watch = GuardWatch()
+    watch._receive(heard(heard=[]))
+    assert "does not hear /ann/move_base/status" in watch.why_not(server="/ann/move_base")
+
+
+def test_a_guard_without_which_the_robot_may_drive_forbids_nothing(expect):
+    expect(False)
+    watch = GuardWatch()
+    watch._receive(heard(heard=[]))
+    assert watch.why_not(server="/ann/move_base") == watch.why_not(server="/other") == ""
+
+
+def test_a_guard_that_has_just_begun_is_waited_for(expect, monkeypatch):
+    expect(True)
+    monkeypatch.setattr(guard_watch, "WAIT", 600.0)
+    watch, said = GuardWatch(), []
+    asked = threading.Event()
+
+    def interrupted():
+        asked.set()
+        return False
+
+    waiting = threading.Thread(target=lambda: said.append(watch.why_not(interrupted, "/ann/move_base")))
+    waiting.start()
+    assert asked.wait(60.0)
+    watch._receive(heard(heard=[]))
+    watch._receive(heard())
+    waiting.join(60.0)
+    assert said == [""]
+
+
+ARRIVED = "/move_base says that it has arrived, but the velocity guard passed no velocity"
+
+
+@pytest.fixture
+def drive(expect, monkeypatch):
+    """What a watch says of a drive in which it hears these statuses."""
+    expect(True)
+    monkeypatch.setattr(guard_watch, "LONG_DRIVE", 0.0)
+    warned = []
+    monkeypatch.setattr(guard_watch.rospy, "logwarn", warned.append)
+
+    def drive(*statuses):
+        watch = GuardWatch()
+        for before in (GuardStatus.HOLDING, GuardStatus.PASSING):
+            watch._receive(heard(state=before, reason="of another drive", moving=True))
+        mark = watch.mark()
+        for status in statuses:
+            watch._receive(status)
+        return watch.why_unmoved(mark, "/move_base"), warned
+
+    return drive
+
+
+def test_an_arrival_does_not_count_when_the_guard_held_the_base(drive):
+    held = heard(state=GuardStatus.HOLDING, reason="its owner is silent")
+    assert drive(held, heard(state=GuardStatus.IDLE)) == (f"{ARRIVED}: its owner is silent", [])
+
+
+def test_an_arrival_without_a_velocity_is_worth_a_warning(drive):
+    reason, warned = drive(heard(state=GuardStatus.PASSING), heard(state=GuardStatus.IDLE))
+    assert reason == "" and len(warned) == 1 and warned[0].startswith(f"{ARRIVED}. Was the robot there")
+
+
+def test_an_arrival_counts_when_the_base_moved_or_the_drive_was_short(drive, monkeypatch):
+    held = heard(state=GuardStatus.HOLDING, reason="its owner is silent")
+    assert drive(held, heard(state=GuardStatus.PASSING, moving=True)) == ("", [])
+    monkeypatch.setattr(guard_watch, "LONG_DRIVE", 600.0)
+    assert drive(held) == ("", [])
+
+
 def test_an_interrupt_ends_the_wait(expect, monkeypatch):
     expect(True)
     monkeypatch.setattr(guard_watch, "WAIT", 600.0)

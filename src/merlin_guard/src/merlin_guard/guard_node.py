@@ -3,7 +3,7 @@
 import math
 import threading
 import time
-from typing import Any, Optional, Set
+from typing import Any, Optional, Set, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatusArray
@@ -12,6 +12,7 @@ from merlin_msgs.msg import GuardStatus, Lease, SimStatus
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
+from merlin_guard.commands import Commands
 from merlin_guard.goal_header import read_goal_header
 from merlin_guard.guard_parameters import GuardParameters, read_parameters
 from merlin_guard.motion_permit import GuardState, MotionPermit, PermitDecision, Send, View
@@ -64,8 +65,9 @@ class GuardNode:
         self._lock = threading.RLock()  # guards the fields below, and orders what is published
         self._memory = threading.Lock()  # orders the writers of the parameter that keeps a stop
         self._permit = MotionPermit(parameters.servers, parameters.settings, stopped)
+        self._commands = Commands(self._input, self._permit, parameters)
         self._state: Optional[GuardState] = None
-        self._published: Optional[View] = None
+        self._published: Optional[Tuple[View, str]] = None
         self._keeping = 0  # stops that are being written; a published state outlives the guard
         self._since = rospy.Time.from_sec(float(get_param(SINCE_PARAM, 0.0)) if stopped else 0.0)
         self._published_at = -math.inf
@@ -96,6 +98,9 @@ class GuardNode:
         self._ticker = threading.Thread(target=self._tick, name="guard ticks", daemon=True)
         self._ticker.start()
         self._surroundings.start()
+        unknown = parameters.unknown_of_base()
+        if unknown:
+            rospy.logwarn(f"{rospy.get_name()}: {unknown}")
         if stopped:
             rospy.logwarn(
                 f"{rospy.get_name()}: {stopped}; it was so when the guard began. {_how_to_release()}"
@@ -137,17 +142,8 @@ class GuardNode:
         self._subscribers.append(listen("cmd_vel_in", Twist, self._receive_velocity, queue_size=1))
 
     def _receive_velocity(self, velocity: Twist) -> None:
-        parts = [
-            *(velocity.linear.x, velocity.linear.y, velocity.linear.z),
-            *(velocity.angular.x, velocity.angular.y, velocity.angular.z),
-        ]
-        if not all(map(math.isfinite, parts)):
-            rospy.logerr_throttle(
-                10.0, f"{self._input}: a velocity is not finite: {parts}; zero is sent instead"
-            )
-            velocity, parts = Twist(), [0.0]
         with self._lock:
-            self._apply(self._permit.command(any(parts), time.monotonic()), velocity)
+            self._apply(*self._commands.receive(velocity, time.monotonic()))
 
     def _receive_status(self, message: GoalStatusArray, server: str) -> None:
         with self._lock:
@@ -257,6 +253,8 @@ class GuardNode:
             return
         if decision.send is Send.ZERO or velocity is None:
             velocity = Twist()
+            if decision.send is Send.ZERO:
+                self._commands.stood()
         if decision.send is not Send.NOTHING:
             self._velocity.publish(velocity)
         for cancel in decision.cancels:
@@ -274,15 +272,20 @@ class GuardNode:
             self._since = stamp
         self._state = view.state
         now = time.monotonic()
-        if self._keeping or (view == self._published and now - self._published_at < STATUS_PERIOD):
+        said = view, self._commands.warning
+        if self._keeping or (said == self._published and now - self._published_at < STATUS_PERIOD):
             return
-        self._published, self._published_at = view, now
+        self._published, self._published_at = said, now
         status = GuardStatus(
             state=_STATES[view.state],
             reason=view.reason,
             since=self._since,
             moving=view.moving,
             goals=list(view.goals),
+            servers=list(self._cancels),
+            heard=list(view.heard),
+            limited=self._commands.limited,
+            warning=self._commands.warning,
         )
         status.header.stamp = stamp
         self._status.publish(status)
@@ -294,9 +297,11 @@ class GuardNode:
                 clients = {server: _connected(topic) for server, topic in self._leases.items()}
                 simulator = self._simulator is not None and bool(_connected(self._simulator))
                 self._look_at_clock()
-                self._apply(self._permit.tick(time.monotonic(), clients, simulator))
-                view = self._permit.view
-            reason = view.reason if view.state is GuardState.HOLDING else ""
+                decision = self._permit.tick(time.monotonic(), clients, simulator)
+                self._commands.look()
+                self._apply(decision)
+                view, warning = self._permit.view, self._commands.warning
+            reason = view.reason if view.state is GuardState.HOLDING else warning
             if reason != before:
                 before, since = reason, time.monotonic()
             elif reason != logged and time.monotonic() - since >= WARN_AFTER:

@@ -1,15 +1,18 @@
 """The guard's private parameters, checked when they are read."""
 
 import math
-from typing import Any, List, NamedTuple
+from typing import Any, List, NamedTuple, Optional
 
 import rospy
 from rosgraph.names import is_legal_name
 
 from merlin_guard.settings import GuardSettings
+from merlin_guard.velocity_limits import VelocityLimits
 from merlin_ros.parameters import ParameterError
 
 DEFAULT_SERVERS = ("move_base",)
+CLAMP, REFUSE = "clamp", "refuse"
+LONGEST_TIMEOUT = 0.5  # s that a base may go on without commands, as docs/real-robot.md has it checked
 SERVER_WAIT = 30.0  # s; a simulator loads its world that long on a busy machine
 
 
@@ -23,6 +26,31 @@ class GuardParameters(NamedTuple):
     """s of wall time after which a motion server that never spoke is named in a warning."""
     stop_button: int
     """Index of the button of `joy` that stops the base; -1: none."""
+    limits: VelocityLimits
+    limits_given: bool
+    """Whether somebody has set them all, for this robot."""
+    refuse: bool
+    """Whether zero is sent in place of a velocity above a limit, and not a smaller one."""
+    base_timeout: float
+    """s without a command after which the base stops by itself; 0: nobody knows."""
+
+    def unknown_of_base(self) -> str:
+        """What should be known of the base and is not, one sentence; empty: nothing."""
+        said = []
+        if not self.limits_given:
+            names = " ".join(f"{name}:={value:g}" for name, value in self.limits._asdict().items())
+            said.append(f"not all limits of this robot are set; what holds: {names}")
+        if not self.base_timeout:
+            said.append(
+                "nobody has said whether the base stops by itself when this guard dies; check it as "
+                'docs/real-robot.md says under "The time-out of the base", and set base_timeout'
+            )
+        elif self.base_timeout > LONGEST_TIMEOUT:
+            said.append(
+                f"the base drives on for {self.base_timeout:g} s (base_timeout) when this guard dies; set "
+                f"the time-out of its driver to {LONGEST_TIMEOUT:g} s or less"
+            )
+        return "; ".join(said)
 
 
 def read_parameters() -> GuardParameters:
@@ -48,7 +76,59 @@ def read_parameters() -> GuardParameters:
         settings=settings,
         server_wait=_duration("~server_wait", SERVER_WAIT),
         stop_button=_button(rospy.get_param("~stop_button", -1)),
+        limits=VelocityLimits(
+            **{name: _limit(name, value) for name, value in VelocityLimits()._asdict().items()}
+        ),
+        limits_given=all(_given(f"~{name}") is not None for name in VelocityLimits._fields),
+        refuse=_refuse(_given("~over_limit")),
+        base_timeout=_base_timeout(),
     )
+
+
+def _given(name: str) -> Any:
+    """A parameter; None when it is missing, or empty as an argument of a launch file that nobody gave."""
+    value = rospy.get_param(name, None)
+    return None if value == "" else value
+
+
+def _number(name: str, wanted: str) -> Optional[float]:
+    """A parameter that may be missing; a text, as `inf` is for YAML, may be a number too."""
+    value = _given(name)
+    if value is None:
+        return None
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if math.isnan(number):
+        raise ParameterError(f"parameter {name} is {value!r}; it has to be {wanted}")
+    return number
+
+
+def _limit(name: str, default: float) -> float:
+    wanted = "a number, more than 0"
+    value = _number(f"~{name}", wanted)
+    if value is None:
+        return default
+    if value <= 0.0:
+        raise ParameterError(f"parameter ~{name} is {value:g}; it has to be {wanted}")
+    if math.isinf(value) and not name.endswith("acceleration"):
+        raise ParameterError(f"parameter ~{name} is infinite; only accelerations may be without a limit")
+    return value
+
+
+def _refuse(value: Any) -> bool:
+    if value not in (None, CLAMP, REFUSE):
+        raise ParameterError(f"parameter ~over_limit is {value!r}; it has to be {CLAMP} or {REFUSE}")
+    return bool(value == REFUSE)
+
+
+def _base_timeout() -> float:
+    wanted = "a number of seconds; empty or 0: not known"
+    value = _number("~base_timeout", wanted) or 0.0
+    if not 0.0 <= value < math.inf:
+        raise ParameterError(f"parameter ~base_timeout is {value:g}; it has to be {wanted}")
+    return value
 
 
 def _servers(value: Any) -> List[str]:

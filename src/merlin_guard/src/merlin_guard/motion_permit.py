@@ -63,6 +63,8 @@ class View(NamedTuple):
     reason: str
     moving: bool
     goals: Tuple[str, ...]
+    heard: Tuple[str, ...]
+    """The motion servers whose status is heard."""
 
 
 class MotionPermit:
@@ -96,7 +98,20 @@ class MotionPermit:
         state, reason = self._verdict
         if state is GuardState.PASSING and self._commanded_at is None:
             reason = "a motion goal may move the base, but no command comes"
-        return View(state, reason, self._moving, goals)
+        heard = tuple(name for name, server in self._servers.items() if not server.why_not_heard())
+        return View(state, reason, self._moving, goals, heard)
+
+    @property
+    def drivers(self) -> Tuple[str, ...]:
+        """The motion servers whose goals may move the base now."""
+        if self._verdict.state is not GuardState.PASSING:
+            return ()
+        return tuple(name for name, server in self._servers.items() if server.active_goals())
+
+    @property
+    def world(self) -> float:
+        """s of the robot's world that the guard has paid attention to."""
+        return self._clock.world
 
     def status(self, server: str, reports: Iterable[GoalReport], now: float) -> PermitDecision:
         """A motion server has published its status list."""

@@ -20,6 +20,10 @@ class GuardSettings(NamedTuple):
     """Silence of a motion server after which it must not move the base; stands still likewise."""
     forget_after: float = 15.0
     """Silence of a motion server after which its goals count as ended; stands still likewise."""
+    no_command_after: float = 5.0
+    """Time that a goal drives without a command after which the guard says so; stands still likewise."""
+    no_motion_after: float = 3.0
+    """Time that odometry stands still while commands pass after which the guard says so; likewise."""
     require_lease: bool = False
     """Whether a goal that no lease names is refused."""
 

@@ -3,7 +3,7 @@
 import math
 import threading
 import time
-from typing import Callable, Optional
+from typing import Callable, NamedTuple, Optional
 
 import rospy
 from merlin_msgs.msg import GuardStatus
@@ -16,9 +16,19 @@ STATUS_TOPIC = "merlin/guard"
 FRESH = 1.5  # s of wall time for which a status counts; the guard sends one every 0.5 s, paused or not
 APART = 0.2  # s; nearer to each other, two statuses may have waited in this process
 WAIT = 4.0  # s of wall time to wait for one: what a guard takes to come back on a busy machine
+LONG_DRIVE = 1.0  # s of wall time; of a shorter drive the guard may not have told yet
 
 OFF = "the velocity guard is switched off (guard:=false): nothing stops the base when MERLIN fails"
 SILENT = "the velocity guard is silent; nothing drives without it"
+
+
+class DriveMark(NamedTuple):
+    """When a drive began, and how many statuses of the guard had said what by then."""
+
+    begun: float = 0.0
+    passing: int = 0
+    moving: int = 0
+    holding: int = 0
 
 
 class GuardWatch:
@@ -29,6 +39,8 @@ class GuardWatch:
         self._status: Optional[GuardStatus] = None
         self._heard_at = 0.0
         self._doubted = -math.inf  # when the first status came after a gap
+        self._heard = DriveMark()
+        self._held_because = ""
         self._subscriber = rospy.Subscriber(STATUS_TOPIC, GuardStatus, self._receive, tcp_nodelay=True)
 
     def wake(self) -> None:
@@ -36,13 +48,16 @@ class GuardWatch:
         with self._changed:
             self._changed.notify_all()
 
-    def why_not(self, interrupted: Callable[[], bool] = lambda: False) -> str:
-        """Why no drive may begin now; empty: it may. Waits up to 4 s for a guard that is silent.
+    def why_not(self, interrupted: Callable[[], bool] = lambda: False, server: str = "") -> str:
+        """Why no drive may begin now; empty: it may.
+
+        Waits up to 4 s for a guard that is silent, or does not hear the server yet.
 
         :param interrupted: ends the wait when it is true; call :meth:`wake` when that changes.
+        :param server: resolved name of the action that is to drive; empty: not known.
         """
         with self._changed:
-            if self._fresh() and self._status is not None and self._status.state != GuardStatus.STOPPED:
+            if self._settled(server) and not self._wrong(server):
                 return ""
         try:
             expected = get_param(EXPECTED_PARAM, None)
@@ -55,14 +70,59 @@ class GuardWatch:
         with self._changed:
             wait_ticks(
                 lambda tick: self._changed.wait_for(
-                    lambda: self._fresh() or interrupted() or rospy.is_shutdown(), tick
+                    lambda: self._settled(server) or interrupted() or rospy.is_shutdown(), tick
                 ),
                 WAIT,
             )
-            if self._status is None or not self._fresh():
-                return SILENT
-            if self._status.state == GuardStatus.STOPPED:
-                return f"the velocity guard has stopped the base: {self._status.reason}"
+            return self._wrong(server)
+
+    def mark(self) -> DriveMark:
+        """The beginning of a drive, for :meth:`why_unmoved`."""
+        with self._changed:
+            return self._heard._replace(begun=time.monotonic())
+
+    def why_unmoved(self, mark: DriveMark, server: str) -> str:
+        """Why a drive that has arrived cannot have moved the base; empty: it may have.
+
+        Only warns when no velocity came: the base may have been there already.
+
+        :param mark: of its beginning.
+        :param server: that says so.
+        """
+        with self._changed:
+            heard, held, fresh = self._heard, self._held_because, self._fresh()
+        if time.monotonic() - mark.begun < LONG_DRIVE or heard.moving > mark.moving or not fresh:
+            return ""
+        said = f"{server} says that it has arrived, but the velocity guard passed no velocity"
+        if heard.holding > mark.holding and heard.passing == mark.passing:
+            return f"{said}: {held}"
+        rospy.logwarn(f"{said}. Was the robot there already? Does the server publish on cmd_vel_in?")
+        return ""
+
+    def _settled(self, server: str) -> bool:
+        """Whether waiting changes nothing; called with the lock held, as all below."""
+        status = self._status
+        if status is None or not self._fresh():
+            return False
+        known = not server or server in status.heard or server not in status.servers
+        return known or status.state == GuardStatus.STOPPED
+
+    def _wrong(self, server: str) -> str:
+        status = self._status
+        if status is None or not self._fresh():
+            return SILENT
+        if status.state == GuardStatus.STOPPED:
+            return f"the velocity guard has stopped the base: {status.reason}"
+        if server and server not in status.servers:
+            return (
+                f"the velocity guard passes no velocities of {server}: it is not among its motion_servers "
+                f"[{', '.join(status.servers)}]"
+            )
+        if server and server not in status.heard:
+            return (
+                f"the velocity guard passes no velocities of {server}: it does not hear {server}/status; "
+                "see ROS_IP or ROS_HOSTNAME of both computers"
+            )
         return ""
 
     def _fresh(self) -> bool:
@@ -76,6 +136,12 @@ class GuardWatch:
             if self._status is not None and now - self._heard_at > FRESH:
                 self._doubted = now
             self._status, self._heard_at = status, now
+            _, passing, moving, holding = self._heard
+            if status.state == GuardStatus.HOLDING:
+                self._held_because = status.reason
+                holding += 1
+            passing += status.state == GuardStatus.PASSING
+            self._heard = DriveMark(0.0, passing, moving + status.moving, holding)
             self._changed.notify_all()
 
 

@@ -79,7 +79,12 @@ class Server:
 def server(monkeypatch: pytest.MonkeyPatch) -> Server:
     made = Server()
     monkeypatch.setattr(action_state, "shared_client", lambda name, action_spec: made)
-    guard = SimpleNamespace(wake=lambda: None, why_not=lambda preempted: "")
+    guard = SimpleNamespace(
+        wake=lambda: None,
+        why_not=lambda preempted, server: "",
+        mark=lambda: None,
+        why_unmoved=lambda mark, server: "",
+    )
     monkeypatch.setattr(navigation, "shared_guard_watch", lambda: guard)
     monkeypatch.setattr(navigation, "get_param", lambda name, default: POINTS)
     made.guard = guard
@@ -227,10 +232,38 @@ def test_a_point_that_does_not_exist_is_given_up_and_one_without_numbers_is_not(
 
 
 def test_nothing_sets_off_while_the_guard_forbids_it(server: Server) -> None:
-    server.guard.why_not = lambda preempted: "the velocity guard has stopped the base"
+    server.guard.why_not = lambda preempted, server: "the velocity guard has stopped the base"
     drive = NavigationState("kitchen")
     assert drive.execute(userdata()) == ABORTED
     assert drive.reason == "the velocity guard has stopped the base" and server.goals == []
+
+
+def test_the_guard_is_asked_about_the_server_of_the_drive(server: Server) -> None:
+    asked: List[str] = []
+    server.guard.why_not = lambda preempted, server: asked.append(server) or ""
+    assert NavigationState("kitchen", action="base/drive").execute(userdata()) == SUCCEEDED
+    assert asked == [server.name]
+
+
+def test_an_arrival_of_which_the_guard_knows_better_does_not_count(server: Server) -> None:
+    server.guard.why_unmoved = lambda mark, server: f"{server} says so, but nothing passed"
+    drive = NavigationState("kitchen")
+    assert drive.execute(userdata()) == ABORTED
+    assert drive.reason == f"{server.name} says so, but nothing passed"
+    server.end = (GoalStatus.ABORTED, "no way", None)
+    assert drive.execute(userdata()) == ABORTED and "no way" in drive.reason
+
+
+def test_a_preempt_while_the_guard_is_asked_sends_nothing(server: Server) -> None:
+    drive = NavigationState("kitchen")
+
+    def preempt(preempted: Callable[[], bool], server: str) -> str:
+        drive.request_preempt()
+        assert preempted()
+        return ""
+
+    server.guard.why_not = preempt
+    assert drive.execute(userdata()) == PREEMPTED and server.goals == []
 
 
 def test_names_of_pddl_are_spoken_with_blanks(server: Server) -> None:

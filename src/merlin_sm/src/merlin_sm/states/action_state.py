@@ -85,9 +85,12 @@ class ActionState(MerlinState):
             if self.preempt_requested():
                 return PREEMPTED
             return self.fail(f"no action server {self._client.name} within {self._server_wait:g} s")
+        reason = self.why_not()
         hangs.wait_settled(self.preempt_requested)
         if self.preempt_requested():
             return PREEMPTED
+        if reason:
+            return self.fail(reason)
         ended = threading.Event()
         sent = self._client.send(goal, on_done=lambda _: ended.set(), owner=self.served_goal)
         cancelled = threading.Event()
@@ -105,6 +108,10 @@ class ActionState(MerlinState):
             self._client.give_up(sent, "it did not stop in time")
             return self.fail(f"{self._client.name} did not stop within {self._cancel_limit:g} s")
         return self._outcome(userdata, sent)
+
+    def why_not(self) -> str:
+        """Why no goal may be sent to the server, which is there; empty: it may. For subclasses."""
+        return ""
 
     def _outcome(self, userdata: Any, sent: ClientGoal) -> str:
         if sent.status == GoalStatus.SUCCEEDED:

@@ -10,7 +10,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from merlin_ros.master.master_link import get_param
 from merlin_sm.guard_watch import shared_guard_watch
 from merlin_sm.states.action_state import ActionState
-from merlin_sm.states.merlin_state import PREEMPTED, GivenUp
+from merlin_sm.states.merlin_state import SUCCEEDED, GivenUp
 
 POINTS_PARAM = "world/points_of_interest"
 
@@ -43,7 +43,8 @@ def point_of_interest(name: str) -> PoseStamped:
 class NavigationState(ActionState):
     """Drives to ``userdata.target``: the name of a point of interest, or a PoseStamped.
 
-    Where a velocity guard is expected, nothing sets off while it is silent or has stopped the base.
+    Where a velocity guard is expected, nothing sets off while it is silent, has stopped the base, or passes
+    no velocities of this action: its `motion_servers` have to name it, and the guard has to hear it.
 
     :param target: drives there instead; userdata is not read then.
     :param action: name of the move_base action.
@@ -60,15 +61,21 @@ class NavigationState(ActionState):
         )
         self.target = target
         self._guard = shared_guard_watch()
+        self._mark = self._guard.mark()
 
     def run(self, userdata: Any) -> str:
-        """Drives, unless the velocity guard forbids it."""
+        """Drives; that the server has arrived does not count where the velocity guard held the base."""
+        outcome = super().run(userdata)
+        reason = self._guard.why_unmoved(self._mark, self._client.name) if outcome == SUCCEEDED else ""
+        return self.fail(reason) if reason else outcome
+
+    def why_not(self) -> str:
+        """Why the velocity guard forbids the drive; empty: it does not."""
         self.interruptible(self._guard.wake)
-        reason = self._guard.why_not(self.preempt_requested)
+        reason = self._guard.why_not(self.preempt_requested, self._client.name)
         self.interruptible(None)
-        if reason:
-            return PREEMPTED if self.preempt_requested() else self.fail(reason)
-        return super().run(userdata)
+        self._mark = self._guard.mark()
+        return reason
 
 
 def _goal(target: Any) -> MoveBaseGoal:

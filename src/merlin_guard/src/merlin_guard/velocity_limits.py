@@ -1,0 +1,128 @@
+"""How fast a velocity may be, and how fast it may grow. Knows nothing of ROS."""
+
+import math
+from typing import NamedTuple
+
+CREDIT = 0.1  # s of growth that are saved up at most: a late command must not allow a jump
+ROUNDING = 1.0 + 1e-9  # a controller that drives at the limit is not above it
+
+
+class VelocityLimits(NamedTuple):
+    """Limits of one base; the defaults are those of the simulated robot."""
+
+    max_speed: float = 1.0
+    """m/s, of the vector x, y."""
+    max_turn_speed: float = 2.0
+    """rad/s."""
+    max_acceleration: float = 1.0
+    """m/s²; infinite: not limited."""
+    max_turn_acceleration: float = 2.0
+    """rad/s²; infinite: not limited."""
+
+
+class Velocity(NamedTuple):
+    """What a geometry_msgs/Twist says of a base: m/s and rad/s, in the frame of the robot."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+
+    @property
+    def speed(self) -> float:
+        """Along the floor, m/s."""
+        return math.hypot(self.x, self.y)
+
+
+STANDING = Velocity()
+
+
+class Limited(NamedTuple):
+    """What may go to the base in place of a velocity."""
+
+    velocity: Velocity
+    fault: str = ""
+    """What is wrong with the velocity that came, and what becomes of it; empty: nothing, it goes as it is."""
+
+
+class VelocityLimiter:
+    """Judges velocities one after the other. Not thread-safe.
+
+    What is too fast is scaled as a whole, so that the base stays on the curve that was meant. Growth is
+    measured from what was sent last; that the base gets slower is never limited. Over any time t a speed
+    grows by `max_acceleration` · (t + :data:`CREDIT`) at the most.
+
+    :param limits: of the base.
+    :param refuse: sends zero in place of what is above a limit.
+    """
+
+    def __init__(self, limits: VelocityLimits, refuse: bool = False) -> None:
+        self._limits = limits
+        self._refuse = refuse
+        self._sent = STANDING
+        # Time up to which growth is used up, s, of speed and of turning.
+        self._used = self._turn_used = -math.inf
+
+    def judge(self, velocity: Velocity, now: float) -> Limited:
+        """What may go to the base now, s of a clock that is never set back. Changes nothing."""
+        if not all(map(math.isfinite, velocity)):
+            return Limited(STANDING, f"a velocity is not finite: {velocity}; zero is sent instead")
+        if velocity.z or velocity.roll or velocity.pitch:
+            return Limited(STANDING, f"a velocity leaves the floor: {velocity}; zero is sent instead")
+        limits = self._limits
+        most, most_turn = limits.max_speed, limits.max_turn_speed
+        part = min(_part(most, velocity.speed), _part(most_turn, abs(velocity.yaw)))
+        less = _scaled(velocity, part)
+        most = self._kept(less) + _saved(self._used, now) * limits.max_acceleration
+        most_turn = self._kept_turn(less) + _saved(self._turn_used, now) * limits.max_turn_acceleration
+        growth = min(_part(most, less.speed), _part(most_turn, abs(less.yaw)))
+        if part == growth == 1.0:
+            return Limited(velocity)
+        why = (
+            f"{velocity.speed:g} m/s and {velocity.yaw:g} rad/s, after {self._sent.speed:g} and "
+            f"{self._sent.yaw:g}; {' '.join(f'{name}:={value:g}' for name, value in limits._asdict().items())}"
+        )
+        if self._refuse:
+            return Limited(STANDING, f"a velocity is above the limits, and zero is sent instead: {why}")
+        return Limited(
+            _scaled(less, growth), f"a velocity is above the limits, and less is sent instead: {why}"
+        )
+
+    def sent(self, velocity: Velocity, now: float) -> None:
+        """A velocity went to the base, as it was judged at this moment."""
+        limits = self._limits
+        growth = max(0.0, velocity.speed - self._kept(velocity))
+        turn_growth = max(0.0, abs(velocity.yaw) - self._kept_turn(velocity))
+        self._used = max(self._used, now - CREDIT) + growth / limits.max_acceleration
+        self._turn_used = max(self._turn_used, now - CREDIT) + turn_growth / limits.max_turn_acceleration
+        self._sent = velocity
+
+    def stood(self) -> None:
+        """Zero went to the base."""
+        self._sent = STANDING
+
+    def _kept(self, velocity: Velocity) -> float:
+        """What the base drives already in the direction of a velocity, m/s."""
+        speed = velocity.speed
+        if not speed:
+            return 0.0
+        return max(0.0, (self._sent.x * velocity.x + self._sent.y * velocity.y) / speed)
+
+    def _kept_turn(self, velocity: Velocity) -> float:
+        return max(0.0, math.copysign(self._sent.yaw, self._sent.yaw * velocity.yaw))
+
+
+def _part(limit: float, value: float) -> float:
+    """The part of a value, 0..1, that is within a limit."""
+    return 1.0 if value <= limit * ROUNDING else limit / value
+
+
+def _scaled(velocity: Velocity, part: float) -> Velocity:
+    return Velocity(x=velocity.x * part, y=velocity.y * part, yaw=velocity.yaw * part)
+
+
+def _saved(used: float, now: float) -> float:
+    """Time that is left to grow in, s; more than zero, so that an infinite limit has its meaning."""
+    return max(1e-9, min(CREDIT, now - used))

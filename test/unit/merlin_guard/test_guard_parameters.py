@@ -1,0 +1,74 @@
+"""The guard's parameters: what is known of the base."""
+
+import math
+
+import pytest
+
+from merlin_guard import guard_parameters
+from merlin_guard.guard_parameters import read_parameters
+from merlin_guard.velocity_limits import VelocityLimits
+from merlin_ros.parameters import ParameterError
+
+KNOWN = {
+    "~max_speed": 0.5,
+    "~max_turn_speed": 1,
+    "~max_acceleration": "inf",
+    "~max_turn_acceleration": "1e0",
+    "~base_timeout": 0.25,
+}
+
+
+@pytest.fixture
+def read(monkeypatch):
+    def read(**given):
+        values = {f"~{name}": value for name, value in given.items()}
+        monkeypatch.setattr(
+            guard_parameters.rospy, "get_param", lambda name, default=None: values.get(name, default)
+        )
+        monkeypatch.setattr(guard_parameters.rospy, "resolve_name", lambda name: f"/{name.strip('~/')}")
+        return read_parameters()
+
+    return read
+
+
+def known(**others):
+    return {**{name[1:]: value for name, value in KNOWN.items()}, **others}
+
+
+def test_what_is_known_of_a_base_is_taken(read):
+    parameters = read(**known(over_limit="refuse"))
+    assert parameters.limits == VelocityLimits(0.5, 1.0, math.inf, 1.0) and parameters.refuse
+    assert parameters.base_timeout == 0.25 and parameters.unknown_of_base() == ""
+
+
+def test_nobody_has_to_say_anything_and_is_reminded_of_it(read):
+    parameters = read(max_speed="", base_timeout="")  # as arguments of a launch file that nobody gave
+    assert parameters.limits == VelocityLimits() and not parameters.refuse
+    text = parameters.unknown_of_base()
+    assert "max_speed:=1 max_turn_speed:=2 max_acceleration:=1 max_turn_acceleration:=2" in text
+    assert "docs/real-robot.md" in text and "base_timeout" in text
+
+
+def test_a_base_that_drives_on_for_long_is_named(read):
+    assert "drives on for 2 s" in read(**known(base_timeout=2.0)).unknown_of_base()
+
+
+@pytest.mark.parametrize(
+    "name", ["max_speed", "max_turn_speed", "max_acceleration", "max_turn_acceleration", "base_timeout"]
+)
+@pytest.mark.parametrize("value", [-1.0, "nan", math.nan, "fast", True, [1.0], -math.inf])
+def test_a_limit_that_makes_no_sense_is_named(read, name, value):
+    with pytest.raises(ParameterError, match=f"~{name} is"):
+        read(**known(**{name: value}))
+
+
+@pytest.mark.parametrize("name, value", [("max_speed", 0.0), ("max_acceleration", 0), ("max_speed", math.inf)])
+def test_a_base_has_a_speed_and_its_limit(read, name, value):
+    with pytest.raises(ParameterError, match=f"~{name} is"):
+        read(**known(**{name: value}))
+
+
+@pytest.mark.parametrize("value", ["brake", 3, True, []])
+def test_what_happens_above_a_limit_is_one_of_two_words(read, value):
+    with pytest.raises(ParameterError, match="has to be clamp or refuse"):
+        read(over_limit=value)
