@@ -64,6 +64,7 @@ function problemsOf(state) {
   if (guard.state === "stopped") found.push([0, t("Nothing moves the base until it is released.")]);
   if (guard.state === "silent") found.push([0, t("The base is not watched")]);
   if (guard.state === "holding") found.push([0, `${t("The base is held")}: ${t(guard.reason)}`]);
+  if (guard.warning) found.push([0, guard.warning]);
   for (const phrase of now.trouble_said || []) found.push([1, say(phrase)]);
   for (const { name, title } of meta.panels || []) {
     const silent = (state[name] || {}).silent;

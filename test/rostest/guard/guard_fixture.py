@@ -24,6 +24,7 @@ class Witness:
     def __init__(self, velocity_topic="cmd_vel"):
         self.changed = threading.Condition()
         self.velocities = []  # whether each was a motion
+        self.fastest = 0.0  # m/s or rad/s of all that came
         self.status = None
         self.said = []  # all statuses since `forget`, because some last for moments only
         self.goals = {}
@@ -42,6 +43,7 @@ class Witness:
     def receive_velocity(self, velocity):
         with self.changed:
             self.velocities.append(velocity != Twist())
+            self.fastest = max(self.fastest, abs(velocity.linear.x), abs(velocity.angular.z))
             self.changed.notify_all()
 
     def receive_status(self, status):

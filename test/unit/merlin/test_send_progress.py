@@ -56,6 +56,16 @@ def test_a_base_that_is_held_is_named(progress: SendProgress, said: List[str]) -
     assert len(said) == 1 and "stopped by Ana" in said[0] and "merlin/release" in said[0]
 
 
+def test_a_drive_that_goes_wrong_is_named_while_its_request_runs(
+    progress: SendProgress, said: List[str]
+) -> None:
+    stuck = GuardStatus(state=GuardStatus.PASSING, warning="/move_base drives, and the base does not move")
+    progress.executor(OTHER)
+    progress.guard(stuck)
+    progress.executor(MINE)
+    assert said == ["waits: (checked hall) runs", stuck.warning]
+
+
 def test_a_breakpoint_is_named(progress: SendProgress, said: List[str]) -> None:
     progress.executor(ExecutorStatus(state=RUNNING, request="mine", held="(ask kitchen)"))
     assert said == ["held at the breakpoint (ask kitchen)"]

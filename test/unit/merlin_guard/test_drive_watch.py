@@ -87,8 +87,9 @@ def test_odometry_that_is_not_a_number_is_not_taken_for_standing():
 
 def test_velocities_above_the_limits_are_counted_and_told_once():
     drive = Drive()
-    texts = {drive.after(0.05, FORWARD, moving=True, fault=f"fault {number}") for number in range(20)}
-    assert texts == {"/move_base: fault 0"} and drive.watch.faults == 20
-    assert drive.after(ONE_OCCURRENCE - 0.1, FORWARD, moving=True) == "/move_base: fault 0"
+    texts = {drive.after(0.05, FORWARD, moving=True, fault=f"fast: {number}") for number in range(20)}
+    assert texts == {"/move_base: fast: 0"} and drive.watch.faults == 20
+    assert drive.after(0.05, FORWARD, moving=True, fault="wild: 1e300") == "/move_base: fast: 0; wild: 1e300"
+    assert drive.after(ONE_OCCURRENCE - 0.1, FORWARD, moving=True) == "/move_base: fast: 0; wild: 1e300"
     assert drive.after(0.5, FORWARD, moving=True) == ""
-    assert drive.after(0.05, FORWARD, moving=True, fault="another") == "/move_base: another"
+    assert drive.after(0.05, FORWARD, moving=True, fault="fast: 7") == "/move_base: fast: 7"

@@ -73,7 +73,7 @@ class SendProgress:
         if status.held:
             return f"held at the breakpoint {status.held}"
         if status.request == request.id:
-            return ""
+            return guard.warning if guard is not None else ""
         if status.paused and status.state == ExecutorStatus.IDLE:
             return "waits: the Executor is paused; `rosservice call merlin/resume` lets it go on"
         return f"waits: {', '.join(status.goals)} runs" if status.request and status.goals else ""

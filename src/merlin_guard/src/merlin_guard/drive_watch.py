@@ -1,13 +1,13 @@
 """What is wrong with a drive that the guard lets pass. Knows nothing of ROS and starts no thread."""
 
-from typing import Optional, Sequence, Tuple
+from typing import Dict, Optional, Sequence, Tuple
 
 from merlin_guard.settings import GuardSettings
 from merlin_guard.velocity_limits import Velocity
 
 DEAD_ZONE = 0.03  # m/s and rad/s up to which many bases do not move
 STILL = 0.01  # m, and parts of a quaternion, within which odometry counts as standing
-ONE_OCCURRENCE = 10.0  # s without a velocity above the limits after which the next one is told anew
+ONE_OCCURRENCE = 10.0  # s without a fault of a velocity after which it is told anew
 
 
 class DriveWatch:
@@ -30,8 +30,7 @@ class DriveWatch:
         self._stands_at: Optional[Tuple[float, ...]] = None
         self._stands_since = 0.0
         self._stuck = False
-        self._fault = ""
-        self._fault_at = 0.0
+        self._faults: Dict[str, Tuple[str, float]] = {}  # what → its first text, and when it was last so
         self.faults = 0
         """Velocities that did not go to the base as they came."""
 
@@ -48,9 +47,9 @@ class DriveWatch:
             self._pushes_since = None
         if fault:
             self.faults += 1
-            if not self._fault:
-                self._fault = fault  # the first one counts: a text that changes would be told each time
-            self._fault_at = world
+            what = fault.partition(":")[0]
+            # A text that changes would be told each time.
+            self._faults[what] = self._faults.get(what, (fault, world))[0], world
 
     def odometry(self, place: Tuple[float, ...]) -> None:
         """Odometry says where the base is; any numbers that change with its pose. From any thread."""
@@ -66,8 +65,9 @@ class DriveWatch:
             self._drives_since = self._pushes_since = None
         elif self._drives_since is None:
             self._drives_since = world
-        if self._fault and world - self._fault_at > ONE_OCCURRENCE:
-            self._fault = ""
+        self._faults = {
+            what: (text, at) for what, (text, at) in self._faults.items() if world - at <= ONE_OCCURRENCE
+        }
         self._look_at_odometry(world)
         if self._stuck:
             return (
@@ -81,7 +81,8 @@ class DriveWatch:
                     f"{who} has an active goal and has sent no velocity on {self._source} for "
                     f"{self._settings.no_command_after:g} s"
                 )
-        return f"{who}: {self._fault}" if self._fault and who else self._fault
+        faults = "; ".join(text for text, _ in self._faults.values())
+        return f"{who}: {faults}" if faults and who else faults
 
     def _look_at_odometry(self, world: float) -> None:
         place, self._place = self._place, None

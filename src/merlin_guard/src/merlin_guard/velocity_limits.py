@@ -80,14 +80,13 @@ class VelocityLimiter:
         growth = min(_part(most, less.speed), _part(most_turn, abs(less.yaw)))
         if part == growth == 1.0:
             return Limited(velocity)
-        why = (
-            f"{velocity.speed:g} m/s and {velocity.yaw:g} rad/s, after {self._sent.speed:g} and "
-            f"{self._sent.yaw:g}; {' '.join(f'{name}:={value:g}' for name, value in limits._asdict().items())}"
-        )
-        if self._refuse:
-            return Limited(STANDING, f"a velocity is above the limits, and zero is sent instead: {why}")
+        said = "is above the limits" if part < 1.0 else "grows faster than the limits allow"
+        less = STANDING if self._refuse else _scaled(less, growth)
         return Limited(
-            _scaled(less, growth), f"a velocity is above the limits, and less is sent instead: {why}"
+            less,
+            f"a velocity {said}, and {'zero' if self._refuse else 'less'} is sent instead: {velocity.speed:g} "
+            f"m/s and {velocity.yaw:g} rad/s, after {self._sent.speed:g} and {self._sent.yaw:g}; "
+            + " ".join(f"{name}:={value:g}" for name, value in limits._asdict().items()),
         )
 
     def sent(self, velocity: Velocity, now: float) -> None:

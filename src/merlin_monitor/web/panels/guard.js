@@ -1,4 +1,4 @@
-// What the velocity guard says while the base may not drive.
+// What the velocity guard says while the base may not drive, or does not drive as it should.
 import { el, setHidden, setText } from "../dom.js";
 import { t } from "../texts.js";
 
@@ -14,8 +14,8 @@ export function show(section, { store, control }) {
     const guard = store.state.guard || {};
     const held = guard.state === "stopped"; // the headline says by whom
     const told = held || Object.prototype.hasOwnProperty.call(WORDS, guard.state);
-    setHidden(section, !told);
-    setText(says, held ? HELD : told ? `${WORDS[guard.state]}: ${t(guard.reason)}` : "");
+    setHidden(section, !told && !guard.warning);
+    setText(says, held ? HELD : told ? `${WORDS[guard.state]}: ${t(guard.reason)}` : guard.warning || "");
     section.dataset.state = guard.state || "";
     setHidden(release, !held || !control.possible());
   };

@@ -39,3 +39,18 @@ def test_a_state_of_a_newer_guard_is_shown_as_it_is() -> None:
     tree = StateTree()
     GuardSection(tree, Told()).status(GuardStatus(state=77), 1.0, 1.0)
     assert tree.get("guard", "state") == "77"
+
+
+def test_what_is_wrong_with_a_drive_is_shown_while_it_is_and_told_once() -> None:
+    tree, told = StateTree(), Told()
+    guard = GuardSection(tree, told)
+    passing = GuardStatus(state=GuardStatus.PASSING)
+    stuck = GuardStatus(state=GuardStatus.PASSING, warning="/move_base drives, and the base does not move")
+    for status in (passing, stuck, stuck):
+        guard.status(status, 1.0, 1.0)
+    assert tree.get("guard", "warning") == stuck.warning and told.texts == [stuck.warning]
+    guard.status(passing, 2.0, 2.0)
+    assert tree.get("guard", "warning") == ""
+    guard.status(stuck, 3.0, 3.0)
+    guard.check_silence(3.0, 3.1 + SILENT_AFTER)
+    assert tree.get("guard", "warning") == "" and tree.get("guard", "state") == "silent"

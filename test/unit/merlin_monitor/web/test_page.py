@@ -5,7 +5,7 @@ from typing import Any, Iterator, List
 import pytest
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from merlin_msgs.msg import MachineHolds, StateOutcome
+from merlin_msgs.msg import GuardStatus, MachineHolds, StateOutcome
 from messages import fact, status, structure
 from served import TOKEN, Served
 from shown_page import AXE, CHECK, Visit, chromium, fill
@@ -114,6 +114,10 @@ def test_the_strip_says_state_problem_progress_next_and_end(visits: Any, served:
     ]
     served.state.inbox.put(served.state.health.diagnostics, DiagnosticArray(status=parts), 121.0, 1.0)
     page.wait_text("#glance-problem", "None")
+    stuck = GuardStatus(state=GuardStatus.PASSING, warning="/move_base drives, and the base does not move")
+    served.state.inbox.put(served.state.guard.status, stuck, 121.0, 1.0)
+    page.wait_text("#glance-problem", stuck.warning)
+    page.wait_text("#guard-says", stuck.warning)
     served.state.inbox.put(
         lambda: served.state.tree.set("guard", {"state": "stopped", "reason": "stopped by Ana"})
     )

@@ -36,16 +36,17 @@ class GuardSection:
         self._heard = wall
         known = message.state < len(STATES)
         state = STATES[message.state] if known else str(message.state)
-        self._show(state, message.reason, at, message.since.to_sec() or at)
+        self._show(state, message.reason, at, message.since.to_sec() or at, message.warning)
 
     def check_silence(self, at: float, wall: float) -> None:
         """Says so when a guard that was heard is silent."""
         if self._shown and wall - self._heard > SILENT_AFTER:
             self._show("silent", SILENT_REASON, at, at)
 
-    def _show(self, state: str, reason: str, at: float, since: float) -> None:
+    def _show(self, state: str, reason: str, at: float, since: float, warning: str = "") -> None:
         shown: Dict[str, Any] = {
             "state": state,
+            "warning": warning,
             "reason": reason if state in ("holding", "stopped", "silent") else "",
             HELD: "",
             HELD_WORDS: "",
@@ -61,6 +62,8 @@ class GuardSection:
             shown[HELD] = in_english(shown[HELD_WORDS])
         if shown == self._shown:
             return
+        if warning and warning != self._shown.get("warning"):
+            self._report(sentence("guard", warning, at, "failure"))
         before, self._shown = self._shown.get("state", ""), shown
         for name, value in shown.items():
             self._tree.set(GUARD, name, value)
