@@ -5,20 +5,17 @@ import os
 import signal
 import subprocess
 import threading
-import unittest
 
-import actionlib
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 from geometry_msgs.msg import PoseStamped, Twist
-from guard_fixture import LONG, Client, Witness, pid_of, refused_guard
+from guard_case import HOLDING, IDLE, LIVE, PASSING, STOPPED, GuardCase
+from guard_fixture import LONG, Witness, pid_of, refused_guard
 from merlin_msgs.msg import SimStatus
-from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal
-from nav_msgs.msg import Odometry
+from move_base_msgs.msg import MoveBaseActionGoal
 from sensor_msgs.msg import Joy
-from std_msgs.msg import Empty, String
+from std_msgs.msg import Empty
 from std_srvs.srv import Empty as EmptyService
-from std_srvs.srv import SetBool, Trigger
 
 import rostest
 from merlin_sm import guard_watch
@@ -26,103 +23,8 @@ from merlin_sm.states.merlin_state import ABORTED
 from merlin_sm.states.navigation import NavigationState
 from merlin_test.node_path import node_path
 
-IDLE, PASSING, HOLDING, STOPPED = range(4)
-LIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 
-
-class Guard(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        cls.witness = Witness()
-        cls.cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=10)
-        cls.commands = rospy.Publisher("cmd_vel_in", Twist, queue_size=10)
-        rospy.wait_for_service("move_base/stubborn", LONG)
-        cls.stubborn = rospy.ServiceProxy("move_base/stubborn", SetBool)
-        cls.stop_topic = rospy.Publisher("merlin/stop", Empty, queue_size=1)
-        cls.stop_by = rospy.Publisher("merlin/stop_by", String, queue_size=1)
-        cls.brake = rospy.Publisher("merlin/brake", String, queue_size=1)
-        cls.joy = rospy.Publisher("joy", Joy, queue_size=1)
-        cls.witness.wait(lambda: cls.witness.status is not None and cls.connected())
-
-    @classmethod
-    def connected(cls):
-        links = [publisher.get_num_connections() for publisher in cls.publishers()]
-        return all(links) and cls.cancel.get_num_connections() > 1
-
-    @classmethod
-    def publishers(cls):
-        return cls.cancel, cls.commands, cls.stop_topic, cls.stop_by, cls.brake, cls.joy
-
-    def setUp(self):
-        self.call("merlin/release")
-        self.addCleanup(self.end_goals)
-        self.client = self.start_client()
-
-    def start_client(self):
-        client = Client()
-        self.addCleanup(client.end)
-        return client
-
-    def end_goals(self):
-        self.stubborn(False)
-        rospy.ServiceProxy("move_base/end", EmptyService)()
-        self.witness.wait(self.nothing_runs)
-        self.call("merlin/release")
-        self.witness.state(IDLE)
-        self.witness.wait(lambda: not (self.witness.velocities and self.witness.velocities[-1]))
-
-    def nothing_runs(self):
-        return not any(status in LIVE for status in self.witness.goals.values())
-
-    def call(self, service):
-        rospy.wait_for_service(service, LONG)
-        return rospy.ServiceProxy(service, Trigger)()
-
-    def guard_links(self):
-        """What this node's publishers send to the guard through, by topic."""
-        return {
-            publisher.name: [
-                link for link in publisher.impl.connections if link.endpoint_id == "/merlin_guard"
-            ]
-            for publisher in self.publishers()
-        }
-
-    def kill_guard(self):
-        """Kills the guard; returns what waits until another one hears this node."""
-        old = self.guard_links()
-        os.kill(pid_of("/merlin_guard"), signal.SIGKILL)
-
-        def is_new(topic, links):
-            return any(all(link is not known for known in old[topic]) for link in links)
-
-        def is_back():
-            return all(is_new(topic, links) for topic, links in self.guard_links().items())
-
-        return lambda: self.witness.wait(is_back)
-
-    def drive(self, client=None):
-        goal = (client or self.client).ask("drive")
-        self.witness.forget()
-        self.witness.wait(lambda: any(self.witness.velocities))
-        self.witness.wait(lambda: (self.witness.status.state, self.witness.status.goals) == (PASSING, [goal]))
-        return goal
-
-    def zero(self):
-        """Waits until the last velocity is zero."""
-        self.witness.wait(lambda: self.witness.velocities and not self.witness.velocities[-1])
-
-    def stands(self):
-        """Waits for the zero velocity, and for some commands more, none of which may pass."""
-        self.witness.still()
-        self.witness.forget()
-        self.witness.wait(lambda: len(self.witness.velocities) > 5)
-        self.assertNotIn(True, self.witness.velocities)
-
-    def ended(self, goal):
-        # A cancel may come before the base has begun with its goal.
-        ends = (GoalStatus.PREEMPTED, GoalStatus.RECALLED)
-        self.witness.wait(lambda: self.witness.goals.get(goal) in ends)
-
+class Guard(GuardCase):
     def test_a_motion_ends_with_its_goal(self):
         self.drive()
         self.witness.wait(lambda: self.witness.status.moving)
@@ -147,83 +49,6 @@ class Guard(unittest.TestCase):
             self.witness.velocities.clear()
         self.commands.publish(wrong)
         self.witness.wait(lambda: False in self.witness.velocities)
-
-    def test_a_velocity_above_the_limits_does_not_pass_as_it_is(self):
-        self.drive()
-        fast = Twist()
-        fast.linear.x, fast.angular.z = 1e300, 2e300
-        self.witness.fastest, before = 0.0, self.witness.status.limited
-        self.commands.publish(fast)
-        self.warned("a velocity is above the limits, and less is sent instead: 1e+300 m/s")
-        self.assertGreater(self.witness.status.limited, before)
-        self.witness.forget()
-        self.commands.publish(fast)
-        self.witness.wait(lambda: len(self.witness.velocities) > 5)
-        self.assertLessEqual(self.witness.fastest, 2.0 + 1e-6)
-        text = "a velocity is above the limits"
-        self.witness.wait(lambda: any(text in line for line in self.witness.log))
-
-    def warned(self, text):
-        self.witness.wait(lambda: text in self.witness.status.warning)
-
-    def server(self, name):
-        """A plain action server of this process; its goals end when a test says so."""
-        goals = []
-        server = actionlib.ActionServer(
-            name,
-            MoveBaseAction,
-            lambda goal: (goal.set_accepted(), goals.append(goal)),
-            lambda goal: goal.set_canceled(),
-            auto_start=False,
-        )
-        server.start()
-        self.addCleanup(server.stop)
-        self.addCleanup(lambda: [goal.set_succeeded() for goal in goals])
-        return goals
-
-    def run_state(self, action):
-        """A navigation state that runs; returns it, and what waits for its outcome."""
-        state, outcomes = NavigationState(target=PoseStamped(), action=action), []
-        driver = threading.Thread(target=lambda: outcomes.append(state.execute(None)), daemon=True)
-        driver.start()
-
-        def outcome():
-            driver.join(LONG)
-            return outcomes[0]
-
-        return state, outcome
-
-    def test_a_drive_of_a_server_that_the_guard_does_not_know_does_not_begin(self):
-        goals = self.server("crane")
-        state, outcome = self.run_state("crane")
-        self.assertEqual((outcome(), goals), (ABORTED, []))
-        self.assertEqual(
-            state.reason,
-            "the velocity guard passes no velocities of /crane: it is not among its motion_servers "
-            "[/move_base, /dock]",
-        )
-
-    def test_a_drive_without_velocities_is_named_and_goes_on(self):
-        goals = self.server("dock")
-        _, outcome = self.run_state("dock")
-        self.warned("/dock has an active goal and has sent no velocity on /cmd_vel_in for 1 s")
-        goals.pop().set_succeeded()
-        self.assertEqual(outcome(), "succeeded")
-        self.witness.wait(lambda: not self.witness.status.warning)
-
-    def test_a_base_that_does_not_move_is_named(self):
-        odometry = rospy.Publisher("odom", Odometry, queue_size=1)
-        self.addCleanup(odometry.unregister)
-        self.witness.wait(odometry.get_num_connections)
-        self.drive()
-
-        def stuck():
-            odometry.publish(Odometry())
-            return "/move_base drives, and the base does not move" in self.witness.status.warning
-
-        while not stuck():
-            rospy.rostime.wallsleep(0.05)
-        self.witness.state(PASSING)
 
     def test_an_owner_that_is_killed_stops_the_base_and_its_goal(self):
         goal = self.drive()

@@ -62,7 +62,9 @@ def test_a_limit_that_makes_no_sense_is_named(read, name, value):
         read(**known(**{name: value}))
 
 
-@pytest.mark.parametrize("name, value", [("max_speed", 0.0), ("max_acceleration", 0), ("max_speed", math.inf)])
+@pytest.mark.parametrize(
+    "name, value", [("max_speed", 0.0), ("max_acceleration", 0), ("max_speed", math.inf)]
+)
 def test_a_base_has_a_speed_and_its_limit(read, name, value):
     with pytest.raises(ParameterError, match=f"~{name} is"):
         read(**known(**{name: value}))

@@ -111,7 +111,9 @@ LIMIT = st.floats(0.05, 5.0)
 COMMANDS = st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, st.floats(0.0, 1.0)), max_size=30)
 
 
-@given(st.builds(VelocityLimits, LIMIT, LIMIT, LIMIT | st.just(math.inf), LIMIT | st.just(math.inf)), COMMANDS)
+@given(
+    st.builds(VelocityLimits, LIMIT, LIMIT, LIMIT | st.just(math.inf), LIMIT | st.just(math.inf)), COMMANDS
+)
 def test_whatever_is_asked_for(limits, commands):
     base, before, spent = Base(limits), STANDING, [0.0]
     for x, y, yaw, after in commands:

@@ -138,6 +138,8 @@ def test_a_guard_that_has_just_begun_is_waited_for(expect, monkeypatch):
     waiting.start()
     assert asked.wait(60.0)
     watch._receive(heard(heard=[]))
+    asked.clear()
+    assert asked.wait(60.0), "it does not wait for a guard that has yet to hear the server"
     watch._receive(heard())
     waiting.join(60.0)
     assert said == [""]

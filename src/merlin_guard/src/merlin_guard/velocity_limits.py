@@ -1,7 +1,7 @@
 """How fast a velocity may be, and how fast it may grow. Knows nothing of ROS."""
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Tuple
 
 CREDIT = 0.1  # s of growth that are saved up at most: a late command must not allow a jump
 ROUNDING = 1.0 + 1e-9  # a controller that drives at the limit is not above it
@@ -39,14 +39,6 @@ class Velocity(NamedTuple):
 STANDING = Velocity()
 
 
-class Limited(NamedTuple):
-    """What may go to the base in place of a velocity."""
-
-    velocity: Velocity
-    fault: str = ""
-    """What is wrong with the velocity that came, and what becomes of it; empty: nothing, it goes as it is."""
-
-
 class VelocityLimiter:
     """Judges velocities one after the other. Not thread-safe.
 
@@ -65,12 +57,16 @@ class VelocityLimiter:
         # Time up to which growth is used up, s, of speed and of turning.
         self._used = self._turn_used = -math.inf
 
-    def judge(self, velocity: Velocity, now: float) -> Limited:
-        """What may go to the base now, s of a clock that is never set back. Changes nothing."""
+    def judge(self, velocity: Velocity, now: float) -> Tuple[Velocity, str]:
+        """What may go to the base now, and what is wrong with the velocity that came; changes nothing.
+
+        :param now: s of a clock that is never set back.
+        :return: the second is a sentence; empty: nothing is wrong, and the velocity goes as it is.
+        """
         if not all(map(math.isfinite, velocity)):
-            return Limited(STANDING, f"a velocity is not finite: {velocity}; zero is sent instead")
+            return STANDING, f"a velocity is not finite: {velocity}; zero is sent instead"
         if velocity.z or velocity.roll or velocity.pitch:
-            return Limited(STANDING, f"a velocity leaves the floor: {velocity}; zero is sent instead")
+            return STANDING, f"a velocity leaves the floor: {velocity}; zero is sent instead"
         limits = self._limits
         most, most_turn = limits.max_speed, limits.max_turn_speed
         part = min(_part(most, velocity.speed), _part(most_turn, abs(velocity.yaw)))
@@ -79,15 +75,14 @@ class VelocityLimiter:
         most_turn = self._kept_turn(less) + _saved(self._turn_used, now) * limits.max_turn_acceleration
         growth = min(_part(most, less.speed), _part(most_turn, abs(less.yaw)))
         if part == growth == 1.0:
-            return Limited(velocity)
+            return velocity, ""
         said = "is above the limits" if part < 1.0 else "grows faster than the limits allow"
-        less = STANDING if self._refuse else _scaled(less, growth)
-        return Limited(
-            less,
-            f"a velocity {said}, and {'zero' if self._refuse else 'less'} is sent instead: {velocity.speed:g} "
-            f"m/s and {velocity.yaw:g} rad/s, after {self._sent.speed:g} and {self._sent.yaw:g}; "
-            + " ".join(f"{name}:={value:g}" for name, value in limits._asdict().items()),
+        why = (
+            f"a velocity {said}, and {'zero' if self._refuse else 'less'} is sent instead: "
+            f"{velocity.speed:g} m/s and {velocity.yaw:g} rad/s, after {self._sent.speed:g} and "
+            f"{self._sent.yaw:g}; {' '.join(f'{name}:={value:g}' for name, value in limits._asdict().items())}"
         )
+        return STANDING if self._refuse else _scaled(less, growth), why
 
     def sent(self, velocity: Velocity, now: float) -> None:
         """A velocity went to the base, as it was judged at this moment."""
