@@ -77,10 +77,11 @@ class VelocityLimiter:
         if part == growth == 1.0:
             return velocity, ""
         said = "is above the limits" if part < 1.0 else "grows faster than the limits allow"
+        known = " ".join(f"{name}:={value:g}" for name, value in limits._asdict().items())
         why = (
             f"a velocity {said}, and {'zero' if self._refuse else 'less'} is sent instead: "
             f"{velocity.speed:g} m/s and {velocity.yaw:g} rad/s, after {self._sent.speed:g} and "
-            f"{self._sent.yaw:g}; {' '.join(f'{name}:={value:g}' for name, value in limits._asdict().items())}"
+            f"{self._sent.yaw:g}; {known}"
         )
         return STANDING if self._refuse else _scaled(less, growth), why
 
