@@ -90,8 +90,7 @@ class GuardDrives(GuardCase):
             odometry.publish(Odometry())
             return "/move_base drives, and the base does not move" in self.witness.status.warning
 
-        while not stuck():
-            rospy.rostime.wallsleep(0.05)
+        self.witness.wait(stuck)  # which is asked at each velocity
         self.witness.state(PASSING)
 
 
