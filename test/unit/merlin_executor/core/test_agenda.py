@@ -39,6 +39,19 @@ def test_the_most_urgent_runs_first_and_equals_in_order(agenda: "Agenda[Ticket]"
     assert ran == [tickets[1], tickets[3], tickets[0], tickets[2]]
 
 
+def test_while_a_base_is_held_nothing_begins_and_nothing_is_interrupted(agenda: "Agenda[Ticket]") -> None:
+    first, urgent = Ticket(0), Ticket(1, 3)
+    agenda.receive(first)
+    assert agenda.begin() is first
+    agenda.hold(True)
+    assert agenda.receive(urgent) == []
+    agenda.ended(Verdict(Outcome.SUCCEEDED))
+    agenda.pause(False)  # an operator who resumes beside a hold
+    assert agenda.begin() is None
+    agenda.hold(False)
+    assert agenda.begin() is urgent
+
+
 @pytest.mark.parametrize("resumes", [True, False])
 def test_an_urgent_request_interrupts_and_the_other_resumes_or_is_dropped(
     agenda: "Agenda[Ticket]", resumes: bool

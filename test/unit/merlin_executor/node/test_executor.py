@@ -8,7 +8,7 @@ import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import ExecuteGoal, ExecuteResult
+from merlin_msgs.msg import ExecuteGoal, ExecuteResult, ExecutorStatus
 from rosplan_knowledge_msgs.msg import ExprBase, KnowledgeItem
 
 from merlin_executor.core.outcome import Outcome, Verdict, outcome_name
@@ -137,6 +137,7 @@ class Bench:
         self.knowledge = Knowledge()
         self.callbacks: Dict[str, Callable] = {}
         self.statuses: List[Any] = []
+        self.guard = SimpleNamespace(hold="", follow=self.follow_holds)
 
         def server(name: str, spec: type, *callbacks: Callable) -> Any:
             self.callbacks = dict(zip(("goal", "cancel", "owner", "own result"), callbacks))
@@ -149,7 +150,7 @@ class Bench:
             ("ActionServer", server),
             ("DispatchClient", lambda *_: dispatcher),
             ("Recovery", lambda *_: recovery),
-            ("GuardClient", lambda *_, **__: None),
+            ("GuardClient", lambda *_, **__: self.guard),
             ("OwnGoals", lambda *_: own),
             ("LeaseHolder", lambda topic: None),
             ("PauseServices", self.serve_pause),
@@ -166,6 +167,9 @@ class Bench:
         self.executor = Executor(self.knowledge, None)  # type: ignore[arg-type]
         self.executor.start()
 
+    def follow_holds(self, on_hold: Callable[[], None]) -> None:
+        self.on_hold = on_hold
+
     def serve_pause(self, switch: Callable[[bool], None]) -> None:
         self.pause = switch
 
@@ -177,6 +181,11 @@ class Bench:
         self.send(goal)
         assert self.machine.begun.acquire(timeout=LONG)
         return goal
+
+    @property
+    def waits(self) -> List[str]:
+        """What was said of holds."""
+        return [each.waits for each in self.statuses if isinstance(each, ExecutorStatus)]
 
     def cancel(self, goal: Goal) -> None:
         goal.cancel_requested = True
@@ -378,3 +387,19 @@ def test_what_the_action_server_ends_itself_did_not_succeed(bench: Bench) -> Non
     for status, outcome in ((GoalStatus.RECALLED, "CANCELLED"), (GoalStatus.ABORTED, "INTERNAL")):
         result = bench.callbacks["own result"](GoalStatus(status=status, text="why"))
         assert (outcome_name(result.outcome), result.reason) == (outcome, "why")
+
+
+def test_while_a_base_is_held_requests_wait_and_the_status_says_for_what(bench: Bench) -> None:
+    bench.guard.hold = "the base is held by Ana since 14:03:07"
+    bench.on_hold()
+    assert bench.waits[-1] == bench.guard.hold
+    goal = Goal("(checked kitchen)")
+    bench.send(goal)
+    bench.pause(False)  # somebody resumes
+    assert not bench.machine.running
+    bench.guard.hold = ""
+    bench.on_hold()
+    assert bench.machine.begun.acquire(timeout=LONG)
+    assert bench.waits[-1] == ""
+    bench.machine.end(Verdict(Outcome.SUCCEEDED))
+    assert goal.end()[1] == "SUCCEEDED"

@@ -2,7 +2,7 @@
 
 import threading
 from types import SimpleNamespace
-from typing import Any, List, Sequence
+from typing import Any, Callable, List, Sequence
 
 import pytest
 import rospy
@@ -88,6 +88,8 @@ class Bench:
         self.results: List[DispatchResult] = []  # of the next dispatches; then they succeed
         self.without: List[List[str]] = []  # of each planning
         self.unsolvable = False  # when something is left out
+        self.held = False
+        self.waits, self.woken = threading.Event(), threading.Event()
         planning = SimpleNamespace(
             read_ahead=lambda: None,
             generate_problem=lambda: None,
@@ -101,7 +103,7 @@ class Bench:
                 planning,  # type: ignore[arg-type]
                 SimpleNamespace(dispatch=self._dispatch, available=lambda: not self.troubles),  # type: ignore[arg-type]
                 SimpleNamespace(rest=self._rest),  # type: ignore[arg-type]
-                SimpleNamespace(wait_standing=lambda: True),  # type: ignore[arg-type]
+                self,  # type: ignore[arg-type]
                 0.1,
             ),
             self.own,  # type: ignore[arg-type]
@@ -110,6 +112,23 @@ class Bench:
         self.request = SimpleNamespace(
             course=Course(3), items=KITCHEN, plan=[], stop=None, goal=SimpleNamespace(id="goal")
         )
+
+    # --- the guards
+
+    def wait_standing(self) -> bool:
+        return True
+
+    def brake(self, reason: str) -> None:
+        pass
+
+    def wait_released(self, stopped: Callable[[], bool]) -> None:
+        while self.held and not stopped():
+            self.waits.set()
+            assert self.woken.wait(LONG)
+            self.woken.clear()
+
+    def wake(self) -> None:
+        self.woken.set()
 
     def _rest(self, interruptible: Any) -> str:
         self.knowledge._call("executions")
@@ -162,6 +181,31 @@ def test_what_was_given_up_is_planned_around(bench: Bench) -> None:
     bench.results = [SAID_NO]
     assert bench.run().outcome is Outcome.SUCCEEDED
     assert bench.without == [[], ["(ask ann)"]]
+
+
+def test_while_a_base_is_held_nothing_is_planned_again(bench: Bench) -> None:
+    bench.results, bench.held = [SAID_NO], True
+    ended: List[Verdict] = []
+    run = threading.Thread(target=lambda: ended.append(bench.run()))
+    run.start()
+    assert bench.waits.wait(LONG)
+    assert len(bench.without) == 1 and not ended
+    bench.held = False
+    bench.wake()
+    run.join(LONG)
+    assert ended[0].outcome is Outcome.SUCCEEDED and len(bench.without) == 2
+
+
+def test_a_cancel_ends_the_wait_for_the_release(bench: Bench) -> None:
+    bench.results, bench.held = [SAID_NO], True
+    ended: List[Verdict] = []
+    run = threading.Thread(target=lambda: ended.append(bench.run()))
+    run.start()
+    assert bench.waits.wait(LONG)
+    bench.request.stop = Stop(StopKind.CANCELLED)
+    bench.machine.cancel()
+    run.join(LONG)
+    assert ended[0].outcome is Outcome.CANCELLED and len(bench.without) == 1
 
 
 def test_where_there_is_no_way_round_the_reason_stands(bench: Bench) -> None:

@@ -42,6 +42,10 @@ class Guards:
             self.callbacks["/kb/robots"](RobotHost(robot=robot, node=f"/{robot}/merlin_fsm_host"))
         self.expected = len(robots) + 1
 
+    def stopped(self, topic: str, reason: str = "stopped by Ana") -> None:
+        status = GuardStatus(state=GuardStatus.STOPPED, reason=reason, since=rospy.Time(42.5))
+        self.callbacks[topic](status)
+
     def say(
         self, robot: str, moving: bool, state: int = GuardStatus.PASSING, goals: Sequence[str] = ()
     ) -> None:
@@ -131,3 +135,48 @@ def test_a_goal_that_does_not_end_delays_the_answer_only(monkeypatch: pytest.Mon
     guards.client.brake("cancelled")
     guards.say("ann", False, GuardStatus.HOLDING, ["ann-1"])
     assert guards.client.wait_standing()
+
+
+def test_a_hold_is_told_with_its_holder_until_the_release(monkeypatch: pytest.MonkeyPatch) -> None:
+    guards = Guards(monkeypatch)
+    told: List[str] = []
+    guards.client.follow(lambda: told.append(guards.client.hold))
+    guards.stopped("merlin/guard")
+    guards.stopped("merlin/guard")
+    guards.callbacks["merlin/guard"](GuardStatus())
+    assert told == ["", "the base is held by Ana since 42.5 s", ""]
+
+
+def test_of_several_robots_each_that_is_held_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    guards = Guards(monkeypatch)
+    guards.meet("ann", "bob")
+    guards.stopped("/bob/merlin/guard", "stopped on the topic merlin/stop")
+    assert guards.client.hold == "robot bob is held on the topic merlin/stop since 42.5 s"
+    guards.stopped("/ann/merlin/guard")
+    assert "robot ann is held by Ana since 42.5 s and robot bob is held" in guards.client.hold
+
+
+def test_a_robot_that_is_gone_holds_nobody_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    guards = Guards(monkeypatch)
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    now = 100.0
+    guards.meet("ann", "bob")
+    guards.stopped("/bob/merlin/guard")
+    released = threading.Event()
+    waiting = threading.Thread(target=lambda: (guards.client.wait_released(lambda: False), released.set()))
+    waiting.start()
+    now += 60.0
+    guards.meet("ann")
+    assert released.wait(LONG) and guards.client.hold == ""
+
+
+def test_the_wait_for_a_release_can_be_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    guards = Guards(monkeypatch)
+    guards.stopped("merlin/guard")
+    stopped = threading.Event()
+    waiting = threading.Thread(target=guards.client.wait_released, args=(stopped.is_set,))
+    waiting.start()
+    stopped.set()
+    guards.client.wake()
+    waiting.join(LONG)
+    assert not waiting.is_alive() and guards.client.hold

@@ -19,7 +19,7 @@ master_answers = threading.Event()
 class Guard:
     """The guard of one base; that of a further robot is found when the master answers."""
 
-    def __init__(self, namespace: str, changed: threading.Condition) -> None:
+    def __init__(self, namespace: str, changed: threading.Condition, heard: Any) -> None:
         self.namespace = namespace
         if namespace:
             registers.set()
@@ -33,6 +33,9 @@ class Guard:
 
     def moves(self) -> bool:
         return False
+
+    def hold(self) -> str:
+        return ""
 
     def holds_goals(self) -> bool:
         return False

@@ -94,6 +94,7 @@ class Agenda(Generic[T]):
         self._running: Optional[T] = None
         self._closing = False
         self._paused = False
+        self._hold = False
         self.breakpoints = Breakpoints()
         """Goals before whose request it is held."""
 
@@ -162,10 +163,15 @@ class Agenda(Generic[T]):
         self._paused = paused
         return self._interrupt()
 
+    def hold(self, hold: bool) -> List[Decision]:
+        """A base of the robots is held, or all are free again. As a pause, with an end of its own."""
+        self._hold = hold
+        return self._interrupt()
+
     def begin(self) -> Optional[T]:
         """The next request, which runs from now on; None when none may run now."""
         ticket = self._next()
-        if self._running is not None or self._closing or self._paused or ticket is None:
+        if self._running is not None or self._closing or self._resting or ticket is None:
             if self.breakpoints.held:
                 self.breakpoints.admit([])  # it was taken back
             return None
@@ -216,13 +222,17 @@ class Agenda(Generic[T]):
     def _queue(self, ticket: T) -> None:
         self._waiting = sorted([*self._waiting, ticket], key=lambda waiting: waiting.urgency)
 
+    @property
+    def _resting(self) -> bool:
+        return self._paused or self._hold
+
     def _next(self) -> Optional[T]:
         return next((ticket for ticket in self._waiting if ticket.may_run), None)
 
     def _interrupt(self) -> List[Decision]:
         """Stops what runs when something more urgent may run."""
         ticket, running = self._next(), self._running
-        if self._paused or ticket is None or running is None or ticket.priority <= running.priority:
+        if self._resting or ticket is None or running is None or ticket.priority <= running.priority:
             return []
         return self._stop(Stop(StopKind.INTERRUPTED))
 

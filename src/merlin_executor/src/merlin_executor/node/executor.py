@@ -88,8 +88,10 @@ class Executor:
         self._own = OwnGoals(knowledge, goals_file, LeaseHolder(f"{knowledge.name}/goals/lease"))
         self._dispatcher = DispatchClient(dispatcher, knowledge.name, cancel_deadline, self._dispatch_changed)
         self._recovery = Recovery(knowledge, self._dispatcher)
-        guard = GuardClient(knowledge.name, stand_wait, brakes=cancel_deadline > 0.0)
-        system = PlanningSystem(knowledge, planning, self._dispatcher, self._recovery, guard, return_wait)
+        self._guard = GuardClient(knowledge.name, stand_wait, brakes=cancel_deadline > 0.0)
+        system = PlanningSystem(
+            knowledge, planning, self._dispatcher, self._recovery, self._guard, return_wait
+        )
         self._machine = ExecutorSM(system, self._own, self._publish_status)
         self._server = ActionServer(
             "merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner, _ended_by_server
@@ -118,6 +120,7 @@ class Executor:
         self._points = BreakpointService(self._engine.breakpoints, self._breakpoints_changed).offer(
             "merlin/breakpoints"
         )
+        self._guard.follow(self._hold_changed)
         self._engine.start()
         self._server.start()
 
@@ -135,6 +138,10 @@ class Executor:
 
     def _pause(self, paused: bool) -> None:
         self._engine.decide(lambda agenda: agenda.pause(paused))
+        self._publish_status()
+
+    def _hold_changed(self) -> None:
+        self._engine.decide(lambda agenda: agenda.hold(bool(self._guard.hold)))
         self._publish_status()
 
     def _breakpoints_changed(self) -> None:
@@ -237,6 +244,7 @@ class Executor:
             request = self._engine.running
             status = ExecutorStatus(state=ExecutorStatus.IDLE, reason=self._activity.reason)
             status.paused = self._engine.paused
+            status.waits = self._guard.hold
             hold = self._dispatcher.hold
             status.breakpoints = [*self._engine.breakpoints.texts, *hold.breakpoints]
             status.held = self._engine.breakpoints.held or hold.held

@@ -153,7 +153,7 @@ class Replan(PlanningState):
         self._run = run
 
     def run(self, userdata: Any) -> str:
-        """Decides, and waits before all new plans but the first."""
+        """Decides; waits while a base is held, and before all new plans but the first."""
         course = self._run.course
         end = course.end
         decision = course.replan()
@@ -161,8 +161,15 @@ class Replan(PlanningState):
         if not decision.again:
             return EXHAUSTED
         cancelled = threading.Event()
-        self.interruptible(cancelled.set)
+        guard = self._system.guard
+
+        def cancel() -> None:
+            cancelled.set()
+            guard.wake()
+
+        self.interruptible(cancel)
         try:
+            guard.wait_released(cancelled.is_set)
             if end.gone and not self._back(cancelled):
                 return PREEMPTED if cancelled.is_set() else ABORTED
             if Deadline(decision.wait).wait_event(cancelled):

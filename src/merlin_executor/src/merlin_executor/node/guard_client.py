@@ -1,19 +1,20 @@
-"""The Executor's view of the velocity guards: whether the bases stand, braking and halting them."""
+"""The Executor's view of the velocity guards: whether bases stand, or are held; braking and halting them."""
 
 import threading
 import time
-from typing import Dict, List, Optional, Set
+from typing import Callable, Dict, List, Optional, Set
 
 import rospy
 from merlin_msgs.msg import GuardStatus, RobotHost
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from merlin_executor.core.base_hold import hold_words
 from merlin_executor.core.standstill import STAND_WAIT, Halt, together
 from merlin_ros.deadline import Deadline
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.robot_roster import RobotRoster, is_node, sender_of
+from merlin_sm.robot_roster import KEEP, RobotRoster, is_node, sender_of
 
 HALT_LIMIT = 1.0  # s of wall time for the guard to answer
 FRESH = 1.5  # s of wall time for which the word of another robot's guard counts; it sends one every 0.5 s
@@ -38,6 +39,8 @@ class GuardClient:
         self._changed = threading.Condition()  # guards the fields below, and what the guards say
         self._guards: Dict[str, _Guard] = {}
         self._coming: Set[str] = set()  # namespaces whose guard is being made
+        self._hold = ""
+        self._on_hold: Callable[[], None] = lambda: None
         self._add("")
         self._robots = rospy.Subscriber(f"{knowledge_base}/robots", RobotHost, self._meet, tcp_nodelay=True)
 
@@ -73,6 +76,41 @@ class GuardClient:
         """Asks the guards to hold their bases, and to cancel all present motion goals."""
         return together([guard.halt() for guard in self._all()])
 
+    @property
+    def hold(self) -> str:
+        """Who holds which bases until a release, as a sentence; empty: no base is held."""
+        return self._hold
+
+    def follow(self, on_hold: Callable[[], None]) -> None:
+        """Calls a function from now on when :attr:`hold` has changed, without a lock."""
+        self._on_hold = on_hold
+        on_hold()
+
+    def wait_released(self, stopped: Callable[[], bool]) -> None:
+        """Waits until no base is held.
+
+        :param stopped: ends the wait; call :meth:`wake` when it becomes true.
+        """
+        with self._changed:
+            if self._hold and not stopped():
+                rospy.logwarn(f"{self._hold}; the next plan waits for the release")
+            Deadline(None).wait(self._changed, lambda: not self._hold or stopped())
+
+    def wake(self) -> None:
+        """Wakes those that wait, so that they look again whether they are stopped."""
+        with self._changed:
+            self._changed.notify_all()
+
+    def _look(self) -> None:
+        """Notices that a hold has begun or ended: a guard has said something, or a robot is gone."""
+        with self._changed:
+            hold = " and ".join(filter(None, (guard.hold() for guard in self._guards.values())))
+            self._changed.notify_all()
+            if hold == self._hold:
+                return
+            self._hold = hold
+        self._on_hold()
+
     def _all(self) -> List["_Guard"]:
         with self._changed:
             return list(self._guards.values())
@@ -80,6 +118,7 @@ class GuardClient:
     def _meet(self, word: RobotHost) -> None:
         if not is_node(word.node):
             return
+        self._look()  # what the guard of a robot that is gone said last counts no longer
         namespace = word.node.rpartition("/")[0] + "/"
         admission = self._roster.admit(namespace, sender_of(word), time.monotonic())
         if admission.refusal:
@@ -98,15 +137,17 @@ class GuardClient:
 
     def _add(self, namespace: str) -> None:
         # Without the lock: it registers at the master, which may hang.
-        guard = _Guard(namespace, self._changed)
+        guard = _Guard(namespace, self._changed, self._look)
         with self._changed:
             self._guards[namespace] = guard
+        self._look()
 
     def _remove(self, namespace: str) -> None:
         with self._changed:
             guard = self._guards.pop(namespace, None)
         if guard is not None:
             guard.shutdown()
+            self._look()
 
 
 class _Guard:
@@ -114,11 +155,13 @@ class _Guard:
 
     :param namespace: of its robot, with a slash at the end; empty: that of this node.
     :param changed: owns what it says.
+    :param heard: called when it has said something.
     """
 
-    def __init__(self, namespace: str, changed: threading.Condition) -> None:
-        self._far = bool(namespace)
+    def __init__(self, namespace: str, changed: threading.Condition, heard: Callable[[], None]) -> None:
+        self._robot = namespace.strip("/")
         self._changed = changed
+        self._tell = heard
         self._status: Optional[GuardStatus] = None
         self._heard = 0.0
         self._braked: Set[str] = set()  # ids of the goals that ran at the last brake
@@ -130,9 +173,17 @@ class _Guard:
 
     def moves(self) -> bool:
         """Whether the base moves. The last status of a robot that is gone counts for a limited time."""
-        if self._status is None or (self._far and time.monotonic() - self._heard > FRESH):
+        if self._status is None or (self._robot and time.monotonic() - self._heard > FRESH):
             return False
         return bool(self._status.moving)
+
+    def hold(self) -> str:
+        """Who holds the base, as a sentence; empty: it is free, or the robot is gone."""
+        if self._status is None or self._status.state != GuardStatus.STOPPED:
+            return ""
+        if self._robot and time.monotonic() - self._heard > KEEP:
+            return ""
+        return hold_words(self._robot, self._status.reason, self._status.since.to_sec())
 
     def holds_goals(self) -> bool:
         """Whether goals that ran at the last brake still run and may not move the base."""
@@ -167,4 +218,4 @@ class _Guard:
     def _receive(self, status: GuardStatus) -> None:
         with self._changed:
             self._status, self._heard = status, time.monotonic()
-            self._changed.notify_all()
+        self._tell()

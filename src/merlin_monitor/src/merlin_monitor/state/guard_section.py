@@ -2,10 +2,10 @@
 
 from typing import Any, Dict
 
+from merlin_executor.core.base_hold import clock_text, holder_of
 from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
-from merlin_monitor.text.clock_text import clock_text
-from merlin_monitor.text.phrase import in_english, say
+from merlin_monitor.text.phrase import Phrase, in_english, say
 
 GUARD = "guard"
 #: Field of the section: while the base is stopped: which client stopped it, and when; else empty.
@@ -19,57 +19,107 @@ SILENT_AFTER = 2.0  # s of wall time; the guard sends a status every 0.5 s, paus
 
 
 class GuardSection:
-    """Keeps the section ``guard`` of the state; without a guard it stays empty."""
+    """Keeps the section ``guard`` of the state; without a guard it stays empty.
+
+    With guards of several robots its field ``robots`` has what each says; the state is ``stopped`` when each
+    base is held, ``partly`` when one is, else the worst one.
+    """
 
     def __init__(self, tree: StateTree, report: Reporter) -> None:
         self._tree = tree
         self._report = report
-        self._shown: Dict[str, Any] = {}
-        self._heard = 0.0
+        self._robots: Dict[str, Dict[str, Any]] = {}  # what is shown of each; a silent one may be empty
+        self._heard: Dict[str, float] = {}
 
-    def status(self, message: Any, at: float, wall: float) -> None:
+    def met(self, robot: str, there: bool, wall: float) -> None:
+        """The guard of a robot is in the ROS graph, or no longer.
+
+        :param wall: s of ``time.monotonic``.
+        """
+        if there:
+            self._heard.setdefault(robot, wall)
+            return
+        self._heard.pop(robot, None)
+        if self._robots.pop(robot, None):
+            self._show_all()
+
+    def status(self, message: Any, at: float, wall: float, robot: str = "") -> None:
         """Takes a message with the fields of merlin_msgs/GuardStatus.
 
         :param at: s of ROS time.
         :param wall: s of ``time.monotonic``.
+        :param robot: whose guard it is; empty: the one of the monitor's namespace.
         """
-        self._heard = wall
+        self._heard[robot] = wall
         known = message.state < len(STATES)
         state = STATES[message.state] if known else str(message.state)
-        self._show(state, message.reason, at, message.since.to_sec() or at, message.warning)
+        self._show(robot, state, message.reason, at, message.since.to_sec() or at, message.warning)
 
     def check_silence(self, at: float, wall: float) -> None:
-        """Says so when a guard that was heard is silent."""
-        if self._shown and wall - self._heard > SILENT_AFTER:
-            self._show("silent", SILENT_REASON, at, at)
+        """Says so when a guard that is there is silent."""
+        for robot, heard in self._heard.items():
+            if wall - heard > SILENT_AFTER:
+                self._show(robot, "silent", SILENT_REASON, at, at)
 
-    def _show(self, state: str, reason: str, at: float, since: float, warning: str = "") -> None:
+    def _show(
+        self, robot: str, state: str, reason: str, at: float, since: float, warning: str = ""
+    ) -> None:
         shown: Dict[str, Any] = {
             "state": state,
             "warning": warning,
             "reason": reason if state in ("holding", "stopped", "silent") else "",
-            HELD: "",
             HELD_WORDS: "",
         }
         if state == "stopped":
-            # The guard says: stopped by …, or: stopped on ….
-            _, _, by = reason.partition("stopped ")
-            _, _, name = by.partition("by ")
+            name = holder_of(reason)
             words = (
                 "stopped and held by {name} since {time}" if name else "stopped and held {name} since {time}"
             )
-            shown[HELD_WORDS] = say(words, name=name or by or reason, time=clock_text(since))
-            shown[HELD] = in_english(shown[HELD_WORDS])
-        if shown == self._shown:
+            how = name or reason.partition("stopped ")[2] or reason
+            shown[HELD_WORDS] = say(words, name=how, time=clock_text(since))
+        before = self._robots.get(robot, {})
+        if shown == before:
             return
-        if warning and warning != self._shown.get("warning"):
-            self._report(sentence("guard", warning, at, "failure"))
-        before, self._shown = self._shown.get("state", ""), shown
-        for name, value in shown.items():
+        self._robots[robot] = shown
+        self._show_all()
+        if warning and warning != before.get("warning"):
+            self._tell(robot, warning, at, "failure")
+        held = shown[HELD_WORDS] and say("the base is {held}", held=shown[HELD_WORDS])
+        said: Phrase = ""
+        if state in ("stopped", "silent") and state != before.get("state"):
+            said = held or say(SILENT_REASON)
+        elif before.get("state") in ("stopped", "silent") and state not in ("stopped", "silent"):
+            said = say("the base may drive again")
+        if said:
+            self._tell(robot, said, at)
+
+    def _tell(self, robot: str, said: Phrase, at: float, mark: str = "") -> None:
+        said = say("{what}: {why}", what=robot, why=said) if robot else said
+        self._report(sentence("guard", said, at, mark))
+
+    def _show_all(self) -> None:
+        robots = self._robots
+        first = next(iter(robots.values()), {})
+        several = robots if len(robots) > 1 else {}
+        states = [shown["state"] for shown in robots.values()]
+        state = next(
+            (each for each in ("stopped", "silent", "holding") if each in states), first.get("state", "")
+        )
+        if state == "stopped" and len(set(states)) > 1:
+            state = "partly"
+        held: Phrase = first.get(HELD_WORDS, "") if state == "stopped" else ""
+        if several and state == "stopped":
+            held = [
+                say("{robot} {held}", robot=robot or "base", held=shown[HELD_WORDS])
+                for robot, shown in sorted(robots.items())
+            ]
+        warned = [(robot, shown["warning"]) for robot, shown in sorted(robots.items()) if shown["warning"]]
+        for name, value in (
+            ("state", state),
+            ("warning", "; ".join(f"{robot}: {why}" if several else why for robot, why in warned)),
+            ("reason", next((shown["reason"] for shown in robots.values() if shown["state"] == state), "")),
+            (HELD, in_english(held)),
+            (HELD_WORDS, held),
+            ("robots", dict(several)),
+        ):
             self._tree.set(GUARD, name, value)
-        if state in ("stopped", "silent") and state != before:
-            held = shown[HELD_WORDS] or say(SILENT_REASON)
-            said = say("the base is {held}", held=held) if shown[HELD_WORDS] else held
-            self._report(sentence("guard", said, at))
-        elif before in ("stopped", "silent") and state not in ("stopped", "silent"):
-            self._report(sentence("guard", say("the base may drive again"), at))

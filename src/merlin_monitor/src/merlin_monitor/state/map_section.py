@@ -5,11 +5,11 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy
 
+from merlin_executor.core.base_hold import clock_text
 from merlin_monitor.drawing.png import png
 from merlin_monitor.drawing.robot_track import RobotTrack
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.state_tree import StateTree
-from merlin_monitor.text.clock_text import clock_text
 from merlin_monitor.text.phrase import Phrase, say
 
 SECTION = "map"
