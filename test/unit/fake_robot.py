@@ -6,7 +6,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import ExecuteResult, KnowledgeChanges, MissionStatus, RobotWay
+from merlin_msgs.msg import ExecuteResult, ExecutorStatus, KnowledgeChanges, MissionStatus, RobotWay
 
 from merlin_actions import robot_places
 from merlin_executor.mission import goal_dispatcher, mission_node
@@ -28,6 +28,11 @@ class Ended:
         self._on_done = on_done
         self._on_cancel = on_cancel
         self._ended = threading.Event()
+        self._own = False
+
+    @property
+    def taken_back(self) -> bool:
+        return getattr(self.result, "outcome", None) == ExecuteResult.CANCELLED and not self._own
 
     def end(self, result: Any, status: int = GoalStatus.SUCCEEDED) -> None:
         if not self._ended.is_set():
@@ -41,6 +46,7 @@ class Ended:
         return self._ended.is_set() if timeout is not None else self._ended.wait()
 
     def cancel(self) -> None:
+        self._own = True
         self._on_cancel(self)
 
 
@@ -85,6 +91,7 @@ class FakeRobot:
         self.down = False
         self.on_change: List[Callable[[Any], None]] = []
         self.on_way: List[Callable[[Any], None]] = []
+        self.on_status: List[Callable[[Any], None]] = []
         self._lock = threading.Lock()  # keeps a change whole: branches of a mission change facts at once
 
     # --- the knowledge ----------------------------------------------------------------------------------
@@ -123,6 +130,16 @@ class FakeRobot:
             self.change(add=goal)
         request.end(SUCCEEDED)
         return request
+
+    def operator_cancels(self) -> None:
+        """Ends the requests as another node does that cancels them."""
+        for request in self._requests:
+            self._cancel(request)
+
+    def held(self, waits: str) -> None:
+        """The Executor waits for a release, or no longer."""
+        for callback in self.on_status:
+            callback(ExecutorStatus(waits=waits))
 
     def cancel_all(self) -> None:
         for request in self._requests:
@@ -175,11 +192,18 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
         def stop(self) -> None:
             pass
 
-    def subscribe(topic: str, kind: type, callback: Callable[[Any], None], *_: Any, **__: Any) -> None:
+    class Subscription:
+        def unregister(self) -> None:
+            pass
+
+    def subscribe(topic: str, kind: type, callback: Callable[[Any], None], *_: Any, **__: Any) -> Any:
+        if kind is ExecutorStatus:
+            robot.on_status.append(callback)
         if kind is KnowledgeChanges:
             robot.on_change.append(callback)
         if kind is RobotWay:
             robot.on_way.append(callback)
+        return Subscription()
 
     def server(name: str, _: Any) -> FakeServer:
         return robot.servers.setdefault(name, FakeServer(name))

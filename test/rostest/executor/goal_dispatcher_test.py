@@ -5,6 +5,7 @@ import threading
 import unittest
 
 import rospy
+from actionlib_msgs.msg import GoalID
 from merlin_msgs.msg import ExecutorStatus, MachineHolds, MissionStatus, StateOutcome
 from merlin_msgs.srv import BreakpointsRequest
 from smach_msgs.msg import SmachContainerStructure
@@ -69,6 +70,7 @@ class GoalDispatchers(unittest.TestCase):
         cls.client = MerlinExecutorClient()
         assert cls.client.wait_for_executor(LONG)
         cls.drives = HeldDrives()
+        cls.client_of_an_operator = rospy.Publisher("merlin/execute/cancel", GoalID, queue_size=1)
 
     def setUp(self):
         self.knowledge = MerlinROSPlanAssistant()
@@ -78,6 +80,7 @@ class GoalDispatchers(unittest.TestCase):
         self.missions = []
         self.running = []  # goals of which an action runs
         self.idle = False
+        self.waits = ""
         self.subscribers = [
             rospy.Subscriber("merlin/mission", MissionStatus, self.receive),
             rospy.Subscriber("merlin/status", ExecutorStatus, self.receive_executor),
@@ -117,6 +120,7 @@ class GoalDispatchers(unittest.TestCase):
         with self.changed:
             self.running = list(status.goals) if status.running else []
             self.idle = status.state == ExecutorStatus.IDLE
+            self.waits = status.waits
             self.changed.notify_all()
 
     def wait(self, holds):
@@ -156,6 +160,21 @@ class GoalDispatchers(unittest.TestCase):
         self.assertEqual(ended, [False])
         self.wait(lambda: self.missions and self.missions[-1][1] == MissionStatus.CANCELLED)
         self.assertFalse(self.knowledge.holds("(checked bathroom)"))
+
+    def test_a_mission_whose_robot_is_stopped_goes_on_after_the_release(self):
+        mission = self.followed(Round())
+        thread, ended = self.driving(mission, mission.execute)
+        self.assertTrue(rospy.ServiceProxy("merlin/stop", Trigger)().success)
+        self.addCleanup(rospy.ServiceProxy("merlin/release", Trigger))
+        self.wait(lambda: "the base is held by" in self.waits)  # its drive fails, and no other one begins
+        self.client_of_an_operator.publish(GoalID())  # that cancels all requests, as the page does
+        self.wait(lambda: self.missions[-1][1] == MissionStatus.PAUSED and self.idle)
+        self.assertEqual(ended, [])
+        self.drives.end()
+        self.assertTrue(rospy.ServiceProxy("merlin/release", Trigger)().success)
+        thread.join(LONG)
+        self.assertEqual(ended, [True])
+        self.assertTrue(self.knowledge.holds("(and (checked kitchen) (checked bathroom))"))
 
     def test_a_paused_mission_ends_its_goal_and_goes_on_when_resumed(self):
         mission = self.followed(Round())

@@ -58,6 +58,13 @@ class ExecutorRequest:
         return self._ended.is_set()
 
     @property
+    def taken_back(self) -> bool:
+        """Whether another node has cancelled it, as an operator does; not its own client."""
+        result = self.result
+        cancelled = result is not None and result.outcome == ExecuteResult.CANCELLED
+        return cancelled and not self._resending.cancelled
+
+    @property
     def state(self) -> int:
         """A constant of actionlib_msgs/GoalStatus."""
         return self._sent.status

@@ -4,6 +4,7 @@ from merlin_executor.executor_client import DROP, RESUME, outcome_name
 from merlin_executor.mission.goal_dispatcher import GoalDispatcher, MissionFailed, MissionSM
 from merlin_executor.mission.goal_state import NOTHING, GoalState
 from merlin_executor.mission.mission_node import MissionError, MissionNode, results_folder
+from merlin_executor.mission.mission_pause import SKIP, WAIT
 from merlin_executor.resending import END, RESEND
 
 __all__ = [
@@ -12,6 +13,8 @@ __all__ = [
     "NOTHING",
     "RESEND",
     "RESUME",
+    "SKIP",
+    "WAIT",
     "GoalDispatcher",
     "GoalState",
     "MissionError",

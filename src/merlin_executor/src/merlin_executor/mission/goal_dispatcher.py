@@ -27,7 +27,7 @@ from merlin_executor.executor_client import Goals, MerlinExecutorClient
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission.goal_state import ACHIEVED, EXECUTOR_WAIT, GoalState, outcome_text
 from merlin_executor.mission.mission_node import MissionNode
-from merlin_executor.mission.mission_pause import MissionPause
+from merlin_executor.mission.mission_pause import WAIT, MissionPause
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.resending import RESEND
 from merlin_ros.ros_alarm import call_after
@@ -64,13 +64,16 @@ class GoalDispatcher(MissionNode):
     :param tasks: number of goals, for the status; 0: not known.
     :param on_lost: RESEND: a goal during which the Executor is lost is sent again when it is back, and the
         mission continues; END: the mission ends with the reason.
+    :param on_cancel: what :meth:`achieve` does when an operator stops the robot or cancels its goals: WAIT
+        until he releases the base or resumes the mission, and send them again; SKIP them; END the mission.
+    :raises ValueError: for another word.
     """
 
-    def __init__(self, name: str = "", tasks: int = 0, on_lost: str = RESEND) -> None:
+    def __init__(self, name: str = "", tasks: int = 0, on_lost: str = RESEND, on_cancel: str = WAIT) -> None:
         self.name = name or type(self).__name__
         self.client = MerlinExecutorClient(on_lost=on_lost, on_send=self._report)
         self.reporter = MissionReporter(self.name, tasks)
-        self._pause = MissionPause(self.reporter.paused)
+        self._pause = MissionPause(self.reporter.paused, on_cancel)
         self._cancelled = False
 
     @property
@@ -123,16 +126,22 @@ class GoalDispatcher(MissionNode):
 
         :param timeout: s of ROS time, after which they are cancelled; None: as long as it takes.
         :param options: priority, on_interrupt, … of :meth:`MerlinExecutorClient.send`.
+        :return: the Executor's result; CANCELLED for goals that an operator has cancelled, with SKIP.
         :raises MissionFailed: when they do not.
         """
         text = goals if isinstance(goals, str) else " ".join(map(str, goals))
-        self._pause.wait(lambda: self._cancelled)
-        request = self.send(goals, **options)
-        patience = None if timeout is None else call_after(timeout, request.cancel, f"timeout of {text}")
-        request.wait()
-        if patience is not None:
-            patience.shutdown()
+        again = True
+        while again:
+            self._pause.wait(lambda: self._cancelled)
+            request = self.send(goals, **options)
+            patience = None if timeout is None else call_after(timeout, request.cancel, f"timeout of {text}")
+            request.wait()
+            if patience is not None:
+                patience.shutdown()
+            again = self._pause.again(request, lambda: self._cancelled)
         result = request.result
+        if result is not None and self._pause.skips(request):
+            return result
         if result is None or result.outcome not in ACHIEVED:
             reason = f"{outcome_text(result)}: {result.reason}" if result else "the node shuts down"
             raise MissionFailed(f"{text}: {reason}", result)
@@ -172,14 +181,14 @@ class MissionSM(MissionNode, MerlinSM):
     Outcomes: succeeded, aborted, preempted.
 
     :param name: of the mission; the class name when empty.
-    :param on_lost: as of :class:`GoalDispatcher`.
+    :param on_lost, on_cancel: as of :class:`GoalDispatcher`, of its goal states.
     """
 
-    def __init__(self, name: str = "", on_lost: str = RESEND) -> None:
+    def __init__(self, name: str = "", on_lost: str = RESEND, on_cancel: str = WAIT) -> None:
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED])
         self.name = name or type(self).__name__
         self.client = MerlinExecutorClient(on_lost=on_lost)
-        self._pause = MissionPause(lambda paused: self.reporter.paused(paused))
+        self._pause = MissionPause(lambda paused: self.reporter.paused(paused), on_cancel)
         with self:
             self.build()
         self.reporter = MissionReporter(self.name, len(self.get_children()))

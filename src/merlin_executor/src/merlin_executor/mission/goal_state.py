@@ -1,6 +1,5 @@
 """A state that sends goals to the Executor: what a mission's machine is made of (paper, Figure 3)."""
 
-import threading
 from typing import Any, Callable, Optional, Sequence, Union
 
 from merlin_msgs.msg import ExecuteResult
@@ -10,7 +9,6 @@ from merlin_executor.executor_client import RESUME, Goals, MerlinExecutorClient
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission.mission_pause import MissionPause
 from merlin_executor.resending import RESEND
-from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.knowledge_text import PDDLSyntaxError
@@ -36,7 +34,8 @@ class GoalState(MerlinState):
     :param on_interrupt: RESUME or DROP.
     :param client: None: one of its own.
     :param on_lost: END or RESEND, what happens when the Executor is lost meanwhile; None: as the client does.
-    :param pause: of the mission: while it is paused, the goals are not sent.
+    :param pause: of the mission: while it is paused, the goals are not sent; it also decides what becomes of
+        goals that an operator has cancelled.
     """
 
     def __init__(
@@ -55,7 +54,7 @@ class GoalState(MerlinState):
         self._goals = goals
         self._priority = priority
         self._on_interrupt = on_interrupt
-        self._pause = pause
+        self._pause = pause or MissionPause(lambda paused: None)
         self._on_lost = on_lost
         self._client = client or MerlinExecutorClient(on_lost=RESEND)
 
@@ -73,26 +72,22 @@ class GoalState(MerlinState):
             return NOTHING
         if not self._client.wait_for_executor(EXECUTOR_WAIT):
             return self.fail(f"no executor within {EXECUTOR_WAIT:g} s")
-        if self._pause is not None:
+        again = True
+        while again:
             self.interruptible(self._pause.wake)
             self._pause.wait(self.preempt_requested)
             self.interruptible(None)
             if self.preempt_requested():
                 return PREEMPTED
-        ended = threading.Event()
-        try:
-            request = self._client.send(
-                goals,
-                self._priority,
-                self._on_interrupt,
-                on_done=lambda _: ended.set(),
-                on_lost=self._on_lost,
-            )
-        except (ValueError, PDDLSyntaxError, ServiceError) as error:
-            return self.fail(str(error))
-        self.interruptible(request.cancel)
-        Deadline(None).wait_event(ended)
-        self.interruptible(None)
+            try:
+                request = self._client.send(goals, self._priority, self._on_interrupt, on_lost=self._on_lost)
+            except (ValueError, PDDLSyntaxError, ServiceError) as error:
+                return self.fail(str(error))
+            self.interruptible(request.cancel)
+            request.wait()
+            self.interruptible(self._pause.wake)
+            again = self._pause.again(request, self.preempt_requested)
+            self.interruptible(None)
         return self._outcome(userdata, request)
 
     def _outcome(self, userdata: Any, request: ExecutorRequest) -> str:
@@ -101,7 +96,7 @@ class GoalState(MerlinState):
             return self.fail("the mission's node shuts down")
         userdata.outcome = outcome_name(result.outcome)
         self.reason = result.reason
-        if result.outcome in ACHIEVED:
+        if result.outcome in ACHIEVED or self._pause.skips(request):
             return SUCCEEDED
         if result.outcome == ExecuteResult.CANCELLED and self.preempt_requested():
             return PREEMPTED

@@ -1,6 +1,7 @@
 """MissionNode: the part of a mission that makes it a node: parameters, waits, exit code."""
 
 import sys
+import threading
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Sequence, Type
@@ -11,6 +12,7 @@ from rospy.core import is_shutdown_requested
 
 from merlin_executor.core.mission_arguments import arguments_of
 from merlin_executor.executor_client import MerlinExecutorClient
+from merlin_executor.mission.hold_watch import HoldWatch
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.mission.readiness import NotReady, wait_for_robot
 from merlin_ros.node import CANNOT_BEGIN
@@ -95,6 +97,16 @@ def run_mission(mission_class: Type[MissionNode]) -> int:
     :return: the exit code: 0, :data:`FAILED`, :data:`~merlin_ros.node.CANNOT_BEGIN` after one line that
         says why, or :data:`INTERRUPTED`.
     """
+    holds = HoldWatch(threading.Condition())
+    code = _run(mission_class)
+    # Its launch file ends with it, and the guards, too.
+    holds.wait_released(
+        lambda why: print(f"mission: it has ended, and stays until the release: {why}", flush=True)
+    )
+    return code
+
+
+def _run(mission_class: Type[MissionNode]) -> int:
     mission = None
     try:
         timeout = number("~startup_timeout", mission_class.startup_timeout, 1.0)

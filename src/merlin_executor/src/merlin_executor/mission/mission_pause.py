@@ -1,13 +1,21 @@
 """Pauses and resumes a mission: the services ``merlin/mission/pause`` and ``merlin/mission/resume``."""
 
 import threading
-from typing import Callable, List
+from typing import Callable, List, Optional
 
 import rospy
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
-from merlin_executor.mission.mission_progress import PauseSwitch
+from merlin_executor.executor_request import ExecutorRequest
+from merlin_executor.mission.hold_watch import HoldWatch
+from merlin_executor.mission.mission_progress import PauseSwitch, Switched
+from merlin_executor.resending import END
 from merlin_ros.deadline import Deadline
+
+#: What a mission does when an operator stops the robot or cancels its goals: it waits for the release, or to
+#: be resumed, and sends them again; it goes on without them; (END) it ends.
+WAIT, SKIP = "wait", "skip"
+ON_CANCEL = (WAIT, SKIP, END)
 
 
 class MissionPause:
@@ -17,10 +25,16 @@ class MissionPause:
 
     :param on_change: called with whether the mission is paused now, in the service's thread and in the order
         of the changes; never after the context has ended. It must not block.
+    :param on_cancel: WAIT, SKIP or END.
+    :raises ValueError: for another word.
     """
 
-    def __init__(self, on_change: Callable[[bool], None]) -> None:
+    def __init__(self, on_change: Callable[[bool], None], on_cancel: str = WAIT) -> None:
+        if on_cancel not in ON_CANCEL:
+            raise ValueError(f"on_cancel is {on_cancel!r}; it has to be one of {', '.join(ON_CANCEL)}")
         self._on_change = on_change
+        self._on_cancel = on_cancel
+        self._holds: Optional[HoldWatch] = None
         self._changed = threading.Condition()  # guards the switch, and the order of the calls
         self._switch = PauseSwitch()
         self._services: List[rospy.Service] = []
@@ -28,6 +42,7 @@ class MissionPause:
     def __enter__(self) -> "MissionPause":
         with self._changed:
             self._switch.begin()
+        self._holds = HoldWatch(self._changed)
         self._services = [
             rospy.Service("merlin/mission/pause", Trigger, self._pause),
             rospy.Service("merlin/mission/resume", Trigger, self._resume),
@@ -40,6 +55,8 @@ class MissionPause:
         for service in self._services:
             service.shutdown("the mission has ended")
         self._services = []
+        if self._holds is not None:
+            self._holds.close()
 
     def wait(self, stopped: Callable[[], bool]) -> None:
         """Returns when the mission is not paused, or stopped, or the node shuts down.
@@ -48,6 +65,31 @@ class MissionPause:
         """
         with self._changed:
             Deadline(None).wait(self._changed, lambda: not self._switch.paused or stopped())
+
+    def skips(self, request: ExecutorRequest) -> bool:
+        """Whether the mission goes on without the goals of a request that has ended."""
+        return self._on_cancel == SKIP and request.taken_back
+
+    def again(self, request: ExecutorRequest, stopped: Callable[[], bool]) -> bool:
+        """Whether the goals of a request that has ended are to be sent again, as an operator took them back.
+
+        Waits until he lets the mission go on: it is resumed, or a hold of the base is released.
+
+        :param stopped: looked at after each :meth:`wake`; then it is False.
+        """
+        holds = self._holds
+        if self._on_cancel != WAIT or holds is None or not request.taken_back:
+            return False
+        with self._changed:
+            paused_before, releases = self._switch.paused, holds.releases
+            self._set_now(True)
+            Deadline(None).wait(
+                self._changed,
+                lambda: stopped() or not self._switch.paused or holds.releases > releases,
+            )
+            if not paused_before:
+                self._set_now(False)
+        return not stopped() and not rospy.is_shutdown()
 
     def wake(self) -> None:
         """Wakes waiters so that they re-check `stopped`."""
@@ -62,8 +104,13 @@ class MissionPause:
 
     def _set(self, paused: bool) -> TriggerResponse:
         with self._changed:
-            switched = self._switch.set(paused)
-            if switched.done:
-                self._changed.notify_all()
-                self._on_change(paused)
+            switched = self._set_now(paused)
         return TriggerResponse(switched.done, switched.words)
+
+    def _set_now(self, paused: bool) -> Switched:
+        """Called with the lock held."""
+        switched = self._switch.set(paused)
+        if switched.done:
+            self._changed.notify_all()
+            self._on_change(paused)
+        return switched

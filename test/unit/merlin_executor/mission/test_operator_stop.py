@@ -1,0 +1,168 @@
+"""A mission survives an operator who stops the robot or cancels its goals, as it has declared."""
+
+import threading
+from typing import Any, Callable, List
+
+import pytest
+from fake_robot import FakeRobot
+from merlin_msgs.msg import ExecuteResult, MissionStatus
+
+from merlin_executor.mission import (
+    END,
+    SKIP,
+    WAIT,
+    GoalDispatcher,
+    MissionNode,
+    MissionSM,
+    mission_host,
+    mission_node,
+)
+
+LONG = 60.0
+HELD = "the base is held by Ana since 14:03:07"
+
+
+class Round(GoalDispatcher):
+    def __init__(self, on_cancel: str = WAIT) -> None:
+        super().__init__("round", on_cancel=on_cancel)
+
+    def run(self) -> None:
+        self.achieve("(checked kitchen)")
+        self.achieve("(checked bathroom)")
+
+
+class Tour(MissionSM):
+    def __init__(self, on_cancel: str = WAIT) -> None:
+        super().__init__("tour", on_cancel=on_cancel)
+
+    def build(self) -> None:
+        self.add_goal_state("KITCHEN", "(checked kitchen)", {"succeeded": "BATH"})
+        self.add_goal_state("BATH", "(checked bathroom)")
+
+
+MISSIONS = pytest.mark.parametrize("kind", [Round, Tour])
+
+
+class Run:
+    """A mission in a thread; the goal for the kitchen goes on until someone ends it."""
+
+    def __init__(self, robot: FakeRobot, kind: Callable[[str], MissionNode], on_cancel: str) -> None:
+        self._changed = threading.Condition()
+        self._robot = robot
+        robot.never = ["(checked kitchen)"]
+        robot.on_goal = lambda goal: self._notify()
+        robot.published = Published(self._notify)  # before the mission takes its publishers
+        self.mission = kind(on_cancel)
+        self.ended: List[bool] = []
+        self._thread = threading.Thread(target=lambda: self.ended.append(self.mission.carry_out()))
+        self._thread.start()
+        self.wait(lambda: bool(robot.goals))
+
+    def _notify(self) -> None:
+        with self._changed:
+            self._changed.notify_all()
+
+    def wait(self, predicate: Callable[[], bool]) -> None:
+        with self._changed:
+            assert self._changed.wait_for(predicate, LONG), (self._robot.goals, list(self._robot.published))
+
+    def wait_paused(self) -> None:
+        self.wait(lambda: self._robot.published[-1].state == MissionStatus.PAUSED)
+
+    def end(self) -> bool:
+        self._thread.join(LONG)
+        return self.ended[0]
+
+
+class Published(List[Any]):
+    def __init__(self, on_message: Callable[[], None]) -> None:
+        super().__init__()
+        self._on_message = on_message
+
+    def append(self, message: Any) -> None:
+        super().append(message)
+        self._on_message()
+
+
+@MISSIONS
+def test_after_a_stop_it_waits_for_the_release_and_goes_on_with_the_goal(robot: FakeRobot, kind: Any) -> None:
+    run = Run(robot, kind, WAIT)
+    robot.operator_cancels()  # the hold is heard later than the cancel
+    run.wait_paused()
+    robot.held(HELD)
+    assert robot.goals == ["(checked kitchen)"] and not run.ended
+    robot.never = []
+    robot.held("")
+    assert run.end()
+    assert robot.goals == ["(checked kitchen)"] * 2 + ["(checked bathroom)"]
+    assert robot.published[-1].state == MissionStatus.SUCCEEDED
+
+
+@MISSIONS
+def test_after_a_cancel_it_waits_until_it_is_resumed(robot: FakeRobot, kind: Any) -> None:
+    run = Run(robot, kind, WAIT)
+    robot.operator_cancels()
+    run.wait_paused()
+    robot.never = []
+    assert robot.services["merlin/mission/resume"](None).success
+    assert run.end()
+    assert robot.goals == ["(checked kitchen)"] * 2 + ["(checked bathroom)"]
+
+
+@MISSIONS
+def test_it_may_skip_the_goal(robot: FakeRobot, kind: Any) -> None:
+    run = Run(robot, kind, SKIP)
+    robot.operator_cancels()
+    assert run.end()
+    assert robot.goals == ["(checked kitchen)", "(checked bathroom)"]
+
+
+@MISSIONS
+def test_it_may_end(robot: FakeRobot, kind: Any) -> None:
+    run = Run(robot, kind, END)
+    robot.operator_cancels()
+    assert not run.end()
+    assert robot.goals == ["(checked kitchen)"]
+    assert robot.published[-1].state == MissionStatus.FAILED
+
+
+@MISSIONS
+def test_while_it_waits_it_can_be_cancelled(robot: FakeRobot, kind: Any) -> None:
+    run = Run(robot, kind, WAIT)
+    robot.operator_cancels()
+    run.wait_paused()
+    robot.shut_down()
+    assert not run.end()
+    assert robot.goals == ["(checked kitchen)"]
+    assert robot.published[-1].state == MissionStatus.CANCELLED
+
+
+@MISSIONS
+def test_a_word_that_is_none_is_refused(robot: FakeRobot, kind: Any) -> None:
+    with pytest.raises(ValueError, match="on_cancel is 'sleep'; it has to be one of wait, skip, end"):
+        kind("sleep")
+
+
+def test_the_node_of_a_mission_that_ends_meanwhile_stays_until_the_release(
+    robot: FakeRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: List[str] = []
+    told = threading.Event()
+
+    def tell(text: str, **_: Any) -> None:
+        said.append(text)
+        told.set()
+
+    monkeypatch.setattr(mission_node, "print", tell, raising=False)
+    monkeypatch.setattr(mission_host, "init_node", lambda name: None)
+    monkeypatch.setattr(mission_host, "load_class", lambda path: Round)
+    robot.results = {"(checked kitchen)": ExecuteResult(outcome=ExecuteResult.UNSOLVABLE)}
+    robot.on_goal = lambda goal: robot.held(HELD)
+    codes: List[int] = []
+    node = threading.Thread(target=lambda: codes.append(mission_host.main("Round")))
+    node.start()
+    assert told.wait(LONG)
+    assert not codes and HELD in said[0]
+    robot.held("")
+    node.join(LONG)
+    assert codes == [1]
