@@ -31,6 +31,7 @@ class FakeRobot:
         self.time = 0.0
         self.forgotten: List[str] = []
         self.idle_waits = 0
+        self.elsewhere = 0.0  # s of each task in which the Executor works for others
         self._timers: List[Tuple[float, Callable[[], None]]] = []
         self._actions: List[Tuple[str, float, float]] = []
         self._x = 0.0
@@ -69,6 +70,9 @@ class FakeRobot:
 
     def wait_idle(self) -> None:
         self.idle_waits += 1
+
+    def disturbed(self, since: float, until: float) -> float:
+        return self.elsewhere
 
     def action_times(self, since: float) -> List[Tuple[str, float, float]]:
         return [entry for entry in self._actions if entry[1] >= since]
@@ -114,6 +118,14 @@ def test_unmarked_tasks_run_to_their_end_and_marked_ones_are_cancelled() -> None
             assert record.distance == pytest.approx(15.0)
             assert (record.navigating, record.speaking) == (pytest.approx(15.0), pytest.approx(5.0))
     assert records[0].sent == 0.0
+
+
+def test_what_disturbs_a_task_is_not_its_time_and_marks_it() -> None:
+    robot = FakeRobot()
+    robot.elsewhere = 7.0
+    mission = MeasuredMission([MissionTask(1, "kitchen", False)], robot, cancel_after=10.0)
+    (record,) = mission.run()
+    assert (record.disturbed, record.time) == (7.0, pytest.approx(20.1 - 7.0))
 
 
 def test_a_marked_task_that_is_done_before_is_not_cancelled() -> None:

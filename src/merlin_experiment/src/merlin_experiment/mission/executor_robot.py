@@ -56,6 +56,9 @@ class ExecutorRobot(MerlinROSPlanAssistant):
         self._status: Optional[ExecutorStatus] = None
         self._running: Dict[Tuple[int, int], Tuple[str, float]] = {}
         self._actions: List[Tuple[str, float, float]] = []
+        self._disturbed: List[Tuple[float, float]] = []
+        self._disturbed_since: Optional[float] = None
+        self._own = f"{rospy.get_name()}-"  # how the ids of its requests begin
         self.client = MerlinExecutorClient(on_lost=on_lost)
         self._subscriber = rospy.Subscriber(
             "merlin/status", ExecutorStatus, self._receive, queue_size=20, tcp_nodelay=True
@@ -78,7 +81,7 @@ class ExecutorRobot(MerlinROSPlanAssistant):
         return call_after(seconds, action, "measured mission").shutdown
 
     def wait_idle(self) -> None:
-        """Waits until the Executor says that it is idle.
+        """Waits until the Executor says that it is idle, or works for another client.
 
         :raises MissionStopped: it does not within IDLE_TIMEOUT.
         """
@@ -86,13 +89,45 @@ class ExecutorRobot(MerlinROSPlanAssistant):
             if not Deadline(IDLE_TIMEOUT).wait(self._changed, self._idle):
                 raise MissionStopped(f"the Executor is not idle {IDLE_TIMEOUT:.0f} s after its answer")
 
+    def wait_free(self, stopped: Callable[[], bool], tell: Callable[[str], None]) -> None:
+        """Waits as long as the Executor works for another client, or waits for a base to be released.
+
+        :param stopped: ends the wait; call :meth:`wake` when it becomes true.
+        :param tell: called with what it waits for, unless it does not wait.
+        """
+        with self._changed:
+            why = self._disturbance()
+            if why:
+                tell(f"waits: {why}")
+            Deadline(None).wait(self._changed, lambda: stopped() or not self._disturbance())
+
+    def wake(self) -> None:
+        """Wakes :meth:`wait_free`."""
+        with self._changed:
+            self._changed.notify_all()
+
+    def disturbed(self, since: float, until: float) -> float:
+        """s between two times in which the Executor worked for others, or waited for a release."""
+        with self._changed:
+            open_ended = [] if self._disturbed_since is None else [(self._disturbed_since, until)]
+            spans = [*self._disturbed, *open_ended]
+        return sum(max(0.0, min(end, until) - max(begin, since)) for begin, end in spans)
+
     def action_times(self, since: float) -> List[Tuple[str, float, float]]:
         """The actions that began since a time: operator, start, end (s of ROS time)."""
         with self._changed:
             return [entry for entry in self._actions if entry[1] >= since]
 
     def _idle(self) -> bool:
-        return self._status is not None and self._status.state == ExecutorStatus.IDLE
+        status = self._status
+        return status is not None and not (status.state and status.request.startswith(self._own))
+
+    def _disturbance(self) -> str:
+        """What keeps the Executor from the mission's requests; empty: nothing."""
+        status = self._status
+        if status is None or status.waits or not status.request or status.request.startswith(self._own):
+            return status.waits if status is not None else ""
+        return f"{', '.join(status.goals)} of another client runs"
 
     def _receive(self, status: ExecutorStatus) -> None:
         now = status.header.stamp.to_sec()
@@ -107,6 +142,11 @@ class ExecutorRobot(MerlinROSPlanAssistant):
             started = set(running) - set(self._running)
             self._running = running
             self._status = status
+            if not self._disturbance() and self._disturbed_since is not None:
+                self._disturbed.append((self._disturbed_since, now))
+                self._disturbed_since = None
+            elif self._disturbance() and self._disturbed_since is None:
+                self._disturbed_since = now
             self.doing = _plain_words(status)
             self._changed.notify_all()
         for key in sorted(started):

@@ -62,6 +62,9 @@ class MissionRobot(Protocol):
     def wait_idle(self) -> None:
         """Waits until the Executor takes the next request."""
 
+    def disturbed(self, since: float, until: float) -> float:
+        """s between two times in which the Executor worked for others, or waited for a release."""
+
     def action_times(self, since: float) -> List[Tuple[str, float, float]]:
         """The actions that began since a time: operator, start, end (s of ROS time)."""
 
@@ -183,6 +186,7 @@ class MeasuredMission:
         assert self.start is not None
         start, track = self.start, self._robot.trajectory
         sent, idle = start + record.sent, start + record.idle
+        record.disturbed = self._robot.disturbed(sent, idle)
         record.distance = track.distance(sent, idle)
         actions = self._robot.action_times(sent - CLOCK_TICK)
         if actions:

@@ -6,7 +6,7 @@ continue, 130 when it was interrupted.
 
 import math
 import time
-from typing import Optional
+from typing import Callable, Optional
 
 import rospy
 from merlin_msgs.msg import MissionStatus, SimStatus
@@ -79,7 +79,7 @@ class MeasuredMissionNode(MissionNode):
             settings.cancel_after,
             (CANCEL_AHEAD, self._factor.cancel_is_near),
             self._task_changed,
-            lambda stopped: self._pause.wait(stopped),
+            self._wait_turn,
         )
         self._pause = MissionPause(self.reporter.paused)
         self._truth = GroundTruth(self._trajectory, self._watch)
@@ -129,6 +129,11 @@ class MeasuredMissionNode(MissionNode):
     def _stop(self) -> None:
         self._mission.stop()
         self._pause.wake()
+        self._robot.wake()
+
+    def _wait_turn(self, stopped: Callable[[], bool]) -> None:
+        self._pause.wait(stopped)
+        self._robot.wait_free(stopped, lambda why: self._view.line(f"mission: {why}"))
 
     def _write(self, run: RunRecord) -> None:
         # What it imports is not wanted before: the first goal does not wait for it.

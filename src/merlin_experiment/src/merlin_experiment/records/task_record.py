@@ -32,6 +32,7 @@ TASK_COLUMNS = (
     "navigating_s",
     "speaking_s",
     "stopping_s",
+    "disturbed_s",
     "start_x",
     "start_y",
     "start_yaw",
@@ -88,6 +89,7 @@ class TaskRecord:
     :ivar distance: m.
     :ivar navigating: s in which the navigate action ran.
     :ivar speaking: s in which the ask action ran.
+    :ivar disturbed: s in which the Executor worked for another client, or an operator held the base.
     :ivar oracle_time: s; None: not computed.
     :ivar oracle_distance: m.
     """
@@ -107,13 +109,14 @@ class TaskRecord:
     distance: float = 0.0
     navigating: float = 0.0
     speaking: float = 0.0
+    disturbed: float = 0.0
     oracle_time: Optional[float] = None
     oracle_distance: Optional[float] = None
 
     @property
     def time(self) -> float:
-        """From sending to idle, s."""
-        return self.idle - self.sent
+        """From sending to idle without what disturbed it, s."""
+        return self.idle - self.sent - self.disturbed
 
     @property
     def cancelled(self) -> bool:
@@ -223,6 +226,7 @@ class RunRecord:
             "navigating_s": record.navigating,
             "speaking_s": record.speaking,
             "stopping_s": record.stopping,
+            "disturbed_s": record.disturbed,
             "start_x": x,
             "start_y": y,
             "start_yaw": yaw,
