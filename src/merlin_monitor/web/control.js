@@ -1,10 +1,11 @@
 // Asks the robot to do something, for operators: each request carries the token of one.
-import { byId, setHidden, setText } from "./dom.js";
+import { byId, secondsText, setHidden, setText } from "./dom.js";
 import { t } from "./texts.js";
 
 const TOKEN = "merlin-token";
 const PATIENCE = 15000; // ms for an answer; that of a stop comes within 3 s
-const STOP_PATIENCE = 6000;
+const STOP_PATIENCE = 3000; // then the press is sent again
+const STOP_AGAIN = 500; // ms
 const READ = 12000; // ms that what was done stays in sight; what was not done stays
 
 export class Control {
@@ -13,7 +14,9 @@ export class Control {
     this.token = sessionStorage.getItem(TOKEN) || "";
     this.waiting = null; // what is asked as soon as the token is known
     this.forget = 0;
-    byId("stop").addEventListener("click", () => this.ask("stop"));
+    this.pressed = ""; // the press of Stop that is not confirmed yet
+    byId("stop").addEventListener("click", () => this.stop());
+    byId("confirm-not").addEventListener("click", () => byId("confirm-ask").close());
     byId("operator").addEventListener("click", () => (this.token ? this.signOut() : this.signIn()));
     byId("sign-in-not").addEventListener("click", () => this.close());
     byId("sign-in").addEventListener("cancel", () => { this.waiting = null; });
@@ -37,7 +40,8 @@ export class Control {
 
   // Stop and hold is there whatever is shown.
   draw() {
-    setHidden(byId("stop"), !this.allowed() || this.store.live.meta.stops === false); // a fleet's page has no base to hold
+    const { stops, open_stop } = this.store.live.meta || {};
+    setHidden(byId("stop"), !(this.allowed() || open_stop) || stops === false); // a fleet's page has no base to hold
     setHidden(byId("operator"), !this.allowed());
     if (this.allowed() && this.token && !this.name) this.learnName();
     setText(byId("operator"), this.token ? t("{name} – sign out", { name: this.name || t("operator") }) : t("Sign in"));
@@ -83,11 +87,51 @@ export class Control {
     this.close();
     this.draw();
     if (what !== "who") this.say(told);
+    this.confirm(told, what, fields);
     answer(told.status === 200 ? told.object : null);
+  }
+
+  // Sends one press of Stop until it is confirmed: the link may stall, a guard may hang. A release ends it.
+  async stop() {
+    if (this.pressed) return;
+    const began = Date.now();
+    const press = `${began}-${Math.random()}`;
+    if (!this.token && !this.store.live.meta.open_stop) {
+      await this.ask("stop", { press });
+      return;
+    }
+    this.pressed = press;
+    let told = { words: "" };
+    const show = () => this.say({ status: 0, words: `${t("Sending the stop, for {time} now …", { time: secondsText(Math.round((Date.now() - began) / 1000)) })} ${told.words}` });
+    show();
+    const clock = setInterval(show, 1000);
+    while (this.pressed === press) {
+      told = await this.send("stop", { press }, this.token);
+      if (told.status === 200 || told.status === 403) break;
+      await new Promise((go) => { setTimeout(go, STOP_AGAIN); });
+    }
+    clearInterval(clock);
+    if (this.pressed !== press) return;
+    this.pressed = "";
+    if (told.wrong) this.signOut();
+    this.say(told);
+  }
+
+  // What another operator holds is released only when this one has seen it.
+  confirm(told, what, fields) {
+    if (!(told.object || {}).confirm) return;
+    setHidden(byId("control-said"), true);
+    setText(byId("confirm-said"), told.words);
+    byId("confirm-yes").onclick = () => {
+      byId("confirm-ask").close();
+      this.ask(what, { ...fields, seen: told.object.confirm });
+    };
+    byId("confirm-ask").showModal();
   }
 
   // The answer, null when it was not done; what was said about it is shown. Without a token, the operator is asked for it first.
   async ask(what, fields = {}) {
+    if (what === "release") this.pressed = "";
     if (!this.token) {
       this.signIn(what === "stop" ? t("The robot is NOT stopped yet: a token is needed.") : "");
       return new Promise((answer) => { this.waiting = [what, fields, answer]; });
@@ -95,6 +139,7 @@ export class Control {
     const told = await this.send(what, fields, this.token);
     if (told.status === 403 && told.wrong) this.signOut();
     this.say(told);
+    this.confirm(told, what, fields);
     return told.status === 200 ? told.object : null;
   }
 

@@ -62,6 +62,7 @@ function problemsOf(state) {
   const { guard = {}, now = {}, health = {}, plan = {}, map = {}, meta = {} } = state;
   const found = [];
   if (guard.state === "stopped") found.push([0, t("Nothing moves the base until it is released.")]);
+  if (guard.state === "partly") found.push([0, t("Not all robots are held.")]);
   if (guard.state === "silent") found.push([0, t("The base is not watched")]);
   if (guard.state === "holding") found.push([0, `${t("The base is held")}: ${t(guard.reason)}`]);
   if (guard.warning) found.push([0, guard.warning]);

@@ -5,7 +5,7 @@ import signal
 import subprocess
 
 import rospy
-from merlin_msgs.msg import ExecutorStatus, GuardStatus
+from merlin_msgs.msg import ExecutorStatus, GuardStatus, MissionStatus
 from merlin_msgs.srv import Breakpoints, BreakpointsRequest
 from monitor_fixture import OPERATOR, TOKEN, PageCases, Patrol
 from monitor_process import LONG, parent_of, pid_of
@@ -309,7 +309,7 @@ class ControlCases(PageCases):
     def test_7_a_pause_lets_the_goal_end_and_no_other_begin(self):
         visit = self.operator()
         page = visit.page
-        _, thread, ended = self.start_round(Patrol())
+        mission, thread, ended = self.start_round(Patrol())
         page.click("#pause")
         self.assertTrue(self.status.wait(lambda status: status.paused))
         visit.wait_text("#now-doing", "paused")
@@ -319,8 +319,33 @@ class ControlCases(PageCases):
         visit.wait_text("#history-list .said", "Ana pauses")
         page.get_by_role("button", name="Resume").click()
         self.assertTrue(self.status.wait(lambda status: not status.paused and bool(status.running)))
+        # The mission survives a cancel: it waits until it is resumed.
         page.click("#cancel-all")
         visit.wait_text("#control-said", "cancel of all requests")
+        visit.wait_text("#glance-state", "Paused")
+        self.assertTrue(self.mission.wait(lambda status: status.state == MissionStatus.PAUSED))
+        page.get_by_role("button", name="Resume").click()
+        self.assertTrue(self.mission.wait(lambda status: status.state == MissionStatus.RUNNING))
+        self.assertTrue(self.status.wait(lambda status: bool(status.running)))
+        mission.cancel()
+        thread.join(LONG)
+        self.assertEqual(ended, [False])
+
+    def test_7_a_mission_survives_a_stop_and_goes_on_after_the_release(self):
+        visit = self.operator()
+        mission, thread, ended = self.start_round(Patrol())
+        self.assertTrue(self.guard.wait(lambda status: status.moving))
+        visit.page.click("#stop")
+        visit.wait_text("#control-said", "confirmed by the guard")
+        self.assertTrue(self.status.wait(lambda status: "the base is held by Ana since" in status.waits))
+        self.assertTrue(self.mission.wait(lambda status: status.state == MissionStatus.PAUSED))
+        self.assertTrue(visit.page.is_hidden("#pause"))  # nothing is resumed beside a hold
+        rospy.ServiceProxy("merlin/resume", Trigger)()
+        self.assertEqual((self.status.message.state, ended), (ExecutorStatus.IDLE, []))
+        visit.page.click("#release")
+        self.assertTrue(self.mission.wait(lambda status: status.state == MissionStatus.RUNNING))
+        self.assertTrue(self.guard.wait(lambda status: status.moving))
+        mission.cancel()
         thread.join(LONG)
         self.assertEqual(ended, [False])
 
@@ -335,15 +360,12 @@ class ControlCases(PageCases):
         pid = pid_of("/merlin_executor")
         os.kill(pid, signal.SIGSTOP)
         try:
-            page.click("#stop")
-            visit.wait_text("#sign-in-said", "NOT stopped yet")
-            page.fill("#token", TOKEN)
-            page.keyboard.press("Enter")
+            page.click("#stop")  # without a token
             visit.wait_text("#control-said", "confirmed by the guard")
             self.assertTrue(self.guard.wait(lambda status: status.state == GuardStatus.STOPPED))
             self.assertFalse(self.guard.message.moving)
-            self.assertEqual(self.guard.message.reason, "stopped by Ana")
-            visit.wait_text("#now-doing", "stopped and held by Ana since ")
+            self.assertEqual(self.guard.message.reason, "stopped by somebody at 127.0.0.1")
+            visit.wait_text("#now-doing", "stopped and held by somebody at 127.0.0.1 since ")
             visit.wait_text("#now-because", "the Executor does not answer")
             visit.wait_text("#guard-says", "until it is released")
         finally:
@@ -354,9 +376,11 @@ class ControlCases(PageCases):
         )
         # Another page says it too, and offers to release.
         other = self.operator()
-        other.wait_text("#now-doing", "stopped and held by Ana since ")
+        other.wait_text("#now-doing", "stopped and held by somebody at 127.0.0.1 since ")
         self.assertEqual(self.guard.message.state, GuardStatus.STOPPED)
         other.page.click("#release")
+        other.wait_text("#confirm-said", "held by somebody at 127.0.0.1 since")
+        other.page.click("#confirm-yes")
         self.assertTrue(self.guard.wait(lambda status: status.state == GuardStatus.IDLE))
         visit.wait("() => document.getElementById('guard').hidden")
         visit.wait_text("#history-list .said", "Ana releases the base")
@@ -372,7 +396,7 @@ class ControlCases(PageCases):
         visit.wait_text("#control-said", "confirmed by the guard")
         self.assertTrue(running.wait(LONG))
         self.assertEqual(outcome_name(running.result.outcome), "CANCELLED", running.result.reason)
-        self.assertTrue(self.status.wait(lambda status: status.paused))
+        self.assertTrue(self.status.wait(lambda status: bool(status.waits)))
         self.knowledge.remove_facts("(checked bathroom)")  # a slow browser stops late
         waiting = self.client.send("(checked bathroom)")
         visit.wait_text("#queue-note", "1 waiting")

@@ -18,6 +18,14 @@ def served(tmp_path: Path) -> Iterator[Served]:
 
 
 @pytest.fixture
+def open_stop(tmp_path: Path) -> Iterator[Served]:
+    """Everybody may stop its robot."""
+    served = Served(tmp_path, TOKEN, open_stop=True)
+    yield served
+    served.stop()
+
+
+@pytest.fixture
 def read_only(tmp_path: Path) -> Iterator[Served]:
     served = Served(tmp_path, "")
     yield served

@@ -24,6 +24,8 @@ class FakeRobot:
 
     def __init__(self) -> None:
         self.calls: List[tuple] = []
+        self.presses: List[str] = []  # of the button that stops
+        self.holder = ""  # who else holds the base
 
     def check(self, goal: str) -> None:
         if "moon" in goal:
@@ -45,11 +47,17 @@ class FakeRobot:
         self.calls.append(("pause", pause, by))
         return "Paused."
 
-    def stop(self, by: str) -> str:
+    def stop(self, by: str, press: str) -> str:
         self.calls.append(("stop", by))
+        self.presses.append(press)
         return "stopped until merlin/release is called"
 
-    def release(self, by: str) -> str:
+    def release(self, by: str, seen: str) -> str:
+        if self.holder:
+            if seen != self.holder:
+                raise ControlError(f"Not released yet: {self.holder}.", self.holder)
+            self.calls.append(("release", by))
+            return "The base may drive again."
         raise ControlError("The base was not released: no velocity guard runs.")
 
     def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
@@ -86,7 +94,9 @@ class FakeRobot:
 class Served:
     """A running server and what belongs to it."""
 
-    def __init__(self, folder: Path, token: str, tls: Optional[ServerTls] = None) -> None:
+    def __init__(
+        self, folder: Path, token: str, tls: Optional[ServerTls] = None, open_stop: bool = False
+    ) -> None:
         self.state = MonitorModel(Inbox(), folder / "history.sqlite")
         self.robot = FakeRobot()
         control = Control(self.robot) if token else None
@@ -96,7 +106,7 @@ class Served:
         self.server = WebServer(
             self.state,
             WEB,
-            WebAccess("127.0.0.1", operators=Operators(self.operators)),
+            WebAccess("127.0.0.1", operators=Operators(self.operators), open_stop=open_stop),
             control,
             scripts={"plan": WEB / "panels" / "plan.js"},
             tls=tls.context if tls else None,

@@ -1,21 +1,27 @@
-// What the velocity guard says while the base may not drive, or does not drive as it should.
-import { el, setHidden, setText } from "../dom.js";
-import { t } from "../texts.js";
+// What the velocity guards say while a base may not drive, or does not drive as it should.
+import { el, keyed, setHidden, setText } from "../dom.js";
+import { say, t } from "../texts.js";
 
 const WORDS = { silent: t("The base is not watched"), holding: t("The base is held") };
 const HELD = t("Nothing moves the base until it is released.");
+const PARTLY = t("Not all robots are held.");
 
 export function show(section, { store, control }) {
   const says = el("p", { id: "guard-says" });
   const release = el("button", { id: "release", type: "button", hidden: true, class: "primary", onclick: () => control.ask("release") }, t("Release"));
   section.setAttribute("role", "alert");
-  section.append(says, release);
+  const list = el("ul", { id: "guard-robots" });
+  section.append(says, list, release);
+  const words = ({ state, reason, warning, held_words: held }) => say(held) || (Object.hasOwn(WORDS, state) ? `${WORDS[state]}: ${t(reason)}` : warning || t("not held"));
   const draw = () => {
     const guard = store.state.guard || {};
-    const held = guard.state === "stopped"; // the headline says by whom
-    const told = held || Object.prototype.hasOwnProperty.call(WORDS, guard.state);
+    const robots = guard.robots || {};
+    const held = ["stopped", "partly"].includes(guard.state); // the headline says by whom
+    const told = held || Object.hasOwn(WORDS, guard.state);
     setHidden(section, !told && !guard.warning);
-    setText(says, held ? HELD : told ? `${WORDS[guard.state]}: ${t(guard.reason)}` : guard.warning || "");
+    setText(says, guard.state === "stopped" ? HELD : held ? PARTLY : told ? `${WORDS[guard.state]}: ${t(guard.reason)}` : guard.warning || "");
+    keyed(list, Object.keys(robots).sort(), (name) => name, () => el("li", {}),
+      (row, name) => setText(row, `${name || t("the base")}: ${words(robots[name])}`));
     section.dataset.state = guard.state || "";
     setHidden(release, !held || !control.possible());
   };

@@ -30,7 +30,7 @@ export function show(section, { store, control }) {
     control.ask("autonomy", { level: wanted });
   };
   buttons.append(held, confirm, autonomy);
-  const paused = () => Boolean(((store.state.now || {}).executor || {}).paused);
+  const paused = () => Boolean(((store.state.now || {}).executor || {}).paused) || ((store.state.now || {}).mission || {}).state === "paused";
   const showButtons = () => {
     setHidden(buttons, !control.possible() || !(store.state.now || {}).executor);
     setHidden(held, !isHeld(store.state));
@@ -39,6 +39,7 @@ export function show(section, { store, control }) {
       (button, each, index) => (index ? button.removeAttribute("id") : button.setAttribute("id", "confirm"))); // the key takes the first one
     setHidden(autonomy, !autonomyOf(store.state));
     showLevel();
+    setHidden(pause, ["stopped", "partly"].includes((store.state.guard || {}).state)); // nothing begins before the release
     setText(pause, paused() ? t("Resume") : t("Pause"));
     pause.title = paused() ? t("Lets the next goal begin") : t("Lets what runs end, and nothing else begin");
   };
@@ -67,4 +68,5 @@ export function show(section, { store, control }) {
   });
   store.view("machines", showButtons);
   store.view("meta", showButtons);
+  store.view("guard", showButtons);
 }

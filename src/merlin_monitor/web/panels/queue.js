@@ -12,7 +12,7 @@ export function show(section, { store, control }) {
       requests.push({ request: executor.request, goals: executor.goals, words: executor.words, priority: executor.priority, running: true, note: `${t(executor.state)}, ${t("{done} of {count} steps done", { done: executor.done, count: executor.total })}` });
     }
     for (const waiting of queue.waiting || []) {
-      const words = waiting.interrupted ? [t("interrupted, resumed afterwards")] : [t("waits")];
+      const words = waiting.interrupted ? [t("interrupted, resumed afterwards")] : [executor.waits ? `${t("waits")}: ${executor.waits}` : t("waits")];
       if (waiting.on_interrupt === "drop") words.push(t("dropped when interrupted"));
       requests.push({ ...waiting, note: `${words.join(", ")}; ${t("from {client}", { client: waiting.by })}` });
     }

@@ -205,3 +205,34 @@ def test_bad_requests_say_what_is_wrong(served: Served, what: str, body: Any, st
     answer = ask(served.url, f"control/{what}", "POST", CONTROL, body)
     assert answer.status == status and said in answer.said, answer.said
     assert served.robot.calls == []
+
+
+@pytest.mark.parametrize("token", [None, "", "wrong", TOKEN + "x"])
+def test_everybody_may_stop_where_that_is_open_and_nothing_else(open_stop: Served, token: Any) -> None:
+    headers = {"X-Merlin-Token": token} if token is not None else {}
+    assert ask(open_stop.url, "control/stop", "POST", headers).status == 200
+    assert open_stop.robot.calls == [("stop", "somebody at 127.0.0.1")]
+    assert ask(open_stop.url, "control/release", "POST", headers).status == 403
+    other_site = {**headers, "Origin": "http://evil.example"}
+    assert ask(open_stop.url, "control/stop", "POST", other_site).status == 403
+    assert len(open_stop.robot.calls) == 1
+
+
+def test_an_operator_who_stops_is_named_where_it_is_open_to_all(open_stop: Served) -> None:
+    assert ask(open_stop.url, "control/stop", "POST", CONTROL, {"press": "1"}).status == 200
+    assert (open_stop.robot.calls, open_stop.robot.presses) == ([("stop", "Ana")], ["1"])
+
+
+def test_a_stop_needs_a_token_where_it_is_not_open(served: Served) -> None:
+    assert ask(served.url, "control/stop", "POST").status == 403
+    assert served.robot.calls == []
+
+
+def test_what_another_operator_holds_is_released_when_that_was_seen(served: Served) -> None:
+    served.robot.holder = "the base is held by Bob since 14:03:07"
+    refused = ask(served.url, "control/release", "POST", CONTROL)
+    assert refused.status == 409
+    assert json.loads(refused.said)["confirm"] == served.robot.holder
+    assert ask(served.url, "control/release", "POST", CONTROL, {"seen": "something older"}).status == 409
+    assert ask(served.url, "control/release", "POST", CONTROL, {"seen": served.robot.holder}).status == 200
+    assert served.robot.calls == [("release", "Ana")]

@@ -5,8 +5,8 @@ from typing import Any, Iterator, List
 import pytest
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from merlin_msgs.msg import GuardStatus, MachineHolds, StateOutcome
-from messages import fact, status, structure
+from merlin_msgs.msg import ExecutorStatus, GuardStatus, MachineHolds, StateOutcome
+from messages import executor, fact, status, structure
 from served import TOKEN, Served
 from shown_page import AXE, CHECK, Visit, chromium, fill
 from std_msgs.msg import Header
@@ -320,3 +320,60 @@ def test_the_plan_in_time_and_what_was_said_heard_and_seen(visits: Any, served: 
     page.wait("() => document.querySelector('#map-picture svg').viewBox.baseVal.width < 3.9")
     page.page.locator("#map-tools button").nth(2).click()
     page.wait("() => document.querySelector('#map-picture svg').viewBox.baseVal.width === 4")
+
+
+def test_while_a_base_is_held_no_resume_is_offered_and_who_holds_it_is_asked_for(
+    visits: Any, served: Served
+) -> None:
+    page = visits(bypass_csp=True)
+    page.page.click("#operator")
+    page.page.fill("#token", TOKEN)
+    page.page.keyboard.press("Enter")
+    page.wait_text("#operator", "Ana")
+    served.state.inbox.put(
+        served.state.now.executor,
+        executor(ExecutorStatus.IDLE, paused=True, waits="the base is held by Bob since 14:03:07"),
+        121.0,
+    )
+    page.page.wait_for_selector("#pause:visible")
+    assert page.text("#pause") == "Resume"
+    page.wait_text("#queue-list .more", "waits: the base is held by Bob since 14:03:07")
+    stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Bob", since=rospy.Time(14))
+    served.state.inbox.put(served.state.guard.status, stopped, 121.0, 1.0)
+    page.page.wait_for_selector("#pause", state="hidden")
+    served.robot.holder = "the base is held by Bob since 14:03:07"
+    page.page.click("#release")
+    page.wait_text("#confirm-said", served.robot.holder)
+    page.page.add_script_tag(path=AXE)
+    assert page.page.evaluate(CHECK) == [], "the question"
+    page.page.click("#confirm-not")
+    page.page.wait_for_selector("#confirm-ask", state="hidden")
+    assert served.robot.calls == []
+    page.page.click("#release")
+    page.page.click("#confirm-yes")
+    page.wait_text("#control-said", "may drive again")
+    assert served.robot.calls == [("release", "Ana")]
+    free = GuardStatus(state=GuardStatus.IDLE)
+    served.state.inbox.put(served.state.guard.status, free, 122.0, 2.0)
+    page.page.wait_for_selector("#pause:visible")
+
+
+def test_of_several_robots_the_page_says_which_are_held(visits: Any, served: Served) -> None:
+    page = visits()
+    guard, put = served.state.guard, served.state.inbox.put
+    stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Bob", since=rospy.Time(14))
+    put(guard.met, "", False, 1.0)
+    for robot in ("ria", "tom"):
+        put(guard.met, robot, True, 1.0)
+    put(guard.status, stopped, 121.0, 1.0, "ria")
+    put(guard.status, GuardStatus(state=GuardStatus.PASSING), 121.0, 1.0, "tom")
+    page.wait_text("#guard-says", "Not all robots are held.")
+    assert page.texts("#guard-robots li") == [
+        "ria: stopped and held by Bob since 14.0 s",
+        "tom: not held",
+    ]
+    page.wait_text("#glance-problem", "Not all robots are held.")
+    put(guard.status, stopped, 122.0, 1.0, "tom")
+    put(served.state.now.refresh)
+    page.wait_text("#now-doing", "ria stopped and held by Bob since 14.0 s and tom stopped and held by Bob")
+    page.wait_text("#glance-state", "Stopped and held")

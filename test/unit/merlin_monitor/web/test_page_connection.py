@@ -51,3 +51,32 @@ def test_a_connection_that_stalls_for_good_is_replaced(served: Served, link: Sta
         visit.wait_text("#connection", "live")
         assert visit.complaints == []
         visit.close()
+
+
+def test_a_stop_on_a_link_that_stalls_is_sent_until_it_is_confirmed(open_stop: Served) -> None:
+    fill(open_stop)
+    open_stop.state.tree.set("meta", "open_stop", True)
+    link = StalledLink(open_stop.url)
+    with chromium() as browser:
+        visit = Visit(browser, link.url)
+        visit.wait_text("#connection", "live")
+        asked: List[Any] = []
+        visit.page.on(
+            "request", lambda request: asked.append(request.url) if "control/stop" in request.url else None
+        )
+        link.stall()
+        visit.page.click("#stop")
+        assert visit.page.is_visible("#control-said[data-bad]")  # at once
+        visit.wait_text("#control-said", "Sending the stop, for ")
+        for _ in range(600):
+            visit.page.wait_for_timeout(100)
+            if len(asked) > 1:
+                break
+        assert len(asked) > 1, "it is not sent again"
+        visit.wait_text("#control-said", "NOT confirmed")
+        link.go_on()
+        visit.wait_text("#control-said:not([data-bad])", "stopped until")
+        assert len(set(open_stop.robot.presses)) == 1 and open_stop.robot.presses[0]
+        assert set(open_stop.robot.calls) == {("stop", "somebody at 127.0.0.1")}
+        visit.close()
+    link.close()

@@ -44,9 +44,17 @@ class WebAccess:
         own names and for any numeric address.
     :param names: further names under which the page may be asked for.
     :param operators: those that may control the robot; without any, it is only shown.
+    :param open_stop: whether everybody may stop the robot.
     """
 
-    def __init__(self, host: str, names: Iterable[str] = (), operators: Optional[Operators] = None) -> None:
+    def __init__(
+        self,
+        host: str,
+        names: Iterable[str] = (),
+        operators: Optional[Operators] = None,
+        open_stop: bool = False,
+    ) -> None:
+        self.open_stop = open_stop
         self._any_address = not _is_loopback(host)
         own = (socket.gethostname(), socket.getfqdn()) if self._any_address else ()
         self._names: FrozenSet[str] = _LOCAL | {name.lower() for name in (host, *own, *names) if name}

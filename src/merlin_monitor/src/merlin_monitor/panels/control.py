@@ -27,6 +27,7 @@ class ControlPanel(Panel):
         super().__init__(state, watch)
         self._operators = operators_of_node(self.ros)
         self._trouble = ""
+        self.state.tree.set("meta", "open_stop", self._operators is not None and open_stop_of_node(self.ros))
         self.set("goals", [goal.shown for goal in goals_of_node(self.ros)])
 
     def check(self, at: float, wall: float) -> None:
@@ -51,6 +52,11 @@ def operators_of_node(ros: RosSystem) -> Optional[Operators]:
         return None if path is None else Operators(path)
     except OperatorsError as error:
         raise ParameterError(str(error)) from error
+
+
+def open_stop_of_node(ros: RosSystem) -> bool:
+    """Whether everybody who sees the page may stop the robot, ``~open_stop``."""
+    return bool(ros.parameter("~open_stop", True))
 
 
 def goals_of_node(ros: RosSystem) -> List[OfferedGoal]:

@@ -65,6 +65,8 @@ class MonitorModel:
         self.freshness = Freshness(self.tree, self.report, self.health)
         self.now = NowSection(self.tree, self.report, self.plan, self.machines, self.freshness)
         self.guard = GuardSection(self.tree, self.report)
+        self.on_guard: Callable[[str, bool], None] = lambda robot, there: None
+        """Called with each robot whose guard is found or is gone, in the watch's thread."""
         self.checked_at = float("-inf")
         """When all sections were checked last, s of ``time.monotonic``; old when the model hangs."""
         if history is not None:

@@ -105,6 +105,7 @@ class NowSection:
             "reason": message.reason,
             "paused": message.paused,
             "held": message.held,
+            "waits": getattr(message, "waits", ""),  # a bag may be older
             "breakpoints": list(message.breakpoints),
             "running": [
                 {

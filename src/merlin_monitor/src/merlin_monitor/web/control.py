@@ -13,7 +13,14 @@ REQUESTS = (
 
 
 class ControlError(Exception):
-    """What was asked for cannot be done; the text is a sentence that says why."""
+    """What was asked for cannot be done; the text is a sentence that says why.
+
+    :param confirm: what the operator has to see, and to send back as ``seen``; empty: it cannot be done.
+    """
+
+    def __init__(self, text: str, confirm: str = "") -> None:
+        super().__init__(text)
+        self.confirm = confirm
 
 
 class ControlledRobot(Protocol):
@@ -37,11 +44,17 @@ class ControlledRobot(Protocol):
     def pause(self, pause: bool, by: str) -> str:
         """Pauses the Executor, or resumes it; returns the Executor's answer."""
 
-    def stop(self, by: str) -> str:
-        """Stops the base until it is released, and cancels all requests; returns what was done."""
+    def stop(self, by: str, press: str) -> str:
+        """Stops all bases until they are released, and cancels all requests; returns what was done.
 
-    def release(self, by: str) -> str:
-        """Releases the base; returns what was done."""
+        :param press: names the press of the button, which may arrive several times; empty: it comes once.
+        """
+
+    def release(self, by: str, seen: str) -> str:
+        """Releases the bases; returns what was done.
+
+        :param seen: of a :class:`ControlError`, what the operator wants to release nevertheless.
+        """
 
     def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
         """A plan for a goal that is not carried out; returns a sentence, ``done``, and the ``plan``."""
@@ -130,9 +143,9 @@ class Control:
         if what in ("pause", "resume"):
             return robot.pause(what == "pause", by)
         if what == "stop":
-            return robot.stop(by)
+            return robot.stop(by, _name(fields, "press"))
         if what == "release":
-            return robot.release(by)
+            return robot.release(by, str(fields.get("seen", "")))
         raise ControlError(f"There is nothing called {what!r}; there is {', '.join(REQUESTS)}.")
 
 

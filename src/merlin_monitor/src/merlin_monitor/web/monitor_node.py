@@ -12,7 +12,7 @@ from merlin_monitor.access.tls import ServerTls, TlsError, read_tls
 from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import PanelBoard
-from merlin_monitor.panels.control import operators_of_node, path_of_node
+from merlin_monitor.panels.control import open_stop_of_node, operators_of_node, path_of_node
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
@@ -55,7 +55,7 @@ def _start() -> None:
     server = WebServer(
         state,
         folder,
-        WebAccess(host, names, operators),
+        WebAccess(host, names, operators, open_stop_of_node(RosSystem())),
         control,
         host,
         port,

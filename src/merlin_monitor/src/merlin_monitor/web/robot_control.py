@@ -1,16 +1,14 @@
-"""Control of the robot over ROS: the Executor's public client, its services, and the guard itself.
+"""Control of the robot over ROS: the Executor's public client, its services, and the guards themselves.
 
-A stop needs neither Executor nor planner nor state machine: the guard gets it on a topic whose connection
-is there already, and its own status says whether it obeyed.
+A stop needs neither Executor nor planner nor state machine.
 """
 
 import threading
-from typing import Any, Dict, List, Sequence
+from collections import deque
+from typing import Any, Deque, Dict, List, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalID
-from merlin_msgs.msg import GuardStatus
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import MerlinExecutorClient
@@ -22,13 +20,15 @@ from merlin_monitor.text.now_words import cancel_words
 from merlin_monitor.text.phrase import Phrase, goal_phrase, say
 from merlin_monitor.web.control import ControlError
 from merlin_monitor.web.robot_breakpoints import RobotBreakpoints
+from merlin_monitor.web.robot_guards import RobotGuards, ask
 from merlin_monitor.web.robot_knowledge import RobotKnowledge
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import knowledge_client
 from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal
 
 EXECUTOR_ANSWERS = 3.0  # s of wall time
-GUARD_ANSWERS = 1.0  # s of wall time
+PRESSES = 100  # of the stop's button that are remembered
+HELD, NOT_HELD, RELEASED = "held", "NOT confirmed to be held", "may drive again"
 ALL_REQUESTS = GoalID()  # a cancel without name and time is for all goals of an action (actionlib)
 
 
@@ -50,13 +50,12 @@ class RobotControl:
             pause: ServiceProxy(f"merlin/{name}", Trigger, timeout=EXECUTOR_ANSWERS)
             for pause, name in ((True, "pause"), (False, "resume"))
         }
-        self._stops = rospy.Publisher("merlin/stop_by", String, queue_size=10, tcp_nodelay=True)
-        self._stop = ServiceProxy("merlin/stop", Trigger, timeout=GUARD_ANSWERS)
-        self._release = ServiceProxy("merlin/release", Trigger, timeout=GUARD_ANSWERS)
-        self._changed = threading.Condition()  # guards the fields below
-        self._stopped = False
-        self._keep_paused = False  # after a release: an operator had paused before the stop
-        self._guard = rospy.Subscriber("merlin/guard", GuardStatus, self._guard_changed, tcp_nodelay=True)
+        self._mission = ServiceProxy("merlin/mission/resume", Trigger, timeout=EXECUTOR_ANSWERS)
+        self._guards = RobotGuards()
+        state.on_guard = self._guards.follow
+        self._lock = threading.Lock()  # guards the fields below
+        self._presses: Deque[str] = deque(maxlen=PRESSES)
+        self._paused_too = False  # by a stop that a guard did not confirm
 
     def check(self, goal: str) -> None:
         """Compares a goal with the domain and the objects."""
@@ -94,52 +93,63 @@ class RobotControl:
 
     def pause(self, pause: bool, by: str) -> str:
         """Asks the Executor to let no further request begin, or the next one."""
-        answer = _ask(self._pause[pause], "The Executor does not pause" if pause else "It stays paused")
+        answer = ask(self._pause[pause], "The Executor does not pause" if pause else "It stays paused")
+        if not pause and self._state.tree.get("now", "mission", "state") == "paused":
+            answer = ask(self._mission, "The mission stays paused")
         pauses = say("{client} pauses: no further goal begins", client=by)
         self._report(by, pauses if pause else say("{client} resumes: the next goal may begin", client=by))
         return answer
 
-    def stop(self, by: str) -> str:
-        """Makes the guard hold the base until its release, and cancels all requests of the Executor.
+    def stop(self, by: str, press: str) -> str:
+        """Makes all guards hold their bases until the release, and cancels all requests of the Executor.
 
-        The Executor is paused too, or a mission would lose one task after the other to the stop. That may
+        Where a guard does not confirm it, the Executor is paused, too, or a mission would go on. That may
         take time, or not come true; nothing waits for it.
         """
-        listening = self._stops.get_num_connections() > 0
-        self._stops.publish(String(by))
-        self._cancels.publish(ALL_REQUESTS)
-        with self._changed:
-            if not self._stopped:
-                self._keep_paused = bool(self._state.tree.get("now", "executor", "paused"))
-        threading.Thread(target=self._hold_requests, args=(by,), name="hold requests", daemon=True).start()
-        self._report(
-            by, say("{client} stops and holds: the base stops, all requests are cancelled", client=by)
-        )
-        if not (listening and self._wait_stopped()):
-            otherwise = "The cancel of all requests was sent, but the base is NOT confirmed to be held"
-            try:
-                _ask(self._stop, otherwise)
-            except ControlError as error:
-                self._report(by, say("stop by {client} not confirmed: {why}", client=by, why=str(error)))
-                raise
+        with self._lock:
+            repeated = press in self._presses
+            if press and not repeated:
+                self._presses.append(press)
+        if repeated and not self._guards.stop_stands:
+            return "It was stopped and held, and has been released since."
+        self._guards.stop(by)
+        if not repeated:
+            self._cancels.publish(ALL_REQUESTS)
+            self._report(
+                by, say("{client} stops and holds: the base stops, all requests are cancelled", client=by)
+            )
+        held = self._guards.wait_held()
+        words = _each({robot: HELD if done else NOT_HELD for robot, done in held.items()})
+        if not all(held.values()):
+            if not repeated:
+                self._report(by, say("stop by {client} not confirmed: {why}", client=by, why=words))
+                threading.Thread(target=self._pause_too, args=(by,), name="pause too", daemon=True).start()
+            raise ControlError(f"{words}. The cancel of all requests was sent.{self._silent_executor()}")
         return (
-            "Stopped and held, confirmed by the guard, until it is released. All requests were cancelled."
+            f"Stopped, confirmed by the guard, until the release: {words}. All requests were cancelled."
             + self._silent_executor()
         )
 
-    def release(self, by: str) -> str:
-        """Releases the base."""
-        _ask(self._release, "The base was not released")
+    def release(self, by: str, seen: str) -> str:
+        """Releases the bases; one that another operator holds only when this one has seen it."""
+        others = self._guards.holders_but(by)
+        if others and others != seen:
+            raise ControlError(f"Not released yet: {others}.", others)
+        trouble = self._guards.release()
+        words = _each({robot: why or RELEASED for robot, why in trouble.items()})
+        if any(trouble.values()):
+            raise ControlError(words)
         self._report(by, say("{client} releases the base", client=by))
-        with self._changed:
-            keep, self._keep_paused = self._keep_paused, False
-        if keep:
-            return "The base may drive again. The Executor stays paused, as it was before."
-        try:
-            _ask(self._pause[False], "the Executor was not resumed")
-        except ControlError as error:
-            return f"The base may drive again; {error}"
-        return "The base may drive again, and the next goal may begin."
+        with self._lock:
+            resume, self._paused_too = self._paused_too, False
+        if resume:
+            try:
+                ask(self._pause[False], "the Executor was not resumed")
+            except ControlError as error:
+                return f"{words}; {error}"
+        elif self._state.tree.get("now", "executor", "paused"):
+            return f"{words}. The Executor stays paused, as it was before."
+        return f"{words}, and the next goal may begin."
 
     def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
         """Plans a goal; nothing is carried out."""
@@ -165,20 +175,15 @@ class RobotControl:
         """Sets the autonomy level."""
         return self._breakpoints.set_autonomy(level, by)
 
-    def _hold_requests(self, by: str) -> None:
+    def _pause_too(self, by: str) -> None:
+        if self._state.tree.get("now", "executor", "paused"):
+            return  # by an operator, who resumes it
         try:
-            _ask(self._pause[True], "the Executor was not paused")
+            ask(self._pause[True], "the Executor was not paused")
+            with self._lock:
+                self._paused_too = True
         except ControlError as error:
             self._report(by, say("{client} stops, but {why}", client=by, why=str(error)))
-
-    def _guard_changed(self, status: GuardStatus) -> None:
-        with self._changed:
-            self._stopped = status.state == GuardStatus.STOPPED
-            self._changed.notify_all()
-
-    def _wait_stopped(self) -> bool:
-        with self._changed:
-            return self._changed.wait_for(lambda: self._stopped, GUARD_ANSWERS)
 
     def _silent_executor(self) -> str:
         silent = self._state.tree.get("now", SILENT)
@@ -191,13 +196,5 @@ class RobotControl:
         self._state.report(sentence("control", said, rospy.get_time(), by=by, **detail))
 
 
-def _ask(service: Any, otherwise: str) -> str:
-    if not service.available():
-        raise ControlError(f"{otherwise}: nothing offers {service.name}.")
-    try:
-        answer = service()
-    except ServiceError as error:
-        raise ControlError(f"{otherwise}: {error}") from error
-    if not answer.success:
-        raise ControlError(f"{otherwise}: {answer.message}")
-    return str(answer.message)
+def _each(said: Dict[str, str]) -> str:
+    return ", ".join(f"{robot or 'the base'} {words}" for robot, words in said.items())

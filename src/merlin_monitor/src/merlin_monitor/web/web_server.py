@@ -246,22 +246,31 @@ class WebServer:
     async def _serve_control(self, request: web.Request) -> web.StreamResponse:
         if self._control is None:
             raise RequestRefused(READ_ONLY)
+        what, address = request.match_info["what"], request.remote or "an unknown address"
+        wrong = False
         try:
             by = self._access.operator(request.headers.get(TOKEN_HEADER))
-        except WrongToken:
-            await self._wrong_tokens.slow_down(request.remote or "an unknown address")
-            raise
+        except RequestRefused as refused:
+            wrong = isinstance(refused, WrongToken)
+            if what != "stop" or not self._access.open_stop:
+                if wrong:
+                    await self._wrong_tokens.slow_down(address)
+                raise
+            by = f"somebody at {address}"
         try:
             fields = json.loads(await silent_connections.body_of(request) or "{}")
             if not isinstance(fields, dict):
                 raise ValueError("no object")
         except (ValueError, LookupError, RecursionError):
             return web.json_response({"error": "The request is not a JSON object."}, status=400)
-        control, what = self._control, request.match_info["what"]
+        control = self._control
         try:
-            said = await self._loop.run_in_executor(None, lambda: control.carry_out(what, fields, by))
+            done = self._loop.run_in_executor(None, lambda: control.carry_out(what, fields, by))
+            if wrong:  # the robot stops at once; who tries tokens has to wait all the same
+                await self._wrong_tokens.slow_down(address)
+            said = await done
         except ControlError as error:
-            return web.json_response({"error": str(error)}, status=409)
+            return web.json_response({"error": str(error), "confirm": error.confirm}, status=409)
         return web.json_response(said)
 
     def _report_wrong_tokens(self, address: str, count: int) -> None:

@@ -1,0 +1,165 @@
+"""The velocity guards of all robots below the monitor's namespace: stops, releases, and which of them hold.
+
+A guard gets a stop on a topic whose connection is there already, and its own status says whether it obeyed.
+"""
+
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Callable, Dict, Optional
+
+import rospy
+from merlin_msgs.msg import GuardStatus
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from merlin_executor.core.base_hold import hold_words, holder_of
+from merlin_monitor.web.control import ControlError
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
+
+ANSWERS = 1.0  # s of wall time
+FRESH = 1.5  # s of wall time for which the word of a guard counts; it sends one every 0.5 s
+
+
+class RobotGuards:
+    """Guards by the names of their robots; the one of the monitor's own namespace has the empty name.
+
+    A stop stands until the release: a guard that has not confirmed it, that joins or is back, is told again
+    with each word of its own.
+    """
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()  # guards the fields below, and those of each guard
+        self._guards: Dict[str, _Guard] = {}
+        self._by = ""  # whose stop stands
+        self.follow("", True)
+
+    @property
+    def stop_stands(self) -> bool:
+        """Whether a stop has been asked for, and no release since."""
+        return bool(self._by)
+
+    def follow(self, robot: str, there: bool) -> None:
+        """Begins or ends to follow the guard of a robot; from one thread."""
+        guard = _Guard(robot, self._receive) if there else None
+        with self._changed:
+            gone = self._guards.pop(robot, None)
+            if guard is not None:
+                self._guards[robot] = guard
+        if gone is not None:
+            gone.close()
+
+    def stop(self, by: str) -> None:
+        """Has all guards hold their bases."""
+        with self._changed:
+            self._by = by
+            told = list(self._guards.values())
+            for guard in told:
+                guard.confirmed = guard.stopped and not guard.silent
+        for guard in told:
+            if not guard.confirmed:
+                guard.stops.publish(String(by))
+
+    def wait_held(self) -> Dict[str, bool]:
+        """Waits at most 1 s for the guards to confirm a stop; returns which have, by their robots."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: all(guard.confirmed for guard in self._counting().values()), ANSWERS
+            )
+            return {robot: guard.confirmed for robot, guard in self._counting().items()}
+
+    def holders_but(self, by: str) -> str:
+        """Who holds bases beside an operator, and since when; empty: nobody else."""
+        with self._changed:
+            return " and ".join(
+                hold_words(robot, guard.status.reason, guard.status.since.to_sec())
+                for robot, guard in self._guards.items()
+                if guard.status is not None and guard.stopped and holder_of(guard.status.reason) != by
+            )
+
+    def release(self) -> Dict[str, str]:
+        """Releases the bases that are held, all at once; returns why one was not, by their robots."""
+        with self._changed:
+            self._by = ""
+            known = self._counting()
+            held = {robot: guard for robot, guard in known.items() if guard.stopped} or known
+        with ThreadPoolExecutor(len(held), "release") as pool:
+            return dict(zip(held, pool.map(_released, held.values())))
+
+    def _counting(self) -> Dict[str, "_Guard"]:
+        """Called with the lock held: among several robots the one without a name needs no guard."""
+        return {
+            robot: guard
+            for robot, guard in self._guards.items()
+            if robot or guard.status is not None or len(self._guards) == 1
+        }
+
+    def _receive(self, guard: "_Guard", status: GuardStatus) -> None:
+        with self._changed:
+            was_gone = guard.silent
+            guard.status, guard.heard = status, time.monotonic()
+            guard.confirmed = guard.stopped or (guard.confirmed and not was_gone)
+            if all(each.confirmed and not each.stopped for each in self._counting().values()):
+                self._by = ""  # all have been released elsewhere
+            by = "" if guard.confirmed else self._by
+            self._changed.notify_all()
+        if by:
+            guard.stops.publish(String(by))
+
+
+class _Guard:
+    """The guard of one base; `RobotGuards` owns the fields.
+
+    :ivar confirmed: whether it has held its base since the last stop.
+    """
+
+    def __init__(self, robot: str, receive: Callable[["_Guard", GuardStatus], None]) -> None:
+        topics = f"{robot}/merlin" if robot else "merlin"
+        self.status: Optional[GuardStatus] = None
+        self.heard = 0.0
+        self.confirmed = False
+        self.stops = rospy.Publisher(f"{topics}/stop_by", String, queue_size=10, tcp_nodelay=True)
+        self.release = ServiceProxy(f"{topics}/release", Trigger, timeout=ANSWERS)
+        self._subscriber = rospy.Subscriber(
+            f"{topics}/guard", GuardStatus, lambda status: receive(self, status), tcp_nodelay=True
+        )
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it holds its base, as it has said last."""
+        return self.status is not None and self.status.state == GuardStatus.STOPPED
+
+    @property
+    def silent(self) -> bool:
+        """Whether it says nothing."""
+        return time.monotonic() - self.heard > FRESH
+
+    def close(self) -> None:
+        """Ends its topics."""
+        for topic in (self.stops, self._subscriber):
+            topic.unregister()
+        self.release.close()
+
+
+def _released(guard: _Guard) -> str:
+    try:
+        ask(guard.release, "not released")
+    except ControlError as error:
+        return str(error)
+    return ""
+
+
+def ask(service: ServiceProxy, otherwise: str) -> str:
+    """Calls a service of the type Trigger; returns its answer.
+
+    :raises ControlError: beginning with the text `otherwise`.
+    """
+    if not service.available():
+        raise ControlError(f"{otherwise}: nothing offers {service.name}.")
+    try:
+        answer = service()
+    except ServiceError as error:
+        raise ControlError(f"{otherwise}: {error}") from error
+    if not answer.success:
+        raise ControlError(f"{otherwise}: {answer.message}")
+    return str(answer.message)
