@@ -2,13 +2,13 @@
 """The monitor's page in a real browser: what it shows, and what operators do with it."""
 
 import rospy
-from monitor_control_cases import ControlCases
 from monitor_shown_cases import ShownCases
+from monitor_stop_cases import StopCases
 
 import rostest
 
 
-class MonitorPage(ShownCases, ControlCases):
+class MonitorPage(ShownCases, StopCases):
     """All cases over one MERLIN, in the order of their numbers."""
 
 

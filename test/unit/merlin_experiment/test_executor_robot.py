@@ -39,8 +39,12 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
 
 
 def test_another_clients_request_is_not_waited_for_to_end_a_task(bench: Bench) -> None:
-    bench.say(1.0, **FOREIGN)
-    bench.robot.wait_idle()
+    bench.say(1.0, **OWN)
+    ended = threading.Event()
+    waiting = threading.Thread(target=lambda: (bench.robot.wait_idle(), ended.set()))
+    waiting.start()
+    bench.say(2.0, **FOREIGN)
+    assert ended.wait(executor_robot.IDLE_TIMEOUT)
 
 
 @pytest.mark.parametrize("disturbance", [FOREIGN, {"waits": "the base is held by Ana since 14:03"}])
