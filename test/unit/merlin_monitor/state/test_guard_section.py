@@ -54,3 +54,36 @@ def test_what_is_wrong_with_a_drive_is_shown_while_it_is_and_told_once() -> None
     guard.status(stuck, 3.0, 3.0)
     guard.check_silence(3.0, 3.1 + SILENT_AFTER)
     assert tree.get("guard", "warning") == "" and tree.get("guard", "state") == "silent"
+
+
+def test_of_several_robots_each_is_told_of_and_the_state_is_that_of_all() -> None:
+    tree, told = StateTree(), Told()
+    guard = GuardSection(tree, told)
+    for robot in ("ria", "tom"):
+        guard.met(robot, True, 0.0)
+        guard.status(GuardStatus(state=GuardStatus.PASSING), 1.0, 1.0, robot)
+    stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana")
+    guard.status(stopped, 2.0, 2.0, "ria")
+    assert (tree.get("guard", "state"), tree.get("guard", "held")) == ("partly", "")
+    assert tree.get("guard", "robots", "tom", "state") == "passing"
+    guard.status(GuardStatus(state=GuardStatus.PASSING, warning="it stands"), 3.0, 3.0, "tom")
+    assert tree.get("guard", "warning") == "tom: it stands"
+    guard.status(stopped, 4.0, 4.0, "tom")
+    assert tree.get("guard", "state") == "stopped"
+    both = "ria stopped and held by Ana since 2.0 s and tom stopped and held by Ana since 4.0 s"
+    assert tree.get("guard", "held") == both
+    guard.met("tom", False, 5.0)
+    assert tree.get("guard", "robots") == {}
+    assert told.texts == [
+        "ria: the base is stopped and held by Ana since 2.0 s",
+        "tom: it stands",
+        "tom: the base is stopped and held by Ana since 4.0 s",
+    ]
+
+
+def test_a_guard_that_is_there_and_was_never_heard_is_silent() -> None:
+    tree = StateTree()
+    guard = GuardSection(tree, Told())
+    guard.met("ria", True, 10.0)
+    guard.check_silence(1.0, 10.1 + SILENT_AFTER)
+    assert tree.get("guard", "state") == "silent"

@@ -61,9 +61,7 @@ class GuardSection:
             if wall - heard > SILENT_AFTER:
                 self._show(robot, "silent", SILENT_REASON, at, at)
 
-    def _show(
-        self, robot: str, state: str, reason: str, at: float, since: float, warning: str = ""
-    ) -> None:
+    def _show(self, robot: str, state: str, reason: str, at: float, since: float, warning: str = "") -> None:
         shown: Dict[str, Any] = {
             "state": state,
             "warning": warning,
