@@ -95,3 +95,9 @@ def test_the_longest_files_come_first_and_stay_whole() -> None:
     items = [Item(each) for each in ("a_test.py::one", "new_test.py::x", "b_test.py::z", "a_test.py::two")]
     longest_first(items, FILES)  # type: ignore[arg-type]
     assert [item.nodeid.split("::")[1] for item in items] == ["z", "one", "two", "x"]
+
+
+def test_a_file_that_cannot_be_read_is_shown_at_once(progress: Progress, session: Session) -> None:
+    progress.pytest_collectreport(pytest.CollectReport("c_test.py", "failed", "no such module", []))
+    assert session.screen.lines[-2:] == ["FAILED c_test.py", "no such module"]
+    assert "1 failed" in progress.line(time.monotonic())

@@ -7,7 +7,7 @@ the longest are begun first, so that the last worker does not end long after the
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple, Union
 
 import pytest
 
@@ -118,11 +118,21 @@ class Progress:
             self._skipped += report.skipped
             self._failed += report.failed
         if report.failed:
-            lines = report.longreprtext.splitlines()
-            left_out = len(lines) - MOST_LINES
-            if left_out > 0:
-                lines = [f"… {left_out} lines are left out here", *lines[-MOST_LINES:]]
-            self._write(f"FAILED {report.nodeid}", *lines)
+            self._show(report)
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        """A file cannot be read, or workers found different tests in it: printed at once."""
+        if report.failed:
+            with self._lock:
+                self._failed += 1
+            self._show(report)
+
+    def _show(self, report: Union[pytest.TestReport, pytest.CollectReport]) -> None:
+        lines = report.longreprtext.splitlines()
+        left_out = len(lines) - MOST_LINES
+        if left_out > 0:
+            lines = [f"… {left_out} lines are left out here", *lines[-MOST_LINES:]]
+        self._write(f"FAILED {report.nodeid}", *lines)
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
         """A test has ended."""

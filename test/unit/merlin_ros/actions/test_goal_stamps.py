@@ -67,7 +67,7 @@ def test_a_new_process_stamps_no_earlier_than_what_the_server_has_taken(sent: Li
     [
         "/node-3-100.000000000",  # of actionlib
         "/node-smach-3-100.000000000",
-        f"/node-{LIFE}-3-100.000000000-leased",  # of another client of this process
+        "/node-{life}-3-100.000000000-leased",  # of another client of this process
         f"/node/part-{LIFE_BEFORE}-3-100.000000000-leased",
         f"/other-{LIFE_BEFORE}-3-100.000000000-leased",
         "/node-unnamed-1",
@@ -76,6 +76,7 @@ def test_a_new_process_stamps_no_earlier_than_what_the_server_has_taken(sent: Li
 )
 def test_only_what_a_client_of_merlin_left_is_cancelled(sent: List[Any], goal_id: str) -> None:
     client = ActionClient("shared", ListenAction)
+    goal_id = goal_id.format(life=LIFE)
     hear(client, GoalID(id=goal_id))
     assert sent == []
     hear(client, GoalID(id=goal_id), GoalID(id=f"/node-{LIFE_BEFORE}-3-100.000000000-leased"))
