@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Dict, Iterator, List, Optional, TextIO, Tuple
 
 from chaos import table
-from chaos.faults import LINK
 from chaos.judging import events
 from chaos.judging.evidence import PATIENCE
 from chaos.result import Result
 from chaos.runner import Runner
+from chaos.striking.kinds import why_not
 from chaos.trials import Trial
-from chaos.under_test.network import why_impossible
 from chaos.under_test.system import StartError, System
 
 #: How often in a row a system may fail to come up.
@@ -88,8 +87,8 @@ class Campaign:
             self._system = None
 
     def _one(self, number: int, trial: Trial) -> bool:
-        if trial.fault.kind == LINK and why_impossible():
-            self._say(f"{number:3} {trial.label}: left out, {why_impossible()}")
+        if why_not(trial.fault):
+            self._say(f"{number:3} {trial.label}: left out, {why_not(trial.fault)}")
             return False
         begin = time.monotonic()
         try:
@@ -104,7 +103,8 @@ class Campaign:
         self.rows.append(fields)
         table.append(self._results, fields)
         self._tell(number, result, time.monotonic() - begin)
-        used_up = not self._reuse or trial.variant.shuffled
+        # Clocks that were set stay so.
+        used_up = not self._reuse or trial.variant.shuffled or trial.variant.time == "set"
         if not result.clean or used_up or self._system.missing_nodes():
             logs, bad = self._system.logs, not result.clean
             self.stop(keep=bad)

@@ -39,6 +39,43 @@ DISK_FULL = "disk_full"
 SECOND_NODE = "second_node"
 START = "start"
 NONE = "none"
+FORGED_PAUSE = "forged_pause"
+CANCEL_AHEAD = "cancel_ahead"
+PLAIN_GOAL = "plain_goal"
+HALF_OPEN = "half_open"
+SOCKETS = "sockets"
+DESCRIPTORS = "descriptors"
+THREADS = "threads"
+WALL_CLOCK = "wall_clock"
+AGAIN = "again"
+PAGE_STOP = "page_stop"
+
+#: Systems that differ from the usual one; :func:`chaos.trials.variant_of` says how.
+PLAIN_SERVER = "plain_server"
+ROBOT_TIME = "robot_time"
+SET_TIME = "set_time"
+ONE_PAGE = "one_page"
+TWO_ROBOTS = "two_robots"
+
+#: The node that is killed while the sockets of another are taken: it has to reach that one again.
+PEERS = {
+    "merlin_executor": "planning_system",
+    "planning_system": "merlin_executor",
+    "merlin_bridges": "planning_system",
+    "merlin_fsm_host": "merlin_bridges",
+    "navigation": "merlin_fsm_host",
+    "soundplay_node": "merlin_fsm_host",
+    "listen": "merlin_fsm_host",
+    "merlin_guard": "merlin_fsm_host",
+}
+#: Silent connections to each port of a node.
+CONNECTIONS = 20
+#: s for which a node has no free descriptor.
+SHORTAGE = 2.0
+#: How often a node is killed again and again, and s in which all of that happens.
+KILLS, KILLING = 4, 13.0
+#: s by which the clock on the wall is set back.
+HALF_MINUTE, DAY = 30.0, 86400.0
 
 #: s that a SIGSTOP lasts that is not forever.
 HANG = 10.0
@@ -57,6 +94,10 @@ class Fault:
     :param lasts: s after which it is over by itself; None: forever, or until respawned.
     :param loss: share of packets that a link loses; 1: it is cut.
     :param delay: s that a link adds to each packet.
+    :param on: what a fault of this kind is done to: a node, an action or a topic; `targets` and `signal` are
+        then what happens to others in the same moment. "all": every node.
+    :param amount: how much of it: connections, kills, or s of a clock.
+    :param system: the system that it needs; empty: the usual one.
     """
 
     name: str
@@ -66,17 +107,33 @@ class Fault:
     lasts: Optional[float] = None
     loss: float = 0.0
     delay: float = 0.0
+    on: str = ""
+    amount: float = 0.0
+    system: str = ""
 
     @property
     def hangs(self) -> bool:
         """Whether its targets are not dead, but do nothing."""
-        return self.kind == LINK or self.signal == "STOP"
+        return self.kind in (LINK, HALF_OPEN) or self.signal == "STOP"
 
     @property
     def takes_owner(self) -> bool:
-        """Whether a drive loses its owner or its server; a second node of a name takes neither."""
-        struck = self.kind == SIGNAL and bool(CHAIN & set(self.targets))
-        return struck or (self.kind == LINK and self.loss >= 1.0)
+        """Whether a drive must end: it loses its owner, its server or its sensors, or somebody stops it.
+
+        A second node of a name takes none of them.
+        """
+        struck = bool(self.signal) and bool(CHAIN & set(self.targets))
+        return struck or self.kind in (HALF_OPEN, PAGE_STOP) or (self.kind == LINK and self.loss >= 1.0)
+
+    @property
+    def takes_what_nodes_need(self) -> bool:
+        """Whether it takes sockets, descriptors or threads: then every node is asked whether it answers."""
+        return self.kind in (SOCKETS, DESCRIPTORS, THREADS)
+
+    @property
+    def touches_guard(self) -> bool:
+        """Whether the guard may end or fall silent: only then another one has to stop the base."""
+        return GUARD in self.targets or (self.on == GUARD and self.kind in (DESCRIPTORS, THREADS))
 
 
 def signals() -> List[Fault]:
@@ -124,6 +181,70 @@ def others() -> List[Fault]:
     ]
 
 
+def shortages() -> List[Fault]:
+    """A node whose sockets, descriptors or threads are taken, and that has to live on or to be restarted."""
+    silent = [
+        Fault(f"sockets:{node}", SOCKETS, (PEERS[node],), "KILL", on=node, amount=CONNECTIONS)
+        for node in NODES
+    ]
+    return [
+        *silent,
+        *(Fault(f"descriptors:{node}", DESCRIPTORS, lasts=SHORTAGE, on=node) for node in NODES),
+        *(Fault(f"threads:{node}", THREADS, on=node) for node in NODES),
+    ]
+
+
+def clocks() -> List[Fault]:
+    """The clock on the wall of all nodes, or of one, is set back; stamps that are a day ahead."""
+    ahead = [
+        Fault(f"ahead:{action.replace('merlin/', '')}", CANCEL_AHEAD, on=action, amount=DAY)
+        for action in ("merlin/execute", "move_base")
+    ]
+    steps = {"all30": ("all", HALF_MINUTE), "allday": ("all", DAY)}
+    steps.update({node: (node, DAY) for node in ("merlin_executor", "merlin_fsm_host", "navigation")})
+    walls = [
+        Fault(f"wall:{name}", WALL_CLOCK, on=node, amount=step, system=SET_TIME)
+        for name, (node, step) in steps.items()
+    ]
+    return [*ahead, *walls]
+
+
+def foreign() -> List[Fault]:
+    """What is not MERLIN's: a forged state of the simulator, plain actionlib, sensors that fall silent."""
+    hung = (FORGED_PAUSE, ("navigation",), "STOP")
+    servers = [
+        Fault(each.name.replace("navigation", PLAIN_SERVER), *_processes(each), system=PLAIN_SERVER)
+        for each in _signals_of(("navigation",))
+    ]
+    return [
+        Fault("forged:pause", *hung),
+        Fault("forged:pause_on_robot", *hung, system=ROBOT_TIME),
+        Fault("forged:pause_plain_server", *hung, system=PLAIN_SERVER),
+        Fault("plain:goal", PLAIN_GOAL, on="move_base"),
+        *(Fault(f"half_open:{topic}", HALF_OPEN, lasts=HANG, on=topic) for topic in ("tf", "scan", "odom")),
+        *servers,
+    ]
+
+
+def _processes(fault: Fault) -> Tuple[str, Tuple[str, ...], str, Optional[float]]:
+    return fault.kind, fault.targets, fault.signal, fault.lasts
+
+
+def again() -> List[Fault]:
+    """A node that is killed as soon as it is back."""
+    targets = ("planning_system",)
+    return [Fault("again:planning_system", AGAIN, targets, "KILL", KILLING, on=targets[0], amount=KILLS)]
+
+
+def pages() -> List[Fault]:
+    """An operator presses *Stop and hold*; of one robot, and of two."""
+    return [
+        Fault("page:stop", PAGE_STOP, system=ONE_PAGE),
+        Fault("page:stop_two", PAGE_STOP, system=TWO_ROBOTS),
+    ]
+
+
 def all_faults() -> Dict[str, Fault]:
     """Every fault by name."""
-    return {fault.name: fault for fault in (*signals(), *pairs(), *links(), *others())}
+    kinds = (signals, pairs, links, others, shortages, clocks, foreign, again, pages)
+    return {fault.name: fault for kind in kinds for fault in kind()}

@@ -5,36 +5,19 @@ import threading
 import time
 from typing import Dict, List, Optional
 
-from chaos.faults import (
-    CLIENT,
-    CLOCK_BACK,
-    DISK_FULL,
-    LINK,
-    MASTER,
-    SECOND_CLOCK,
-    SECOND_NODE,
-    SIGNAL,
-    Fault,
-)
+from chaos.faults import CLIENT, MASTER, Fault
 from chaos.judging import events
 from chaos.judging.events import Event
+from chaos.striking.kinds import STROKES
+from chaos.striking.stroke import NotRunning, Stroke
 from chaos.under_test import processes
 from chaos.under_test.system import System
 
 SIGNALS = {"KILL": signal.SIGKILL, "STOP": signal.SIGSTOP, "TERM": signal.SIGTERM}
-#: The file that fills the disk.
-BALLAST = "ballast"
-CHUNK = b"\0" * 4096
-#: Facts that the client writes to the knowledge base while its disk is full, until one is refused.
-WRITTEN_FACTS = tuple(f"(noted f{number})" for number in range(20))
-
-
-class NotRunning(Exception):
-    """A node that has to run does not."""
 
 
 class Injector:
-    """One fault on one system.
+    """One fault on one system: the stroke of its kind, and signals to its targets.
 
     :param fault: what to do; its targets are looked up now, so that the fault itself takes no time.
     :param alone: nodes that die do not come back by themselves.
@@ -49,7 +32,7 @@ class Injector:
         self._respawners: Dict[str, int] = {}
         self._timer: Optional[threading.Timer] = None
         self._over = threading.Event()
-        if fault.kind == SIGNAL:
+        if fault.signal:
             for target in fault.targets:
                 pid = system.pid(target)
                 if pid is not None:
@@ -61,6 +44,7 @@ class Injector:
         if alone:
             found = {target: processes.respawner(pid) for target, pid in self._pids.items()}
             self._respawners = {target: pid for target, pid in found.items() if pid is not None}
+        self._stroke = STROKES.get(fault.kind, Stroke)(system, fault)
 
     @property
     def over(self) -> bool:
@@ -73,20 +57,9 @@ class Injector:
         for respawner in self._respawners.values():
             processes.send(respawner, signal.SIGSTOP)
         at = time.monotonic()
-        if fault.kind == SIGNAL:
-            for pid in self._pids.values():
-                processes.send(pid, SIGNALS[fault.signal])
-        elif fault.kind == LINK:
-            self._system.network.shape(fault.loss, fault.delay)
-        elif fault.kind == CLOCK_BACK:
-            self._system.tell_client(do="clock_back")
-        elif fault.kind == SECOND_CLOCK:
-            self._system.tell_client(do="second_clock")
-        elif fault.kind == DISK_FULL:
-            self._fill()
-            self._system.tell_client(do="write", facts=list(WRITTEN_FACTS))
-        elif fault.kind == SECOND_NODE:
-            self._system.start_second(fault.targets[0])
+        self._stroke.strike()
+        for pid in self._pids.values():
+            processes.send(pid, SIGNALS[fault.signal])
         self._system.log.add(Event(at, events.FAULT, {"fault": fault.name, "targets": list(fault.targets)}))
         if fault.lasts is not None:
             # Ends with the fault, or by end().
@@ -97,12 +70,8 @@ class Injector:
 
     def help(self) -> List[str]:
         """Repairs what does not come back by itself, as an operator would; returns what."""
-        fault, system = self._fault, self._system
-        helped: List[str] = []
-        if fault.kind == LINK and fault.lasts is None:
-            system.network.shape()
-            helped.append("link healed")
-        if fault.kind == SIGNAL:
+        helped = self._stroke.help() if self._fault.lasts is None else []
+        if self._fault.signal:
             helped += self._help_processes()
         if helped:
             self._report(events.HELPED, what=", ".join(helped))
@@ -112,7 +81,9 @@ class Injector:
         """Takes back what is still there; nothing of a fault outlives its trial."""
         if self._timer is not None:
             self._timer.cancel()
-        if self._fault.lasts is not None and not self.over:
+        if self._fault.lasts is None:
+            self._stroke.end()
+        elif not self.over:
             self._end_by_itself()
         self._let_respawn()
 
@@ -140,23 +111,12 @@ class Injector:
             processes.send(respawner, signal.SIGCONT)
 
     def _end_by_itself(self) -> None:
-        if self._fault.kind == SIGNAL:
+        if self._fault.signal == "STOP":
             for pid in self._pids.values():
                 processes.send(pid, signal.SIGCONT)
-        elif self._fault.kind == LINK:
-            self._system.network.shape()
-        elif self._fault.kind == DISK_FULL:
-            (self._system.disk / BALLAST).unlink(missing_ok=True)
+        self._stroke.end()
         self._report(events.OVER)
         self._over.set()
-
-    def _fill(self) -> None:
-        with (self._system.disk / BALLAST).open("wb", buffering=0) as ballast:
-            try:
-                while True:
-                    ballast.write(CHUNK)
-            except OSError:
-                return  # it is full
 
     def _report(self, kind: str, **data: object) -> None:
         self._system.log.add(Event(time.monotonic(), kind, data))

@@ -7,8 +7,8 @@ import time
 from typing import Callable, Dict, List, Optional, Set, Tuple
 
 from chaos.before import BrokenBefore, Missed, ended_before, failed_before
-from chaos.faults import CLIENT, DISK_FULL, MASTER, NONE, SECOND_NODE
-from chaos.injector import SIGNALS, WRITTEN_FACTS, Injector, NotRunning
+from chaos.faults import CLIENT, DISK_FULL, MASTER, NODES, NONE, SECOND_NODE
+from chaos.injector import SIGNALS, Injector
 from chaos.judging import events
 from chaos.judging.events import Event, LogClosed
 from chaos.judging.evidence import NEXT, PATIENCE, REQUEST, Evidence, settled
@@ -17,6 +17,8 @@ from chaos.judging.rules import NEXT_LIMIT_HELPED, Judgement, judge
 from chaos.judging.scene import DRIVING_SPEED, Scene, scene_at
 from chaos.moments import WINDOWS, Moment, begins, holds
 from chaos.result import Result
+from chaos.striking.stroke import NotRunning
+from chaos.striking.surroundings import WRITTEN_FACTS
 from chaos.trials import DRIVE, LISTEN, REQUESTS, SPEAK, Trial
 from chaos.under_test import processes
 from chaos.under_test.system import StartError, System
@@ -37,6 +39,8 @@ NEXT_MARGIN = 1.0
 #: s watched after an end, for what must no longer move.
 SETTLE = 1.5
 LOOK_WATCH = 12.0
+#: s for a stop to be driven and released, asking included: longer than the witness takes at most.
+STOP_WATCH = 20.0
 #: s after a trial in which every node is back; the script that starts it again waits 4 s at most.
 NODES_LIMIT = 10.0
 #: s between two looks at knowledge that is not settled.
@@ -47,6 +51,8 @@ TRIAL_LIMIT = 180.0
 PLANNER_CHILD = "planner_child"
 #: m that a place to drive to is away at least.
 FAR = 2.0
+#: Predicates of the other ways to drive to a place.
+DRIVES = ("deaf_at", "touchy_at", "plain_at")
 
 
 class Runner:
@@ -142,13 +148,19 @@ class _Course(Watching):
                 left = {pid for word in words for pid in processes.with_word(self._system.run, word)}
                 self._report(events.LEFT, count=len(left))
             else:
+                if trial.stop and not trial.fault.touches_guard:
+                    self._drive_stop()
                 self._next_goal()
+                if trial.fault.takes_what_nodes_need:
+                    self._probe_nodes()
         finally:
             if self._injector is not None:
                 self._injector.end()
         self._pause(SETTLE)
         self._look()
         self._await_nodes()
+        if trial.stop and trial.fault.touches_guard:
+            self._drive_stop()  # only now it is surely back
         self._report(events.CLOSED)
         log = [event for event in self._log.since(self._begin) if not self._too_late(event)]
         judgement = judge(Evidence(trial, log, self._points, self._notes, self._patience))
@@ -163,7 +175,11 @@ class _Course(Watching):
         add, remove = [note], [f"(said {self._note})", f"(heard {self._note})", f"(quitted {self._note})"]
         if REQUESTS[self._trial.moment] == LISTEN:
             add.append(remove.pop(0))
-        remove += [f"({name} {place})" for name in ("deaf_at", "touchy_at") for place in self._points]
+        remove += [f"({name} {place})" for name in DRIVES for place in self._points]
+        if self._trial.variant.robots:
+            remove = []  # of another domain
+        if self._trial.stop:
+            self._system.tell_witness(do="locate", services=["merlin/stop", "merlin/release"])
         if self._trial.fault.kind == DISK_FULL:
             remove += WRITTEN_FACTS
         self._system.tell_client(do="prepare", add=add, remove=remove)
@@ -174,6 +190,9 @@ class _Course(Watching):
         self._notes[:] = sorted({*self._notes, note} - set(remove))
 
     def _goals(self) -> List[str]:
+        robots = self._trial.variant.robots
+        if robots and REQUESTS[self._trial.moment] is not None:
+            return [f"(robot_at {robot} {place})" for robot, place in zip(robots, self._far_places())]
         if self._trial.goals:
             return [goal.format(place=self._far_place(), note=self._note) for goal in self._trial.goals]
         request = REQUESTS[self._trial.moment]
@@ -183,6 +202,10 @@ class _Course(Watching):
 
     def _far_place(self) -> str:
         """A place to drive to, away from where the robot is."""
+        return self._far_places()[0]
+
+    def _far_places(self) -> List[str]:
+        """The places to drive to, in random order."""
         truth = scene_at(self._log.since(0), time.monotonic()).truth
         if truth is None:
             raise Missed("there is no ground truth")
@@ -191,7 +214,7 @@ class _Course(Watching):
             for name, (x, y) in sorted(self._points.items())
             if ((truth["x"] - x) ** 2 + (truth["y"] - y) ** 2) ** 0.5 > FAR
         ]
-        return self._random.choice(far)
+        return self._random.sample(far, len(far))
 
     def _send(self, label: str, goals: List[str]) -> None:
         self._system.tell_client(do="send", label=label, goals=goals)
@@ -294,11 +317,30 @@ class _Course(Watching):
             processes.send(knowledge, SIGNALS["KILL"])
         self._pause(SETTLE)
 
+    def _drive_stop(self) -> None:
+        """The witness stops the base as a button does, and releases it."""
+        self._system.tell_witness(do="stop", service="merlin/stop", release="merlin/release")
+        self._find(events.RELEASED, STOP_WATCH)
+
+    def _probe_nodes(self) -> None:
+        """The witness asks each node at its ports, until it answers or has had time to be started again."""
+        limit, position = self._patience * NODES_LIMIT, self._log.position()
+        left = {node for node in self._system.nodes if node in NODES}
+        self._system.tell_witness(do="probe", nodes=sorted(left), limit=limit)
+
+        def find(event: Event) -> Optional[bool]:
+            if event.kind == events.PROBED:
+                left.discard(event["node"])
+            return None if left else True
+
+        self._log.wait_for(position, find, time.monotonic() + limit + STOP_WATCH, time.monotonic)
+
     def _next_goal(self) -> None:
         self._report(events.NEXT)
         self._look_until_settled()
         ready = self._log.position()
-        self._send(NEXT, [f"(robot_at {self._far_place()})"])
+        robot = "".join(f"{robot} " for robot in self._trial.variant.robots[:1])
+        self._send(NEXT, [f"(robot_at {robot}{self._far_place()})"])
         if not self._next_begins(ready):
             self._system.tell_client(do="cancel", label=NEXT)
             self._ended(NEXT, ANSWER_WATCH / 2)
@@ -325,7 +367,7 @@ class _Course(Watching):
         end, answered = time.monotonic() + LOOK_WATCH, False
         while True:
             facts = self._look()
-            if facts is not None and settled(facts):
+            if facts is not None and settled(facts, self._trial.variant.robots):
                 return
             if facts is not None and "error" not in facts.data and not answered:
                 # On a starved machine it may have taken all the time to come back.

@@ -8,13 +8,21 @@ from typing import Dict, Iterator, List, Optional, Sequence, Set, Tuple
 from chaos.faults import (
     CLIENT,
     DISK_FULL,
-    GUARD,
+    FORGED_PAUSE,
+    HALF_OPEN,
     LINK,
     MASTER,
     NODES,
     NONE,
+    ONE_PAGE,
+    PAGE_STOP,
+    PLAIN_GOAL,
+    PLAIN_SERVER,
+    ROBOT_TIME,
+    SET_TIME,
     SIGNAL,
     START,
+    TWO_ROBOTS,
     Fault,
     all_faults,
 )
@@ -45,6 +53,9 @@ class Variant:
     :param planner: name of a planner of the campaign's own; empty: the default one.
     :param navigation: name of a navigation of the campaign's own; empty: the default one.
     :param shuffled: nodes start at times drawn from the seed.
+    :param time: "simulated"; "wall": as on a robot; "set": the same, and the clock on the wall can be set.
+    :param page: with the monitor's page, and an operator.
+    :param robots: names of several robots; empty: one without a name.
     """
 
     base_timeout: Optional[float] = None
@@ -53,6 +64,27 @@ class Variant:
     planner: str = ""
     navigation: str = ""
     shuffled: bool = False
+    time: str = "simulated"
+    page: bool = False
+    robots: Tuple[str, ...] = ()
+
+
+#: What faults need that name a system of their own.
+SYSTEMS: Dict[str, Variant] = {
+    PLAIN_SERVER: Variant(navigation="plain_navigation"),
+    ROBOT_TIME: Variant(time="wall"),
+    SET_TIME: Variant(time="set"),
+    ONE_PAGE: Variant(page=True),
+    TWO_ROBOTS: Variant(page=True, robots=("ann", "bob")),
+}
+#: Kinds of faults that say something only while the base drives.
+ABOUT_DRIVES = (FORGED_PAUSE, HALF_OPEN, PAGE_STOP, PLAIN_GOAL)
+#: Goals of the trials of a kind, in the place of those of the moment.
+GOALS: Dict[str, Tuple[str, ...]] = {PLAIN_GOAL: ("(plain_at {place})",)}
+#: Kinds whose requests are not cancelled by the client: the base has to stand without that.
+NOT_CANCELLED = (HALF_OPEN, PAGE_STOP)
+#: One in so many drawn trials has a stop.
+STOPS = 10
 
 
 @dataclass(frozen=True)
@@ -65,6 +97,7 @@ class Trial:
     :param goals: that the client sends instead of those of the moment.
     :param seed: of the delay within the moment, and of the place to drive to.
     :param wait: s by which the fault comes later still, so that what misbehaves has begun to.
+    :param stop: before the next goal the base is stopped by `merlin/stop`, and released.
     """
 
     name: str
@@ -76,6 +109,7 @@ class Trial:
     seed: int = 0
     wait: float = 0.0
     alone: bool = False
+    stop: bool = False
 
     @property
     def delay(self) -> float:
@@ -90,6 +124,8 @@ class Trial:
             parts.append("+cancel")
         if self.alone:
             parts.append("alone")
+        if self.stop:
+            parts.append("stop")
         return " ".join(parts)
 
 
@@ -156,15 +192,20 @@ def variant_of(fault: Fault) -> Variant:
         return Variant(state_file="full")
     if fault.kind == START:
         return Variant(shuffled=True)
+    if fault.system:
+        return SYSTEMS[fault.system]
     # Only the guard stops a base that never stops by itself: without a guard nothing does.
-    return Variant(base_timeout=0.5 if GUARD in fault.targets else None)
+    return Variant(base_timeout=0.5 if fault.touches_guard else None)
 
 
 def fits(fault: Fault, moment: Moment, respawn: bool) -> bool:
     """Whether a fault makes sense at a moment."""
     if fault.kind == START and moment is not Moment.IDLE:
         return False
-    if fault.kind != SIGNAL:
+    about_drives = fault.kind in ABOUT_DRIVES or fault.system == PLAIN_SERVER
+    if about_drives and moment is not Moment.DRIVING:
+        return False
+    if fault.kind != SIGNAL or fault.system:
         return respawn
     if not respawn and (MASTER in fault.targets or CLIENT in fault.targets):
         return False  # neither comes back by itself in any case
@@ -190,7 +231,7 @@ def draw(
     if not pool:
         raise ValueError(f"no fault fits {', '.join(faults)} at these moments; --list shows all")
     numbers = random.Random(f"trials {seed}")
-    round_ = 0
+    number = 0
     while True:
         order = list(pool)
         numbers.shuffle(order)
@@ -199,8 +240,10 @@ def draw(
             named = trial.name in known_failures()
             if not named and trial.moment not in (Moment.IDLE, Moment.CANCELLING):
                 cancel = numbers.random() < 0.5 and CLIENT not in trial.fault.targets
-            yield replace(trial, cancel=cancel, seed=numbers.randrange(2**31))
-        round_ += 1
+                cancel = cancel and trial.fault.kind not in NOT_CANCELLED
+            number += 1
+            stop = trial.fault.takes_what_nodes_need or (number % STOPS == 0 and not named)
+            yield replace(trial, cancel=cancel, seed=numbers.randrange(2**31), stop=stop)
 
 
 def _pool(
@@ -217,7 +260,14 @@ def _pool(
         if absent & set(fault.targets) or not any(fnmatch.fnmatchcase(fault.name, each) for each in patterns):
             continue
         chosen += [
-            Trial(fault.name, fault, moment, variant=variant_of(fault), alone=not again)
+            Trial(
+                fault.name,
+                fault,
+                moment,
+                goals=GOALS.get(fault.kind, ()),
+                variant=variant_of(fault),
+                alone=not again,
+            )
             for moment in moments
             for again in respawn
             if fits(fault, moment, again)

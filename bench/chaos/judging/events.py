@@ -49,6 +49,14 @@ SAID = "said"
 WRITTEN = "written"
 #: Nodes that were not back at the trial's end were counted: nodes (list).
 MISSING = "missing"
+#: The witness asked `merlin/stop`: asked (s, when), ticks (s by its own looks), error (empty: answered).
+STOPPED = "stopped"
+#: The base was released after that: error (empty: it was).
+RELEASED = "released"
+#: A node was asked at its ports: node, error (empty: it answers).
+PROBED = "probed"
+#: The page has answered an operator: what, status, words, asked (s, when).
+PAGE = "page"
 #: From here on the next goal may be sent.
 NEXT = "next"
 #: The trial's judged time ends here.

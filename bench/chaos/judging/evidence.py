@@ -70,6 +70,19 @@ class Evidence:
                 end += share * (min(event.at, end) - max(since, begin))
         return min(end, begin + self._patience * limit)
 
+    def of_robot(self, robot: str) -> "Evidence":
+        """The same, as it is for a robot of several: what is seen of the first one has no name in front."""
+        if robot in ("", *self.trial.variant.robots[:1]):
+            return self
+        mine = {event.kind for event in self.log if event.kind.startswith(f"{robot}/")}
+        theirs = {kind.partition("/")[2] for kind in mine}
+        log = [
+            Event(event.at, event.kind.partition("/")[2], event.data) if event.kind in mine else event
+            for event in self.log
+            if event.kind not in theirs
+        ]
+        return Evidence(self.trial, log, self.points, self.notes, self._patience)
+
     def looks_before_next(self) -> List[Event]:
         """The looks at the knowledge between the trial's end and the next goal; the last of them counts."""
         ready, sent = self.first(events.NEXT), self.first(events.SENT, NEXT)
@@ -88,9 +101,20 @@ class Evidence:
         return closed.at if closed is not None else (self.log[-1].at if self.log else self.zero)
 
 
-def settled(facts: Event) -> bool:
-    """Whether a look found the knowledge as it is between two requests: one place, no goal."""
-    return "error" not in facts.data and len(facts["robot_at"]) == 1 and not facts["goals"]
+def settled(facts: Event, robots: Sequence[str] = ()) -> bool:
+    """Whether a look found the knowledge as it is between two requests: one place of each robot, no goal."""
+    if "error" in facts.data or facts["goals"]:
+        return False
+    return all(len(places_of(facts, robot)) == 1 for robot in robots or ("",))
+
+
+def places_of(facts: Event, robot: str = "") -> List[str]:
+    """Where a look says that a robot is; the place is the last word of a fact.
+
+    :param robot: its name; empty: the only one, which has none.
+    """
+    words = [fact.strip("()").split() for fact in facts["robot_at"]]
+    return [each[-1] for each in words if not robot or robot in each[1:-1]]
 
 
 def action_began(evidence: Evidence) -> Optional[Event]:

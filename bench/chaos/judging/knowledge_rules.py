@@ -4,7 +4,7 @@ from typing import List
 
 from chaos.judging import events
 from chaos.judging.events import Event
-from chaos.judging.evidence import Evidence, settled
+from chaos.judging.evidence import Evidence, places_of, settled
 from chaos.judging.scene import scene_at
 
 #: s from the first look until the knowledge is as it is between two requests.
@@ -23,20 +23,26 @@ def one_true_place(evidence: Evidence) -> List[str]:
         if "error" in facts.data:
             found.append(f"the knowledge base does not answer at {at}: {facts['error'][:120]}")
             continue
-        places = [fact.strip("()").split()[-1] for fact in facts["robot_at"]]
-        if len(places) != 1:
-            found.append(f"{len(places)} robot_at hold at {at}: {', '.join(places) or 'none'}")
-            continue
-        truth = scene_at(evidence.log, facts.at).truth
-        point = evidence.points.get(places[0])
-        if truth is None or point is None:
-            continue
-        off = ((truth["x"] - point[0]) ** 2 + (truth["y"] - point[1]) ** 2) ** 0.5
-        if off > NEAR:
-            found.append(
-                f"(robot_at {places[0]}) holds at {at}, but the robot is {off:.1f} m away from there"
-            )
+        for robot in evidence.trial.variant.robots or ("",):
+            found += _place(evidence.of_robot(robot), facts, robot)
     return found
+
+
+def _place(evidence: Evidence, facts: Event, robot: str) -> List[str]:
+    at, places = evidence.when(facts.at), places_of(facts, robot)
+    if len(places) != 1:
+        of = f" for {robot}" if robot else ""
+        return [f"{len(places)} robot_at hold{of} at {at}: {', '.join(places) or 'none'}"]
+    truth = scene_at(evidence.log, facts.at).truth
+    point = evidence.points.get(places[0])
+    if truth is None or point is None:
+        return []
+    off = ((truth["x"] - point[0]) ** 2 + (truth["y"] - point[1]) ** 2) ** 0.5
+    if off <= NEAR:
+        return []
+    return [
+        f"(robot_at {places[0]}) holds at {at}, but {robot or 'the robot'} is {off:.1f} m away from there"
+    ]
 
 
 def nothing_is_lost(evidence: Evidence) -> List[str]:
@@ -70,8 +76,8 @@ def what_is_full_is_said(evidence: Evidence) -> List[str]:
 
 def _looks(evidence: Evidence) -> List[Event]:
     """The looks at the knowledge that count: what is being restarted may settle its knowledge first."""
-    before = evidence.looks_before_next()
-    bad = next((number for number, facts in enumerate(before) if settled(facts)), len(before))
+    before, robots = evidence.looks_before_next(), evidence.trial.variant.robots
+    bad = next((number for number, facts in enumerate(before) if settled(facts, robots)), len(before))
     in_time = bad < len(before) and before[bad].at <= evidence.deadline(before[0].at, FACTS_LIMIT)
     excused = before[: bad if in_time else max(0, bad - 1)]
     return [event for event in evidence.log if event.kind == events.FACTS and event not in excused]

@@ -7,8 +7,13 @@ import re
 from dataclasses import dataclass
 from typing import Callable, List, Optional, Set, Tuple
 
-from chaos.faults import CLIENT, MASTER
+from chaos.faults import AGAIN, CANCEL_AHEAD, CLIENT, MASTER
 from chaos.judging import events
+from chaos.judging.answer_rules import (
+    every_node_answers,
+    the_stop_is_answered,
+    what_the_page_says_is_true,
+)
 from chaos.judging.events import Event
 from chaos.judging.evidence import NEXT, REQUEST, Evidence, action_began, stood_at, way, world_time
 from chaos.judging.knowledge_rules import nothing_is_lost, one_true_place, what_is_full_is_said
@@ -42,6 +47,8 @@ SILENT = 5.0
 GOOD = ("SUCCEEDED", "ALREADY_TRUE")
 
 _ERRNO = re.compile(r"\[Errno -?\d+\]|Traceback|object has no attribute")
+#: What no true reason says here: a campaign's robot has one client.
+_OTHERS = re.compile(r"(recalled|preempted|cancelled) by another client")
 
 
 @dataclass(frozen=True)
@@ -92,7 +99,15 @@ def seconds_to_stand(evidence: Evidence) -> Optional[float]:
 
 
 def base_stands(evidence: Evidence) -> List[str]:
-    """The base stands soon after a drive has lost an owner, or was cancelled."""
+    """The base of each robot stands soon after a drive has lost an owner, or was stopped or cancelled."""
+    return [
+        sentence
+        for robot in evidence.trial.variant.robots or ("",)
+        for sentence in _stands(evidence.of_robot(robot), f"the base of {robot}" if robot else "the base")
+    ]
+
+
+def _stands(evidence: Evidence, base: str) -> List[str]:
     trial = evidence.trial
     if scene_at(evidence.log, evidence.zero).standing:
         return []
@@ -111,9 +126,9 @@ def base_stands(evidence: Evidence) -> List[str]:
     metres = way(evidence, evidence.zero, until)
     if stood is None:
         after = f"{evidence.when(until)} after the fault, {metres:.1f} m further"
-        return [f"the base drives on, or would: no stop within {after}"]
+        return [f"{base} drives on, or would: no stop within {after}"]
     after = f"{evidence.when(stood)} after the fault (limit {limit:g} s), {metres:.1f} m further"
-    return [f"the base stands only {after}"]
+    return [f"{base} stands only {after}"]
 
 
 def _slow_braking(evidence: Evidence, stood: float) -> float:
@@ -189,6 +204,9 @@ def the_end_is_true(evidence: Evidence) -> List[str]:
             found.append(f"{outcome} at {at} without a reason")
         if _ERRNO.search(reason):
             found.append(f"{outcome} at {at} with a reason that names no part: '{reason[:120]}'")
+        foreign = evidence.trial.fault.kind == CANCEL_AHEAD and ended["label"] == REQUEST
+        if _OTHERS.search(reason) and not foreign:
+            found.append(f"{outcome} at {at} blames a client that there is not: '{reason[:120]}'")
     return found
 
 
@@ -242,6 +260,9 @@ RULES: Tuple[Callable[[Evidence], List[str]], ...] = (
     what_is_full_is_said,
     no_process_is_left,
     every_node_is_back,
+    every_node_answers,
+    the_stop_is_answered,
+    what_the_page_says_is_true,
     the_next_goal_works,
 )
 
@@ -253,6 +274,8 @@ def _hangs(evidence: Evidence) -> List[str]:
         return []
     asked, ended = evidence.first(events.CANCEL, REQUEST), evidence.first(events.ENDED, REQUEST)
     until = min(event.at for event in (asked, ended) if event is not None) if asked or ended else evidence.end
+    if evidence.trial.fault.kind == AGAIN:
+        return _told_late(evidence, until)
     over = evidence.first(events.OVER)
     begin = max(evidence.zero, over.at if over is not None and over.at < until else evidence.zero)
     if until < evidence.deadline(begin, ANSWER_LIMIT - 0.5):
@@ -272,6 +295,20 @@ def _hangs(evidence: Evidence) -> List[str]:
         return []
     span = f"{evidence.when(window)} to {evidence.when(until)}"
     return [f"the request neither ends nor goes on: nothing runs from {span}"]
+
+
+def _told_late(evidence: Evidence, until: float) -> List[str]:
+    """What dies again and again has one limit, not a new one each time; a drive meanwhile is progress."""
+    if until <= evidence.deadline(evidence.zero, ANSWER_LIMIT):
+        return []
+    begin = until - ANSWER_LIMIT
+    began = [event for event in evidence.all(events.GOALS, begin, until) if event["active"]]
+    if began or scene_at(evidence.log, begin).busy():
+        return []
+    return [
+        f"the request has not ended {until - evidence.zero:.1f} s after the first kill, and no action "
+        f"ran in the last {ANSWER_LIMIT:g} s of that"
+    ]
 
 
 def _outlives_its_client(evidence: Evidence) -> List[str]:

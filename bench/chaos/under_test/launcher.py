@@ -21,6 +21,7 @@ import roslib
 from roslaunch.core import Node, Param
 
 from chaos.under_test.child import Reporter
+from chaos.under_test.wall_clock import WallClocks
 
 #: s between SIGINT and SIGTERM, and between that and SIGKILL.
 END_LIMITS = (2.0, 1.0)
@@ -62,6 +63,8 @@ class Launcher(roslaunch.parent.ROSLaunchParent):
             if node.name in options.instead:
                 script = Path(__file__).parent / "application" / f"{options.instead[node.name]}.py"
                 node.launch_prefix = f"{sys.executable} {script}"
+            if options.clocks:
+                node.env_args += WallClocks(options.clocks).environment(node.name).items()
         if options.without_parameters:
             config.params.clear()
             config.clear_params.clear()
@@ -99,6 +102,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--shuffled", type=int)
     parser.add_argument("--without-parameters", action="store_true")
     parser.add_argument("--set", type=json.loads, default={})
+    parser.add_argument("--clocks", type=Path, help="folder of the nodes' clocks on the wall")
     parser.add_argument("--instead", type=json.loads, default={})
     return parser.parse_args()
 

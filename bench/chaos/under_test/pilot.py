@@ -1,8 +1,8 @@
 """Process: the robot's client in a campaign. It sends requests, cancels them, and looks what the robot knows.
 
-Commands are lines of JSON with `do`: ready, send (label, goals), cancel (label), prepare (add, remove),
-look (number), write (facts), clock_back, second_clock. Each runs in a thread of its own, so that one that
-gets no answer does not hold up the others.
+Commands are lines of JSON with `do`: ready (servers), send (label, goals), cancel (label), prepare (add,
+remove), look (number), write (facts), and those of :mod:`.stranger`. Each runs in a thread of its own, so
+that one that gets no answer does not hold up the others.
 """
 
 import os
@@ -15,12 +15,10 @@ from typing import Any, Callable, Dict, List
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import rospy
-from rosgraph_msgs.msg import Clock
-from std_srvs.srv import Trigger
 
 from chaos.judging import events
-from chaos.judging.scene import SERVERS
 from chaos.under_test.child import Reporter, commands
+from chaos.under_test.stranger import Stranger
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
 from merlin_executor.mission.readiness import missing_interfaces, missing_servers
 from merlin_ros.service_proxy import ServiceError
@@ -33,17 +31,13 @@ READY_LIMIT = 60.0
 ANSWER_LIMIT = 10.0
 #: s between two attempts to reach a knowledge base that is being started.
 RETRY = 0.1
-#: s by which a second clock is late, and how many messages it sends.
-OLD_CLOCK = (5.0, 10)
-#: s of wall time for which the second clock is there.
-CLOCK_LASTS = 1.0
 
 
-class Pilot:
+class Pilot(Stranger):
     """Carries out commands and reports events."""
 
     def __init__(self, report: Reporter) -> None:
-        self._report = report
+        super().__init__(report)
         self._client = MerlinExecutorClient(knowledge_base=None)
         self._knowledge = MerlinROSPlanAssistant()
         self._lock = threading.Lock()  # guards _requests
@@ -60,13 +54,13 @@ class Pilot:
         except Exception as error:  # noqa: B902 - whatever it is, the campaign has to hear of it
             self._report("failed", do=do, error=f"{type(error).__name__}: {error}")
 
-    def _ready(self) -> None:
+    def _ready(self, servers: List[str]) -> None:
         # This client polls at start-up only; ROS has no event for a new service.
         end = time.monotonic() + READY_LIMIT
         missing = ["the executor"] if not self._client.wait_for_executor(READY_LIMIT) else []
         if not missing:
             missing += missing_interfaces(knowledge_client(), max(1.0, end - time.monotonic()))
-            missing += missing_servers([*SERVERS, "actions/navigate"], max(1.0, end - time.monotonic()))
+            missing += missing_servers(servers, max(1.0, end - time.monotonic()))
         self._report("ready", missing=missing)
 
     def _send(self, label: str, goals: List[str]) -> None:
@@ -127,21 +121,6 @@ class Pilot:
             self._report(events.WRITTEN, fact=fact, error=error)
             if error:
                 return
-
-    def _clock_back(self) -> None:
-        answer = rospy.ServiceProxy("merlin_sim/clock_back", Trigger)()
-        self._report("clock_back" if answer.success else "failed", do="clock_back", error=answer.message)
-
-    def _second_clock(self) -> None:
-        # Made only now: the simulator refuses to start beside another clock.
-        clock = rospy.Publisher("/clock", Clock, queue_size=20, latch=True)
-        back, messages = OLD_CLOCK
-        past = rospy.Time.from_sec(max(1.0, rospy.get_time() - back))
-        for number in range(messages):
-            clock.publish(Clock(past + rospy.Duration(0.02 * number)))
-        time.sleep(CLOCK_LASTS)  # subscribers connect, and get the last one at least
-        clock.unregister()
-        self._report("second_clock", seconds=back)
 
 
 def main() -> int:

@@ -4,6 +4,7 @@ Each of them carries a mark in its environment, so they are found without asking
 ones and those that left their process group included.
 """
 
+import contextlib
 import os
 import signal
 import time
@@ -14,6 +15,8 @@ from typing import List, NamedTuple, Optional, Sequence
 MARK = "MERLIN_CHAOS_RUN"
 #: s that a killed process may take to disappear.
 END_LIMIT = 5.0
+#: State of a socket in /proc/net/tcp that takes connections.
+LISTENS = "0A"
 
 
 class Usage(NamedTuple):
@@ -90,6 +93,20 @@ def usage(pid: int, proc: Path = Path("/proc")) -> Optional[Usage]:
     memory = float(fields.get("VmRSS", "0 kB").split()[0]) / 1024
     sockets = sum(link.startswith("socket:") for link in links)
     return Usage(memory, int(fields["Threads"]), len(links), sockets)
+
+
+def listening_ports(pid: int, proc: Path = Path("/proc")) -> List[int]:
+    """The TCP ports at which a process listens: those of a node are its two APIs, XML-RPC and TCPROS."""
+    sockets = set()
+    for entry in (proc / str(pid) / "fd").iterdir():
+        with contextlib.suppress(OSError):  # closed meanwhile
+            sockets.add(os.readlink(entry))
+    ports = set()
+    for line in (proc / str(pid) / "net" / "tcp").read_text().splitlines()[1:]:
+        fields = line.split()
+        if fields[3] == LISTENS and f"socket:[{fields[9]}]" in sockets:
+            ports.add(int(fields[1].rsplit(":", 1)[1], 16))
+    return sorted(ports)
 
 
 def kill_marked(run: str) -> int:

@@ -19,11 +19,13 @@ from measuring.ros_process import free_port
 from chaos.faults import CLIENT, MASTER, NODES
 from chaos.judging.events import GONE, TRUTH, Event, EventLog
 from chaos.judging.knowledge_rules import STATE_FILE
+from chaos.judging.scene import SERVERS
 from chaos.trials import Variant
 from chaos.under_test import processes
 from chaos.under_test.child import Child
 from chaos.under_test.network import ADDRESSES, MIND, ROBOT, Network
 from chaos.under_test.pressure import Pressure
+from chaos.under_test.wall_clock import WallClocks
 
 HERE = Path(__file__).resolve().parent
 APPLICATION = HERE / "application"
@@ -39,12 +41,13 @@ ANYTIME = 0.5
 PLANNER_LIMIT = 8.0
 ACTIONS = [
     "merlin_actions.actions.navigate:Navigate",
-    *(f"chaos_actions:{name}" for name in ("Say", "Hear", "DriveDeaf", "DriveTouchy", "Quit")),
+    *(f"chaos_actions:{name}" for name in ("Say", "Hear", "DriveDeaf", "DriveTouchy", "DrivePlain", "Quit")),
 ]
 LAUNCHER = "launcher"
 SMALL_DISK = "2m"
-#: The simulator whose clock can be set back, in the place of the other one.
-SIMULATOR = {"merlin_sim": "clock_simulator"}
+CLOCKS = "clocks"
+#: The simulator whose clock can be set back and whose sensors can fall silent, in the place of the other one.
+SIMULATOR = {"merlin_sim": "odd_simulator"}
 
 
 class StartError(RuntimeError):
@@ -70,7 +73,9 @@ class System:
         self._master: Optional[subprocess.Popen[bytes]] = None
         self._children: Dict[str, Child] = {}
         self._pressure: Optional[Pressure] = None
+        self._clocks: Optional[WallClocks] = None
         self._port = 0
+        self._page: Tuple[str, str] = ("", "")
 
     @property
     def network(self) -> Network:
@@ -82,6 +87,11 @@ class System:
     def disk(self) -> Path:
         """The folder of the state file."""
         return self._disk or self._folder
+
+    @property
+    def page(self) -> Tuple[str, str]:
+        """Address of the monitor's page, and the token of an operator; only in a variant with one."""
+        return self._page
 
     @property
     def logs(self) -> Path:
@@ -103,6 +113,8 @@ class System:
             position = self.log.position()
             self._network = Network(self.run, self._env(), self._folder, self.log.add)
             self._await("linked", position, "the link")
+        if self.variant.time == "set":
+            self._clocks = WallClocks(self._folder / CLOCKS)
         self._pressure = Pressure(self.run, self.log.add)
         self._start_master()
         self._launch()
@@ -110,7 +122,9 @@ class System:
         self.start_client()
         self._await(TRUTH, 0, "the simulator")
         position = self.log.position()
-        self._children[CLIENT].tell(do="ready")
+        robots = [f"{robot}/" for robot in self.variant.robots]
+        servers = [f"{robot}{name}" for robot in robots for name in ("move_base", "actions/drive")]
+        self._children[CLIENT].tell(do="ready", servers=servers or [*SERVERS, "actions/navigate"])
         missing = self._await("ready", position, "the client")["missing"]
         if missing:
             raise StartError(f"not there after the start: {', '.join(missing)}; logs: {self._folder}")
@@ -118,6 +132,19 @@ class System:
     def tell_client(self, **command: object) -> None:
         """Sends the client a command."""
         self._children[CLIENT].tell(**command)
+
+    def tell_witness(self, **command: object) -> None:
+        """Sends a command to the witness of the robot's side, of the first one of several."""
+        side = ROBOT if ROBOT in self._witnesses() else MIND
+        self._children[f"witness_{side}"].tell(**command)
+
+    def set_wall_clock(self, process: str, off: float) -> None:
+        """Sets the clock on the wall of a node; "all": of all nodes and of the client.
+
+        :param off: s from the right time.
+        """
+        assert self._clocks is not None, "this variant has no clocks that can be set"
+        self._clocks.set(process, off)
 
     def pid(self, target: str) -> Optional[int]:
         """The process of a node, the master or the client; None when it does not run."""
@@ -150,13 +177,26 @@ class System:
 
     def start_witnesses(self) -> None:
         """Starts the witnesses, in the place of those that run."""
-        sides = {ROBOT: ROBOT, MIND: MIND} if self.variant.network else {MIND: "all"}
-        for side, topics in sides.items():
-            self._child(f"witness_{side}", side, [sys.executable, str(HERE / "witness.py"), topics])
+        for name, topics in self._witnesses().items():
+            side = ROBOT if self.variant.network and name == ROBOT else MIND
+            robots = self.variant.robots
+            namespace = "" if topics != ROBOT or not robots else robots[0] if name == ROBOT else name
+            command = [sys.executable, str(HERE / "witness.py"), topics]
+            # What is seen of a further robot does not look like what is seen of the first one.
+            prefix = "" if name in (ROBOT, MIND) else name
+            more = {"ROS_NAMESPACE": namespace} if namespace else {}
+            self._child(f"witness_{name}", side, command, more, prefix)
+
+    def _witnesses(self) -> Dict[str, str]:
+        """Names of the witnesses, and the topics of each."""
+        if not (self.variant.network or self.variant.robots):
+            return {MIND: "all"}
+        return {ROBOT: ROBOT, MIND: MIND, **dict.fromkeys(self.variant.robots[1:], ROBOT)}
 
     def start_client(self) -> None:
         """Starts the client, in the place of one that runs."""
-        position = self._child(CLIENT, MIND, [sys.executable, str(HERE / "pilot.py")])
+        clock = self._clocks.environment(CLIENT) if self._clocks is not None else {}
+        position = self._child(CLIENT, MIND, [sys.executable, str(HERE / "pilot.py")], clock)
         self._await("up", position, "the client")
 
     def start_second(self, node: str) -> None:
@@ -247,9 +287,11 @@ class System:
         self.nodes = sorted({*mind, *robot})
 
     def _launcher(self, name: str, side: str, selection: List[str]) -> List[str]:
-
-        command = [sys.executable, str(HERE / "launcher.py"), str(APPLICATION / "system.launch")]
-        command += [f"seed:={self._seed}", "--run-id", self.run]
+        file = APPLICATION / ("robots.launch" if self.variant.robots else "system.launch")
+        command = [sys.executable, str(HERE / "launcher.py"), str(file), f"seed:={self._seed}"]
+        if self.variant.page:
+            command += self._page_arguments()
+        command += ["--run-id", self.run]
         command += [
             "--set",
             json.dumps(self._parameters() if "--without-parameters" not in selection else {}),
@@ -260,17 +302,31 @@ class System:
         if self.variant.navigation:
             instead["navigation"] = self.variant.navigation
         command += ["--instead", json.dumps(instead)]
+        if self._clocks is not None:
+            command += ["--clocks", str(self._folder / CLOCKS)]
         position = self._child(name, side, [*command, *selection])
         nodes: List[str] = self._await("launched", position, f"the {name}")["nodes"]
         return nodes
 
+    def _page_arguments(self) -> List[str]:
+        """Arguments of the launch file for a page with an operator."""
+        port, token, operators = free_port(), uuid.uuid4().hex, self._folder / "operators.yaml"
+        operators.write_text(f"chaos: '{token}'\n")
+        operators.chmod(0o600)
+        self._page = (f"http://127.0.0.1:{port}", token)
+        return [f"page_port:={port}", f"operators:={operators}"] + ["page:=true"] * (not self.variant.robots)
+
     def _parameters(self) -> Dict[str, object]:
         timeout = self.variant.base_timeout
         parameters: Dict[str, object] = {
-            "/merlin_fsm_host/actions": ACTIONS,
             "/merlin_sim/cmd_vel_timeout": BASE_WITHOUT_TIMEOUT if timeout is None else timeout,
             "/rosplan_planner_interface/anytime": ANYTIME,
         }
+        if not self.variant.robots:
+            parameters["/merlin_fsm_host/actions"] = ACTIONS
+        if self.variant.time != "simulated":
+            parameters["/use_sim_time"] = False
+            parameters["/merlin_sim/wall_time"] = True
         if self.variant.state_file:
             parameters["/rosplan_knowledge_base/state_file"] = str(self.disk / STATE_FILE)
             parameters["/rosplan_knowledge_base/reset_state"] = False
@@ -283,14 +339,31 @@ class System:
             )
         return parameters
 
-    def _child(self, name: str, side: str, command: List[str]) -> int:
-        """Starts a process in the place of an old one; returns the log's position before its events."""
+    def _child(
+        self,
+        name: str,
+        side: str,
+        command: List[str],
+        more: Optional[Dict[str, str]] = None,
+        prefix: str = "",
+    ) -> int:
+        """Starts a process in the place of an old one; returns the log's position before its events.
+
+        :param more: variables of its environment.
+        :param prefix: of the kinds of its events.
+        """
         old = self._children.pop(name, None)
         if old is not None:
             processes.send(old.process.pid, signal.SIGKILL)
             old.close()
         position = self.log.position()
-        child = Child(name, self._inside(side, command), self._env(side), self._folder, self.log.add)
+        env = {**self._env(side), **(more or {})}
+
+        def add(event: Event) -> None:
+            kind = f"{prefix}/{event.kind}" if prefix else event.kind
+            self.log.add(Event(event.at, kind, event.data))
+
+        child = Child(name, self._inside(side, command), env, self._folder, add)
         self._children[name] = child
         return position
 

@@ -1,6 +1,7 @@
 """Process: watches what the robot really does, on connections of its own, and reports events.
 
-Usage: witness.py [robot|mind|all]: the topics of one side of the link, or of both.
+Usage: witness.py [robot|mind|all]: the topics of one side of the link, or of both. Below a namespace
+(ROS_NAMESPACE) it watches the robot of that name. Commands are those of :mod:`.asking`.
 """
 
 import os
@@ -21,7 +22,8 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 
 from chaos.judging import events
 from chaos.judging.scene import SERVERS
-from chaos.under_test.child import Reporter
+from chaos.under_test.asking import Asking
+from chaos.under_test.child import Reporter, commands
 
 LIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 ROBOT, MIND = "robot", "mind"
@@ -126,7 +128,9 @@ def main() -> int:
     report = Reporter()
     rospy.init_node(f"chaos_witness_{side}_{os.getpid()}", disable_signals=True)
     Witness(side, report)
-    sys.stdin.read()
+    asking = Asking(report)
+    for command in commands(sys.stdin):
+        asking.obey(**command)
     os._exit(0)  # a shutdown would ask a master that may be dead
 
 

@@ -3,7 +3,17 @@
 from itertools import islice
 
 import pytest
-from chaos.faults import CLIENT, GUARD, LINK, MASTER, NODES, all_faults
+from chaos.faults import (
+    AGAIN,
+    CLIENT,
+    DESCRIPTORS,
+    GUARD,
+    LINK,
+    MASTER,
+    NODES,
+    THREADS,
+    all_faults,
+)
 from chaos.moments import Moment
 from chaos.trials import draw, known_failures
 from hypothesis import given
@@ -74,3 +84,39 @@ def test_a_cut_link_needs_a_network_and_a_dead_guard_a_base_that_stops() -> None
 
 def test_names_of_faults_are_unique() -> None:
     assert not set(all_faults()) & set(known_failures())
+
+
+def test_every_fault_is_drawn() -> None:
+    assert {trial.fault.name for trial in islice(draw(1), 5000)} == set(all_faults())
+
+
+def test_what_is_about_a_drive_strikes_only_a_drive() -> None:
+    patterns = ["half_open:*", "forged:*", "plain*", "page:*"]
+    assert {trial.moment for trial in islice(draw(1, patterns), 300)} == {Moment.DRIVING}
+
+
+def test_one_drawn_trial_in_ten_has_a_stop_and_no_known_failure_has() -> None:
+    drawn = list(islice(draw(5, ["navigation:*"]), 200))
+    assert [number % 10 for number, trial in enumerate(drawn, 1) if trial.stop] == [0] * 20
+    assert not any(trial.stop for trial in islice(draw(5, ["known"]), 40))
+
+
+@pytest.mark.parametrize("kind", ["sockets", "descriptors", "threads"])
+def test_a_shortage_always_has_a_stop(kind: str) -> None:
+    assert all(trial.stop for trial in islice(draw(5, [f"{kind}:*"]), 50))
+
+
+def test_what_has_to_stop_the_base_by_itself_has_no_cancel_beside_it() -> None:
+    patterns = ["page:*", "half_open:*"]
+    assert not any(trial.cancel for trial in islice(draw(5, patterns), 50))
+
+
+def test_the_peer_of_a_node_whose_sockets_are_taken_is_another_one() -> None:
+    for fault in all_faults().values():
+        assert fault.on not in fault.targets or fault.kind == AGAIN
+
+
+def test_a_base_that_never_stops_by_itself_has_a_guard_that_lives() -> None:
+    for trial in islice(draw(1), 5000):
+        if trial.fault.kind in (DESCRIPTORS, THREADS) and trial.fault.on == GUARD:
+            assert trial.variant.base_timeout is not None

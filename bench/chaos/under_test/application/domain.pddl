@@ -14,6 +14,7 @@
     (robot_at ?p - place)
     (deaf_at ?p - poi)
     (touchy_at ?p - poi)
+    (plain_at ?p - poi)
     (said ?n - note)
     (heard ?n - note)
     (quitted ?n - note)
@@ -49,6 +50,16 @@
       (at start (not (robot_at ?from)))
       (at end (robot_at ?to))
       (at end (touchy_at ?to))))
+
+  ; Drives with a client of plain actionlib.
+  (:durative-action drive_plain
+    :parameters (?from - place ?to - poi)
+    :duration (= ?duration (duration ?from ?to))
+    :condition (at start (robot_at ?from))
+    :effect (and
+      (at start (not (robot_at ?from)))
+      (at end (robot_at ?to))
+      (at end (plain_at ?to))))
 
   (:durative-action say
     :parameters (?n - note)

@@ -1,0 +1,1 @@
+"""What is done to a system: one stroke per kind of fault."""
