@@ -7,13 +7,13 @@ import time
 from typing import Callable, Dict, List, Optional, Set, Tuple
 
 from chaos.before import BrokenBefore, Missed, ended_before, failed_before
-from chaos.faults import CLIENT, DISK_FULL, MASTER, NODES, NONE, SECOND_NODE
+from chaos.faults import CLIENT, DISK_FULL, MASTER, NONE, SECOND_NODE
 from chaos.injector import SIGNALS, Injector
 from chaos.judging import events
 from chaos.judging.events import Event, LogClosed
 from chaos.judging.evidence import NEXT, PATIENCE, REQUEST, Evidence, settled
 from chaos.judging.knowledge_rules import FACTS_LIMIT
-from chaos.judging.rules import NEXT_LIMIT_HELPED, Judgement, judge
+from chaos.judging.rules import NEXT_LIMIT_HELPED, STAND_LIMIT_HUNG, Judgement, judge
 from chaos.judging.scene import DRIVING_SPEED, Scene, scene_at
 from chaos.moments import WINDOWS, Moment, begins, holds
 from chaos.result import Result
@@ -39,8 +39,6 @@ NEXT_MARGIN = 1.0
 #: s watched after an end, for what must no longer move.
 SETTLE = 1.5
 LOOK_WATCH = 12.0
-#: s for a stop to be driven and released, asking included: longer than the witness takes at most.
-STOP_WATCH = 20.0
 #: s after a trial in which every node is back; the script that starts it again waits 4 s at most.
 NODES_LIMIT = 10.0
 #: s between two looks at knowledge that is not settled.
@@ -109,8 +107,7 @@ class _Course(Watching):
         number: int,
         patience: float,
     ) -> None:
-        super().__init__(system.log)
-        self._system = system
+        super().__init__(system)
         self._patience = patience
         self._trial = trial
         self._points = points
@@ -152,7 +149,7 @@ class _Course(Watching):
                     self._drive_stop()
                 self._next_goal()
                 if trial.fault.takes_what_nodes_need:
-                    self._probe_nodes()
+                    self._probe_nodes(self._patience * NODES_LIMIT)
         finally:
             if self._injector is not None:
                 self._injector.end()
@@ -287,6 +284,9 @@ class _Course(Watching):
         if not cancelled:
             lasts = min(trial.fault.lasts or 0.0, 10.0)
             goes_on = lasts + (GOES_ON_MASTER if MASTER in trial.fault.targets else GOES_ON)
+            if trial.fault.takes_owner and trial.fault.hangs:
+                # A base that must not drive is watched for as long as a starved machine may need to stop it.
+                goes_on = max(goes_on, self._patience * STAND_LIMIT_HUNG + SETTLE)
             if self._ended_or_drives(fault_at + goes_on, UNTOLD_WATCH + lasts):
                 return
             self._system.tell_client(do="cancel", label=REQUEST)
@@ -316,24 +316,6 @@ class _Course(Watching):
         if knowledge is not None:  # else it has ended itself, and reads the file when it is back
             processes.send(knowledge, SIGNALS["KILL"])
         self._pause(SETTLE)
-
-    def _drive_stop(self) -> None:
-        """The witness stops the base as a button does, and releases it."""
-        self._system.tell_witness(do="stop", service="merlin/stop", release="merlin/release")
-        self._find(events.RELEASED, STOP_WATCH)
-
-    def _probe_nodes(self) -> None:
-        """The witness asks each node at its ports, until it answers or has had time to be started again."""
-        limit, position = self._patience * NODES_LIMIT, self._log.position()
-        left = {node for node in self._system.nodes if node in NODES}
-        self._system.tell_witness(do="probe", nodes=sorted(left), limit=limit)
-
-        def find(event: Event) -> Optional[bool]:
-            if event.kind == events.PROBED:
-                left.discard(event["node"])
-            return None if left else True
-
-        self._log.wait_for(position, find, time.monotonic() + limit + STOP_WATCH, time.monotonic)
 
     def _next_goal(self) -> None:
         self._report(events.NEXT)

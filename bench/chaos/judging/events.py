@@ -30,6 +30,8 @@ CANCEL = "cancel"
 ENDED = "ended"
 #: The fault was done: fault, targets.
 FAULT = "fault"
+#: A node that had come back was killed again: node.
+AGAIN = "again"
 #: The fault is over by itself (the process continues, the link is back).
 OVER = "over"
 #: The campaign repaired what does not come back by itself: what.

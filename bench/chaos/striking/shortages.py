@@ -83,14 +83,11 @@ class Descriptors(Stroke):
         self._limit(self._before)
 
     def _keep_short(self) -> None:
-        waiting: List[socket.socket] = []
         while not self._over.wait(KNOCK):
             self._tighten()
-            # Not more than a queue of connections holds, or knocking takes all of the time.
-            if len(waiting) < 2 * len(self._ports):
-                waiting += knock(self._ports)
-        for each in waiting:
-            each.close()
+            # One that stays would keep the node from taking the next: that is another fault.
+            for each in knock(self._ports):
+                each.close()
 
     def _tighten(self) -> None:
         with contextlib.suppress(OSError):  # it has ended

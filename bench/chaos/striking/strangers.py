@@ -17,6 +17,7 @@ from chaos.under_test.system import System
 CONNECTED = 10.0
 #: s that the page's own script waits for the answer to a stop.
 PAGE_PATIENCE = 6.0
+HTTP_OK = 200
 
 
 class ForgedPause(Stroke):
@@ -68,14 +69,15 @@ class PageStop(Stroke):
 
     def help(self) -> List[str]:
         """Releases the base."""
-        self._ask("release")
-        return ["released at the page"]
+        done = self._ask("release")
+        return ["released at the page" if done else "not released at the page"]
 
-    def _ask(self, what: str) -> None:
+    def _ask(self, what: str) -> bool:
         asked = time.monotonic()
         status, words = ask_page(self._system.page, what)
         answer: Dict[str, object] = {"what": what, "status": status, "words": words, "asked": asked}
         self._system.log.add(Event(time.monotonic(), events.PAGE, answer))
+        return status == HTTP_OK
 
 
 def ask_page(page: Tuple[str, str], what: str) -> Tuple[int, str]:

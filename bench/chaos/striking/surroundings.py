@@ -6,6 +6,8 @@ import time
 from typing import List
 
 from chaos.faults import Fault
+from chaos.judging import events
+from chaos.judging.events import Event
 from chaos.striking.stroke import Stroke
 from chaos.under_test import processes
 from chaos.under_test.system import System
@@ -17,6 +19,8 @@ CHUNK = b"\0" * 4096
 WRITTEN_FACTS = tuple(f"(noted f{number})" for number in range(20))
 #: s between two looks whether a killed node is back.
 LOOK = 0.05
+#: s for which it is back: others see it, and nothing is done yet.
+SEEN = 1.0
 
 
 class Link(Stroke):
@@ -82,7 +86,7 @@ class WallClock(Stroke):
     """The clock on the wall is set back, for all nodes or for one; the monotonic clock goes on."""
 
     def strike(self) -> None:
-        """Sets it; a node sees that within a second."""
+        """Sets it."""
         self._system.set_wall_clock(self._fault.on, -self._fault.amount)
 
 
@@ -91,6 +95,7 @@ class Again(Stroke):
 
     def __init__(self, system: System, fault: Fault) -> None:
         super().__init__(system, fault)
+        self._killed = self._running(fault.on)
         self._over = threading.Event()
         # Ends with end(), or with the last kill.
         self._thread = threading.Thread(target=self._kill_again, name="kills again", daemon=True)
@@ -104,17 +109,14 @@ class Again(Stroke):
         self._over.set()
 
     def _kill_again(self) -> None:
-        node, before = self._fault.on, self._running(self._fault.on)
-        pause = (self._fault.lasts or 0.0) / self._fault.amount
         for _ in range(int(self._fault.amount) - 1):
-            at = time.monotonic()
-            if self._over.wait(pause):
-                return
-            pid = self._system.pid(node)
-            while pid is None or pid == before:
+            pid = self._system.pid(self._fault.on)
+            while pid is None or pid == self._killed or not processes.listening_ports(pid):
                 if self._over.wait(LOOK):
                     return
-                pid = self._system.pid(node)
+                pid = self._system.pid(self._fault.on)
+            if self._over.wait(SEEN):
+                return
             processes.send(pid, signal.SIGKILL)
-            before = pid
-            pause = max(0.0, pause - (time.monotonic() - at - pause))
+            self._killed = pid
+            self._system.log.add(Event(time.monotonic(), events.AGAIN, {"node": self._fault.on}))

@@ -20,6 +20,7 @@ import roslaunch.parent
 import roslib
 from roslaunch.core import Node, Param
 
+from chaos.faults import NODES
 from chaos.under_test.child import Reporter
 from chaos.under_test.wall_clock import WallClocks
 
@@ -63,7 +64,7 @@ class Launcher(roslaunch.parent.ROSLaunchParent):
             if node.name in options.instead:
                 script = Path(__file__).parent / "application" / f"{options.instead[node.name]}.py"
                 node.launch_prefix = f"{sys.executable} {script}"
-            if options.clocks:
+            if options.clocks and (node.name in NODES or node.name == WORLD):
                 node.env_args += WallClocks(options.clocks).environment(node.name).items()
         if options.without_parameters:
             config.params.clear()

@@ -97,12 +97,15 @@ def usage(pid: int, proc: Path = Path("/proc")) -> Optional[Usage]:
 
 def listening_ports(pid: int, proc: Path = Path("/proc")) -> List[int]:
     """The TCP ports at which a process listens: those of a node are its two APIs, XML-RPC and TCPROS."""
-    sockets = set()
-    for entry in (proc / str(pid) / "fd").iterdir():
-        with contextlib.suppress(OSError):  # closed meanwhile
-            sockets.add(os.readlink(entry))
-    ports = set()
-    for line in (proc / str(pid) / "net" / "tcp").read_text().splitlines()[1:]:
+    sockets, ports = set(), set()
+    try:
+        for entry in (proc / str(pid) / "fd").iterdir():
+            with contextlib.suppress(FileNotFoundError):  # closed meanwhile
+                sockets.add(os.readlink(entry))
+        lines = (proc / str(pid) / "net" / "tcp").read_text().splitlines()[1:]
+    except OSError:  # it has ended
+        return []
+    for line in lines:
         fields = line.split()
         if fields[3] == LISTENS and f"socket:[{fields[9]}]" in sockets:
             ports.add(int(fields[1].rsplit(":", 1)[1], 16))

@@ -115,6 +115,7 @@ class System:
             self._await("linked", position, "the link")
         if self.variant.time == "set":
             self._clocks = WallClocks(self._folder / CLOCKS)
+            self._clocks.build()
         self._pressure = Pressure(self.run, self.log.add)
         self._start_master()
         self._launch()
