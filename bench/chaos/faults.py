@@ -73,7 +73,9 @@ CONNECTIONS = 20
 #: s for which a node has no free descriptor.
 SHORTAGE = 2.0
 #: How often a node is killed again and again, and s in which all of that happens.
-KILLS, KILLING = 4, 13.0
+KILLS, KILLING = 4, 16.0
+#: s for which it is back each time: others have seen it, they plan again, or something runs again.
+DELAYS = {"back": 0.5, "planning": 1.5, "running": 2.5}
 #: s by which the clock on the wall is set back.
 HALF_MINUTE, DAY = 30.0, 86400.0
 
@@ -93,7 +95,7 @@ class Fault:
     :param signal: KILL, STOP or TERM.
     :param lasts: s after which it is over by itself; None: forever, or until respawned.
     :param loss: share of packets that a link loses; 1: it is cut.
-    :param delay: s that a link adds to each packet.
+    :param delay: s that a link adds to each packet, or for which a node is back before it is killed again.
     :param on: what a fault of this kind is done to: a node, an action or a topic; `targets` and `signal` are
         then what happens to others in the same moment. "all": every node.
     :param amount: how much of it: connections, kills, or s of a clock.
@@ -232,8 +234,11 @@ def _processes(fault: Fault) -> Tuple[str, Tuple[str, ...], str, Optional[float]
 
 def again() -> List[Fault]:
     """A node that is killed as soon as it is back."""
-    targets = ("planning_system",)
-    return [Fault("again:planning_system", AGAIN, targets, "KILL", KILLING, on=targets[0], amount=KILLS)]
+    node = "planning_system"
+    return [
+        Fault(f"again:{node}_{name}", AGAIN, (node,), "KILL", KILLING, delay=delay, on=node, amount=KILLS)
+        for name, delay in DELAYS.items()
+    ]
 
 
 def pages() -> List[Fault]:

@@ -41,6 +41,9 @@ ANSWER_LIMIT_PLANNER = 2.0
 NEXT_LIMIT = 5.0
 #: The same when a process had to be started by hand first.
 NEXT_LIMIT_HELPED = 10.0
+#: s from the first kill of what dies again and again until the request has ended: 8 s for its return, and one
+#: for a call under way.
+RETURN_LIMIT = 9.0
 #: s without anything that runs after which a request hangs.
 SILENT = 5.0
 #: Outcomes that need no reason.
@@ -299,15 +302,15 @@ def _hangs(evidence: Evidence) -> List[str]:
 
 def _told_late(evidence: Evidence, until: float) -> List[str]:
     """What dies again and again has one limit, not a new one each time; a drive meanwhile is progress."""
-    if until <= evidence.deadline(evidence.zero, ANSWER_LIMIT):
+    if until <= evidence.deadline(evidence.zero, RETURN_LIMIT):
         return []
-    begin = until - ANSWER_LIMIT
+    begin = until - RETURN_LIMIT
     began = [event for event in evidence.all(events.GOALS, begin, until) if event["active"]]
     if began or scene_at(evidence.log, begin).busy():
         return []
     return [
         f"the request has not ended {until - evidence.zero:.1f} s after the first kill, and no action "
-        f"ran in the last {ANSWER_LIMIT:g} s of that"
+        f"ran in the last {RETURN_LIMIT:g} s of that"
     ]
 
 

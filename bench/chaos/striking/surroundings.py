@@ -19,8 +19,6 @@ CHUNK = b"\0" * 4096
 WRITTEN_FACTS = tuple(f"(noted f{number})" for number in range(20))
 #: s between two looks whether a killed node is back.
 LOOK = 0.05
-#: s for which it is back: others see it, and nothing is done yet.
-SEEN = 1.0
 
 
 class Link(Stroke):
@@ -115,7 +113,7 @@ class Again(Stroke):
                 if self._over.wait(LOOK):
                     return
                 pid = self._system.pid(self._fault.on)
-            if self._over.wait(SEEN):
+            if self._over.wait(self._fault.delay):
                 return
             processes.send(pid, signal.SIGKILL)
             self._killed = pid
