@@ -142,6 +142,7 @@ class Campaign:
                 ("stands", judgement.stand),
                 ("told", judgement.answer),
                 ("next", judgement.following),
+                ("stop", judgement.stopping),
             )
             if value is not None
         )

@@ -54,6 +54,7 @@ PAGE_STOP = "page_stop"
 PLAIN_SERVER = "plain_server"
 ROBOT_TIME = "robot_time"
 SET_TIME = "set_time"
+PLAIN_SET_TIME = "plain_set_time"
 ONE_PAGE = "one_page"
 TWO_ROBOTS = "two_robots"
 
@@ -208,7 +209,11 @@ def clocks() -> List[Fault]:
         Fault(f"wall:{name}", WALL_CLOCK, on=node, amount=step, system=SET_TIME)
         for name, (node, step) in steps.items()
     ]
-    return [*ahead, *walls]
+    plain = [
+        Fault(f"wall:plain{name}", WALL_CLOCK, on="all", amount=step, system=PLAIN_SET_TIME)
+        for name, step in (("30", HALF_MINUTE), ("day", DAY))
+    ]
+    return [*ahead, *walls, *plain]
 
 
 def foreign() -> List[Fault]:

@@ -29,6 +29,7 @@ COLUMNS = (
     "helped",
     "violations",
     "note",
+    "stop_s",
 )
 #: Lines of a page between which the table is written.
 BEGIN, END = "<!-- campaign's table: begin -->", "<!-- campaign's table: end -->"
@@ -73,6 +74,7 @@ def row(number: int, result: Result, fresh: bool) -> Dict[str, str]:
         "helped": result.helped,
         "violations": " | ".join(judgement.violations) if judgement else "",
         "note": result.note,
+        "stop_s": _number(judgement.stopping if judgement else None),
     }
 
 

@@ -18,6 +18,7 @@ from chaos.faults import (
     PAGE_STOP,
     PLAIN_GOAL,
     PLAIN_SERVER,
+    PLAIN_SET_TIME,
     ROBOT_TIME,
     SET_TIME,
     SIGNAL,
@@ -74,6 +75,7 @@ SYSTEMS: Dict[str, Variant] = {
     PLAIN_SERVER: Variant(navigation="plain_navigation"),
     ROBOT_TIME: Variant(time="wall"),
     SET_TIME: Variant(time="set"),
+    PLAIN_SET_TIME: Variant(time="set", navigation="plain_navigation"),
     ONE_PAGE: Variant(page=True),
     TWO_ROBOTS: Variant(page=True, robots=("ann", "bob")),
 }
@@ -202,7 +204,7 @@ def fits(fault: Fault, moment: Moment, respawn: bool) -> bool:
     """Whether a fault makes sense at a moment."""
     if fault.kind == START and moment is not Moment.IDLE:
         return False
-    about_drives = fault.kind in ABOUT_DRIVES or fault.system == PLAIN_SERVER
+    about_drives = fault.kind in ABOUT_DRIVES or fault.system in (PLAIN_SERVER, PLAIN_SET_TIME)
     if about_drives and moment is not Moment.DRIVING:
         return False
     if fault.kind != SIGNAL or fault.system:
@@ -257,7 +259,8 @@ def _pool(
         or any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns if pattern != "*")
     ]
     for fault in all_faults().values():
-        if absent & set(fault.targets) or not any(fnmatch.fnmatchcase(fault.name, each) for each in patterns):
+        matches = any(fnmatch.fnmatchcase(fault.name, each) for each in patterns)
+        if absent & {*fault.targets, fault.on} or not matches:
             continue
         chosen += [
             Trial(

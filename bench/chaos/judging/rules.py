@@ -63,6 +63,7 @@ class Judgement:
     :param answer: s from the fault, or from the cancel when that came later, until the client was told.
     :param following: s until the next goal's first action began.
     :param outcome: of the request.
+    :param stopping: s until `merlin/stop` was answered, by the ticks of the one who asked; None: it was not.
     """
 
     violations: Tuple[str, ...]
@@ -70,6 +71,7 @@ class Judgement:
     answer: Optional[float]
     following: Optional[float]
     outcome: str
+    stopping: Optional[float] = None
 
 
 def judge(evidence: Evidence) -> Judgement:
@@ -78,6 +80,7 @@ def judge(evidence: Evidence) -> Judgement:
     ended = evidence.first(events.ENDED, REQUEST)
     following, began = evidence.first(events.NEXT), action_began(evidence)
     asked = evidence.first(events.CANCEL, REQUEST, evidence.zero)
+    stopped = evidence.first(events.STOPPED)
     answer = None
     if ended is not None and ended.at >= evidence.zero:
         # A request that went on until it was cancelled later is answered from the cancel on.
@@ -89,6 +92,7 @@ def judge(evidence: Evidence) -> Judgement:
         answer=answer,
         following=began.at - following.at if began is not None and following is not None else None,
         outcome=ended["outcome"] if ended is not None else "",
+        stopping=stopped["ticks"] if stopped is not None and not stopped["error"] else None,
     )
 
 

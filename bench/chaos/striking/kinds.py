@@ -1,6 +1,6 @@
 """Which stroke belongs to which kind of fault, and why a fault cannot be done here."""
 
-from typing import Dict, Type
+from typing import Callable, Dict, Type
 
 from chaos.faults import (
     AGAIN,
@@ -50,9 +50,14 @@ STROKES: Dict[str, Type[Stroke]] = {
     THREADS: Threads,
     WALL_CLOCK: WallClock,
 }
+#: Why a machine cannot do a kind; empty when it can.
+REASONS: Dict[str, Callable[[], str]] = {
+    LINK: why_impossible,
+    THREADS: why_no_threads,
+    WALL_CLOCK: why_not_set,
+}
 
 
 def why_not(fault: Fault) -> str:
     """Why this machine cannot do a fault; empty when it can."""
-    reasons = {LINK: why_impossible, THREADS: why_no_threads, WALL_CLOCK: why_not_set}
-    return reasons[fault.kind]() if fault.kind in reasons else ""
+    return REASONS[fault.kind]() if fault.kind in REASONS else ""

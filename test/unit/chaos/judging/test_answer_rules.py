@@ -7,7 +7,7 @@ from chaos.faults import AGAIN, HALF_OPEN, PAGE_STOP, SIGNAL, Fault
 from chaos.judging import events
 from chaos.judging.events import Event
 from chaos.judging.evidence import REQUEST, Evidence, settled
-from chaos.judging.rules import judge
+from chaos.judging.rules import Judgement, judge
 from chaos.moments import Moment
 from chaos.trials import Trial, Variant
 
@@ -37,15 +37,19 @@ class Story:
             self.add(at, f"{prefix}{events.TRUTH}", speed=speed, turn=0.0, x=0.3 * min(at, until), y=0.0)
         return self
 
-    def violations(self) -> List[str]:
+    def judge(self) -> Judgement:
         log = sorted(self._events, key=lambda event: event.at)
         log.append(Event(log[-1].at + 1.0, events.CLOSED))
-        return list(judge(Evidence(self._trial, log, POINTS, [])).violations)
+        return judge(Evidence(self._trial, log, POINTS, []))
+
+    def violations(self) -> List[str]:
+        return list(self.judge().violations)
 
 
 def test_a_stop_that_is_answered_and_released_is_good() -> None:
     story = Story().add(12.3, events.STOPPED, asked=12.0, ticks=0.3, error="")
-    assert story.add(12.4, events.RELEASED, error="").violations() == []
+    judgement = story.add(12.4, events.RELEASED, error="").judge()
+    assert (judgement.violations, judgement.stopping) == ((), 0.3)
 
 
 @pytest.mark.parametrize(
