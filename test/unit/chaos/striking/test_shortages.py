@@ -8,24 +8,34 @@ import sys
 from typing import Iterator, List, Optional, Set
 
 import pytest
-from chaos.faults import DESCRIPTORS, SOCKETS, Fault
-from chaos.striking.shortages import Descriptors, Sockets, first_free, pids_group
+from chaos.faults import DESCRIPTORS, SOCKETS, THREADS, Fault
+from chaos.striking.shortages import (
+    Descriptors,
+    Sockets,
+    Threads,
+    first_free,
+    pids_group,
+    why_no_threads,
+)
 from chaos.striking.stroke import NotRunning
 from chaos.under_test import processes
 from hypothesis import given
 from hypothesis import strategies as st
 
-#: A server that says what came of a connection and of opening a file, line by line.
+#: A server that says what came of opening a file, or of starting a thread, line by line.
 SERVER = """
-import socket, sys
+import socket, sys, threading
 server = socket.create_server(("127.0.0.1", 0))
 print(server.getsockname()[1], flush=True)
 for line in sys.stdin:
     try:
-        open("/dev/null").close()
-        print("opened", flush=True)
-    except OSError as error:
-        print(error.strerror, flush=True)
+        if line == "open\\n":
+            open("/dev/null").close()
+        else:
+            threading.Thread(target=int).start()
+        print("done", flush=True)
+    except (OSError, RuntimeError) as error:
+        print(getattr(error, "strerror", error), flush=True)
 """
 
 
@@ -36,13 +46,14 @@ class Node:
         self.process = process
         assert process.stdout is not None
         self.port = int(process.stdout.readline())
+        self.run = f"test{os.getpid()}"
 
     def pid(self, node: str) -> Optional[int]:
         return self.process.pid if node == "node" else None
 
-    def opens(self) -> str:
+    def does(self, what: str) -> str:
         assert self.process.stdin is not None and self.process.stdout is not None
-        self.process.stdin.write("\n")
+        self.process.stdin.write(f"{what}\n")
         self.process.stdin.flush()
         return self.process.stdout.readline().strip()
 
@@ -75,10 +86,20 @@ def test_a_node_has_no_free_descriptor_until_the_end(node: Node) -> None:
     before = resource.prlimit(node.process.pid, resource.RLIMIT_NOFILE)
     stroke = Descriptors(node, Fault("d", DESCRIPTORS, lasts=2.0, on="node"))  # type: ignore[arg-type]
     stroke.strike()
-    assert node.opens() == os.strerror(24)
+    assert node.does("open") == os.strerror(24)
     stroke.end()
-    assert node.opens() == "opened"
+    assert node.does("open") == "done"
     assert resource.prlimit(node.process.pid, resource.RLIMIT_NOFILE) == before
+
+
+@pytest.mark.skipif(bool(why_no_threads()), reason=why_no_threads())
+def test_a_node_can_start_no_thread_until_the_end(node: Node) -> None:
+    stroke = Threads(node, Fault("t", THREADS, on="node"))  # type: ignore[arg-type]
+    assert node.does("start") == "done"
+    stroke.strike()
+    assert "can't start new thread" in node.does("start")
+    stroke.end()
+    assert node.does("start") == "done"
 
 
 def test_silent_connections_last_until_the_end(node: Node) -> None:
