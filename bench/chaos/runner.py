@@ -13,7 +13,7 @@ from chaos.judging import events
 from chaos.judging.events import Event, LogClosed
 from chaos.judging.evidence import NEXT, PATIENCE, REQUEST, Evidence, settled
 from chaos.judging.knowledge_rules import FACTS_LIMIT
-from chaos.judging.rules import NEXT_LIMIT_HELPED, STAND_LIMIT_HUNG, Judgement, judge
+from chaos.judging.rules import ANSWER_LIMIT, NEXT_LIMIT_HELPED, STAND_LIMIT_HUNG, Judgement, judge
 from chaos.judging.scene import DRIVING_SPEED, Scene, scene_at
 from chaos.moments import WINDOWS, Moment, begins, holds
 from chaos.result import Result
@@ -290,7 +290,8 @@ class _Course(Watching):
             if self._ended_or_drives(fault_at + goes_on, UNTOLD_WATCH + lasts):
                 return
             self._system.tell_client(do="cancel", label=REQUEST)
-        self._ended(REQUEST, ANSWER_WATCH)
+        # What a starved machine may need, too: help would end what hangs, and hide that it does.
+        self._ended(REQUEST, max(ANSWER_WATCH, self._patience * ANSWER_LIMIT + SETTLE))
 
     def _repair(self, fault_at: float) -> List[str]:
         """Waits for the end of a fault that ends by itself; repairs one that does not."""

@@ -244,13 +244,16 @@ def the_next_goal_works(evidence: Evidence) -> List[str]:
     helped = evidence.first(events.HELPED)
     limit = NEXT_LIMIT_HELPED if helped is not None else NEXT_LIMIT
     deadline = evidence.deadline(max([ready.at, *(look.at for look in evidence.looks_before_next())]), limit)
+    cancelled = evidence.first(events.CANCEL, NEXT)
+    by_itself = ended is not None and (cancelled is None or ended.at < cancelled.at)
+    if ended is not None and by_itself and ended["outcome"] not in GOOD:
+        # It is cancelled as soon as the base drives; an action that a server only takes and ends is no drive.
+        before = "any action" if began is None else "the base drove"
+        return [f"the next goal ended {ended['outcome']} before {before}: {ended['reason'][:160]}"]
     if began is not None:
         if began.at <= deadline:
             return []
         return [f"the next goal's first action began only after {began.at - ready.at:.1f} s"]
-    cancelled = evidence.first(events.CANCEL, NEXT)
-    if ended is not None and (cancelled is None or ended.at < cancelled.at):
-        return [f"the next goal ended {ended['outcome']} before any action: {ended['reason'][:160]}"]
     until = cancelled.at if cancelled is not None else evidence.end
     if until <= deadline:
         return []

@@ -6,7 +6,7 @@ import pytest
 from chaos.faults import AGAIN, HALF_OPEN, PAGE_STOP, SIGNAL, Fault
 from chaos.judging import events
 from chaos.judging.events import Event
-from chaos.judging.evidence import REQUEST, Evidence, settled
+from chaos.judging.evidence import NEXT, REQUEST, Evidence, settled
 from chaos.judging.rules import Judgement, judge
 from chaos.moments import Moment
 from chaos.trials import Trial, Variant
@@ -125,6 +125,14 @@ def test_a_reason_that_blames_a_client_that_there_is_not_is_seen() -> None:
     ended = {"outcome": "ACTION_FAILED", "reason": "move_base was recalled by another client"}
     story = Story().add(12.0, events.ENDED, label=REQUEST, action="", state=3, **ended)
     assert any("a client that there is not" in each for each in story.violations())
+
+
+def test_a_next_goal_that_a_server_only_recalls_does_not_work() -> None:
+    story = Story().add(12.0, events.NEXT).add(12.1, events.SENT, label=NEXT, goals=[])
+    story.add(12.5, events.GOALS, server="move_base", active=[], ended={"b": 8})
+    ended = {"outcome": "ACTION_FAILED", "reason": "the server refused it as older"}
+    found = story.add(12.6, events.ENDED, label=NEXT, action="", state=4, **ended).violations()
+    assert len(found) == 1 and "ended ACTION_FAILED before the base drove" in found[0]
 
 
 def test_each_robot_has_one_place() -> None:
