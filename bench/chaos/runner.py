@@ -145,11 +145,12 @@ class _Course(Watching):
                 left = {pid for word in words for pid in processes.with_word(self._system.run, word)}
                 self._report(events.LEFT, count=len(left))
             else:
+                if trial.fault.takes_what_nodes_need:
+                    # A node that cannot serve has to notice, to end and to be back first.
+                    self._probe_nodes(self._patience * NODES_LIMIT)
                 if trial.stop and not trial.fault.touches_guard:
                     self._drive_stop()
                 self._next_goal()
-                if trial.fault.takes_what_nodes_need:
-                    self._probe_nodes(self._patience * NODES_LIMIT)
         finally:
             if self._injector is not None:
                 self._injector.end()

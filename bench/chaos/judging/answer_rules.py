@@ -10,6 +10,8 @@ from chaos.judging.evidence import Evidence
 STOP_LIMIT = 0.5
 #: s in which the page has an operator's stop confirmed: the guard's own limit of 1 s twice, and the way.
 PAGE_LIMIT = 3.0
+#: s in which the guard's own word may still be under way to the witness.
+GRACE = 0.25
 #: The guard's state when it holds the base until its release.
 HELD = 3
 
@@ -55,7 +57,8 @@ def what_the_page_says_is_true(evidence: Evidence) -> List[str]:
         found.append(f"the page confirms a stop only after {answer.at - answer['asked']:.1f} s")
     for robot in trial.variant.robots or ("",):
         mine = evidence.of_robot(robot)
-        before = [event for event in mine.log if event.kind == events.GUARD and event.at <= answer.at]
+        until = answer.at + GRACE
+        before = [event for event in mine.log if event.kind == events.GUARD and event.at <= until]
         guard = f"the guard of {robot}" if robot else "the guard"
         if not before or before[-1]["state"] != HELD:
             found.append(f"the page says '{answer['words'][:60]}', and {guard} does not hold the base")
