@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Dict, Iterator, List, Optional, Sequence, Set, Tuple
 
 from chaos.faults import (
+    AGAIN,
     CLIENT,
     DISK_FULL,
     FORGED_PAUSE,
@@ -83,8 +84,8 @@ SYSTEMS: Dict[str, Variant] = {
 ABOUT_DRIVES = (FORGED_PAUSE, HALF_OPEN, PAGE_STOP, PLAIN_GOAL)
 #: Goals of the trials of a kind, in the place of those of the moment.
 GOALS: Dict[str, Tuple[str, ...]] = {PLAIN_GOAL: ("(plain_at {place})",)}
-#: Kinds whose requests are not cancelled by the client: the base has to stand without that.
-NOT_CANCELLED = (HALF_OPEN, PAGE_STOP)
+#: Kinds whose requests the client does not cancel: the base stands, and the client is told, without that.
+NOT_CANCELLED = (AGAIN, HALF_OPEN, PAGE_STOP)
 #: One in so many drawn trials has a stop.
 STOPS = 10
 

@@ -107,7 +107,7 @@ def test_a_shortage_always_has_a_stop(kind: str) -> None:
 
 
 def test_what_has_to_stop_the_base_by_itself_has_no_cancel_beside_it() -> None:
-    patterns = ["page:*", "half_open:*"]
+    patterns = ["page:*", "half_open:*", "again:*"]
     assert not any(trial.cancel for trial in islice(draw(5, patterns), 50))
 
 
