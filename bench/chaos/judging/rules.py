@@ -41,9 +41,9 @@ ANSWER_LIMIT_PLANNER = 2.0
 NEXT_LIMIT = 5.0
 #: The same when a process had to be started by hand first.
 NEXT_LIMIT_HELPED = 10.0
-#: s from the first kill of what dies again and again until the request has ended: 8 s for its return, and one
-#: for a call under way.
-RETURN_LIMIT = 9.0
+#: s without an action, from the first kill of what dies again and again until the request has ended: 8 s for
+#: its return, counted once, and what is planned and called between the kills.
+RETURN_LIMIT = 12.0
 #: s without anything that runs after which a request hangs.
 SILENT = 5.0
 #: Outcomes that need no reason.
@@ -308,17 +308,21 @@ def _hangs(evidence: Evidence) -> List[str]:
 
 
 def _told_late(evidence: Evidence, until: float) -> List[str]:
-    """What dies again and again has one limit, not a new one each time; a drive meanwhile is progress."""
-    if until <= evidence.deadline(evidence.zero, RETURN_LIMIT):
-        return []
-    begin = until - RETURN_LIMIT
-    began = [event for event in evidence.all(events.GOALS, begin, until) if event["active"]]
-    if began or scene_at(evidence.log, begin).busy():
+    """What dies again and again has one limit, not a new one each time; an action that runs is progress."""
+    waited = _without_action(evidence, until)
+    if waited <= evidence.deadline(evidence.zero, RETURN_LIMIT) - evidence.zero:
         return []
     return [
-        f"the request has not ended {until - evidence.zero:.1f} s after the first kill, and no action "
-        f"ran in the last {RETURN_LIMIT:g} s of that"
+        f"the request has not ended {until - evidence.zero:.1f} s after the first kill; no action ran for "
+        f"{waited:.1f} s of that"
     ]
+
+
+def _without_action(evidence: Evidence, until: float) -> float:
+    """s from the fault until a time in which no server had a goal."""
+    changes = [event.at for event in evidence.all(events.GOALS, evidence.zero, until)]
+    times = [evidence.zero, *changes, until]
+    return sum(end - at for at, end in zip(times, times[1:]) if not scene_at(evidence.log, at).busy())
 
 
 def _outlives_its_client(evidence: Evidence) -> List[str]:

@@ -110,12 +110,18 @@ def test_a_robot_whose_sensors_fall_silent_has_to_stand() -> None:
     assert any("stands only" in each for each in Story(fault, moment=Moment.DRIVING).drive(15.0).violations())
 
 
-@pytest.mark.parametrize(("ends", "blamed"), [(18.9, False), (19.9, True)])
-def test_what_dies_again_and_again_has_one_limit(ends: float, blamed: bool) -> None:
-    fault = Fault("again:planning_system", AGAIN, ("planning_system",), "KILL", 13.0, amount=4)
+@pytest.mark.parametrize(
+    ("ends", "drove", "blamed"),
+    [(21.9, 0.0, False), (22.9, 0.0, True), (24.9, 3.0, False), (25.9, 3.0, True)],
+)
+def test_what_dies_again_and_again_has_one_limit(ends: float, drove: float, blamed: bool) -> None:
+    fault = Fault("again:planning_system", AGAIN, ("planning_system",), "KILL", 16.0, amount=4)
     story = Story(fault, moment=Moment.PLANNING).add(9.0, events.SENT, label=REQUEST, goals=[])
-    for at in (11.0, 15.0, 18.0, 22.0, 24.0):
+    for at in (11.0, 15.0, 18.0, 21.0):
         story.add(at, events.STATUS, state=1, stage="PLAN", request="r", running=[])
+    if drove:
+        story.add(12.0, events.GOALS, server="move_base", active=["a"], ended={})
+        story.add(12.0 + drove, events.GOALS, server="move_base", active=[], ended={"a": 2})
     reason = "the planning system did not return"
     story.add(ends, events.ENDED, label=REQUEST, outcome="PLANNER_ERROR", reason=reason, action="", state=3)
     assert any("after the first kill" in each for each in story.violations()) == blamed
