@@ -154,11 +154,9 @@ def test_a_goal_that_was_answered_while_it_waited_does_not_run(
     assert waits.begun.wait(LONG)
     waits.begun.clear()
     run = server._threads["a"]
-    with monkeypatch.context() as broken:
-        broken.setattr(threading.Thread, "start", mock.Mock(side_effect=RuntimeError("no more threads")))
-        with pytest.raises(RuntimeError):
-            server._receive(second)  # type: ignore[arg-type]
-    second.abort()  # as the action server does then
+    monkeypatch.setattr(server.machine, "cancel", lambda: None)
+    server._receive(second)  # type: ignore[arg-type]
+    second.abort()
     waits.goes_on.set()
     run.join(LONG)
     assert not server._slot.running and not waits.begun.is_set()
@@ -195,3 +193,17 @@ def test_a_state_that_ends_with_what_is_no_text_is_answered_and_keeps_no_next_go
         fetch._receive(goal)  # type: ignore[arg-type]
         assert goal.ended.wait(LONG), "never answered"
         assert goal.answers == ["aborted"]
+
+
+def test_a_machine_is_preempted_where_no_thread_can_be_started(
+    server: MerlinActionServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goal = Goal("a")
+    server._receive(goal)  # type: ignore[arg-type]
+    assert server.machine.waits.begun.wait(LONG)  # type: ignore[attr-defined]
+    refuse = mock.Mock(side_effect=RuntimeError("can't start new thread"))
+    with monkeypatch.context() as short_of_threads:
+        short_of_threads.setattr(threading.Thread, "start", refuse)
+        server._cancel(goal)  # type: ignore[arg-type]
+    assert goal.ended.wait(LONG)
+    assert goal.answers == ["preempted"]

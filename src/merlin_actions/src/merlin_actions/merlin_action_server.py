@@ -2,7 +2,7 @@
 
 import threading
 import traceback
-from typing import Any, Dict, Iterator, List, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Tuple
 
 import rospy
 from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
@@ -179,12 +179,21 @@ class MerlinActionServer:
                 self._begin(goal, machine)
             elif decision.what is SlotStep.PREEMPT:
                 # In threads of their own: users' code may loop in its preempt.
-                for target, what in ((self._preempt, "preempt"), (self._limit, "limit of")):
-                    threading.Thread(
-                        target=target, args=(goal, machine), name=f"{what} {self.operator}", daemon=True
-                    ).start()
+                self._start_thread("limit of", self._limit, goal, machine)
+                if not self._start_thread("preempt", self._preempt, goal, machine):
+                    self._preempt(goal, machine)  # what moves has to stop
             else:
                 self._abandon(goal, machine)
+
+    def _start_thread(self, what: str, target: Callable[..., None], *args: Any) -> bool:
+        """Whether there was a thread for it; without one the node ends soon (`merlin_ros.ports`)."""
+        try:
+            name = f"{what} {self.operator}"
+            threading.Thread(target=target, args=args, name=name, daemon=True).start()
+        except RuntimeError as error:
+            rospy.logerr(f"{self.operator}: {error}")
+            return False
+        return True
 
     def _begin(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
         """Begins a run in a thread of its own; one that cannot begin has ended."""

@@ -103,3 +103,16 @@ def test_the_status_list_of_a_flood_of_goals_names_the_last_ones(
             goals[-1].reject()
     assert len(server._goals) == ENDED + 1
     assert "3" in server._goals and "19" not in server._goals and "20" in server._goals
+
+
+def test_what_raises_in_a_cancel_has_not_stopped_the_goal(goals: List[ServerGoal], clock: Any) -> None:
+    def cancel(goal: ServerGoal) -> None:
+        raise RuntimeError("can't start new thread")
+
+    made = ActionServer("listen", ListenAction, goals.append, cancel)
+    made._status_publisher = made._result_publisher = SimpleNamespace(  # type: ignore[assignment]
+        publish=lambda message: None
+    )
+    send(made, "drive", 100)
+    made._receive_cancel(GoalID(id="drive"))
+    assert goals[0].cancel_requested and not goals[0].done

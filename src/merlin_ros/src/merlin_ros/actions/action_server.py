@@ -294,7 +294,7 @@ class ActionServer:
             self.publish_status()
         if self._leases is not None:
             self._leases.arrive(goal.id)
-        self._call(goal, self._on_goal)
+        self._call(goal)
         self.tell_owner(goal)
 
     def _owner_changed(self, change: LeaseChange) -> None:
@@ -313,15 +313,22 @@ class ActionServer:
             return
         if change.state is LeaseState.LOST and goal.request_cancel(change.reason):
             rospy.logwarn(f"{self.name}: a goal is cancelled, {change.reason}")
-            self._call(goal, self._on_cancel)
+            self._call_cancel(goal)
 
-    def _call(self, goal: ServerGoal, callback: Callable[[ServerGoal], None]) -> None:
+    def _call(self, goal: ServerGoal) -> None:
         """Hands a goal to the server's owner; whatever that raises, the client gets an answer."""
         try:
-            callback(goal)
+            self._on_goal(goal)
         except BaseException as error:
             rospy.logerr(f"{self.name}: {traceback.format_exc()}")
             goal.abort(text=f"{type(error).__name__}: {error}")
+
+    def _call_cancel(self, goal: ServerGoal) -> None:
+        """Has a goal stopped. What raises has not stopped it: the client's limit then names this server."""
+        try:
+            self._on_cancel(goal)
+        except BaseException:
+            rospy.logerr(f"{self.name}: {goal.id} is not stopped: {traceback.format_exc()}")
 
     def _receive_cancel(self, cancel: GoalID) -> None:
         with self.lock:
@@ -341,7 +348,7 @@ class ActionServer:
             self._cancel_before = max(self._cancel_before, before)
         for goal in wanted:
             if goal.request_cancel():
-                self._call(goal, self._on_cancel)
+                self._call_cancel(goal)
 
     def _beat(self) -> None:
         while not self._stopped.wait(STATUS_PERIOD) and not rospy.is_shutdown():
