@@ -4,7 +4,9 @@ import signal
 import time
 from typing import Callable, Dict, NamedTuple
 
+from fleet.setup import FLEET
 from fleet.system import Fleet
+from merlin_fleet.core.records import Keys
 
 FLEET_NODE = "merlin_fleet"
 FOR_EVER = float("inf")  # until every goal has ended
@@ -19,7 +21,7 @@ class Fault(NamedTuple):
     end: Callable[[Fleet, str], None]
     lasts: float
     takes_over: bool = False
-    """Whether another robot has the goals within the lease and 3 s."""
+    """Whether another robot has the goals, within 27 s."""
 
 
 def _cut(fleet: Fleet, robot: str) -> None:
@@ -70,6 +72,15 @@ def _start_hubs(fleet: Fleet, robot: str) -> None:
     fleet.hubs.start()
 
 
+def _revoke(fleet: Fleet, robot: str) -> None:
+    fleet.hubs.revoke(Keys(FLEET), robot)
+
+
+def _cut_and_revoke(fleet: Fleet, robot: str) -> None:
+    _cut(fleet, robot)
+    _revoke(fleet, robot)
+
+
 def _fill_hub(fleet: Fleet, robot: str) -> None:
     fleet.hubs.fill()
 
@@ -106,6 +117,10 @@ FAULTS: Dict[str, Fault] = {
     "hub_killed": Fault("all hubs killed, back after 10 s", _hubs(signal.SIGKILL), _start_hubs, 10.0),
     "hub_hung": Fault("all hubs hung for 10 s", _hubs(signal.SIGSTOP), _hubs(signal.SIGCONT), 10.0),
     "one_hub": Fault("one of three hubs killed", _one_hub, _start_hubs, FOR_EVER),
+    "revoked": Fault("its lease ended with a copy of its certificate", _revoke, _nothing, 0.0),
+    "cut_revoked": Fault(
+        "link cut, and its lease ended so, until all is done", _cut_and_revoke, _mend, FOR_EVER, True
+    ),
     "hub_disk": Fault("the hubs' database at its quota for 20 s", _fill_hub, _free_hub, 20.0),
     "robot_disk": Fault("the robot's disk full for 20 s", _fill_robot, _free_robot, 20.0),
 }

@@ -11,9 +11,10 @@ from typing import List, Sequence
 
 import etcd3.etcdrpc as rpc
 
-from merlin_fleet.certificates import ADMINISTRATOR, Folder
+from merlin_fleet.certificates import ADMINISTRATOR, ROBOT, Folder, user
+from merlin_fleet.core.records import LIVES, Keys
 from merlin_fleet.core.store import Put, Txn
-from merlin_fleet.etcd_messages import HubFull
+from merlin_fleet.etcd_messages import HubFull, LeaseUnknown
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.testing.etcd_process import DIRECT
 from merlin_fleet.testing.ports import free_ports
@@ -78,8 +79,19 @@ class Hubs:
                 off = rpc.AlarmRequest(action="DEACTIVATE", memberID=alarm.memberID, alarm=alarm.alarm)
                 hub.ask("Maintenance", "Alarm", off)
 
+    def revoke(self, keys: Keys, robot: str) -> None:
+        """Ends the lease of a robot that is joined, with a copy of the robot's own certificate."""
+        life = rpc.RangeRequest(key=keys.key(LIVES, robot).encode())
+        with contextlib.closing(self._as(user(ROBOT, robot), self.ports)) as hub:
+            for found in hub.ask("KV", "Range", life).kvs:
+                with contextlib.suppress(LeaseUnknown):  # it has just ended itself
+                    hub.revoke(found.lease)
+
     def _administrator(self, ports: Sequence[int]) -> EtcdHub:
-        tls = Folder(self._certificates).tls(ADMINISTRATOR)
+        return self._as(ADMINISTRATOR, ports)
+
+    def _as(self, name: str, ports: Sequence[int]) -> EtcdHub:
+        tls = Folder(self._certificates).tls(name)
         return EtcdHub("/filler", [f"127.0.0.1:{port}" for port in ports], tls, BEGIN)
 
     def close(self) -> None:

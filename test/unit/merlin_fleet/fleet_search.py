@@ -8,6 +8,16 @@ Story = List[Tuple[int, "model.Event"]]
 ROUNDS = 12  # in which faults happen: both goals are done by then, where nothing happens
 
 
+def begun(world: "model.World", goal: str = "a") -> "model.Robot":
+    """Plays until a goal is executed; returns the robot."""
+    for _ in range(20):
+        world.act()
+        for robot in world.robots:
+            if goal in robot.running:
+                return robot
+    raise AssertionError("it never begins")
+
+
 def play(world: "model.World", script: Dict[int, List["model.Event"]], rounds: int = 40) -> Optional[str]:
     """Plays events at rounds; returns what went wrong."""
     for moment in range(rounds):
@@ -28,15 +38,17 @@ def explore(
     every: int = 1,
     rules: "model.Rules" = model.RULES,
     rounds: int = ROUNDS,
+    takes: int = model.TAKES,
 ) -> Tuple[int, Optional[Tuple[str, Story]]]:
     """Tries every story with at most so many events, at any moments and in any order.
 
     :param kinds: of events; none: all.
     :param every: of the later events of a story only each so many rounds a moment is tried.
     :param rounds: in which faults happen.
+    :param takes: rounds of an execution.
     :return: the number of stories, and one that goes wrong.
     """
-    begin = model.World(robots, rules, finish=finish)
+    begin = model.World(robots, rules, finish=finish, takes=takes)
     for goal in goals:
         begin.send(goal)
     stories = 0

@@ -8,14 +8,13 @@ What a robot executes outlives its agent by `SILENCE` rounds, as the Executor's 
 import pickle
 from typing import Dict, Iterator, List, Set, Tuple
 
-from fleet_execution import Execution, Message
+from fleet_execution import DEAD, HUNG, TAKES, UP, Execution, Message, Robot
 
 from merlin_fleet.core import events as ev
 from merlin_fleet.core import records
-from merlin_fleet.core.agent import Agent, Rules
+from merlin_fleet.core.agent import Rules
 from merlin_fleet.core.auction import AuctionTimes
-from merlin_fleet.core.records import Goal, Keys, Profile
-from merlin_fleet.core.reporting import Outbox
+from merlin_fleet.core.records import Goal, Keys
 from merlin_fleet.core.retention import Retention
 from merlin_fleet.core.store import Compare, Put, Txn, TxnResult
 from merlin_fleet.core.tenure import LeaseTimes
@@ -23,7 +22,6 @@ from merlin_fleet.core.view import FleetView
 from merlin_fleet.forgetting import Leavings, leavings
 from merlin_fleet.testing.simulated_store import SimulatedLeaseUnknown, SimulatedStore
 
-UP, HUNG, DEAD = "up", "hung", "dead"
 SILENCE = 2  # rounds after which an execution whose agent is silent is cancelled
 KEYS = Keys("lab")
 TIMES = LeaseTimes(ttl=7.0, renew_every=1.0, stop_time=2.0, drift=0.0)
@@ -34,50 +32,16 @@ KEEP = RULES._replace(keep=Retention(hours=1.0 / 3600.0, goals=0, grace=1.0), cl
 Event = Tuple[str, ...]
 
 
-class Robot:
-    """A robot: its agent, and what of it outlives the agent."""
-
-    def __init__(self, index: int, rules: Rules, rate: float) -> None:
-        self.index = index
-        self.name = f"r{index}"
-        self.rules = rules
-        self.rate = rate
-        self.state = UP
-        self.silence = 0
-        self.lives = 0
-        self.linked = True
-        self.ahead = 0.0  # by which its clock is ahead of the hub's, s
-        self.unfit = ""  # why it takes nothing
-        self.never: Set[str] = set()  # goals for which it finds no plan
-        self.heard = False  # whether its watch goes on from `cursor`
-        self.cursor = 0
-        self.inbox: List[ev.Event] = []
-        self.running: Dict[str, Execution] = {}
-        self.outbox = Outbox()
-        self.reported: List[tuple] = []  # what its outbox was given
-        self.fleet_id = ""
-        self.learned: List[ev.Learn] = []
-        self.said: List[Tuple[float, str]] = []
-        self.agent: Agent = self._begin()
-
-    def _begin(self) -> Agent:
-        self.lives += 1
-        self.heard, self.inbox = False, []
-        profile = Profile(self.name)
-        return Agent("lab", profile, f"{self.name}.{self.lives}", self.outbox, self.rules, 0.0, self.fleet_id)
-
-    def restart(self) -> None:
-        """A new process, with the outbox of the one before."""
-        self.fleet_id = self.agent.fleet_id
-        self.agent = self._begin()
-        self.state, self.silence = UP, 0
-
-
 class World:
     """Everything."""
 
     def __init__(
-        self, robots: int, rules: Rules = RULES, rates: Tuple[float, ...] = (), finish: bool = False
+        self,
+        robots: int,
+        rules: Rules = RULES,
+        rates: Tuple[float, ...] = (),
+        finish: bool = False,
+        takes: int = TAKES,
     ) -> None:
         self.now = 0.0
         self.store = SimulatedStore()
@@ -87,11 +51,13 @@ class World:
         self.messages: List[Message] = []
         self.late: List[Message] = []
         self.finish = finish
+        self.takes = takes  # rounds of an execution
         self.goals: Dict[str, Goal] = {}
         self.succeeded: List[Tuple[str, str]] = []
         self.ended: Dict[str, List[str]] = {}  # goal → every end that was ever written
         self.cancelled: Set[str] = set()
         self.harm = ""  # what was removed and should not have been
+        self.unowned: Dict[str, float] = {}  # goal without a claim → since when
 
     # --- what clients do
 
@@ -126,6 +92,11 @@ class World:
                 if robot.state == DEAD and not robot.running and self._forgettable(robot):
                     yield "forget", index
             yield ("cut" if robot.linked else "mend"), index
+            if robot.agent.tenure.lease:
+                yield "revoke", index
+            for goal in self.goals:  # of one to finish it is the operator's word: "forget"
+                if not self.finish and self.store.value(KEYS.key(records.CLAIMS, robot.name, goal)):
+                    yield "unclaim", index, goal
         yield ("hub down" if self.hub_up else "hub up",)
         for number in range(len(self.messages)):
             yield "lose question", str(number)
@@ -150,6 +121,10 @@ class World:
             self._answer(self.late.pop(0))
         elif what in ("lose question", "lose answer", "delay"):
             self._lose(what, self.messages.pop(int(which[0])))
+        elif what == "revoke":  # by someone else
+            self.store.revoke(self.robots[int(which[0])].agent.tenure.lease)
+        elif what == "unclaim":
+            self.store.transact(Txn(deletes=(KEYS.key(records.CLAIMS, f"r{which[0]}", which[1]),)))
         else:
             self._strike_robot(what, self.robots[int(which[0])])
 
@@ -222,8 +197,8 @@ class World:
                 ttl = self.store.renew(decision.lease)
                 event = ev.Leased(decision.lease, message.sent_at, decision.lease if ttl else 0, ttl)
             else:
-                lease = self.store.grant(self.robots[message.robot].rules.lease.ttl)
-                event = ev.Leased(0, message.sent_at, lease, self.robots[message.robot].rules.lease.ttl)
+                kept = self.robots[message.robot].rules.lease.kept
+                event = ev.Leased(0, message.sent_at, self.store.grant(kept), kept)
         elif isinstance(decision, ev.Transact):
             try:
                 event = ev.Answered(decision.tag, self._transact(decision.txn))
@@ -283,7 +258,11 @@ class World:
                 robot.inbox.append(ev.Ended(goal, achieved, outcome))
 
     def _think(self, robot: Robot) -> None:
-        if robot.linked and self.hub_up:
+        follows = robot.linked and self.hub_up
+        if robot.follows is not follows and (robot.heard or not follows):
+            robot.inbox.append(ev.Resumed() if follows else ev.Disconnected("cut"))
+        robot.follows = follows
+        if follows:
             if not robot.heard:
                 robot.heard, robot.cursor = True, len(self.store.changes)
                 robot.inbox.append(ev.Connected(self.store.snapshot()))
@@ -309,8 +288,9 @@ class World:
                 wall = self.now if robot.linked and self.hub_up and self.hub_tells_time else None
                 robot.inbox.append(ev.Timed(self.now * robot.rate, wall))
             elif isinstance(decision, ev.Begin):
-                assert decision.goal.id not in robot.running, "begun twice"
-                robot.running[decision.goal.id] = Execution()
+                before = robot.running.get(decision.goal.id)
+                assert before is None or before.stopping, "begun twice"
+                robot.running[decision.goal.id] = Execution(self.takes)
             elif isinstance(decision, ev.Learn):
                 robot.learned.append(decision)
             elif isinstance(decision, ev.Say):
@@ -324,6 +304,8 @@ class World:
         """What must never be; empty: nothing of it is."""
         if self.harm:
             return self.harm
+        owned = {goal: bool(self._owners(goal)) for goal in self.goals}
+        self.unowned = {goal: self.unowned.get(goal, self.now) for goal in self.goals if not owned[goal]}
         executed: Set[str] = set()
         for robot in self.robots:
             for goal in robot.running:
@@ -331,7 +313,9 @@ class World:
                     return f"{goal} is executed by two robots"
                 executed.add(goal)
                 owners = self._owners(goal)
-                if robot.name not in owners:
+                if owners and robot.name not in owners:
+                    return f"{goal} is executed by {robot.name} and owned by {owners[0]}"
+                if not owners and self.now - self.unowned[goal] >= robot.rules.lease.ttl:
                     return f"{goal} is executed by {robot.name} while any robot may take it"
                 if len(owners) > 1:
                     return f"{goal} is owned by {' and '.join(owners)}"

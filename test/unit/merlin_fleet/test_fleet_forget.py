@@ -151,6 +151,8 @@ def test_a_forgotten_robot_that_has_done_the_goal_reports_it_as_late() -> None:
     for _ in range(12):
         world.act()
     world.strike(("forget", str(first.index)))
+    while not world.ends("a"):
+        world.act()
     assert world.settles() == ""
     (end,) = world.ends("a")
     assert records.decode(records.Report, end).robot != first.name
@@ -170,6 +172,8 @@ def test_a_word_that_is_not_true_is_found_and_the_robot_stops_when_it_hears_of_i
         world.act()
     assert not world.wrong()
     world.forget(first)
+    while not world.wrong():
+        world.act()
     assert "any robot may take it" in world.wrong()
     world.strike(("mend", str(first.index)))
     for _ in range(4):

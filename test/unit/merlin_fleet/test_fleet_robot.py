@@ -1,11 +1,15 @@
 """Robots of a fleet over a real etcd: which one does what, and what happens when hub or robot stop."""
 
+import os
 import queue
+import subprocess
 import threading
+import time
 import uuid
 from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 
 import pytest
+from etcd3 import etcdrpc
 
 from merlin_fleet.core import records
 from merlin_fleet.core.agent import Agent, Rules
@@ -118,6 +122,18 @@ class Lab:
         key = KEYS.key(records.GOALS, name)
         assert self.hub.transact(Txn((Compare(key, 0),), (Put(key, records.encode(goal)),))).done
 
+    def revoke(self, robot: str, goal: str) -> bool:
+        """Ends the lease of a claim, as anyone can who may write the robot's keys.
+
+        :return: False: it has ended itself.
+        """
+        key = KEYS.key(records.CLAIMS, robot, goal).encode()
+        for claim in self.hub.ask("KV", "Range", etcdrpc.RangeRequest(key=key)).kvs:
+            command = ["etcdctl", "--endpoints", self.etcd.endpoint, "lease", "revoke", f"{claim.lease:x}"]
+            env = dict(os.environ, ETCDCTL_API="3")
+            return subprocess.run(command, env=env, check=False, capture_output=True).returncode == 0
+        return False
+
     def close(self) -> None:
         for robot in self.robots.values():
             robot.close()
@@ -155,6 +171,35 @@ def test_a_hub_that_hangs_stops_what_runs_and_nothing_is_lost(lab: Lab) -> None:
     lab.etcd.resume()
     body.succeed("a")
     assert lab.watcher.until(lambda view: view.ends.get("a")).outcome == "SUCCEEDED"
+
+
+def test_a_robot_whose_lease_is_revoked_stops_at_once(lab: Lab) -> None:
+    body = lab.robot("r1", 1.0)
+    lab.send("a")
+    with body.changed:
+        assert body.changed.wait_for(lambda: "a" in body.running, LIMIT)
+    assert lab.revoke("r1", "a")
+    with body.changed:
+        assert body.changed.wait_for(lambda: body.stopped, LIMIT)
+    assert body.stopped[0] == "the fleet has taken it away"
+    body.succeed("a")  # it knows that it stands, and has it again
+    assert lab.watcher.until(lambda view: view.ends.get("a")).outcome == "SUCCEEDED"
+
+
+def test_the_next_robot_waits_until_one_whose_lease_was_revoked_must_stand(lab: Lab) -> None:
+    first = lab.robot("r1", 1.0, SHORT)
+    lab.send("a")
+    with first.changed:
+        assert first.changed.wait_for(lambda: "a" in first.running, LIMIT)
+    second = lab.robot("r2", 5.0, SHORT)
+    lab.watcher.until(lambda view: view.lives.get("r2") and view.claims.get("a"))
+    first.price = None  # type: ignore[assignment]  # it does not take the goal again
+    at = time.monotonic()
+    revoked = lab.revoke("r1", "a")
+    second.succeed("a")
+    assert first.stopped
+    assert time.monotonic() - at >= SHORT.lease.ttl or not revoked
+    assert lab.watcher.until(lambda view: view.ends.get("a")).robot == "r2"
 
 
 def test_a_reason_that_no_record_can_hold_is_reported_as_far_as_possible(lab: Lab) -> None:
@@ -276,6 +321,7 @@ def test_a_robot_that_leaves_gives_back_what_it_owns(lab: Lab) -> None:
     with first.changed:
         assert first.changed.wait_for(lambda: "a" in first.running, LIMIT)
     second = lab.robot("r2", 5.0)
+    lab.watcher.until(lambda view: view.lives.get("r2"))  # one that begins later has not heard of it
     lab.robots.pop("r1").close(LIMIT)
     assert first.stopped == ["the robot leaves the fleet"]
     second.succeed("a")

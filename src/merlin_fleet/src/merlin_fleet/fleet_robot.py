@@ -211,10 +211,11 @@ class FleetRobot(Listener):
             self._on_status(status)
 
     def _busy(self) -> bool:
-        """Whether something runs, or was done and can be reported to the hub under the present lease."""
+        """Whether something runs, or can be reported or given back to the hub under the present lease."""
         agent = self._agent
         executing = any(owned.executing for owned in agent.possession.owned.values())
-        return executing or (agent.usable and bool(agent.reporting.waiting))
+        unsaid = bool(agent.reporting.waiting or agent.possession.to_return())
+        return executing or (agent.usable and unsaid)
 
     def _offer_end(self) -> None:
         try:
@@ -271,7 +272,7 @@ class FleetRobot(Listener):
                 if decision.lease:
                     lease, ttl = decision.lease, self._hub.renew(decision.lease)
                 else:
-                    lease, ttl = self._hub.grant(self._agent.rules.lease.ttl)
+                    lease, ttl = self._hub.grant(self._agent.rules.lease.kept)
             except LeaseUnknown:
                 lease, ttl = decision.lease, 0.0
             except HubFull as error:

@@ -116,6 +116,17 @@ def test_a_lease_of_another_robot_is_not_ended(hubs: Any) -> None:
     assert key not in {item.key for item in ann.read().items}
 
 
+def test_any_certificate_renews_the_lease_of_a_robot_and_keeps_it_from_ending_it(hubs: Any) -> None:
+    ann, bob, key = hubs("robot.ann"), hubs("robot.bob"), KEYS.key("claims", "bob", "renewed")
+    lease, ttl = bob.grant(600.0)
+    bob.transact(Txn(puts=(Put(key, "x", lease),)))
+    assert hubs("client.desk").renew(lease) == ttl
+    ann.transact(Txn(puts=(Put(KEYS.key("claims", "ann", "renewed"), "x", lease),)))
+    with pytest.raises(HubRefuses):
+        bob.revoke(lease)
+    bob.transact(Txn(deletes=(key,)))
+
+
 def test_a_client_writes_goals_and_cancels_only(hubs: Any) -> None:
     desk = hubs("client.desk")
     for kind in ("goals", "cancels"):

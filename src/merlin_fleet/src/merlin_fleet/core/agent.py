@@ -183,7 +183,7 @@ class Agent:
         elif isinstance(event, ev.Resumed):
             self.connected = True
         elif isinstance(event, ev.Changed):
-            self.view.apply(event.changes)
+            self.possession.gone(self.view.apply(event.changes))
             self.lag.saw(self.view.revision, self.now)
         elif isinstance(event, ev.Disconnected):
             self.connected = False
@@ -224,6 +224,7 @@ class Agent:
             self.possession.count_anew()
             self.decided.append(ev.Say(REPLACED))
         self.connected, self._heard_at = True, None
+        self.possession.read_anew()
         self.lag.forget()
         self.clock.ask_anew()
 
@@ -323,7 +324,7 @@ class Agent:
 
     def still_open(self, goal: str) -> Unwritten:
         """Holds while a goal that this robot sees as open was neither claimed nor ended since then."""
-        return Unwritten(self.keys.marks(goal), self.view.revision)
+        return Unwritten(self.keys.marks(goal), self.possession.known_since(goal))
 
     def mark(self, goal: str) -> Put:
         """What is written with a claim, and with the end of an open goal: no other robot's holds then."""

@@ -73,7 +73,10 @@ class Bidding:
             self._queue, self._costs, self._costed_at = agent.possession.version, {}, {}
         full = len(agent.possession.owned) >= agent.rules.most_owned  # a claim under way may be lost
         considered = [] if full else self._consider()
-        self._opened = {goal.id: self._opened.get(goal.id, agent.now) for goal in considered}
+        self._opened = {
+            goal.id: max(self._opened.get(goal.id, agent.now), agent.possession.free_at(goal.id))
+            for goal in considered
+        }
         self._write(Bids({}, FULL) if full else Bids(self._bids(considered)))
         for goal in considered:
             self._take(goal)

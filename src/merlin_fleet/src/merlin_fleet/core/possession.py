@@ -62,6 +62,10 @@ class Possession:
         """Revision of the last claim that was lost, and until when that revision is awaited."""
         self._in_vain = 0
         """How many claims in a row were lost before this robot saw the other claim."""
+        self._free_at: Dict[str, float] = {}
+        """Goal whose claim is gone → when whoever had it stands."""
+        self._read = (0, 0.0)
+        """The revision at which all keys were read, and when all stand who had lost a goal until then."""
 
     # --- what the others ask
 
@@ -73,6 +77,21 @@ class Possession:
         """The goals that it owns, in the order of execution."""
         return [each.goal for each in sorted(self.owned.values(), key=_running_first)]
 
+    def free_at(self, goal: str) -> float:
+        """When nothing of a goal moves any more that no robot owns. Only its owner knows it earlier."""
+        return self._free_at.get(goal, 0.0)
+
+    def known_since(self, goal: str) -> int:
+        """The revision from which on no claim of an open goal is allowed, as this robot does not know it.
+
+        A claim that was gone when the robot read all keys may be one whose owner still moves. The marks show
+        whether there was one since the goal was sent.
+        """
+        agent, (revision, sure_at) = self._agent, self._read
+        written = agent.view.written[goal]
+        unsure = written <= revision and agent.now < sure_at and goal not in self._free_at
+        return written if unsure else agent.view.revision
+
     def claim(self, goal: Goal) -> None:
         """Takes an open goal, if the store still has it as open when the transaction arrives."""
         agent, keys = self._agent, self._agent.keys
@@ -83,7 +102,7 @@ class Possession:
             return  # it would be lost again: this robot has not yet seen the other claim
         if agent.view.revision >= revision:
             self._in_vain = 0
-        claim = records.encode(Claim(agent.robot.name, agent.life))
+        claim = records.encode(Claim(agent.robot.name, agent.life, ttl=agent.rules.lease.ttl))
         compare = (
             Compare(keys.key(records.GOALS, goal.id), agent.view.written[goal.id]),
             Compare(keys.key(records.CANCELS, goal.id), 0),
@@ -106,9 +125,26 @@ class Possession:
             # each turn longer, or robots that are behind would keep the hub and themselves busy with it.
             self._behind = (result.revision, self._agent.now + self._agent.rules.retry * 2**self._in_vain)
             self._in_vain = min(self._in_vain + 1, MOST_TURNS)
+            if name in self._agent.view.goals and self.known_since(name) < self._agent.view.revision:
+                self._free_at[name] = self._read[1]
         goal = self._agent.view.goals.get(name)
         if goal is not None and result is not None and result.done:
             self._own(goal, result.revision)
+
+    def gone(self, claims: Dict[str, Claim]) -> None:
+        """Claims have vanished. Why is not to be seen: what ends a lease may have been anyone's command."""
+        agent = self._agent
+        for goal, claim in claims.items():
+            failed = str(claim.epoch) in agent.view.failures.get(goal, {})
+            stands = failed or claim.life in ("", agent.life)
+            ttl = 0.0 if stands else max(claim.ttl, agent.rules.lease.ttl)
+            self._free_at[goal] = agent.now + agent.rules.lease.wait(ttl)
+
+    def read_anew(self) -> None:
+        """All keys were read: claims may have come and gone meanwhile."""
+        agent, lease = self._agent, self._agent.rules.lease
+        sure_at = max([agent.now + lease.wait(lease.ttl), *self._free_at.values()])
+        self._read, self._free_at = (agent.view.revision, sure_at), {}
 
     def count_anew(self) -> None:
         """The store is another one, or one of before: epochs of until now say nothing of it."""
@@ -201,6 +237,8 @@ class Possession:
         """Stops, begins and takes over."""
         agent = self._agent
         self._reconcile()
+        if agent.now >= self._read[1]:
+            self._free_at = {goal: at for goal, at in self._free_at.items() if at > agent.now}
         if len(self._settled) > self._most_settled:
             self._forget()
         for owned in list(self.owned.values()):
@@ -219,6 +257,8 @@ class Possession:
                 if owned.phase is Phase.RUNNING:
                     self._stop(owned, "the robot leaves the fleet")
                     owned.phase = Phase.LOST
+            if self.to_return() and agent.usable:
+                self._return()
             return
         self._begin()
         if agent.joined:
@@ -235,7 +275,8 @@ class Possession:
         if any(owned.executing for owned in self.owned.values()):
             return
         for owned in sorted(self.owned.values(), key=_running_first):
-            if self._may_run(owned):
+            # Without the changes its claim may be gone, while the lease is renewed.
+            if self._may_run(owned) and (owned.goal.finish or self._agent.connected):
                 owned.phase, owned.begun = Phase.RUNNING, True
                 self._agent.decided.append(ev.Begin(owned.goal))
                 return
@@ -252,6 +293,27 @@ class Possession:
     def _stop(self, owned: Owned, reason: str) -> None:
         self._agent.decided.append(ev.StopExecution(owned.goal.id, reason))
 
+    def to_return(self) -> List[str]:
+        """Goals on the lease of a robot that leaves, of which nothing moves any more."""
+        agent = self._agent
+        view = agent.view
+        return [
+            goal
+            for goal in view.owned_by.get(agent.robot.name, ())
+            if view.claims[goal].life == agent.life
+            and (agent.tenure.lease and goal in view.goals and not view.goals[goal].finish)
+            and not (goal in self.owned or agent.reporting.knows(goal, view.claims[goal].epoch))
+        ]
+
+    def _return(self) -> None:
+        """Says that it stands: no robot has to wait when these claims end with the lease."""
+        agent, claims = self._agent, self._agent.view.claims
+        names = {goal: agent.keys.key(records.CLAIMS, agent.robot.name, goal) for goal in self.to_return()}
+        text = records.encode(Claim(agent.robot.name, ""))
+        compare = tuple(Compare(key, claims[goal].epoch) for goal, key in names.items())
+        puts = tuple(Put(key, text, agent.tenure.lease) for key in names.values())
+        agent.transact("return", Txn(compare, puts))
+
     def _take_over(self) -> None:
         """Goals that an earlier process of this robot has to finish."""
         agent = self._agent
@@ -265,7 +327,7 @@ class Possession:
             ):
                 continue
             key = agent.keys.key(records.CLAIMS, agent.robot.name, goal_id)
-            put = Put(key, records.encode(Claim(agent.robot.name, agent.life)))
+            put = Put(key, records.encode(Claim(agent.robot.name, agent.life, ttl=agent.rules.lease.ttl)))
             if agent.transact(f"claim {goal_id}", Txn((Compare(key, claim.epoch), agent.mine()), (put,))):
                 self._claiming.add(goal_id)
 

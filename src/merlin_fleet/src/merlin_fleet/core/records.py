@@ -8,7 +8,7 @@ import zlib
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 #: Version of keys and records. A hub with another one is not joined.
-PROTOCOL = 3
+PROTOCOL = 4
 #: Texts of a kind that are kept parsed: with many robots in a process the slowest one is that far behind.
 ONCE = 4096
 #: Characters of a reason: etcd takes 1.5 MB at once.
@@ -119,11 +119,14 @@ class Goal(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """The ownership of a goal. Its epoch is the revision at which it was written."""
+    """The ownership of a goal, or of a robot's name. Its epoch is the revision at which it was written."""
 
     robot: str
     life: str
+    """Of the process; empty: the owner stands, and gives the goal back."""
     epoch: int = 0
+    ttl: float = 0.0
+    """s after its last renewal within which all that moves for the goal stands (`LeaseTimes`)."""
 
 
 class Report(NamedTuple):

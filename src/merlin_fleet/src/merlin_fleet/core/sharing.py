@@ -46,7 +46,7 @@ class Sharing:
         rules, heard = self._agent.rules, self._heard.get(predicate)
         if heard is None:
             return (self._began or 0.0) + min(GRACE, rules.fact_limit)
-        return heard + max(0.0, rules.fact_limit - rules.lease.ttl)
+        return heard + max(0.0, rules.fact_limit - rules.lease.kept)
 
     def known(self, event: ev.Known) -> None:
         """The robot's knowledge base has these facts."""

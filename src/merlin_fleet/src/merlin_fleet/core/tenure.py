@@ -6,13 +6,14 @@ from typing import NamedTuple
 class LeaseTimes(NamedTuple):
     """Times of a lease, s.
 
-    The store lets no other robot take a goal before `ttl` has passed, by its clock, after it received the
-    last renewal. It received that after it was sent. So the robot counts from the moment of sending, by its
-    own clock, leaves `drift` for the difference of the speeds, and begins to stop `stop_time` earlier.
+    The robot counts from the moment at which it sent the last renewal that was answered, by its own clock,
+    leaves `drift` for the difference of the speeds, and begins to stop `stop_time` before `ttl` has passed.
+    The store received that renewal after it was sent, and had the lease then. So whoever sees a claim
+    vanish, for whatever reason, and waits for `ttl` from then on, knows that its owner stands.
     """
 
     ttl: float = 15.0
-    """For which the store keeps the lease after a renewal."""
+    """After the last renewal, within which all that moves for a goal stands."""
     renew_every: float = 2.0
     stop_time: float = 6.0
     """From a cancel to the end of all that a goal moves: the Executor's cancel deadline and 1 s."""
@@ -39,6 +40,15 @@ class LeaseTimes(NamedTuple):
         """s after the sending of a renewal after which everything is stopped."""
         return self.ttl * (1 - self.drift) - self.stop_time
 
+    @property
+    def kept(self) -> float:
+        """s for which the store keeps the lease after a renewal: as long as its goals may run."""
+        return self.ttl - self.stop_time
+
+    def wait(self, ttl: float) -> float:
+        """s, by the clock of one robot, in which the `ttl` of another one has passed for certain."""
+        return ttl / (1 - self.drift)
+
 
 class Tenure:
     """What a robot knows of its lease.
@@ -59,13 +69,13 @@ class Tenure:
         """The store has granted or renewed the lease.
 
         :param asked_at: when the request was sent.
-        :param ttl: what the store answered; one that is shorter than agreed counts.
+        :param ttl: for which the store keeps it; one that is shorter than agreed counts.
         """
         if lease != self.lease:
             self.lease, self.stop_at, self.renewed_at = lease, 0.0, asked_at
         if asked_at >= self.renewed_at:
             self.renewed_at = asked_at
-            self.stop_at = asked_at + self._times._replace(ttl=min(ttl, self._times.ttl)).runs
+            self.stop_at = asked_at + min(self._times.runs, ttl * (1 - self._times.drift))
 
     def lose(self) -> None:
         """The store no longer knows the lease."""

@@ -27,6 +27,8 @@ GOAL_AT = {
     records.ENDS: 2,
     records.FAILURES: 2,
 }
+#: The life of a claim that cannot be read.
+UNREAD = "?"
 
 
 class FleetGoalState(Enum):
@@ -108,9 +110,10 @@ class FleetView:
         view.revision = snapshot.revision
         return view
 
-    def apply(self, changes: Iterable[Change]) -> None:
-        """Takes changes, in their order."""
+    def apply(self, changes: Iterable[Change]) -> Dict[str, Claim]:
+        """Takes changes, in their order; returns the claims that are gone, by their goals."""
         changes = tuple(changes)
+        gone: Dict[str, Claim] = {}
         last = {change.key: change.modified for change in changes}
         for change in changes:
             parts = self._keys.parts(change.key)
@@ -120,12 +123,15 @@ class FleetView:
             self.unreadable.pop(change.key, None)
             self._unclear.pop(change.key, None)
             if change.value is None:
+                if parts[0] == records.CLAIMS and len(parts) == PARTS[records.CLAIMS]:
+                    gone[parts[2]] = self.claims.get(parts[2], Claim(parts[1], UNREAD))
                 self._forget(*parts)
             else:
                 self._take(Item(change.key, change.value, change.modified), *parts)
             place = GOAL_AT.get(parts[0])
             if place is not None:
                 self._place(parts[min(place, len(parts) - 1)])
+        return gone
 
     def _take(self, item: Item, *parts: str) -> None:
         try:
