@@ -208,6 +208,7 @@ def run_node(
     try:
         with _ending.making():
             run = start()
+        _tell_wrapper()
         (run or rospy.spin)()
     except missing as error:
         if not is_shutdown_requested():  # otherwise it is not an error that something was not found
@@ -225,6 +226,12 @@ def run_node(
             raise
         rospy.logdebug(f"{rospy.get_name()}: interrupted by the end:\n{traceback.format_exc()}")
     return _ending.code
+
+
+def _tell_wrapper() -> None:
+    """Tells the script ``respawn`` of the package merlin, if that has started this node, that it works."""
+    if os.environ.get("RESPAWN_PID") == str(os.getppid()):
+        os.kill(os.getppid(), signal.SIGUSR1)
 
 
 def _give_up(reason: str, code: int) -> int:
