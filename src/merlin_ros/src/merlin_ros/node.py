@@ -241,7 +241,9 @@ def _give_up(reason: str, code: int) -> int:
 
 
 def on_master_lost(callback: Callable[[], None]) -> None:
-    """Calls this each time the master is lost, at most 5 s after it died or hung: stop what runs.
+    """Calls this each time the master is lost, at most 5 s after it died, 35 s after it hung: stop what runs.
+
+    Before, from 3 s of silence on, the goals that this process has sent are suspended.
 
     In a thread of its own for all of them, one after the other; the node has to be begun by this module.
 

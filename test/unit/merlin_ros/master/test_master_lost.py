@@ -6,6 +6,8 @@ from typing import Any, Tuple
 
 import pytest
 
+from merlin_ros.master.master_watch import HUNG
+
 pytestmark = pytest.mark.processes
 
 NOTICE = 5.0  # s within which each node promises to notice
@@ -138,11 +140,10 @@ def test_a_master_that_was_away_for_a_moment_gets_all_again(master: Any, nodes: 
 
 def test_nodes_go_on_at_a_master_that_hung(master: Any, nodes: Tuple[Any, Any]) -> None:
     master.process.send(signal.SIGSTOP)
-    stopped = time.monotonic()
     for node in nodes:
-        node.expect("LOST")
-    assert time.monotonic() - stopped < NOTICE + STALL
-    time.sleep(max(0.0, 30.0 - (time.monotonic() - stopped)))  # the fault itself
+        node.expect("is silent, it is slow or hangs; what runs pauses")
+    for node in nodes:
+        node.expect("LOST", HUNG + 60.0)
     master.process.send(signal.SIGCONT)
     for node in nodes:
         node.expect("BACK")
@@ -153,11 +154,25 @@ def test_nodes_go_on_at_a_master_that_hung(master: Any, nodes: Tuple[Any, Any]) 
     assert "/passing" not in str(master.api.getSystemState("/test"))
 
 
+def test_nothing_is_lost_at_a_master_that_is_slow(master: Any, nodes: Tuple[Any, Any]) -> None:
+    master.process.send(signal.SIGSTOP)
+    for node in nodes:
+        node.expect("is silent, it is slow or hangs; what runs pauses")
+    nodes[1].say("go")  # what needs no master goes on, the rest waits for it
+    master.process.send(signal.SIGCONT)
+    for node in nodes:
+        node.expect("answers again")
+    nodes[1].expect("ROUND")
+    for node in nodes:
+        assert node.end() == 0
+        assert "LOST" not in node.output
+
+
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_nodes_end_without_a_master(master: Any, nodes: Tuple[Any, Any], fault: int) -> None:
     master.process.send(fault)
     nodes[0].send(signal.SIGINT)  # at once
-    nodes[1].expect("LOST")
+    nodes[1].expect("LOST" if fault == signal.SIGKILL else "is silent")
     nodes[1].send(signal.SIGINT)
     for node in nodes:
         assert node.ended() == 0
@@ -271,6 +286,7 @@ from std_srvs.srv import Trigger
 from merlin_executor.mission.readiness import missing_servers
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.late_topics import subscribe_by
+from merlin_ros.master import master_watch
 from merlin_ros.node import on_master_lost, run_node
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.states.ros_calls import TopicState
@@ -282,6 +298,7 @@ def say(*words):
         print(*words, flush=True)
 
 def start():
+    master_watch.HUNG = 6.0
     on_master_lost(lambda: say("LOST"))
     state = TopicState("count", Int32, timeout=60.0)
     say("started")
