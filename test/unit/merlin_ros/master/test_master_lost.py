@@ -1,8 +1,10 @@
 """Nodes notice that their master is lost, say so, and work together again when one is back."""
 
+import contextlib
+import os
 import signal
 import time
-from typing import Any, Tuple
+from typing import Any, List, Tuple
 
 import pytest
 
@@ -136,6 +138,30 @@ def test_a_master_that_was_away_for_a_moment_gets_all_again(master: Any, nodes: 
     nodes[1].say("go")
     nodes[1].expect("ROUND")
     outsiders_are_served(master)
+
+
+def descriptors(node: Any) -> List[str]:
+    """The kinds of what a node has open."""
+    found = []
+    for name in os.listdir(f"/proc/{node.process.pid}/fd"):
+        with contextlib.suppress(OSError):  # closed meanwhile
+            found.append(os.readlink(f"/proc/{node.process.pid}/fd/{name}").split(":")[0])
+    return sorted(found)
+
+
+def test_a_loss_of_the_master_leaves_no_descriptor_open(master: Any, nodes: Tuple[Any, Any]) -> None:
+    counts = []
+    for _ in range(6):
+        master.kill()
+        master.start()
+        for node in nodes:
+            node.expect("was started anew")
+        nodes[1].say("go")  # subscribes, and leaves the topics again
+        nodes[1].expect("ROUND")
+        counts.append([len(descriptors(node)) for node in nodes])
+    # the master has up to three connections to a node, and those of before may be about to close
+    assert all(last <= first + 4 for first, last in zip(counts[0], counts[-1])), counts
+    assert "anon_inode" not in descriptors(nodes[0]) + descriptors(nodes[1])  # one for each topic ever
 
 
 def test_nodes_go_on_at_a_master_that_hung(master: Any, nodes: Tuple[Any, Any]) -> None:

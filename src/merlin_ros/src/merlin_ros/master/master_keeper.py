@@ -223,8 +223,8 @@ class MasterKeeper:
     def _pause(self) -> None:
         master_link.silent.set()
         rospy.logwarn(
-            f"{self._name}: the master at {self._master_uri} is silent, it is slow or hangs; what runs pauses "
-            f"until it answers, and is stopped after {HUNG:g} s"
+            f"{self._name}: the master at {self._master_uri} is silent, it is slow or hangs; what runs pauses"
+            f" until it answers, and is stopped after {HUNG:g} s"
         )
 
     def _resume(self) -> None:
