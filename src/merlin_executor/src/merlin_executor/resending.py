@@ -8,7 +8,7 @@ import time
 from enum import Enum, IntEnum
 from typing import Callable, NamedTuple, Optional
 
-from merlin_executor.core.absence import Absence
+from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 
 #: The goal ends with the reason.

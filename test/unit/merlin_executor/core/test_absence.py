@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_executor.core.absence import Absence
+from merlin_executor.core.awaited import Absence
 
 LIMIT = 8.0
 

@@ -2,7 +2,7 @@
 
 from typing import Dict, List, NamedTuple, Sequence, Tuple
 
-from merlin_executor.core.absence import Absence
+from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.core.replanning import Failure, ReplanDecision, Replanning
 
