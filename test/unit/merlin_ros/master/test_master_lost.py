@@ -161,7 +161,8 @@ def test_a_loss_of_the_master_leaves_no_descriptor_open(master: Any, nodes: Tupl
         counts.append([len(descriptors(node)) for node in nodes])
     # the master has up to three connections to a node, and those of before may be about to close
     assert all(last <= first + 4 for first, last in zip(counts[0], counts[-1])), counts
-    assert "anon_inode" not in descriptors(nodes[0]) + descriptors(nodes[1])  # one for each topic ever
+    # rospy has one for each topic that there ever was; two are those of the node's ports
+    assert all(descriptors(node).count("anon_inode") <= 2 for node in nodes), list(map(descriptors, nodes))
 
 
 def test_nodes_go_on_at_a_master_that_hung(master: Any, nodes: Tuple[Any, Any]) -> None:
