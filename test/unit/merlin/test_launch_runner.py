@@ -10,30 +10,42 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import List, Tuple
+from typing import Dict, List, Tuple
 
 import pytest
 
 from merlin.launch_request import LaunchError, LaunchRequest
+from merlin.supervision import PAUSES, Restarts
 
 pytestmark = pytest.mark.processes
 
 LAUNCH_FILE = Path(__file__).resolve().parents[2] / "data" / "runner" / "runner.launch"
 APPLICATION = Path(__file__).resolve().parents[3] / "launch" / "include" / "application.launch"
 LIMIT = 200.0  # s for a run to end
-RUN = [sys.executable, "-c", "from merlin.launch_runner import main; raise SystemExit(main())"]
+RUN = "from merlin import supervision; raise SystemExit(supervision.main())"
+#: The same, and gives up what has died twice, however slow this machine is.
+RUN_TWICE = f"from merlin import supervision; supervision.PAUSES = (0.1, 0.1); {RUN}"
+WRAPPED = """<launch>
+  <node pkg="merlin_test" type="fake_node.py" name="other" args="{}" required="true"
+        launch-prefix="$(find merlin)/scripts/respawn"/>
+  <node pkg="merlin_test" type="fake_node.py" name="mission" args="wait"/>
+</launch>"""
 
 
 class Run:
     """One run in a session of its own."""
 
-    def __init__(self, tmp_path: Path, *words: str, **variables: str) -> None:
+    def __init__(self, tmp_path: Path, *words: str, code: str = RUN, **variables: str) -> None:
         env = {**os.environ, "ROS_HOME": str(tmp_path), "ROS_LOG_DIR": str(tmp_path / "log"), **variables}
         env.pop("ROS_MASTER_URI", None)
         self._mark = f"MERLIN_TEST={tmp_path}"
         env["MERLIN_TEST"] = str(tmp_path)
         self.process = subprocess.Popen(
-            [*RUN, *words], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-c", code, *words],
+            env=env,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
 
     def end(self) -> Tuple[int, List[str], List[str]]:
@@ -50,12 +62,31 @@ class Run:
 
     def left(self) -> List[str]:
         """Command lines of living processes that inherited this run's environment."""
-        found = []
+        return list(self.living().values())
+
+    def living(self) -> Dict[int, str]:
+        """The same by process."""
+        found = {}
         for folder in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):  # ended meanwhile
                 if self._mark.encode() in (folder / "environ").read_bytes():
-                    found.append((folder / "cmdline").read_text().replace("\0", " "))
+                    found[int(folder.name)] = (folder / "cmdline").read_text().replace("\0", " ")
         return found
+
+    def kill_wrapper(self) -> None:
+        """Kills the one that runs, as soon as it does."""
+        until = time.monotonic() + LIMIT
+        while time.monotonic() < until:
+            for process, command in self.living().items():
+                if command.startswith("/bin/sh") and "/respawn" in command:
+                    os.kill(process, signal.SIGKILL)
+                    return
+            time.sleep(0.05)
+        raise AssertionError("no wrapper runs")
+
+    def runner(self) -> int:
+        """The child that carries out the run."""
+        return int(Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()[0])
 
 
 def run(tmp_path: Path, *words: str, **variables: str) -> Tuple[int, List[str], List[str]]:
@@ -226,6 +257,84 @@ def test_another_node_that_dies_is_only_reported(tmp_path: Path) -> None:
     assert "node 'other' died" in started.process.stderr.readline()
     started.process.send_signal(signal.SIGINT)
     assert started.end()[0] == 130
+
+
+def wrapped(tmp_path: Path, what: str, code: str = RUN) -> Run:
+    (tmp_path / "wrapped.launch").write_text(WRAPPED.format(what))
+    return Run(tmp_path, str(tmp_path / "wrapped.launch"), code=code)
+
+
+def test_a_wrapper_that_is_killed_is_started_again_until_it_was_too_often(tmp_path: Path) -> None:
+    started = wrapped(tmp_path, "wait", RUN_TWICE)
+    started.read_until("ready")
+    for count in (1, 2):
+        started.kill_wrapper()
+        assert started.process.stderr.readline() == (
+            "merlin run: the wrapper of node 'other' was killed (SIGKILL); it is started again, "
+            f"{count} of 2 times within 30 s\n"
+        )
+    started.kill_wrapper()
+    code, _, err = started.end()
+    assert code == 137
+    assert "for the 3th time within 30 s; it is not started again" in err[0]
+    assert "required node 'other' died" in err[1]
+    assert started.left() == []
+
+
+def test_a_wrapped_node_that_cannot_begin_ends_the_run(tmp_path: Path) -> None:
+    started = wrapped(tmp_path, "exit 2")
+    code, _, err = started.end()
+    assert (code, started.left()) == (2, [])
+    assert "required node 'other' died with exit code 2" in err[0]
+
+
+def test_a_run_that_is_killed_is_started_again(tmp_path: Path) -> None:
+    started = wrapped(tmp_path, "wait")
+    for _ in range(2):
+        started.read_until("ready")
+        before = set(started.living()) - {started.process.pid}
+        os.kill(started.runner(), signal.SIGKILL)
+        assert "the run was killed (SIGKILL), its nodes are ended" in started.process.stderr.readline()
+    started.read_until("ready")
+    assert not before & set(started.living())
+    started.process.send_signal(signal.SIGTERM)
+    code, _, err = started.end()
+    assert code == 143
+    assert "SIGTERM: stopping" in err[0]
+    assert started.left() == []
+
+
+def test_a_run_ends_in_order_when_its_supervisor_is_killed(tmp_path: Path) -> None:
+    started = wrapped(tmp_path, "wait")
+    started.read_until("ready")
+    started.process.kill()
+    _, _, err = started.end()  # the run holds the pipes until it has ended
+    assert "SIGTERM: stopping" in err[0]
+    assert started.left() == []
+
+
+def test_a_run_that_has_ended_is_not_started_again() -> None:
+    code = """
+import os, signal
+from merlin.supervision import supervise
+def run(again, ends):
+    print("a life", flush=True)
+    ends()
+    os.kill(os.getpid(), signal.SIGKILL)
+raise SystemExit(supervise(run, "test"))
+"""
+    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, timeout=LIMIT)
+    assert (done.returncode, done.stdout) == (137, "a life\n")
+
+
+def test_what_dies_again_and_again_is_given_up() -> None:
+    now = [0.0]
+    restarts = Restarts(30.0, lambda: now[0])
+    assert [restarts.died() for _ in range(6)] == [*PAUSES, None]
+    assert restarts.words == "for the 6th time within 30 s; it is not started again"
+    now[0] = 30.0  # those deaths are too long ago to count
+    assert restarts.died() == PAUSES[0]
+    assert restarts.words == "it is started again, 1 of 5 times within 30 s"
 
 
 def test_a_launch_file_is_found_in_its_package() -> None:

@@ -16,7 +16,8 @@ pytestmark = pytest.mark.processes
 RESPAWN = Path(__file__).parents[3] / "src" / "merlin" / "scripts" / "respawn"
 LONG = 120.0
 
-# Adds its pid to a file, then does what its life's word says; the last word holds for all further lives.
+# Adds its pid to a file, then does what its life's word says; the last word holds for all further lives. A
+# word that begins with w tells the script first that the node works.
 NODE = """
 import os, signal, sys
 lives, *words = sys.argv[1:-1]
@@ -27,6 +28,9 @@ signal.pthread_sigmask(signal.SIG_BLOCK, codes)
 with open(lives, "a") as file:
     file.write(f"{os.getpid()}\\n")
 word = words[min(len(open(lives).readlines()), len(words)) - 1]
+if word.startswith("w") and word != "wait":
+    os.kill(int(os.environ["RESPAWN_PID"]), signal.SIGUSR1)
+    word = word[1:]
 if word in ("wait", "deaf"):
     print("ready", flush=True)
     while word == "deaf":
@@ -104,10 +108,8 @@ def gone(pid: int) -> bool:
     return False
 
 
-@pytest.mark.parametrize("code", [0, 2, 126, 127])
-def test_a_node_that_ended_or_could_not_begin_is_not_started_again(
-    run: Callable[..., Run], code: int
-) -> None:
+@pytest.mark.parametrize("code", [2, 126, 127])
+def test_a_node_that_could_not_begin_is_not_started_again(run: Callable[..., Run], code: int) -> None:
     node = run(str(code))
     assert node.end() == []
     assert node.process.returncode == code and len(node.pids()) == 1
@@ -121,7 +123,8 @@ def test_a_program_that_does_not_exist() -> None:
 
 @pytest.mark.everywhere
 @pytest.mark.parametrize(
-    ("word", "how"), [("-9", "signal KILL"), ("-11", "signal SEGV"), ("1", "exit code 1")]
+    ("word", "how"),
+    [("-9", "signal KILL"), ("-11", "signal SEGV"), ("1", "exit code 1"), ("0", "exit code 0")],
 )
 def test_a_node_that_died_starts_again(run: Callable[..., Run], word: str, how: str) -> None:
     node = run(word, word, "2")
@@ -132,12 +135,48 @@ def test_a_node_that_died_starts_again(run: Callable[..., Run], word: str, how: 
     assert node.process.returncode == 2 and len(node.pids()) == 3
 
 
-def test_it_gives_up_in_the_end(run: Callable[..., Run]) -> None:
-    node = run("-9")
+@pytest.mark.parametrize(("word", "how", "code"), [("-9", "signal KILL", 137), ("0", "exit code 0", 1)])
+def test_it_gives_up_in_the_end(run: Callable[..., Run], word: str, how: str, code: int) -> None:
+    node = run(word)
     assert node.end()[-1] == (
-        "respawn: wheel died (signal KILL) for the 6th time within 30 s; it is not started again"
+        f"respawn: wheel died ({how}) for the 6th time within 30 s; it is not started again"
     )
-    assert node.process.returncode == 137 and len(node.pids()) == 6
+    assert node.process.returncode == code and len(node.pids()) == 6
+
+
+@pytest.fixture
+def no_pauses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sleep = tmp_path / "sleep"
+    sleep.write_text("#!/bin/sh\n")
+    sleep.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+
+
+@pytest.mark.parametrize("worked_in", ["this script", "one that was killed"])
+def test_a_node_that_has_worked_and_cannot_begin_any_more_is_tried_until_it_can(
+    run: Callable[..., Run], no_pauses: None, monkeypatch: pytest.MonkeyPatch, worked_in: str
+) -> None:
+    if worked_in == "this script":
+        node = run("w-9", *["2"] * 7, "wait")
+    else:
+        monkeypatch.setenv("RESPAWN_WORKED", "yes")
+        node = run("-9", *["2"] * 7, "wait")
+    pid = node.wait_ready()
+    assert len(node.pids()) == 9
+    node.process.send_signal(signal.SIGTERM)
+    said = node.end()
+    assert node.process.returncode == 7 and gone(pid)
+    assert said[1:] == [
+        "respawn: wheel cannot begin any more (exit code 2): put right what it names; it is tried again in "
+        f"{pause} s"
+        for pause in (1, 2, 4, 8, 16, 30, 30)
+    ]
+
+
+def test_a_node_that_cannot_begin_after_a_crash_in_its_start_ends(run: Callable[..., Run]) -> None:
+    node = run("1", "2")
+    assert len(node.end()) == 1
+    assert node.process.returncode == 2
 
 
 def test_more_starts_on_demand(run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,6 +245,6 @@ def test_the_c_library_keeps_no_memory_for_each_thread_unless_it_is_told_to(give
     environment = {name: value for name, value in os.environ.items() if name != "GLIBC_TUNABLES"}
     if given is not None:
         environment["GLIBC_TUNABLES"] = given
-    command = [str(RESPAWN), "sh", "-c", 'echo "$GLIBC_TUNABLES $RESPAWN_TUNED"']
+    command = [str(RESPAWN), "sh", "-c", 'echo "$GLIBC_TUNABLES $RESPAWN_TUNED"; exit 2']
     told = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LONG).stdout
     assert told == f"{seen}\n"

@@ -30,22 +30,34 @@ def test_a_goal_that_ended_by_itself_is_not_sent_again() -> None:
 def test_a_lost_goal_is_sent_again_when_the_executor_is_back() -> None:
     resending = Resending(RESEND)
     assert resending.ended(lost=True).next is Next.AWAIT
-    assert resending.executor(True, 30.0).next is Next.SEND
+    assert resending.executor(True).next is Next.SEND
     assert resending.sent_again == 1
 
 
 def test_a_goal_that_no_executor_took_is_sent_again_whatever_its_client_wants() -> None:
     resending = Resending(END)
     assert resending.ended(lost=True, untaken=True).next is Next.AWAIT
-    assert resending.executor(True, resending.patience).next is Next.SEND
+    assert resending.executor(True).next is Next.SEND
     assert resending.ended(lost=True).next is Next.FINISH
 
 
 def test_an_executor_that_stays_away_is_named() -> None:
     resending = Resending(RESEND)
     resending.ended(lost=True)
-    decision = resending.executor(False, 30.0)
+    decision = resending.executor(False)
     assert decision == (Next.FINISH, "the executor is gone and did not return within 30 s")
+
+
+def test_all_returns_of_an_executor_that_dies_again_and_again_have_one_deadline() -> None:
+    now = [0.0]
+    resending = Resending(RESEND, lambda: now[0])
+    patience = []
+    while resending.ended(lost=True).next is Next.AWAIT:
+        patience.append(resending.patience)
+        now[0] += 10.0
+        assert resending.executor(True).next is Next.SEND
+        now[0] += 5.0
+    assert patience == [30.0, 15.0]
 
 
 def test_a_cancelled_goal_is_never_sent_again() -> None:
@@ -55,7 +67,7 @@ def test_a_cancelled_goal_is_never_sent_again() -> None:
     resending = Resending(RESEND)
     resending.ended(lost=True)
     resending.cancel()
-    assert resending.executor(True, 30.0) == (Next.FINISH, "cancelled while the executor was gone")
+    assert resending.executor(True) == (Next.FINISH, "cancelled while the executor was gone")
 
 
 def test_what_to_do_has_to_be_a_known_word() -> None:
@@ -72,7 +84,7 @@ def test_every_goal_is_sent_a_bounded_number_of_times(on_lost: str, events: List
         if resending.ended(lost).next is Next.FINISH:
             break
         assert on_lost == RESEND and lost and not resending.cancelled
-        if resending.executor(there, 1.0).next is Next.FINISH:
+        if resending.executor(there).next is Next.FINISH:
             break
     assert resending.sent_again <= (RESENDS if on_lost == RESEND else 0)
 

@@ -1,6 +1,7 @@
 """Trajectory, records, tables and the plot."""
 
 import csv
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,19 @@ def trajectory() -> Trajectory:
     for time, x, speed in [(0, 0, 0), (1, 0, 0), (2, 1, 1), (3, 2, 1), (4, 2, 0)]:
         track.add(Sample(float(time), float(x), 0.0, 0.0, float(speed), 0.0))
     return track
+
+
+def test_hours_of_samples_are_megabytes() -> None:
+    track, hour = Trajectory(), 3600 * 20  # samples
+    tracemalloc.start()
+    try:
+        for index in range(hour):
+            track.add(Sample(index / 20, index / 7, index / 3, index / 11, 0.3, index / 13))
+        taken, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert taken / hour < 80.0  # bytes; seven numbers, and what arrays have in reserve
+    assert track.last() == track.samples(0.0)[-1]
 
 
 def test_distance_between_samples_is_interpolated() -> None:

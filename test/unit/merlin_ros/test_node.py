@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -49,6 +50,23 @@ sys.exit(run_node("somebody", start))
 """
 
 
+RESPAWN = Path(__file__).parents[3] / "src" / "merlin" / "scripts" / "respawn"
+
+# In its first life it spoils its parameter and is killed.
+SPOILT = """
+import os, signal, sys, rospy
+from merlin_ros.node import run_node
+from merlin_ros.parameters import number
+def start():
+    first = not rospy.has_param("~rate")
+    number("~rate", 1.0, 0.0)
+    print("started", flush=True)
+    if first:
+        return lambda: (rospy.set_param("~rate", "fast"), os.kill(os.getpid(), signal.SIGKILL))
+sys.exit(run_node("somebody", start))
+"""
+
+
 def begin(master: str, *args: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
         [sys.executable, "-c", "from merlin_ros.node import init_node; init_node('asker')", *args],
@@ -81,6 +99,16 @@ def test_a_node_that_cannot_begin_says_so_with_its_exit_code(master: Any) -> Non
     node = master.node(REFUSED)
     assert node.ended() == CANNOT_BEGIN
     assert "/somebody: parameter ~x is missing" in node.output
+
+
+def test_a_node_that_has_worked_is_tried_again_when_it_cannot_begin_any_more(master: Any) -> None:
+    node = master.spawn(str(RESPAWN), sys.executable, "-c", SPOILT)
+    node.expect("started")
+    node.expect("cannot begin any more (exit code 2)")
+    assert "~rate" in node.output
+    master.api.setParam("/test", "/somebody/rate", 2)
+    node.expect("started")
+    assert node.end(signal.SIGTERM) == 143
 
 
 def test_a_node_whose_master_goes_while_it_reads_parameters_says_so_and_is_started_again(master: Any) -> None:

@@ -1,9 +1,10 @@
 """What a launch file starts and sets, read without starting it."""
 
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Tuple
 
 import roslaunch
+import roslib.packages
 import rospkg
 from roslaunch.core import Node
 
@@ -20,6 +21,8 @@ SERVED = {
 #: Executables that stand in for a robot: with one of them the launch file starts every server itself.
 STAND_INS = {("merlin_sim", "merlin_sim"), ("merlin_actions", "simulated_base")}
 KNOWLEDGE_BASE = "rosplan_knowledge_base"
+#: Ends of the names of parameters that name a file which has to be there when a node starts.
+FILE_PARAMETERS = ("/domain_path", "knowledge_base/problem_path", "/world_file", "/world_path")
 HOSTS = {("merlin_actions", "fsm_host"), ("merlin_actions", "naive_actions")}
 
 
@@ -100,3 +103,33 @@ class LaunchConfig:
         if not value or not Path(value).is_file():
             raise LaunchError(f"parameter {name} names no file that exists: '{value}'; give its path")
         return Path(value)
+
+
+def check_files(parameters: Dict[str, Any]) -> None:
+    """Looks for the files that parameters name.
+
+    :raises LaunchError: one is missing.
+    """
+    for key, value in parameters.items():
+        if key.endswith(FILE_PARAMETERS) and value and not Path(str(value)).is_file():
+            raise LaunchError(
+                f"the file {value} (parameter {key}) is missing; give the path of one that exists"
+            )
+
+
+def check_executables(nodes: Iterable[Node]) -> None:
+    """Looks for the executables of nodes; roslaunch itself would start the others and continue.
+
+    :raises LaunchError: one is missing.
+    """
+    rospack = rospkg.RosPack()
+    for node in nodes:
+        try:
+            found = roslib.packages.find_node(node.package, node.type, rospack=rospack)
+        except rospkg.ResourceNotFound:
+            found = []
+        if not found:
+            raise LaunchError(
+                f"there is no executable {node.package}/{node.type} (node '{node.name}'); "
+                "correct the name, or run 'make build' if it is new"
+            )

@@ -2,6 +2,7 @@
 
 Everything of the launch file is started below a ROS master of its own. The run ends when the node named
 `mission` ends, with that node's exit code; when a required node dies; or on SIGINT, SIGTERM, SIGHUP.
+The wrapper of a node (the script `respawn`) that is killed is started again.
 Nothing is left running. The screen belongs to the mission: what the others print goes to the log folder,
 their warnings and errors (stderr) excepted.
 """
@@ -13,27 +14,32 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Union
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Union
 
 import roslaunch
 import roslaunch.loader
 import roslaunch.xmlloader
-import roslib.packages
+import roslib
 import rospkg
 from roslaunch.core import Node, RLException
 from roslaunch.pmon import ProcessListener
 from roslaunch.substitution_args import SubstitutionException
 
 from merlin.error_relay import ErrorRelay
+from merlin.launch_config import check_executables, check_files
 from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest, one_line
 from merlin.linger import Page, keep, lingers, page_of, terminal
 from merlin.local_names import LOCALHOST, LOOPBACK, given_address, master_uri, resolves, use_loopback
 from merlin.master import Master
-from merlin.orphans import adopt_orphans, end_children
 from merlin.running import announced
+from merlin.supervision import WRAPPER_SPAN, Restarts, adopt_orphans, end_children
 from merlin_ros.lean_start import end_lightly
 
 MISSION_NODE = "mission"
+#: The script that starts a node again which has died, as a launch-prefix.
+WRAPPER = "respawn"
+#: Tells it that its node has worked before.
+WORKED = {"RESPAWN_WORKED": "yes"}
 #: Wall seconds between SIGINT and SIGTERM of a node that does not end (a bag is being closed).
 INTERRUPT_TIMEOUT = 15.0
 #: Wall seconds between SIGTERM and SIGKILL.
@@ -42,8 +48,6 @@ TERMINATE_TIMEOUT = 1.0
 LOOK_FOR_SIGNALS = 0.5
 #: Wall seconds in which roslaunch reports a death for which it has ended a start.
 DEATH_REPORT = 10.0
-#: Ends of the names of parameters that name a file which has to be there when a node starts.
-FILE_PARAMETERS = ("/domain_path", "knowledge_base/problem_path", "/world_file", "/world_path")
 #: What helps where the user may not write to the folder of ROS.
 WRITABLE = "set ROS_HOME, and ROS_LOG_DIR if you use it, to a folder that you may write to"
 EXIT_FAILED = 1
@@ -56,6 +60,10 @@ class _Death(NamedTuple):
 
     process: str
     exit_code: Optional[int]
+    follows: str = ""
+    """What follows for a wrapper that was killed, as the end of a sentence."""
+    again: bool = False
+    """Whether it is started again."""
 
 
 _Event = Union[signal.Signals, _Death]
@@ -97,6 +105,9 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
             sigterm_timeout=TERMINATE_TIMEOUT,
         )
         self._events = events
+        self._needed: Set[str] = set()  # names of the nodes with whose end the run ends
+        self._wrapped: Dict[str, Restarts] = {}  # the same of those whose wrapper is started again
+        self._lives: Dict[str, int] = {}  # process -> its last life of which the death was told
 
     def load(self) -> None:
         """Reads the launch file.
@@ -120,14 +131,37 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
         check_executables(self.config.nodes)
         for node in self.config.nodes:
             node.output = "screen" if node.name == MISSION_NODE else "log"
+            if node.required:
+                self._needed.add(_name_of(node))
+            if WRAPPER in (Path(word).name for word in (node.launch_prefix or "").split()):
+                self._wrapped[_name_of(node)] = Restarts(WRAPPER_SPAN)
+                node.required, node.respawn = False, True  # roslaunch asks for each death whether it is so
 
     def _start_pm(self) -> None:
         super()._start_pm()
         self.pm.add_process_listener(self)
 
     def process_died(self, process_name: str, exit_code: Optional[int]) -> None:
-        """Called by roslaunch's process monitor."""
-        self._events.put(_Death(process_name, exit_code))
+        """Called by roslaunch's process monitor, again and again while a process waits for its next start."""
+        process, node = self.pm.get_process(process_name), self.node_of(process_name)
+        restarts = self._wrapped.get(_name_of(node)) if node is not None else None
+        if process is None or restarts is None:
+            self._events.put(_Death(process_name, exit_code))
+            return
+        if self._lives.get(process_name) == process.spawn_count:
+            return
+        self._lives[process_name] = process.spawn_count
+        killed = exit_code is not None and exit_code < 0
+        pause = restarts.died() if killed else None
+        process.respawn, process.respawn_delay = pause is not None, pause or 0.0
+        process.env = {**process.env, **WORKED}
+        if pause is None and self.needs(node):
+            self.pm.shutdown()
+        self._events.put(_Death(process_name, exit_code, restarts.words if killed else "", pause is not None))
+
+    def needs(self, node: Optional[Node]) -> bool:
+        """Whether the run ends with a node."""
+        return node is not None and _name_of(node) in self._needed
 
     def parameters(self) -> Dict[str, Any]:
         """The parameters that the launch file sets, name → value."""
@@ -138,34 +172,8 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
         return next((node for node in self.config.nodes if node.process_name == process), None)
 
 
-def check_files(parameters: Dict[str, Any]) -> None:
-    """Looks for the files that parameters name.
-
-    :raises LaunchError: one is missing.
-    """
-    for key, value in parameters.items():
-        if key.endswith(FILE_PARAMETERS) and value and not Path(str(value)).is_file():
-            raise LaunchError(
-                f"the file {value} (parameter {key}) is missing; give the path of one that exists"
-            )
-
-
-def check_executables(nodes: Iterable[Node]) -> None:
-    """Looks for the executables of nodes; roslaunch itself would start the others and continue.
-
-    :raises LaunchError: one is missing.
-    """
-    rospack = rospkg.RosPack()
-    for node in nodes:
-        try:
-            found = roslib.packages.find_node(node.package, node.type, rospack=rospack)
-        except rospkg.ResourceNotFound:
-            found = []
-        if not found:
-            raise LaunchError(
-                f"there is no executable {node.package}/{node.type} (node '{node.name}'); "
-                "correct the name, or run 'make build' if it is new"
-            )
+def _name_of(node: Node) -> str:
+    return f"{node.namespace}{node.name}"
 
 
 class LaunchRun:
@@ -173,12 +181,19 @@ class LaunchRun:
 
     :param request: what is run.
     :param command: that the user has given, for messages.
+    :param on_end: called when the run ends by itself, before its nodes are ended.
     :ivar log_folder: where the nodes' logs are.
     """
 
-    def __init__(self, request: LaunchRequest, command: str = "merlin run") -> None:
+    def __init__(
+        self,
+        request: LaunchRequest,
+        command: str = "merlin run",
+        on_end: Callable[[], None] = lambda: None,
+    ) -> None:
         self._request = request
         self._command = command
+        self._on_end = on_end
         self._events: queue.SimpleQueue[_Event] = queue.SimpleQueue()
         self._master: Optional[Master] = None
         self._parent: Optional[_Parent] = None
@@ -220,6 +235,7 @@ class LaunchRun:
             stack.callback(self._stop)
             roslaunch.configure_logging(self._run_id)
             code = self._start_and_wait(stack)
+            self._on_end()
         for number, handler in previous.items():
             signal.signal(number, handler)
         return code
@@ -284,7 +300,12 @@ class LaunchRun:
             return code
         node = self._parent.node_of(event.process)
         name = event.process.rsplit("-", 1)[0]
-        if node is not None and node.required:
+        if event.follows:
+            how = signal.Signals(-(event.exit_code or 0)).name
+            self._say(f"the wrapper of node '{name}' was killed ({how}); {event.follows}")
+        if event.again:
+            return None
+        if self._parent.needs(node):
             self._say(f"required node '{name}' died with exit code {event.exit_code}{self._logs()}")
             return _positive(event.exit_code) or EXIT_FAILED
         if event.exit_code:
@@ -327,8 +348,12 @@ def _positive(exit_code: Optional[int]) -> int:
     return exit_code if exit_code >= 0 else 128 - exit_code
 
 
-def main() -> int:
-    """Entry point of `rosrun merlin run`."""
+def main(again: bool = False, on_end: Callable[[], None] = lambda: None) -> int:
+    """Runs what the command line asks for; returns the exit code.
+
+    :param again: whether it ran before and was killed: the knowledge that it has kept stays.
+    :param on_end: called when the run ends by itself, before its nodes are ended.
+    """
     try:
         request = LaunchRequest.from_command_line(sys.argv[1:])
     except HelpWanted as asked:
@@ -341,7 +366,9 @@ def main() -> int:
     if said:
         print(f"merlin run: {said}", file=sys.stderr, flush=True)
     end_lightly()
-    run = LaunchRun(request)
+    if again:
+        request.arguments.pop("reset_state", None)
+    run = LaunchRun(request, on_end=on_end)
     code = run.run()
     page, user = run.page, terminal()
     if page is not None and code != EXIT_REFUSED and lingers(request.linger, user):

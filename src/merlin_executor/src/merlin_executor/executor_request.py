@@ -10,7 +10,7 @@ from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
 from merlin_executor.resending import END, Next, ResendDecision, Resending, executor_was_lost
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
-from merlin_ros.deadline import Deadline
+from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.late_topics import subscribe_by
 
 
@@ -36,7 +36,7 @@ class ExecutorRequest:
         self._goal = goal
         self._on_done = on_done
         self._on_feedback = on_feedback
-        self._resending = Resending(on_lost)
+        self._resending = Resending(on_lost, running_time)
         self._ended = threading.Event()
         self._reason = ""
         self._wake = threading.Event()  # ends the wait for the Executor: it is back, or the client cancels
@@ -127,7 +127,7 @@ class ExecutorRequest:
                 self._wake = threading.Event()  # that of an earlier loss is set
         is_there = self._returned()
         with self._lock:
-            decision: ResendDecision = self._resending.executor(is_there, self._resending.patience)
+            decision: ResendDecision = self._resending.executor(is_there)
             if decision.next is Next.SEND:
                 self._sent = self._send()
         if decision.next is Next.FINISH:

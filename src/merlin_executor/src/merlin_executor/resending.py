@@ -4,9 +4,11 @@ A goal says what shall hold, so sending it again is harmless: what holds already
 Executor never took, because it died in that moment, is sent to the next one in any case.
 """
 
+import time
 from enum import Enum, IntEnum
-from typing import NamedTuple, Optional
+from typing import Callable, NamedTuple, Optional
 
+from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 
 #: The goal ends with the reason.
@@ -81,14 +83,19 @@ class Resending:
     """One goal of a client. Not thread-safe; nothing is decided after FINISH.
 
     :param on_lost: :data:`END` or :data:`RESEND`.
+    :param clock: s, never set back.
     :raises ValueError: for another word.
     """
 
-    def __init__(self, on_lost: str = END) -> None:
+    def __init__(self, on_lost: str = END, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._absence = Absence()
         self._resend = checked(on_lost) == RESEND
         self._cancelled = False
         self.sent_again = 0
         """How often it was sent again."""
+        self.patience = 0.0
+        """Longest wait for the return of the Executor that is gone, s of the clock."""
 
     def cancel(self) -> None:
         """The client no longer wants the goal."""
@@ -100,8 +107,7 @@ class Resending:
         return self._cancelled
 
     @property
-    def patience(self) -> float:
-        """Longest wait for the return of the Executor, s of running time."""
+    def _limit(self) -> float:
         return RETURN_WAIT if self._resend else UNTAKEN_WAIT
 
     def ended(self, lost: bool, untaken: bool = False) -> ResendDecision:
@@ -112,19 +118,21 @@ class Resending:
         """
         if not lost or not (self._resend or untaken) or self._cancelled:
             return ResendDecision(Next.FINISH)
-        if self.sent_again >= RESENDS:
+        left = self._absence.lost(self._clock(), self._limit)
+        if self.sent_again >= RESENDS or left is None:
             return ResendDecision(Next.FINISH, f"the executor was lost {self.sent_again + 1} times")
+        self.patience = left
         return ResendDecision(Next.AWAIT)
 
-    def executor(self, is_there: bool, waited: float) -> ResendDecision:
-        """The wait for the Executor is over.
-
-        :param waited: s.
-        """
+    def executor(self, is_there: bool) -> ResendDecision:
+        """The wait for the Executor is over."""
+        self._absence.back(self._clock())
         if self._cancelled:
             return ResendDecision(Next.FINISH, "cancelled while the executor was gone")
         if not is_there:
-            return ResendDecision(Next.FINISH, f"the executor is gone and did not return within {waited:g} s")
+            return ResendDecision(
+                Next.FINISH, f"the executor is gone and did not return within {self._limit:g} s"
+            )
         self.sent_again += 1
         return ResendDecision(Next.SEND)
 

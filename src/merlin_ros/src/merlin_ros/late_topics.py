@@ -9,7 +9,7 @@ from typing import Any, Callable, Optional
 import rospy
 
 from merlin_ros.deadline import Deadline
-from merlin_ros.master.master_link import ERRORS, SILENT_TIMEOUT, MasterSilent, bounded_master
+from merlin_ros.master.master_link import ERRORS, MasterSilent, bounded_master
 
 LOOK = 0.5  # s between two looks for a master that is lost
 
@@ -21,7 +21,7 @@ def subscribe(topic: str, message_class: type, callback: Callable[..., None], *a
     :raises MasterSilent: when the master does not answer.
     """
     name = rospy.resolve_name(topic)
-    master = bounded_master(SILENT_TIMEOUT)
+    master = bounded_master()
     try:
         master.getPid()
     except ERRORS as error:

@@ -208,6 +208,7 @@ def run_node(
     try:
         with _ending.making():
             run = start()
+        _tell_wrapper()
         (run or rospy.spin)()
     except missing as error:
         if not is_shutdown_requested():  # otherwise it is not an error that something was not found
@@ -227,6 +228,12 @@ def run_node(
     return _ending.code
 
 
+def _tell_wrapper() -> None:
+    """Tells the script ``respawn`` of the package merlin, if that has started this node, that it works."""
+    if os.environ.get("RESPAWN_PID") == str(os.getppid()):
+        os.kill(os.getppid(), signal.SIGUSR1)
+
+
 def _give_up(reason: str, code: int) -> int:
     rospy.logfatal(f"{rospy.get_name()}: {reason}")
     rospy.signal_shutdown(reason)
@@ -234,7 +241,9 @@ def _give_up(reason: str, code: int) -> int:
 
 
 def on_master_lost(callback: Callable[[], None]) -> None:
-    """Calls this each time the master is lost, at most 5 s after it died or hung: stop what runs.
+    """Calls this each time the master is lost, at most 5 s after it died, 35 s after it hung: stop what runs.
+
+    Before, from 3 s of silence on, the goals that this process has sent are suspended.
 
     In a thread of its own for all of them, one after the other; the node has to be begun by this module.
 

@@ -4,9 +4,10 @@ rospy hands each message to a thread of its own for each connection: two changes
 wait for the interpreter, before the first byte leaves. Here a thread exists only while a subscriber is slow.
 """
 
+import select
 import socket
 import threading
-from typing import Any, List
+from typing import Any, Iterator, List
 
 import rospy
 from rospy.exceptions import TransportInitError, TransportTerminated
@@ -16,6 +17,41 @@ from rospy.impl.tcpros_pubsub import QueuedConnection
 def send_promptly() -> None:
     """Lets rospy connect its publishers like this; for the whole process, before topics have connections."""
     rospy.topics.QueuedConnection = PromptConnection
+    rospy.topics.Poller = PlainPoller
+
+
+class PlainPoller:
+    """Finds the broken connections of a topic, as rospy's own does, but without a descriptor.
+
+    Rospy's has one for each topic, and closes that of a topic that was left only when the garbage collector
+    finds it.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()  # guards the set, which only one thread may ask at a time
+        self._set = select.poll()
+
+    def add_fd(self, fd: int) -> None:
+        """Watches a connection."""
+        with self._lock:
+            self._set.register(fd, select.POLLHUP | select.POLLERR | select.POLLRDHUP)
+
+    def remove_fd(self, fd: int) -> None:
+        """Watches it no more.
+
+        :raises KeyError: when it was not watched.
+        """
+        with self._lock:
+            self._set.unregister(fd)
+
+    def error_iter(self) -> Iterator[int]:
+        """The connections that are broken."""
+        with self._lock:
+            found = self._set.poll(0)
+            for fd, event in found:
+                if event & select.POLLNVAL:  # closed without a word
+                    self._set.unregister(fd)
+        return (fd for fd, event in found if not event & select.POLLNVAL)
 
 
 class PromptConnection(QueuedConnection):

@@ -21,7 +21,7 @@ from std_srvs.srv import Empty
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe
-from merlin_ros.master.master_link import ERRORS, MasterSilent, bounded_master, get_param, lost
+from merlin_ros.master.master_link import ERRORS, MasterSilent, bounded_master, get_param, lost, silent
 from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 
 MASTER = "the ROS master"
@@ -175,7 +175,7 @@ class PlanningClient:
 
     def missing(self) -> str:
         """The first part that is not there, in words; empty when all are."""
-        if lost.is_set():
+        if lost.is_set() or silent.is_set():
             return MASTER  # the others cannot be asked
         for part, proxy in ((PROBLEM, self._generate), (PARSER, self._parse)):
             if not proxy.available():

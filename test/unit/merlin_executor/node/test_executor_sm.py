@@ -7,8 +7,10 @@ from typing import Any, Callable, List, Sequence
 import pytest
 import rospy
 
+from merlin_executor.core import replanning
 from merlin_executor.core.course import Course
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_executor.node import executor_stages
 from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import GOALS_GONE, PlanningSystem
 from merlin_ros.call_scope import current_scope
@@ -90,6 +92,8 @@ class Bench:
         self.unsolvable = False  # when something is left out
         self.held = False
         self.waits, self.woken = threading.Event(), threading.Event()
+        self.now = 0.0  # s of running time, where a test counts it
+        self.patience: List[float] = []  # s for which the planning system was waited for
         planning = SimpleNamespace(
             read_ahead=lambda: None,
             generate_problem=lambda: None,
@@ -136,6 +140,8 @@ class Bench:
 
     def _wait_back(self, timeout: float, cancelled: threading.Event, missing: Any) -> str:
         assert missing()
+        self.patience.append(timeout)
+        self.now += 0.02
         self.troubles.pop()
         return str(missing())
 
@@ -269,6 +275,26 @@ def test_a_dispatcher_that_is_away_before_anything_is_planned_is_waited_for(benc
     bench.troubles = ["the dispatcher is gone"]
     assert bench.run().outcome is Outcome.SUCCEEDED
     assert bench.request.course.replans == 1
+
+
+@pytest.mark.parametrize(("works", "waits"), [(0.03, [0.1, 0.05]), (0.2, [0.1, 0.1, 0.1])])
+def test_all_returns_of_a_planning_system_that_dies_again_and_again_have_one_deadline(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, works: float, waits: List[float]
+) -> None:
+    monkeypatch.setattr(executor_stages, "running_time", lambda: bench.now)
+    monkeypatch.setattr(replanning, "REPLAN_WAIT", 0.0)
+
+    def dies() -> None:
+        bench.now += works
+        bench.troubles.append("gone")
+        bench.results.append(DispatchResult(False, reason="the dispatcher died", gone=True))
+
+    bench.on_dispatch = dies
+    verdict = bench.run()
+    assert bench.patience == pytest.approx(waits)
+    assert verdict.outcome is Outcome.INTERNAL
+    if works < 0.1:
+        assert verdict.reason == "the dispatcher died; lost 3 times, and not back for 0.1 s in between"
 
 
 def test_a_brake_that_cannot_be_sent_does_not_keep_the_cancel() -> None:

@@ -1,16 +1,21 @@
-"""A master that answers once and hangs again while a node registers is still lost."""
+"""A master that is slow, one that hangs, and one that hangs again while a node registers."""
 
+import queue
+import threading
 from typing import Any, Iterator, List
+from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
-from merlin_ros.master import master_keeper, master_link
+from merlin_ros.actions.ownership import ownership
+from merlin_ros.master import master_keeper, master_link, master_watch
 from merlin_ros.master.foreign_nodes import ForeignNodes
 from merlin_ros.master.master_keeper import MasterKeeper
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.master.master_watch import PATIENCE, WatchDecision
 
 ME = "http://me:1"
+LONG = 60.0
 
 
 @pytest.fixture
@@ -20,6 +25,81 @@ def keeper(monkeypatch: pytest.MonkeyPatch) -> Iterator[MasterKeeper]:
         monkeypatch.setattr(master_keeper.rospy, name, lambda text: None)
     yield MasterKeeper("/node", ME)
     master_link.lost.clear()
+
+
+class SlowMaster:
+    """A master that answers only while `answers` is set."""
+
+    def __init__(self) -> None:
+        self.answers = threading.Event()
+        self.answers.set()
+        self._server = SimpleXMLRPCServer(("localhost", 0), logRequests=False)
+        self._server.register_multicall_functions()
+        self._server.register_function(self._get_pid, "getPid")
+        self._server.register_function(lambda *_: [1, "", ME], "lookupNode")
+        self.uri = f"http://localhost:{self._server.server_address[1]}"
+        threading.Thread(target=self._server.serve_forever, name="slow master", daemon=True).start()
+
+    def _get_pid(self, _: str) -> list:
+        assert self.answers.wait(LONG)
+        return [1, "", 1]
+
+    def close(self) -> None:
+        self.answers.set()
+        self._server.shutdown()
+        self._server.server_close()
+
+
+@pytest.fixture
+def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowMaster]:
+    master = SlowMaster()
+    monkeypatch.setenv("ROS_MASTER_URI", master.uri)
+    yield master
+    master.close()
+    master_link.silent.clear()
+    master_link.lost.clear()
+
+
+@pytest.fixture
+def said(slow: SlowMaster, monkeypatch: pytest.MonkeyPatch) -> Iterator["queue.Queue[str]"]:
+    """What a keeper that asks the slow master says."""
+    lines: queue.Queue[str] = queue.Queue()
+    for name in ("logerr", "logwarn"):
+        monkeypatch.setattr(master_keeper.rospy, name, lines.put)
+    monkeypatch.setattr(MasterKeeper, "_look", lambda self: None)
+    monkeypatch.setattr(master_keeper, "register_again", lambda *_: None)
+    monkeypatch.setattr(master_keeper, "PERIOD", 0.05)
+    keeper = MasterKeeper("/node", ME)
+    keeper.start()
+    yield lines
+    keeper.stop()
+
+
+def test_a_slow_master_pauses_what_runs_until_it_answers(
+    slow: SlowMaster, said: "queue.Queue[str]", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(master_watch, "SILENT", 0.3)
+    for _ in range(2):
+        slow.answers.clear()
+        assert "is silent, it is slow or hangs; what runs pauses" in said.get(timeout=LONG)
+        assert ownership.suspended("a goal") and not master_link.lost.is_set()
+        slow.answers.set()
+        assert "answers again" in said.get(timeout=LONG)
+        assert not ownership.suspended("a goal")
+
+
+def test_a_master_that_hangs_is_lost_in_the_end_and_what_runs_stays_paused_until_it_is_back(
+    slow: SlowMaster, said: "queue.Queue[str]", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(master_watch, "SILENT", 0.3)
+    monkeypatch.setattr(master_watch, "HUNG", 1.0)
+    slow.answers.clear()
+    assert "is silent" in said.get(timeout=LONG)
+    assert "does not answer; waiting for its return" in said.get(timeout=LONG)
+    assert master_link.lost.is_set() and ownership.suspended("a goal")
+    slow.answers.set()
+    assert "is back; this node is registered again" in said.get(timeout=LONG)
+    assert not master_link.lost.is_set() and not ownership.suspended("a goal")
 
 
 def test_other_nodes_are_looked_for_at_once(keeper: MasterKeeper, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,7 +133,7 @@ def test_a_master_that_does_not_let_a_node_register_stays_lost(
 
     monkeypatch.setattr(master_keeper, "register_again", register)
     keeper._watch.answered(1, ME)
-    assert [keeper._watch.failed() for _ in range(PATIENCE)][-1] is WatchDecision.LOST
+    assert [keeper._watch.refused() for _ in range(PATIENCE)][-1] is WatchDecision.LOST
     keeper._lose()
     keeper._register(keeper._watch.answered(1, ME))
     assert master_link.lost.is_set()

@@ -1,11 +1,11 @@
 """When the master counts as lost, and what is due when it is back."""
 
-from typing import List, Optional, Tuple
+from typing import List, Optional, Tuple, Union
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_ros.master.master_watch import PATIENCE, MasterWatch, WatchDecision
+from merlin_ros.master.master_watch import HUNG, PATIENCE, SILENT, MasterWatch, WatchDecision
 
 ME, OTHER = "http://me:1/", "http://other:1/"
 
@@ -18,17 +18,17 @@ def watching() -> MasterWatch:
 
 def lost() -> MasterWatch:
     watch = watching()
-    assert [watch.failed() for _ in range(PATIENCE)] == [WatchDecision.NOTHING] * (PATIENCE - 1) + [
+    assert [watch.refused() for _ in range(PATIENCE)] == [WatchDecision.NOTHING] * (PATIENCE - 1) + [
         WatchDecision.LOST
     ]
     return watch
 
 
-def test_a_question_without_an_answer_is_no_loss() -> None:
+def test_a_question_that_was_refused_is_no_loss() -> None:
     watch = watching()
     for _ in range(PATIENCE * 3):
         for _ in range(PATIENCE - 1):
-            assert watch.failed() is WatchDecision.NOTHING
+            assert watch.refused() is WatchDecision.NOTHING
         assert watch.answered(1, ME) is WatchDecision.NOTHING
     assert not watch.lost
 
@@ -36,7 +36,39 @@ def test_a_question_without_an_answer_is_no_loss() -> None:
 def test_a_loss_is_told_once() -> None:
     watch = lost()
     assert watch.lost
-    assert [watch.failed() for _ in range(10)] == [WatchDecision.NOTHING] * 10
+    assert [watch.refused() for _ in range(10)] == [WatchDecision.NOTHING] * 10
+
+
+def test_a_master_that_takes_questions_and_is_silent_is_waited_for() -> None:
+    watch = watching()
+    assert watch.unanswered(SILENT - 0.1) is WatchDecision.NOTHING
+    assert watch.unanswered(SILENT) is WatchDecision.PAUSE
+    assert watch.unanswered(HUNG - 0.1) is WatchDecision.NOTHING
+    assert watch.silent and not watch.lost
+    assert watch.answered(1, ME) is WatchDecision.NOTHING
+    assert not watch.silent
+
+
+def test_a_master_that_is_silent_for_too_long_hangs() -> None:
+    watch = watching()
+    assert watch.unanswered(SILENT) is WatchDecision.PAUSE
+    assert watch.unanswered(HUNG) is WatchDecision.LOST
+    assert watch.unanswered(HUNG + 1.0) is WatchDecision.NOTHING
+    assert watch.answered(1, ME) is WatchDecision.BACK_SAME
+
+
+def test_a_silent_master_that_dies_is_lost_at_once() -> None:
+    watch = watching()
+    watch.unanswered(SILENT)
+    assert [watch.refused() for _ in range(PATIENCE)][-1] is WatchDecision.LOST
+
+
+def test_what_a_slow_master_may_have_missed_is_registered_again() -> None:
+    watch = watching()
+    watch.unanswered(SILENT)
+    assert watch.answered(1, ME, missed=True) is WatchDecision.BACK_SAME
+    watch.registered()
+    assert watch.answered(1, ME) is WatchDecision.NOTHING
 
 
 def test_the_same_master_back() -> None:
@@ -68,7 +100,7 @@ def test_a_registration_that_failed_is_due_again() -> None:
     watch = lost()
     assert watch.answered(2, None) is WatchDecision.BACK_NEW
     assert watch.answered(2, ME) is WatchDecision.BACK_NEW  # half of it succeeded
-    assert watch.failed() is WatchDecision.NOTHING
+    assert watch.refused() is WatchDecision.NOTHING
     assert watch.answered(2, ME) is WatchDecision.BACK_NEW
 
 
@@ -83,21 +115,25 @@ def test_a_master_that_is_lost_again_while_registration_is_due_is_told_again() -
     watch = lost()
     watch.answered(2, None)
     watch.registered()
-    assert [watch.failed() for _ in range(PATIENCE)][-1] is WatchDecision.LOST
+    assert [watch.refused() for _ in range(PATIENCE)][-1] is WatchDecision.LOST
 
 
 ANSWER = st.tuples(st.integers(1, 3), st.sampled_from([None, ME]))
+SILENCE = st.floats(0.0, 2 * HUNG)
 
 
-@given(st.lists(st.one_of(st.none(), ANSWER), max_size=40), st.data())
+@given(st.lists(st.one_of(st.none(), SILENCE, ANSWER), max_size=40), st.data())
 def test_after_any_story_an_answering_master_knows_the_node(
-    story: List[Optional[Tuple[int, Optional[str]]]], data: st.DataObject
+    story: List[Union[None, float, Tuple[int, Optional[str]]]], data: st.DataObject
 ) -> None:
     watch = watching()
     process, known = 1, True
     for event in story:
         if event is None:
-            watch.failed()
+            watch.refused()
+            continue
+        if isinstance(event, float):
+            watch.unanswered(event)
             continue
         if event[0] != process:  # another master, that knows nothing
             process, known = event[0], False

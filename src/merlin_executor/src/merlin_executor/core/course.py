@@ -2,6 +2,7 @@
 
 from typing import Dict, List, NamedTuple, Sequence, Tuple
 
+from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.core.replanning import Failure, ReplanDecision, Replanning
 
@@ -66,6 +67,8 @@ class Course:
         """Whether the dispatcher itself did not end the plan in time."""
         self.may_move = False
         """Whether something may have moved: a plan was dispatched, or an earlier one was not at rest."""
+        self.absence = Absence()
+        """That of the planning system, over all runs."""
         self.unreachable = False
         """Whether the stage that ended last found a part of the planning system gone."""
 

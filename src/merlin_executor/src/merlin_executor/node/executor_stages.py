@@ -15,7 +15,7 @@ from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
 from merlin_ros.call_scope import CallScope
-from merlin_ros.deadline import Deadline
+from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
 from merlin_sm.dispatch_client import PART as DISPATCHER
 from merlin_sm.dispatch_client import DispatchClient
@@ -182,11 +182,20 @@ class Replan(PlanningState):
     def _back(self, cancelled: threading.Event) -> bool:
         """Whether all parts of the planning system run, or return in time."""
         dispatcher, wait = self._system.dispatcher, self._system.return_wait
-        rospy.logwarn(f"{self.reason}; waits {wait:g} s for its return")
+        absence = self._run.course.absence
+        left = absence.lost(running_time(), wait)
+        if left is None:
+            self.gone = True
+            self.reason = (
+                f"{self.reason}; lost {absence.losses} times, and not back for {wait:g} s in between"
+            )
+            return False
+        rospy.logwarn(f"{self.reason}; waits {left:.1f} s for its return")
         part = self._system.planning.wait_back(
-            wait, cancelled, lambda: "" if dispatcher.available() else DISPATCHER
+            left, cancelled, lambda: "" if dispatcher.available() else DISPATCHER
         )
         if part and not cancelled.is_set():
             self.gone = True
             self.reason = f"{self.reason}; {part} did not return within {wait:g} s"
+        absence.back(running_time())
         return not part and not cancelled.is_set()

@@ -114,9 +114,10 @@ class ExecutorRobot(MerlinROSPlanAssistant):
         return sum(max(0.0, min(end, until) - max(begin, since)) for begin, end in spans)
 
     def action_times(self, since: float) -> List[Tuple[str, float, float]]:
-        """The actions that began since a time: operator, start, end (s of ROS time)."""
+        """The actions that began since a time: operator, start, end (s of ROS time); forgets earlier ones."""
         with self._changed:
-            return [entry for entry in self._actions if entry[1] >= since]
+            self._actions = [entry for entry in self._actions if entry[1] >= since]
+            return list(self._actions)
 
     def _idle(self) -> bool:
         status = self._status

@@ -3,6 +3,7 @@
 import bisect
 import math
 import threading
+from array import array
 from typing import List, NamedTuple, Optional
 
 #: Speed below which the robot counts as standing, m/s; it may turn on the spot for its next task by then.
@@ -26,13 +27,16 @@ class Sample(NamedTuple):
 
 
 class Trajectory:
-    """The samples of one run, in the order of time; one thread adds, any may read."""
+    """The samples of one run, in the order of time; one thread adds, any may read.
+
+    A run of hours has hundreds of thousands: they are kept as numbers, which takes a fifth of the objects.
+    """
 
     def __init__(self) -> None:
-        self._changed = threading.Condition()
-        self._samples: List[Sample] = []
-        self._times: List[float] = []
-        self._ways: List[float] = []
+        self._changed = threading.Condition()  # guards the fields below
+        self._columns = [array("d") for _ in Sample._fields]
+        self._times = self._columns[0]
+        self._ways = array("d")  # m driven up to each sample
 
     def add(self, sample: Sample) -> None:
         """Adds a sample; one that is not newer than the last (time jumped back) is left out."""
@@ -40,23 +44,23 @@ class Trajectory:
             if self._times and sample.time <= self._times[-1]:
                 return
             way = 0.0
-            if self._samples:
-                last = self._samples[-1]
+            if self._times:
+                last = self._sample(-1)
                 way = self._ways[-1] + math.hypot(sample.x - last.x, sample.y - last.y)
-            self._samples.append(sample)
-            self._times.append(sample.time)
+            for column, value in zip(self._columns, sample):
+                column.append(value)
             self._ways.append(way)
             self._changed.notify_all()
 
     def samples(self, start: float) -> List[Sample]:
         """The samples at and after a time."""
         with self._changed:
-            return self._samples[bisect.bisect_left(self._times, start) :]
+            return [self._sample(index) for index in self._since(start)]
 
     def last(self) -> Optional[Sample]:
         """The newest sample; None: none yet."""
         with self._changed:
-            return self._samples[-1] if self._samples else None
+            return self._sample(-1) if self._times else None
 
     def wait_until(self, time: float, timeout: float) -> bool:
         """Waits for a sample at or after a time.
@@ -74,7 +78,15 @@ class Trajectory:
 
     def standstill_after(self, time: float) -> Optional[float]:
         """The first moment at or after a time in which the robot stands (s); None: it never did."""
-        return next((sample.time for sample in self.samples(time) if sample.standing), None)
+        with self._changed:
+            indices = self._since(time)
+            return next((self._times[index] for index in indices if self._sample(index).standing), None)
+
+    def _since(self, time: float) -> range:
+        return range(bisect.bisect_left(self._times, time), len(self._times))
+
+    def _sample(self, index: int) -> Sample:
+        return Sample(*(column[index] for column in self._columns))
 
     def _way(self, time: float) -> float:
         with self._changed:

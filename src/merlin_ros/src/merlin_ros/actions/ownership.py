@@ -8,6 +8,8 @@ only that one counts; else one suspended goal suspends all that the process has 
 import threading
 from typing import Callable, Dict, List, Optional
 
+from merlin_ros.master.master_link import silent
+
 
 class Ownership:
     """The suspended goals of a process; thread-safe."""
@@ -37,7 +39,9 @@ class Ownership:
             listener()
 
     def suspended(self, goal: Optional[str] = None) -> bool:
-        """Whether a goal is suspended; None: any of the process."""
+        """Whether a goal is suspended; None: any of the process. All are while the master is silent."""
+        if silent.is_set():
+            return True
         with self._lock:
             return bool(self._suspended) if goal is None else goal in self._suspended
 

@@ -1,7 +1,10 @@
 """Keeps a node registered with its master, and reports when the master is lost and when it is back."""
 
 import contextlib
+import http.client
 import queue
+import select
+import socket
 import threading
 import time
 import xmlrpc.client
@@ -12,15 +15,18 @@ import rosgraph
 import rospy
 from rospy.core import is_shutdown_requested
 
+from merlin_ros.alarms import TickClock, wait_ticks
 from merlin_ros.master import master_link
 from merlin_ros.master.foreign_nodes import ForeignNodes
-from merlin_ros.master.master_watch import MasterWatch, WatchDecision
+from merlin_ros.master.master_watch import HUNG, MasterWatch, WatchDecision
 from merlin_ros.master.registration import ERRORS, KeptParameters, RegistrationError, register_again
 
 #: Between two questions to the master, s of wall time.
 PERIOD = 1.0
-#: Longest wait for an answer, s of wall time.
+#: Longest wait for a connection, and for an answer to other questions, s of wall time.
 PING_TIMEOUT = 1.0
+#: Longest wait for the answer of a slow master, s; then it is asked anew: a question may be lost on its way.
+QUESTION = 10.0
 #: Questions between two looks at the node's parameters.
 LOOKS = 5
 #: s of wall time that nodes have to register at a master that was started anew, before it is done for them.
@@ -31,6 +37,29 @@ FOREIGN_PATIENCE = 30.0
 END_TIMEOUT = 3.0
 
 Callback = Callable[[], None]
+
+
+class _SlowTransport(xmlrpc.client.Transport):
+    """Waits for a slow answer, and has its caller look meanwhile.
+
+    :param wait: waits until a socket can be read; raises an OSError to give up.
+    """
+
+    def __init__(self, wait: Callable[[socket.socket], None]) -> None:
+        super().__init__()
+        self._wait = wait
+
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        """The connection of the questions before, or a new one."""
+        connection = super().make_connection(host)
+        connection.timeout = PING_TIMEOUT
+        return connection
+
+    def send_request(self, *args: Any) -> http.client.HTTPConnection:
+        """Sends a question and waits for its answer to begin."""
+        connection = super().send_request(*args)
+        self._wait(connection.sock)
+        return connection
 
 
 class MasterKeeper:
@@ -46,7 +75,8 @@ class MasterKeeper:
         self._name = name
         self._watch = MasterWatch(uri)
         self._master_uri = rosgraph.get_master_uri()
-        self._proxy = master_link.bounded_proxy(self._master_uri, PING_TIMEOUT)
+        self._proxy = xmlrpc.client.ServerProxy(self._master_uri, transport=_SlowTransport(self._wait))
+        self._unanswered = 0.0  # s since the last answer, in ticks of the thread that asks
         self._stopped = threading.Event()
         self._registering = threading.Lock()  # held while something is registered
         self._foreign: Optional[ForeignNodes] = None
@@ -115,9 +145,8 @@ class MasterKeeper:
         while self._going_on():
             begun = time.monotonic()
             decision = self._ask()
-            if decision is WatchDecision.LOST:
-                self._lose()
-            elif decision in (WatchDecision.BACK_SAME, WatchDecision.BACK_NEW):
+            self._act(decision)
+            if decision in (WatchDecision.BACK_SAME, WatchDecision.BACK_NEW):
                 self._register(decision)
             elif decision is WatchDecision.TAKEN:
                 rospy.logerr(
@@ -135,9 +164,33 @@ class MasterKeeper:
     def _ask(self) -> WatchDecision:
         try:
             process, address = self._ping()
-        except (OSError, xmlrpc.client.Error, ExpatError, ValueError, TypeError):
-            return self._watch.failed()
-        return self._watch.answered(process, address)
+        except (socket.timeout, TimeoutError):
+            self._unanswered += PING_TIMEOUT  # no connection: a master that hangs takes only a few
+            return self._watch.unanswered(self._unanswered)
+        except (OSError, http.client.HTTPException, xmlrpc.client.Error, ExpatError, ValueError, TypeError):
+            return self._watch.refused()
+        was_silent, self._unanswered = self._watch.silent, 0.0
+        decision = self._watch.answered(process, address, master_link.missed.is_set())
+        if was_silent and not self._watch.lost:
+            self._resume()
+        return decision
+
+    def _wait(self, sock: socket.socket) -> None:
+        """Waits for an answer; what runs pauses meanwhile when it does not come."""
+        ticks, poll = TickClock(), select.poll()
+        poll.register(sock, select.POLLIN)
+
+        def attempt(seconds: float) -> bool:
+            if poll.poll(seconds * 1000):
+                return True
+            self._unanswered += ticks.look()
+            self._act(self._watch.unanswered(self._unanswered))
+            if not self._going_on():
+                raise socket.timeout
+            return False
+
+        if not wait_ticks(attempt, QUESTION):
+            raise socket.timeout
 
     def _ping(self) -> Tuple[int, Optional[str]]:
         calls = xmlrpc.client.MultiCall(self._proxy)
@@ -161,6 +214,23 @@ class MasterKeeper:
         except ERRORS:
             return  # as before
 
+    def _act(self, decision: WatchDecision) -> None:
+        if decision is WatchDecision.LOST:
+            self._lose()
+        elif decision is WatchDecision.PAUSE:
+            self._pause()
+
+    def _pause(self) -> None:
+        master_link.silent.set()
+        rospy.logwarn(
+            f"{self._name}: the master at {self._master_uri} is silent, it is slow or hangs; what runs pauses"
+            f" until it answers, and is stopped after {HUNG:g} s"
+        )
+
+    def _resume(self) -> None:
+        master_link.silent.clear()
+        rospy.logwarn(f"{self._name}: the master at {self._master_uri} answers again")
+
     def _lose(self) -> None:
         master_link.lost.set()
         rospy.logerr(
@@ -171,7 +241,8 @@ class MasterKeeper:
 
     def _register(self, decision: WatchDecision) -> None:
         master_link.lost.clear()
-        master = master_link.bounded_master(PING_TIMEOUT)
+        master_link.missed.clear()
+        master = master_link.bounded_master()
         with self._registering:
             if not self._going_on():
                 return  # the node has taken itself back, it was not forgotten
@@ -189,6 +260,7 @@ class MasterKeeper:
             return
         was_lost = self._watch.lost
         self._watch.registered()
+        master_link.silent.clear()
         if decision is WatchDecision.BACK_NEW and self._foreign is not None:
             self._foreign_due = time.monotonic() + FOREIGN_GRACE
         what = "is back" if decision is WatchDecision.BACK_SAME else "was started anew"

@@ -55,6 +55,10 @@ UNREACHABLE = (
 
 #: Set while the master counts as lost (see `merlin_ros.master.master_keeper`): calls to it fail at once.
 lost = threading.Event()
+#: Set while the master takes questions and does not answer: it is slow, or hangs.
+silent = threading.Event()
+#: Set when something was to be registered and the master did not answer: it may, or may not, have it.
+missed = threading.Event()
 _never = threading.Event()
 
 
@@ -99,6 +103,8 @@ class _BoundedTransport(xmlrpc.client.Transport):
             answer = super().request(*args, **options)
         except socket.timeout as error:
             self._silent = True
+            if self._lost is lost and b"register" in args[2]:
+                missed.set()
             raise MasterSilent(f"{self._uri} did not answer within {self._timeout:g} s") from error
         except http.client.HTTPException as error:
             # It died in the middle of an answer. An OSError with number and text is what callers expect.

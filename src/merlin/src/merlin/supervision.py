@@ -1,0 +1,222 @@
+"""Starts a run again that was killed, and makes sure that no process is left behind.
+
+The run itself is a child of this process, which does nothing but wait for it: what kills the run, as the
+kernel does when memory is short, leaves this one. Linux gives a process whose parent died to the nearest
+ancestor that asked for it; run and supervisor ask. So at the end everything that is left is a child, and can
+be ended without guessing by name.
+"""
+
+import contextlib
+import ctypes
+import mmap
+import os
+import signal
+import sys
+import time
+from typing import Callable, List, Optional, Set, Tuple
+
+PR_SET_PDEATHSIG = 1
+PR_SET_CHILD_SUBREAPER = 36
+SI_KERNEL = 0x80
+
+#: Pauses before the 1st, 2nd, … start within the span, s.
+PAUSES = (0.1, 0.5, 1.0, 2.0, 4.0)
+#: s within which the script `respawn`, when it is killed, is started again once for each of the pauses.
+WRAPPER_SPAN = 30.0
+#: The same for a whole run, which takes a while to come up.
+RUN_SPAN = 300.0
+#: s for the nodes of a run that was killed to end in order: they brake the base and close their files.
+END_LIMIT = 10.0
+
+_ENDS: Set[int] = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+_CHILD: Set[int] = {signal.SIGCHLD}
+
+
+class Restarts:
+    """How often something that dies is started again.
+
+    :param span: s within which it may be started once for each of :data:`PAUSES`.
+    :param clock: s, never set back.
+    """
+
+    def __init__(self, span: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self.span = span
+        self._clock = clock
+        self._deaths: List[float] = []
+
+    def died(self) -> Optional[float]:
+        """It has died: s until it is started again; None: it has died too often."""
+        now = self._clock()
+        self._deaths = [death for death in self._deaths if now - death < self.span] + [now]
+        return PAUSES[self.count - 1] if self.count <= len(PAUSES) else None
+
+    @property
+    def count(self) -> int:
+        """Deaths within the span before the last one."""
+        return len(self._deaths)
+
+    @property
+    def words(self) -> str:
+        """What follows from the last death, as the end of a sentence."""
+        if self.count > len(PAUSES):
+            return f"for the {self.count}th time within {self.span:g} s; it is not started again"
+        return f"it is started again, {self.count} of {len(PAUSES)} times within {self.span:g} s"
+
+
+class _Run:
+    """What supervisor and run both see: memory that they share."""
+
+    def __init__(self) -> None:
+        self._memory = mmap.mmap(-1, 1)
+
+    def ends(self) -> None:
+        """Called by the run: from here on it is not started again."""
+        self._memory[0] = 1
+
+    @property
+    def ended(self) -> bool:
+        return self._memory[0] == 1
+
+
+def supervise(run: Callable[[bool, Callable[[], None]], int], command: str) -> int:
+    """Carries out a run in a child process, and starts it again when that is killed.
+
+    Call it before anything of ROS is imported, in a process with one thread.
+
+    :param run: what the child does: whether it was started before, and a function to call as soon as the run
+        ends by itself; returns the exit code.
+    :param command: that the user has given, for messages.
+    :return: the exit code of the run; 128 + signal when a signal has ended it for good.
+    """
+    adopt_orphans()
+    signal.signal(signal.SIGCHLD, lambda *_: None)  # ignored by whoever started this, it would tell of no end
+    signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS | _CHILD)
+    restarts, state, again = Restarts(RUN_SPAN), _Run(), False
+    while True:
+        supervisor = os.getpid()
+        child = os.fork()
+        if child == 0:
+            _bind_to(supervisor)
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDS | _CHILD)
+            return run(again, state.ends)
+        code, stopped = _await(child)
+        if code >= 0:
+            end_children()
+            return code
+        if stopped or -code in _ENDS or state.ended:
+            _end_in_order()
+            return 128 - code
+        pause = restarts.died()
+        name = signal.Signals(-code).name
+        print(
+            f"{command}: the run was killed ({name}), its nodes are ended; {restarts.words}", file=sys.stderr
+        )
+        stopped = _end_in_order()
+        if pause is None:
+            return 128 - code
+        waited = None if stopped else signal.sigtimedwait(_ENDS, pause)
+        stopped = waited.si_signo if waited is not None else stopped
+        if stopped:
+            return 128 + stopped
+        again = True
+
+
+def _bind_to(supervisor: int) -> None:
+    """Lets a child end in order when its supervisor is killed."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    if os.getppid() != supervisor:
+        raise SystemExit(128 + signal.SIGTERM)
+
+
+def _await(child: int) -> Tuple[int, int]:
+    """Waits for the end of a child and passes on what is to end it.
+
+    :return: its exit code, negative for a signal; and the signal that this process got, or 0.
+    """
+    stopped = 0
+    while True:
+        process, status = os.waitpid(child, os.WNOHANG)
+        if process:
+            return -os.WTERMSIG(status) if os.WIFSIGNALED(status) else os.WEXITSTATUS(status), stopped
+        told = signal.sigwaitinfo(_ENDS | _CHILD)
+        if told.si_signo in _ENDS:
+            stopped = told.si_signo
+            if told.si_code != SI_KERNEL:  # that of a terminal has reached the child, too
+                os.kill(child, stopped)
+
+
+def _end_in_order() -> int:
+    """Ends the nodes of a run that is dead; returns the signal that this process got meanwhile, or 0."""
+    stopped, until = 0, time.monotonic() + END_LIMIT
+    for process in children():
+        with contextlib.suppress(OSError):
+            os.kill(process, signal.SIGINT)
+    while True:
+        with contextlib.suppress(ChildProcessError):
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        left = until - time.monotonic()
+        if not children() or left <= 0:
+            break
+        told = signal.sigtimedwait(_ENDS | _CHILD, left)
+        if told is not None and told.si_signo in _ENDS:
+            stopped = told.si_signo
+    end_children()
+    return stopped
+
+
+def adopt_orphans() -> bool:
+    """Makes this process the new parent of grandchildren that lose theirs.
+
+    :return: false where the system has no such thing (not Linux); then only direct children are found.
+    """
+    try:
+        return ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) == 0
+    except (OSError, AttributeError):
+        return False
+
+
+def children() -> List[int]:
+    """Process ids of the children of this process, ended ones that were not waited for included."""
+    found = []
+    for entry in os.listdir("/proc"):
+        if not entry.isdigit():
+            continue
+        try:
+            with open(f"/proc/{entry}/stat") as file:
+                parent = int(file.read().rsplit(")", 1)[1].split()[1])
+        except OSError:
+            continue  # it ended between the listing and the look
+        if parent == os.getpid():
+            found.append(int(entry))
+    return found
+
+
+def end_children() -> List[int]:
+    """Kills and reaps all children of this process, and theirs as they are adopted.
+
+    :return: the ids of those that were still running.
+    """
+    killed: List[int] = []
+    while True:
+        left = children()
+        if not left:
+            return killed
+        for process in left:
+            if os.waitpid(process, os.WNOHANG)[0] == 0:
+                killed.append(process)
+                os.kill(process, signal.SIGKILL)
+                os.waitpid(process, 0)
+
+
+def main() -> int:
+    """Entry point of `rosrun merlin run`."""
+
+    def run(again: bool, ends: Callable[[], None]) -> int:
+        from merlin.launch_runner import main as run_launch
+
+        return run_launch(again, ends)
+
+    return supervise(run, "merlin run")
