@@ -195,7 +195,8 @@ class SimulatorNode:
         self._world_services.publish(tick, stamp)
 
     def _now(self) -> rospy.Time:
-        return _time(self._begun + self.simulation.tick)
+        # Before the first step it is what the clock shows already: zero would be no time.
+        return _time(max(1, self._begun + self.simulation.tick))
 
     def _publish_clock(self, tick: int) -> None:
         self._clock.publish(Clock(clock=_time(tick)))
