@@ -17,7 +17,11 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
     After a run, :attr:`reason` is the sentence that the last state left (states of MERLIN have a ``reason``),
     also out of nested machines. A state that is aborted is logged with its reason, wherever its transition
     leads: a machine that continues after a failure does not hide it.
+
+    Each run begins clean: what an earlier one left in the userdata is gone.
     """
+
+    keeps_userdata = False
 
     def __init__(
         self, outcomes: Sequence[str], input_keys: Sequence[str] = (), output_keys: Sequence[str] = ()

@@ -18,6 +18,8 @@ class WhileSM(Concurrence):
     :param remapping: userdata key of `run` → userdata key of this machine.
     """
 
+    keeps_userdata = False  # as in every machine of MERLIN
+
     def __init__(
         self, run: State, watch: State, seen: str = "seen", remapping: Optional[Mapping[str, str]] = None
     ) -> None:

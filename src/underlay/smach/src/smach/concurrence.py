@@ -3,10 +3,11 @@
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence
 
 import smach
-from smach.container import Container, Edge, remapping_of
+from smach.container import Container, Edge
 from smach.exceptions import InvalidStateError, InvalidTransitionError, InvalidUserCodeError
 from smach.execution import construction
 from smach.execution.concurrent_run import ConcurrentRun
+from smach.labels import is_name, mapping_of, text_of
 from smach.state import State
 from smach.user_data import UserData
 
@@ -43,16 +44,30 @@ class Concurrence(Container):
         self._states: Dict[str, State] = {}
         self._remappings: Dict[str, Dict[str, str]] = {}
         self._default_outcome = default_outcome
-        self._outcome_map = {outcome: dict(criteria) for outcome, criteria in (outcome_map or {}).items()}
+        shape = "child label -> child outcome"
+        self._outcome_map = {
+            outcome: mapping_of(criteria, "Concurrence", f"outcome_map[{outcome!r}]", shape)
+            for outcome, criteria in mapping_of(
+                outcome_map, "Concurrence", "outcome_map", f"outcome -> {{{shape}}}"
+            ).items()
+        }
         self._outcome_cb = outcome_cb
         self._child_termination_cb = child_termination_cb
         self._concurrent_run: Optional[ConcurrentRun] = None
+        self._child_outcomes: Dict[str, Optional[str]] = {}  # of the present or the last run
         for outcome in [default_outcome, *self._outcome_map]:
             if outcome not in self._outcomes:
                 raise InvalidStateError(
                     f"Concurrence: outcome '{outcome}' of its policies is not one of its outcomes "
                     f"{list(self._outcomes)}"
                 )
+        for outcome, criteria in self._outcome_map.items():
+            for label, child_outcome in criteria.items():
+                if not is_name(child_outcome):  # forks of SMACH take lists
+                    raise InvalidStateError(
+                        f"Concurrence: outcome_map[{outcome!r}] must name one outcome of '{text_of(label)}', "
+                        f"not {child_outcome!r}"
+                    )
         for name, cb in (("outcome_cb", outcome_cb), ("child_termination_cb", child_termination_cb)):
             if cb is not None and not callable(cb):
                 raise InvalidStateError(f"Concurrence: {name} must be callable, not {cb!r}")
@@ -73,7 +88,10 @@ class Concurrence(Container):
             raise InvalidStateError(
                 f"'{container._path(label)}': opened() was given unknown arguments: {sorted(defaults)}"
             )
-        container._remappings[label] = {**given, **remapping_of(remapping, container._path(label))}
+        remapping = mapping_of(
+            remapping, container._path(label), "remapping", "state key -> container key"
+        )
+        container._remappings[label] = {**given, **remapping}
         container._states[label] = state
         return state
 
@@ -153,36 +171,40 @@ class Concurrence(Container):
         by_container = self._begin_run()
         try:
             self.check_consistency()
-            self._copy_input_keys(parent_ud)
+            self._copy_input_keys(parent_ud, self.userdata)
             smach.logdebug(f"Concurrence starting with states {list(self._states)}")
             run = ConcurrentRun(self, self._states)
             with self._smach_lock:
-                self._concurrent_run = run
+                self._concurrent_run, self._child_outcomes = run, run.outcomes
             self.call_start_cbs()
             if not run.execute():
                 smach.logdebug(f"Concurrence '{self._path()}' ends because of a shutdown")
                 return None
             outcome = self._outcome(run)
-            smach.logdebug(f"Concurrence terminating with outcome '{outcome}'")
+            smach.logdebug(f"Concurrence terminating with outcome '{text_of(outcome)}'")
             self.call_termination_cbs(list(self._states), outcome)
             return outcome
         finally:
             with self._smach_lock:
                 self._concurrent_run = None
             try:
-                self._copy_output_keys(parent_ud)
+                self._copy_output_keys(self.userdata, parent_ud)
             finally:
                 self._end_run(by_container)
 
     def _outcome(self, run: ConcurrentRun) -> str:
-        outcomes: Dict[str, str] = {label: str(outcome) for label, outcome in run.outcomes.items()}
+        outcomes: Dict[str, Any] = dict(run.outcomes)
         with self._smach_lock:
             # A request that came when no child ran any more, or that one ignored, is left to the parent.
             if self._preempt_requested and run.unserved and not any(run.unserved.values()):
                 self._preempt_requested = False
                 if PREEMPTED in self._outcomes:
                     return PREEMPTED
-        return self._outcome_by_callback(outcomes) or self._outcome_by_map(outcomes) or self._default_outcome
+        for choose in (self._outcome_by_callback, self._outcome_by_map):
+            outcome = choose(outcomes)
+            if outcome is not None:  # 0 and False may be outcomes
+                return outcome
+        return self._default_outcome
 
     def _outcome_by_callback(self, outcomes: Dict[str, str]) -> Optional[str]:
         if self._outcome_cb is None:
@@ -193,7 +215,7 @@ class Concurrence(Container):
             raise InvalidUserCodeError(
                 f"Concurrence '{self._path()}': outcome_cb raised {type(error).__name__}: {error}"
             ) from error
-        if not outcome:
+        if not outcome and outcome not in self._outcomes:
             smach.logwarn(
                 f"Concurrence '{self._path()}': outcome_cb returned {outcome!r}; using the outcome map"
             )

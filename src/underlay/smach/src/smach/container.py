@@ -10,6 +10,7 @@ import smach
 from smach.exceptions import InvalidStateError, InvalidUserCodeError, SmachError
 from smach.execution import construction
 from smach.execution.preemption import PreemptibleContainer
+from smach.labels import is_name, text_of
 from smach.log import wake_at_shutdown
 from smach.state import State, names
 from smach.user_data import Remapper, UserData
@@ -24,12 +25,12 @@ class Container(PreemptibleContainer):
     :param outcomes: that executing it may end with.
     :param input_keys: userdata keys copied from the parent when it starts.
     :param output_keys: userdata keys copied to the parent when it ends.
-    :ivar userdata: shared by its children. What is set from outside survives between runs; what only a run
-        brought about is there until the next run begins.
-    :cvar keeps_userdata: set to True (on the object or a class) to keep also that, as SMACH does.
+    :ivar userdata: shared by its children. It survives between runs.
+    :cvar keeps_userdata: set to False (on the object or a class) for runs that begin clean: what only a run
+        brought about is there until the next one begins, and what is set from outside survives.
     """
 
-    keeps_userdata: bool = False
+    keeps_userdata: bool = True
 
     def __init__(
         self,
@@ -43,7 +44,7 @@ class Container(PreemptibleContainer):
         self._transition_cbs: List[_Callback] = []
         self._termination_cbs: List[_Callback] = []
         self._smach_parent: Optional[weakref.ref[Container]] = None
-        self._smach_label = ""
+        self._smach_label: Any = ""
 
     # --- what it consists of -------------------------------------------------------------------------------
 
@@ -130,14 +131,24 @@ class Container(PreemptibleContainer):
         else:
             construction.pop(self)
 
+    @classmethod
+    def _currently_opened_container(cls) -> Any:
+        """The innermost open container of this thread, for an ``add`` of a class of one's own.
+
+        :raises InvalidStateError: none is open, or one that is not of this class.
+        """
+        return construction.innermost(cls, f"{cls.__name__}.add")
+
     def _adopt(self, label: str, state: State) -> None:
         """Checks a child that is being added, and makes it one.
 
         :raises InvalidStateError: when the label is taken, or the object is not a state.
         """
         where = self._path(label)
-        if not isinstance(label, str) or not label:
-            raise InvalidStateError(f"'{where}': a label must be a text that is not empty, not {label!r}")
+        if not is_name(label):
+            raise InvalidStateError(
+                f"'{where}': a label must be a text, a member of an enumeration or a number, not {label!r}"
+            )
         if not isinstance(state, State):
             raise InvalidStateError(f"'{where}': {state!r} is not a smach.State")
         if label in self.get_children():
@@ -148,11 +159,11 @@ class Container(PreemptibleContainer):
             state._smach_parent = weakref.ref(self)
             state._smach_label = label
 
-    def _path(self, label: str = "") -> str:
+    def _path(self, label: Optional[str] = None) -> str:
         """Where it (or its child) is, as far as it is known: labels from the outermost container."""
         parent = self._smach_parent() if self._smach_parent is not None else None
         own = parent._path(self._smach_label) if parent is not None else ""
-        return f"{own}/{label}" if label else own or "/"
+        return own or "/" if label is None else f"{own}/{text_of(label)}"
 
     # --- callbacks -----------------------------------------------------------------------------------------
 
@@ -199,14 +210,16 @@ class Container(PreemptibleContainer):
 
     # --- userdata ------------------------------------------------------------------------------------------
 
-    def _copy_input_keys(self, parent_ud: Any) -> None:
+    # Containers of users call these two, with both arguments.
+
+    def _copy_input_keys(self, parent_ud: Any, ud: Any) -> None:
         if parent_ud is not None:
-            put = functools.partial(self.userdata._put, of_run=True)
+            put = functools.partial(ud._put, of_run=True) if isinstance(ud, UserData) else ud.__setitem__
             self._copy(parent_ud, put, self._input_keys, "input")
 
-    def _copy_output_keys(self, parent_ud: Any) -> None:
+    def _copy_output_keys(self, ud: Any, parent_ud: Any) -> None:
         if parent_ud is not None:
-            self._copy(self.userdata, parent_ud.__setitem__, self._output_keys, "output")
+            self._copy(ud, parent_ud.__setitem__, self._output_keys, "output")
 
     def _copy(self, source: Any, put: Callable[[str, Any], None], keys: Iterable[str], kind: str) -> None:
         for key in keys:
@@ -275,18 +288,4 @@ class Container(PreemptibleContainer):
         wake_at_shutdown(self._smach_changed)
 
 
-def remapping_of(remapping: Optional[Mapping[str, str]], where: str) -> Dict[str, str]:
-    """A copy of a remapping argument; an empty list counts as none.
-
-    :raises InvalidStateError: it is not a mapping.
-    """
-    if not remapping:
-        return {}
-    if not isinstance(remapping, Mapping):
-        raise InvalidStateError(
-            f"'{where}': remapping must be a dict state key -> container key, not {remapping!r}"
-        )
-    return dict(remapping)
-
-
-__all__ = ["Container", "Edge", "names", "remapping_of"]
+__all__ = ["Container", "Edge", "names"]

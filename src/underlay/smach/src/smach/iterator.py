@@ -7,6 +7,7 @@ import smach
 from smach.container import Container, Edge, names
 from smach.exceptions import InvalidStateError, InvalidTransitionError, InvalidUserCodeError
 from smach.execution import construction
+from smach.labels import mapping_of, text_of
 from smach.state import State
 from smach.user_data import UserData
 
@@ -75,10 +76,13 @@ class Iterator(Container):
                 f"'{container._path(label)}': an Iterator has one state; it has '{container._state_label}'"
             )
         container._adopt(label, state)
+        finals = mapping_of(
+            final_outcome_map, container._path(label), "final_outcome_map", "outcome -> final outcome"
+        )
         container._state_label, container._state = label, state
         container._loop_outcomes = names(loop_outcomes, "loop_outcomes")
         container._break_outcomes = names(break_outcomes, "break_outcomes")
-        container._final_outcome_map = dict(final_outcome_map or {})
+        container._final_outcome_map = finals
         return state
 
     def _set_items(self, it: Any, it_label: str) -> None:
@@ -170,19 +174,19 @@ class Iterator(Container):
         by_container = self._begin_run()
         try:
             self.check_consistency()
-            self._copy_input_keys(parent_ud)
-            smach.logdebug(f"Iterator starting with state '{self._state_label}'")
+            self._copy_input_keys(parent_ud, self.userdata)
+            smach.logdebug(f"Iterator starting with state '{text_of(self._state_label)}'")
             self.call_start_cbs()
             outcome = self._loop()
             if outcome is None:
                 smach.logdebug(f"Iterator '{self._path()}' ends because of a shutdown")
             else:
-                smach.logdebug(f"Iterator terminating with outcome '{outcome}'")
+                smach.logdebug(f"Iterator terminating with outcome '{text_of(outcome)}'")
                 self.call_termination_cbs([self._state_label], outcome)
             return outcome
         finally:
             try:
-                self._copy_output_keys(parent_ud)
+                self._copy_output_keys(self.userdata, parent_ud)
             finally:
                 self._end_run(by_container)
 

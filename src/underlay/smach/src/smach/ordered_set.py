@@ -1,6 +1,6 @@
 """A set that keeps the order in which its members came: structure messages are the same everywhere."""
 
-from typing import Any, Dict, Iterable, Iterator, MutableSet, Optional, Tuple
+from typing import Any, Dict, Hashable, Iterable, Iterator, MutableSet, Optional, Tuple
 
 
 class OrderedSet(MutableSet[Any]):
@@ -22,7 +22,7 @@ class OrderedSet(MutableSet[Any]):
         return self._tuple
 
     def __contains__(self, item: object) -> bool:
-        return item in self._items
+        return isinstance(item, Hashable) and item in self._items
 
     def __iter__(self) -> Iterator[Any]:
         return iter(self._items)

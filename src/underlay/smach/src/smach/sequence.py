@@ -4,6 +4,7 @@ from typing import Any, Iterable, Mapping, Optional
 
 from smach.exceptions import InvalidStateError
 from smach.execution import construction
+from smach.labels import is_name
 from smach.state import State
 from smach.state_machine import StateMachine
 
@@ -25,7 +26,7 @@ class Sequence(StateMachine):
         output_keys: Optional[Iterable[str]] = None,
     ) -> None:
         super().__init__(outcomes, input_keys, output_keys)
-        if not isinstance(connector_outcome, str) or not connector_outcome:
+        if not is_name(connector_outcome):
             raise InvalidStateError(
                 f"Sequence: connector_outcome must be an outcome, not {connector_outcome!r}"
             )

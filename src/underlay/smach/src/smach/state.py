@@ -4,6 +4,7 @@ from typing import Any, Callable, Iterable, List, Mapping, Optional, Tuple
 
 from smach.cb_interface import has_smach_interface
 from smach.execution.run_context import flag_lock, next_number
+from smach.labels import is_name
 from smach.ordered_set import OrderedSet
 
 __all__ = ["CBState", "State"]
@@ -127,8 +128,8 @@ class CBState(State):
         if not callable(cb):
             raise TypeError(f"CBState needs something callable, not {cb!r}")
         self._cb = cb
-        self._args = list(cb_args)
-        self._kwargs = dict(cb_kwargs or {})
+        self._cb_args = list(cb_args)
+        self._cb_kwargs = dict(cb_kwargs or {})
         if has_smach_interface(cb):
             interface: Any = cb
             self.register_outcomes(interface.get_registered_outcomes())
@@ -137,14 +138,14 @@ class CBState(State):
 
     def execute(self, ud: Any) -> str:
         """Calls the function."""
-        return self._cb(ud, *self._args, **self._kwargs)
+        return self._cb(ud, *self._cb_args, **self._cb_kwargs)
 
 
 def names(values: Optional[Iterable[str]], what: str) -> List[str]:
     """Checks a list of outcomes or keys.
 
     :param what: the argument's name, for the error.
-    :raises TypeError: when it is a single string instead of a list, or an item is not a string.
+    :raises TypeError: when it is a single string instead of a list, or an item cannot be a name.
     """
     if values is None:
         return []
@@ -152,8 +153,8 @@ def names(values: Optional[Iterable[str]], what: str) -> List[str]:
         raise TypeError(f"{what} must be a list of strings, not the string {values!r}; write [{values!r}]")
     values = list(values)
     for value in values:
-        if not isinstance(value, str):
-            raise TypeError(f"{what} must be strings, not {value!r}")
+        if not is_name(value):
+            raise TypeError(f"{what} must be texts, members of an enumeration or numbers, not {value!r}")
     return values
 
 

@@ -3,9 +3,10 @@
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence
 
 import smach
-from smach.container import Container, Edge, remapping_of
+from smach.container import Container, Edge
 from smach.exceptions import InvalidStateError, InvalidTransitionError, InvalidUserCodeError
 from smach.execution import construction
+from smach.labels import is_name, mapping_of, text_of
 from smach.state import State
 from smach.user_data import UserData
 
@@ -90,9 +91,11 @@ class StateMachine(Container):
         bindings = {
             key: to for key, to in (defaults.pop("transitions", None) or {}).items() if key in outcomes
         }
-        bindings.update(transitions or {})
-        remapping = {**(defaults.pop("remapping", None) or {}), **remapping_of(remapping, where)}
-        constants = {**(defaults.pop("constants", None) or {}), **(constants or {})}
+        bindings.update(mapping_of(transitions, where, "transitions", "outcome -> label"))
+        remapping = mapping_of(remapping, where, "remapping", "state key -> container key")
+        remapping = {**(defaults.pop("remapping", None) or {}), **remapping}
+        constants = mapping_of(constants, where, "constants", "container key -> value")
+        constants = {**(defaults.pop("constants", None) or {}), **constants}
         connectors = connectors or [
             key for key in defaults.pop("connector_outcomes", ()) or () if key in outcomes
         ]
@@ -104,8 +107,8 @@ class StateMachine(Container):
                     f"'{where}': there is a transition for outcome '{outcome}', which the state has not "
                     f"registered; its outcomes: {list(outcomes)}"
                 )
-        # An empty target means the container outcome of the same name.
-        targets = {outcome: bindings.get(outcome) or None for outcome in outcomes}
+        # An empty target means the container outcome of the same name; 0 and False are labels.
+        targets = {to: None if bindings.get(to) == "" else bindings.get(to) for to in outcomes}
         self.check_state_spec(label, state, targets)
         for previous, outcome in self._pending_connectors:
             self._transitions[previous][outcome] = label
@@ -123,14 +126,14 @@ class StateMachine(Container):
     ) -> None:
         """Checks the transitions of a state.
 
-        :raises InvalidTransitionError: when a target is not a text, or the state lacks an outcome.
+        :raises InvalidTransitionError: when a target cannot be a label, or the state lacks an outcome.
         """
         for outcome, target in (transitions or {}).items():
             if outcome not in state.get_registered_outcomes():
                 raise InvalidTransitionError(
                     f"'{self._path(label)}': there is a transition for the unregistered outcome '{outcome}'"
                 )
-            if target is not None and not isinstance(target, str):
+            if target is not None and not is_name(target):
                 raise InvalidTransitionError(
                     f"'{self._path(label)}': outcome '{outcome}' leads to {target!r}, which is not a label"
                 )
@@ -177,7 +180,7 @@ class StateMachine(Container):
 
     def get_initial_states(self) -> List[str]:
         """The label of the initial state, in a list."""
-        return [str(self._initial_state_label)]
+        return ["None" if self._initial_state_label is None else self._initial_state_label]
 
     def set_initial_state(self, initial_states: Sequence[str], userdata: Optional[UserData] = None) -> None:
         """Chooses the first of the labels as the initial state of coming runs and adds to the userdata."""
@@ -193,7 +196,8 @@ class StateMachine(Container):
 
     def get_active_states(self) -> List[str]:
         """The label of the state being executed, in a list; ``["None"]`` between runs."""
-        return [str(self._current_label)]
+        label = self._current_label
+        return ["None" if label is None else label]
 
     def get_idle_states(self) -> List[str]:
         """What :meth:`get_active_states` returns between runs."""
@@ -219,9 +223,9 @@ class StateMachine(Container):
         by_container = self._begin_run()
         try:
             self.check_consistency()
-            self._copy_input_keys(parent_ud)
+            self._copy_input_keys(parent_ud, self.userdata)
             self._set_current(self._initial_state_label)
-            smach.logdebug(f"State machine starting in initial state '{self._initial_state_label}'")
+            smach.logdebug(f"State machine starting in initial state '{text_of(self._initial_state_label)}'")
             self.call_start_cbs()
             outcome = None
             while outcome is None and not smach.is_shutdown():
@@ -229,12 +233,12 @@ class StateMachine(Container):
             if outcome is None:
                 smach.logdebug(f"State machine '{self._path()}' ends because of a shutdown")
             else:
-                self.call_termination_cbs([str(self._current_label)], outcome)
+                self.call_termination_cbs(self.get_active_states(), outcome)
             return outcome
         finally:
             self._set_current(None)
             try:
-                self._copy_output_keys(parent_ud)
+                self._copy_output_keys(self.userdata, parent_ud)
             finally:
                 self._end_run(by_container)
 
@@ -248,8 +252,8 @@ class StateMachine(Container):
 
         :return: the machine's outcome if the transition leaves it.
         """
-        label, state = str(self._current_label), self._current_state
-        assert state is not None  # set by _set_current
+        label, state = self._current_label, self._current_state
+        assert label is not None and state is not None  # set by _set_current
         ud = self._view(state, self._remappings.get(label, {}), self._constants.get(label))
         begin = self._start_child(label, state)
         outcome = None
@@ -273,7 +277,8 @@ class StateMachine(Container):
             )
         target = self._transitions[label].get(outcome)
         if target in self._states:
-            smach.logdebug(f"State machine transitioning '{label}':'{outcome}'-->'{target}'")
+            at, to = f"'{text_of(label)}':'{text_of(outcome)}'", text_of(target)
+            smach.logdebug(f"State machine transitioning {at}-->'{to}'")
             self._set_current(target)
             self.call_transition_cbs()
             return None
@@ -284,7 +289,8 @@ class StateMachine(Container):
                 f"'{container_outcome}', which is "
                 f"neither a state nor an outcome of the machine"
             )
-        smach.logdebug(f"State machine terminating '{label}':'{outcome}':'{container_outcome}'")
+        end = "':'".join(map(text_of, (label, outcome, container_outcome)))
+        smach.logdebug(f"State machine terminating '{end}'")
         return container_outcome
 
     def request_preempt(self) -> None:

@@ -8,6 +8,7 @@ from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Set
 import smach
 from smach.exceptions import InvalidUserCodeError
 from smach.execution import run_context
+from smach.labels import text_of
 from smach.read_only import read_only, unwrap
 
 _strict = True
@@ -85,8 +86,9 @@ class UserData:
             try:
                 return self._data[key]
             except KeyError:
-                known = ", ".join(sorted(map(str, self._data))) or "none"
-        raise MissingKeyError(f"userdata has no key '{key}'; its keys: {known}")
+                known = ", ".join(sorted(map(text_of, self._data))) or "none"
+        hint = f"; {_item(key)}, as attribute it is not one" if key in vars(self) else ""
+        raise MissingKeyError(f"userdata has no key '{text_of(key)}'; its keys: {known}{hint}")
 
     def __setitem__(self, key: str, value: Any) -> None:
         # A thread that writes while the container runs is not part of that run.
@@ -103,7 +105,7 @@ class UserData:
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
-            raise AttributeError(f"{type(self).__name__} has no attribute '{name}'")
+            raise AttributeError(f"{type(self).__name__} has no attribute '{name}'; {_item(name)}")
         return self[name]
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -146,10 +148,15 @@ class UserData:
         """
         with self._lock:
             if not keep:
-                for key in self._of_run:
-                    self._data.pop(key, None)
-            self._of_run.clear()
+                self._forget(list(self._of_run))
             self._in_run = True
+
+    def _forget(self, keys: Iterable[str]) -> None:
+        """Drops those of the keys that only a run brought about."""
+        with self._lock:
+            for key in self._of_run.intersection(keys):
+                self._data.pop(key, None)
+                self._of_run.discard(key)
 
     def _end_run(self) -> None:
         with self._lock:
@@ -186,8 +193,8 @@ class Remapper:
     def __getitem__(self, key: str) -> Any:
         if key not in self._input_keys:
             raise InvalidUserCodeError(
-                f"Reading userdata key '{key}', which the state does not declare as an input key; "
-                f"declared: {sorted(self._input_keys)}"
+                f"Reading userdata key '{text_of(key)}', which the state does not declare as an input key; "
+                f"declared: {list(self._input_keys)}"
             )
         mapped = self._map.get(key, key)
         value = self._constants[mapped] if mapped in self._constants else self._ud[mapped]
@@ -196,8 +203,8 @@ class Remapper:
     def __setitem__(self, key: str, value: Any) -> None:
         if key not in self._output_keys:
             text = (
-                f"Writing userdata key '{key}', which the state does not declare as an output key; "
-                f"declared: {sorted(self._output_keys)}"
+                f"Writing userdata key '{text_of(key)}', which the state does not declare as an output key; "
+                f"declared: {list(self._output_keys)}"
             )
             if _strict:
                 raise InvalidUserCodeError(text)
@@ -222,10 +229,14 @@ class Remapper:
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
-            raise AttributeError(f"{type(self).__name__} has no attribute '{name}'")
+            raise AttributeError(f"{type(self).__name__} has no attribute '{name}'; {_item(name)}")
         return self[name]
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name.startswith("_"):
-            raise AttributeError(f"'{name}': userdata keys that begin with '_' are read and written as items")
+            raise AttributeError(f"{type(self).__name__}: {_item(name)}")
         self[name] = value
+
+
+def _item(name: str) -> str:
+    return f"a userdata key that begins with '_' is read and written as an item: userdata['{name}']"

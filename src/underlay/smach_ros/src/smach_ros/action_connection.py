@@ -15,6 +15,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 from smach.log import wake_at_shutdown
 
+GREETED = 0.5  # s of wall time after which the server sends over its link for results, without a proof
 GONE = 1.0  # s of wall time without a connection to its status after which a server counts as dead
 LONGEST_LOOK = 1.0  # s that one look at the clocks may count; states look every 0.5 s
 SILENCE = 5.0  # s without a status, by the wall and by ROS time, after which a server counts as dead
@@ -69,6 +70,8 @@ class ActionConnection:
         self._status_at: Optional[Tuple[float, float]] = None  # counted
         self._server = ""
         self._stamp = rospy.Time()  # of the last goal that was sent, or that the server names
+        self._result_link: Any = None  # the server's, at the last look
+        self._linked_at = 0.0  # counted wall time of the first look at it
         self._proved: Any = None  # the server's link for results that was open when the last status came
         self._connected_at = 0.0  # counted
         listener = _Listener(self.changed)
@@ -119,16 +122,21 @@ class ActionConnection:
         """Whether a server is connected in all directions.
 
         A link for results counts when a status has come after it: rospy's publisher greets a subscriber
-        before it sends to it, so the result of a goal that is sent at once could be lost. Links to a process
-        that has ended do not count: its successor has the same name.
+        before it sends to it, so the result of a goal that is sent at once could be lost. While the clock of
+        ROS stands no further status comes, and it counts after a while. Links to a process that has ended do
+        not count: its successor has the same name.
         """
         server = self._server
-        return bool(server) and all(
+        if not server:
+            return False
+        now, link = self._look()[0], _link_from(self._result_subscriber, server)
+        if link is not self._result_link:
+            self._result_link, self._linked_at = link, now
+        return link is not None and all(
             (
+                link is self._proved or now - self._linked_at >= GREETED,
                 _reaches(self._goal_publisher, server),
                 _reaches(self._cancel_publisher, server),
-                self._proved is not None,
-                self._proved is _link_from(self._result_subscriber, server),
                 _link_from(self._status_subscriber, server) is not None,
             )
         )

@@ -12,6 +12,7 @@ import rospy
 import smach
 from smach.container import Container
 from smach.execution import run_context
+from smach.labels import text_of
 from smach.state import names
 from smach_ros.user_callback import check_slots
 
@@ -36,7 +37,8 @@ class ActionServerWrapper:
     :param result_slots_map: field of the result -> userdata key that it is taken from.
     :param expand_goal_slots: also puts each field of the goal under its own name.
     :param pack_result_slots: also takes each field of the result from the key of its name, if that is there.
-    :ivar userdata: what is set here from outside is there for every goal; the rest ends with its goal.
+    :ivar userdata: what is set here from outside is there for every goal; the rest ends with its goal, as
+        feedback and result do in the container.
     """
 
     def __init__(
@@ -80,6 +82,9 @@ class ActionServerWrapper:
         check_slots(self._feedback_type, self._feedback_slots_map, "feedback_slots_map")
         check_slots(self._result_type, self._result_slots_map, "result_slots_map")
         self._expand_goal_slots, self._pack_result_slots = expand_goal_slots, pack_result_slots
+        packed = self._slots(self._result_type, self._result_slots_map, pack_result_slots)
+        answers = [*self._feedback_slots_map.values(), *(key for _, key in packed)]
+        self._answer_keys = {feedback_key, result_key, *answers}
         self._changed = threading.Condition(threading.RLock())  # guards the two goals
         self._waiting: Any = None
         self._current: Any = None
@@ -160,8 +165,8 @@ class ActionServerWrapper:
         outer = run_context.enter(self, run_context.next_number())
         try:
             outcome = self._execute(goal.get_goal())
-            kind = self._outcome_kinds.get(outcome or "", "aborted")
-            text = f"outcome of the container: {outcome}"
+            kind = "aborted" if outcome is None else self._outcome_kinds.get(outcome, "aborted")
+            text = f"outcome of the container: {text_of(outcome)}"
             result = self._result()
             result.serialize(io.BytesIO())  # users fill it, and what cannot be sent would be no answer
         except BaseException as error:  # users' code may raise anything; the client gets its answer
@@ -188,6 +193,7 @@ class ActionServerWrapper:
         for slot, key in self._goal_slots_map.items():
             ud[key] = copy.deepcopy(getattr(goal, slot))
         container = self.wrapped_container
+        _forget(container, self._answer_keys)
         view = smach.Remapper(
             ud, container.get_registered_input_keys(), container.get_registered_output_keys()
         )
@@ -225,3 +231,11 @@ class ActionServerWrapper:
         # rospy would put the half that it can write in front of the next one.
         feedback.serialize(io.BytesIO())
         goal.publish_feedback(feedback)
+
+
+def _forget(container: Container, keys: Iterable[str]) -> None:
+    """Drops what earlier runs have left under some keys, also in nested containers: no goal ends with it."""
+    container.userdata._forget(keys)
+    for child in container.get_children().values():
+        if isinstance(child, Container):
+            _forget(child, keys)

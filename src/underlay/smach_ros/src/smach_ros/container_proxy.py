@@ -2,13 +2,14 @@
 
 import threading
 import time
-from typing import Any, Callable, Dict, List, Optional, Sequence
+from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence
 
 import rospy
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 
 import smach
 from smach.container import Container
+from smach.labels import text_of
 
 CHEAP = 0.0005  # s of encoding that is always allowed
 SHARE = 20  # encoding that takes longer takes at most one part in so many of the time
@@ -53,7 +54,7 @@ class ContainerProxy:
         self._report(active_states, "TRANSITION")
 
     def _terminated(self, userdata: smach.UserData, terminal_states: List[str], outcome: str) -> None:
-        self._report(self.container.get_idle_states(), f"TERMINATED: {outcome}")
+        self._report(self.container.get_idle_states(), f"TERMINATED: {text_of(outcome)}")
 
     def _report(self, active: List[str], info: str) -> None:
         note = self._note
@@ -63,13 +64,13 @@ class ContainerProxy:
     def structure(self) -> SmachContainerStructure:
         """What the container consists of."""
         container = self.container
-        message = SmachContainerStructure(path=self.path, children=list(container.get_children()))
+        message = SmachContainerStructure(path=self.path, children=texts(container.get_children()))
         message.header.stamp = rospy.Time.now()
         for outcome, source, target in container.get_internal_edges():
-            message.internal_outcomes.append(str(outcome))
-            message.outcomes_from.append(str(source))
-            message.outcomes_to.append(str(target))
-        message.container_outcomes = list(container.get_registered_outcomes())
+            message.internal_outcomes.append(text_of(outcome))
+            message.outcomes_from.append(text_of(source))
+            message.outcomes_to.append(text_of(target))
+        message.container_outcomes = texts(container.get_registered_outcomes())
         return message
 
     def status(self, active: Optional[List[str]], info: str) -> SmachContainerStatus:
@@ -81,8 +82,8 @@ class ContainerProxy:
         container = self.container
         message = SmachContainerStatus(path=self.path, info=info)
         message.header.stamp = rospy.Time.now()
-        message.initial_states = list(container.get_initial_states())
-        message.active_states = list(container.get_active_states() if active is None else active)
+        message.initial_states = texts(container.get_initial_states())
+        message.active_states = texts(container.get_active_states() if active is None else active)
         message.local_data = self._encoded()
         return message
 
@@ -102,14 +103,19 @@ class ContainerProxy:
     def initialise(self, initial_states: Sequence[str], values: Dict[str, Any]) -> None:
         """Sets initial states and userdata.
 
+        :param initial_states: texts of labels.
         :raises smach.SmachError: a label that is not one of the container's.
         """
-        unknown = [label for label in initial_states if label not in self.container.get_children()]
+        labels = {text_of(label): label for label in self.container.get_children()}
+        unknown = [text for text in initial_states if text not in labels]
         if unknown:
-            raise smach.InvalidStateError(
-                f"'{self.path}' has no states {unknown}; its states: {list(self.container.get_children())}"
-            )
+            raise smach.InvalidStateError(f"'{self.path}' has no states {unknown}; its states: {list(labels)}")
         userdata = smach.UserData()
         for key, value in values.items():
             userdata[key] = value
-        self.container.set_initial_state(list(initial_states), userdata)
+        self.container.set_initial_state([labels[text] for text in initial_states], userdata)
+
+
+def texts(names: Iterable[str]) -> List[str]:
+    """Labels or outcomes as messages carry them."""
+    return [text_of(name) for name in names]

@@ -19,7 +19,8 @@ from smach_msgs.msg import (
 
 import smach
 from smach.container import Container
-from smach_ros.container_proxy import ContainerProxy
+from smach.labels import text_of
+from smach_ros.container_proxy import ContainerProxy, texts
 from smach_ros.userdata_codec import UserDataError, decode, encode
 
 __all__ = ["INIT_TOPIC", "STATUS_TOPIC", "STRUCTURE_TOPIC", "IntrospectionClient", "IntrospectionServer"]
@@ -119,7 +120,7 @@ class IntrospectionServer:
             return
         self._proxies[path] = ContainerProxy(path, state, self._encode)
         for label, child in state.get_children().items():
-            self._find(f"/{label}" if path == "/" else f"{path}/{label}", child)
+            self._find(f"{'' if path == '/' else path}/{text_of(label)}", child)
 
     # --- publishing ----------------------------------------------------------------------------------------
 
@@ -252,13 +253,14 @@ class IntrospectionClient:
         :return: whether the container has taken it over; None without a timeout.
         """
         values = dict(initial_userdata._data) if initial_userdata is not None else {}
+        labels = texts(initial_states)
         command = SmachContainerInitialStatusCmd(
-            path=path, initial_states=list(initial_states), local_data=encode(values)
+            path=path, initial_states=labels, local_data=encode(values)
         )
         answered = threading.Event()
 
         def receive(status: SmachContainerStatus) -> None:
-            if status.path == path and list(status.initial_states) == list(initial_states):
+            if status.path == path and list(status.initial_states) == labels:
                 answered.set()
 
         publisher = _init_publisher(server + INIT_TOPIC)

@@ -1,6 +1,7 @@
 """The state that watches a topic."""
 
 import collections
+import enum
 import threading
 import traceback
 from typing import Any, Callable, Deque, Iterable, Optional
@@ -86,7 +87,9 @@ class MonitorState(WaitingState):
                 answer = False
             if self.preempt_requested():
                 return self._preempted()
-            if isinstance(answer, str) and answer in self.get_registered_outcomes():
+            # True is also the number 1; a check that is true is not an outcome.
+            named = isinstance(answer, (str, enum.Enum, int)) and not isinstance(answer, bool)
+            if named and answer in self.get_registered_outcomes():
                 return answer
             if not answer:
                 return "invalid"

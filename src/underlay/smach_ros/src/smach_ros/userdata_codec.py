@@ -15,6 +15,7 @@ from typing import Any, Callable, Dict
 
 import genpy
 
+from smach.labels import text_of
 from smach.read_only import unwrap
 
 PROTOCOL = 2
@@ -33,7 +34,7 @@ def encode(values: Dict[str, Any]) -> str:
     A value that cannot be pickled, or whose class a viewer need not have, appears as its ``repr``.
     """
     buffer = io.BytesIO()
-    _PlainPickler(buffer, PROTOCOL).dump(values)
+    _PlainPickler(buffer, PROTOCOL).dump({text_of(key): value for key, value in values.items()})
     return base64.b64encode(buffer.getvalue()).decode("ascii")
 
 

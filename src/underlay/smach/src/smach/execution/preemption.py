@@ -157,5 +157,5 @@ class PreemptibleContainer(State):
             return True if unserved else None
         return unserved
 
-    def _path(self, label: str = "") -> str:
+    def _path(self, label: Optional[str] = None) -> str:
         raise NotImplementedError
