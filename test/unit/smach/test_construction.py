@@ -213,7 +213,9 @@ def test_errors_of_add_say_where_and_what(kit):
     assert list(sm.get_children()) == ["A"]
 
 
-@pytest.mark.parametrize("arguments", [{"outcomes": "done"}, {"input_keys": [1]}, {"io_keys": "ab"}])
+@pytest.mark.parametrize(
+    "arguments", [{"outcomes": "done"}, {"input_keys": [None]}, {"outcomes": [["a"]]}, {"io_keys": "ab"}]
+)
 def test_lists_of_names_that_are_none_raise_type_error(arguments):
     with pytest.raises(TypeError):
         smach.State(**arguments)

@@ -164,6 +164,17 @@ def test_u4_missing_key_says_which_and_hasattr_is_false():
     assert ud["_private"] == 2 and "_private" in ud
 
 
+@pytest.mark.parametrize("operation", ["view._x", "view['_x']", "setattr(view, '_x', 1)", "ud._y"])
+def test_key_that_begins_with_an_underscore_says_that_it_is_an_item(operation):
+    ud = smach.UserData()
+    ud._x = 1  # an attribute of Python, as in SMACH
+    view = smach.Remapper(ud, ["_x"], ["_x"])
+    with pytest.raises(AttributeError, match=r"userdata\['_[xy]'\]"):
+        eval(operation, {"ud": ud, "view": view})
+    view["_x"] = 2
+    assert view["_x"] == 2
+
+
 def test_u5_keys_under_remapping_are_those_of_the_state():
     ud = smach.UserData()
     ud.theirs, ud.b = 1, 2
@@ -179,7 +190,7 @@ def test_u5_keys_under_remapping_are_those_of_the_state():
         view.update(other)
 
 
-def test_u6_keys_that_a_run_brought_about_are_gone_in_the_next(kit):
+def test_u6_userdata_of_a_run_is_there_in_the_next_unless_runs_begin_clean(kit):
     seen = []
 
     def look(ud):
@@ -190,6 +201,7 @@ def test_u6_keys_that_a_run_brought_about_are_gone_in_the_next(kit):
 
     sm = kit.machine(kit.Calling(look, io_keys=["result", "count", "preset"]))
     sm.userdata.count = 0
+    sm.keeps_userdata = False
     assert sm.execute() == "done"
     assert sm.userdata.result == 1, "after a run its results are there"
     sm.userdata.preset = 2
@@ -197,14 +209,57 @@ def test_u6_keys_that_a_run_brought_about_are_gone_in_the_next(kit):
     assert seen == [["count"], ["count", "preset"]]
     assert sm.userdata.count == 2, "what was set from outside lives on"
     sm.keeps_userdata = True
-    sm.userdata.result = 5
     assert sm.execute() == "done"
     assert seen[-1] == ["count", "preset", "result"]
+    sm.keeps_userdata = False
+    assert sm.execute() == "done"
+    assert seen[-1] == ["count", "preset"], "also of the run before the last"
+
+
+def test_u6_a_preempted_search_continues_where_it_was_interrupted(kit):
+    """A program of users: the rooms to search are userdata of the machine, which a state takes one after another."""
+    searched, hang = [], threading.Event()
+
+    def take(ud):
+        if "room" not in ud or not ud.room:
+            ud.room = ud.rooms.pop(0)
+        return "done"
+
+    class Search(kit.Waiting):
+        def __init__(self):
+            super().__init__()
+            self.register_io_keys(["room"])
+
+        def execute(self, ud):
+            searched.append(ud.room)
+            outcome = "done" if hang.is_set() else super().execute(ud)
+            if outcome == "done":
+                ud.room = ""
+            return outcome
+
+    search = Search()
+    both = smach.Concurrence(["done", "preempted"], "done", input_keys=["room"], output_keys=["room"])
+    with both:
+        smach.Concurrence.add("SEARCH", search)
+    one = smach.StateMachine(["done", "preempted"])
+    with one:
+        take_state = kit.Calling(take, io_keys=["rooms", "room"])
+        smach.StateMachine.add("TAKE", take_state, {"done": "BOTH"})
+        smach.StateMachine.add("BOTH", both)
+    one.userdata.rooms = ["kitchen", "hall"]
+    run = kit.Running(one)
+    assert search.started.wait(kit.LIMIT)
+    one.request_preempt()
+    assert run.end() == "preempted"
+    hang.set()
+    assert [one.execute(), one.execute()] == ["done", "done"]
+    assert searched == ["kitchen", "kitchen", "hall"]
 
 
 def test_u6_key_that_another_thread_sets_during_a_run_is_there_in_the_next(kit):
     seen = []
     sm = smach.StateMachine(["done"])
+    sm.keeps_userdata = False
 
     def meanwhile(ud):
         other = threading.Thread(target=lambda: sm.userdata.update({"order": 5}))
@@ -224,6 +279,7 @@ def test_u6_key_that_another_thread_sets_during_a_run_is_there_in_the_next(kit):
 def test_u6_nested_machine_does_not_see_inputs_of_an_earlier_run(kit):
     seen = []
     inner = smach.StateMachine(["done"], input_keys=["x"], output_keys=["y"])
+    inner.keeps_userdata = False
 
     def look(ud):
         seen.append("x" in ud)

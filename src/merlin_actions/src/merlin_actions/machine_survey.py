@@ -5,6 +5,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 import smach
 from merlin_actions.core.application_check import Needs
 from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_sm.autonomy import label_text
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.navigation import NavigationState
 
@@ -34,12 +35,13 @@ def _states(
 ) -> Iterator[Tuple[str, smach.State, Dict[str, str]]]:
     """Each innermost state: its path, and its userdata key → key of the outermost machine."""
     for label, child in container.get_children().items():
+        here = [*path, label_text(label)]
         own = getattr(child, "remapping", {})
         keys = {key: names.get(own.get(key, key), own.get(key, key)) for key in _keys(child)}
         if isinstance(child, smach.Container):
-            yield from _states(child, [*path, label], keys)
+            yield from _states(child, here, keys)
         else:
-            yield "/".join([*path, label]), child, keys
+            yield "/".join(here), child, keys
 
 
 def _keys(state: smach.State) -> List[str]:
@@ -55,12 +57,15 @@ def _unset(container: Any, path: Sequence[str]) -> Iterator[str]:
         there.update(getattr(child, "constants", ()))
         there.update(own.get(key, key) for key in child.get_registered_output_keys())
     for label, child in children.items():
+        here = [*path, label_text(label)]
         own = getattr(child, "remapping", {})
         for key in child.get_registered_input_keys():
             name = own.get(key, key)
             if name not in there:
-                has = ", ".join(sorted(there)) or "nothing"
-                state = "/".join([*path, label])
-                yield f"state {state} reads userdata {name!r}, which nothing sets; there is: {has}"
+                has = ", ".join(sorted(map(label_text, there))) or "nothing"
+                yield (
+                    f"state {'/'.join(here)} reads userdata {label_text(name)!r}, which nothing sets; "
+                    f"there is: {has}"
+                )
         if isinstance(child, smach.Container):
-            yield from _unset(child, [*path, label])
+            yield from _unset(child, here)

@@ -17,6 +17,7 @@ from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
+from merlin_sm.autonomy import label_text
 from merlin_sm.holding.gate import gate
 from merlin_sm.holding.node_holds import node_holds
 from merlin_sm.introspection import start_introspection
@@ -338,13 +339,15 @@ class MerlinActionServer:
                 served = [goal for goal, used in self._machines.items() if used is machine]
                 running = self._goals.get(served[0]) if served else None
             if running is not None:
-                running.feedback(RunActionFeedback(state=f"{self._name}/{within}{','.join(states)}"))
+                running.feedback(
+                    RunActionFeedback(state=f"{self._name}/{within}{','.join(map(label_text, states))}")
+                )
 
         machine.register_start_cb(report)
         machine.register_transition_cb(report)
         for label, child in machine.get_children().items():
             if isinstance(child, smach.Container):
-                child.register_transition_cb(report, [f"{label}/"])
+                child.register_transition_cb(report, [f"{label_text(label)}/"])
         gate(machine, self._name, node_holds.outcomes)
 
 
@@ -379,4 +382,5 @@ def _active(container: Any) -> Iterator[str]:
         if child is None:  # SMACH's 'None' of a machine that does not run
             continue
         inner = list(_active(child)) if isinstance(child, smach.Container) else []
-        yield from ([f"{label}/{name}" for name in inner] or [label])
+        text = label_text(label)
+        yield from ([f"{text}/{name}" for name in inner] or [text])

@@ -3,7 +3,7 @@
 Pure. An outcome that requires more than the present level is not taken before an operator confirms it.
 """
 
-from typing import Dict, Mapping, Sequence
+from typing import Any, Dict, Mapping, Sequence
 
 #: In this order. At ``full`` every outcome is taken; at ``off`` those alone that require nothing.
 LEVELS = ("off", "low", "high", "full")
@@ -31,8 +31,16 @@ def read_levels(label: str, outcomes: Sequence[str], required: Mapping[str, str]
     """
     for outcome in required:
         if outcome not in outcomes:
-            known = ", ".join(outcomes)
+            known = ", ".join(map(label_text, outcomes))
             raise ValueError(
                 f"autonomy of {label}: the state has no outcome '{outcome}', its outcomes are {known}"
             )
     return {outcome: read_level(level) for outcome, level in required.items()}
+
+
+def label_text(label: Any) -> str:
+    """A label or an outcome of SMACH as messages show it; it may be a member of an enumeration, or a number.
+
+    :return: of a text its characters, of anything else its ``str``.
+    """
+    return str.__str__(label) if isinstance(label, str) else str(label)

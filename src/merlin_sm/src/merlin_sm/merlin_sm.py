@@ -4,7 +4,7 @@ from typing import Any, List, Mapping, Optional, Sequence
 
 import rospy
 
-from merlin_sm.autonomy import read_levels
+from merlin_sm.autonomy import label_text, read_levels
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from smach import State, StateMachine
 
@@ -85,7 +85,8 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         for label in self._at:
             state = self.get_children().get(label)
             if getattr(state, "outcome", "") == "aborted":
-                rospy.loginfo(f"{label} was aborted: {getattr(state, 'reason', '') or 'no reason is known'}")
+                reason = getattr(state, "reason", "") or "no reason is known"
+                rospy.loginfo(f"{label_text(label)} was aborted: {reason}")
         self._at = list(active_states)
 
     def _take_reason(self, userdata: Any, terminal_states: List[str], outcome: str) -> None:

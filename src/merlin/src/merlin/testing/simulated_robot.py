@@ -14,6 +14,7 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.testing.behaviour import Behaviour
 from merlin_actions.testing.simulated_action_server import SimulatedActionServer
 from merlin_executor.mission import GoalDispatcher, MissionSM
+from merlin_sm.autonomy import label_text
 from merlin_sm.states.navigation import POINTS_PARAM
 
 SERVED = {
@@ -61,7 +62,7 @@ class ActionRun:
         """
         self._thread.join(limit)
         if self._thread.is_alive():
-            where = ", ".join(self._machine.get_active_states())
+            where = ", ".join(map(label_text, self._machine.get_active_states()))
             raise TimeoutError(
                 f"{type(self._machine).__name__} did not end within {limit:g} s; it is in {where}"
             )

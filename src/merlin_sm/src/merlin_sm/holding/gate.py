@@ -3,6 +3,7 @@
 from typing import Any, List, Sequence
 
 import smach
+from merlin_sm.autonomy import label_text
 from merlin_sm.holding.outcomes import Outcomes
 from merlin_sm.holding.seat import OUT, RUNS, Machine, Seat
 
@@ -37,7 +38,7 @@ def gate(machine: smach.Container, name: str, outcomes: Outcomes) -> None:
 def _seats(container: Any, path: str, one: Machine, within: Sequence[Any]) -> List[Seat]:
     seats: List[Seat] = []
     for label, state in container.get_children().items():
-        here = f"{path}/{label}"
+        here = f"{path}/{label_text(label)}"
         seats.append(Seat(one, here, state, within))
         if isinstance(state, CONTAINERS):
             seats += _seats(state, here, one, [*within, state])

@@ -12,7 +12,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from merlin_pddl.breakpoints import BreakpointError
 from merlin_ros.alarms import wait_ticks
-from merlin_sm.autonomy import LEVELS, read_level
+from merlin_sm.autonomy import LEVELS, label_text, read_level
 from merlin_sm.holding.seat import ENDED, HELD, OUT, RUNS, Seat, Wish
 from merlin_sm.holding.state_holds import Pattern, StateHolds, read_state_pattern
 from merlin_sm.states.merlin_state import PREEMPTED, MerlinState, merlin_states
@@ -85,11 +85,11 @@ class Outcomes:
             if not seats:
                 raise NoSuchState(f"no machine has a state {path}")
             seat = _the_active(seats, path)
-            stage, outcome = seat.stage, outcome or _confirmed(seat)
-            known = seat.state.get_registered_outcomes()
+            stage, outcome = seat.stage, outcome or label_text(_confirmed(seat))
+            known = {label_text(each): each for each in seat.state.get_registered_outcomes()}
             if outcome not in known:
                 raise BreakpointError(f"{seat.path} has no outcome '{outcome}'; it has {', '.join(known)}")
-            before, seat.wish, seat.marked = seat.wish, Wish(outcome, by), True
+            before, seat.wish, seat.marked = seat.wish, Wish(known[outcome], by), True
             if before is not None:
                 seat.wish.reached = before.reached  # the last word counts, one preempt is enough
             if seat.stage == OUT:  # its run takes no lock to end
@@ -185,7 +185,7 @@ class Outcomes:
         followed = self.holds.wait_after(
             seat.state,
             seat.path,
-            outcome,
+            label_text(outcome),
             seat.levels[outcome],
             lambda: seat.wish is not None or seat.is_cancelled(),
         )
@@ -216,7 +216,8 @@ class Outcomes:
 
     def _report(self, seat: Seat, wish: Wish, ended: str, refused: str = "") -> None:
         unset = () if refused or wish.outcome == ended else tuple(seat.unset())
-        self.on_left(Left(seat.path, wish.by, wish.outcome, ended, refused, unset))
+        texts = label_text(wish.outcome), label_text(ended)
+        self.on_left(Left(seat.path, wish.by, *texts, refused, unset))
 
 
 def _the_active(seats: List[Seat], path: str) -> Seat:

@@ -6,6 +6,7 @@ import py_trees
 from py_trees.common import Status
 
 import smach
+from merlin_sm.autonomy import label_text
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.function_state import FunctionState
 from merlin_sm.states.merlin_state import SUCCEEDED
@@ -37,9 +38,8 @@ class StateBehaviour(py_trees.behaviour.Behaviour):
         outcomes = list(state.get_registered_outcomes())
         unknown = [outcome for outcome in success if outcome not in outcomes]
         if unknown:
-            raise ValueError(
-                f"behaviour {name!r}: its state has no outcome {unknown[0]!r}, only {', '.join(outcomes)}"
-            )
+            known = ", ".join(map(label_text, outcomes))
+            raise ValueError(f"behaviour {name!r}: its state has no outcome {unknown[0]!r}, only {known}")
         self.state = state
         # In a machine: SMACH clears a preempt that comes before a nested machine runs, MerlinSM keeps it.
         self.machine = MerlinSM(outcomes)

@@ -5,6 +5,7 @@ from typing import Callable, Optional
 
 import rospy
 
+from merlin_sm.autonomy import label_text
 from merlin_sm.merlin_sm import MerlinSM
 
 
@@ -42,7 +43,7 @@ class StateRun:
             self.run()
             after()
 
-        label = ", ".join(self.machine.get_children())
+        label = ", ".join(map(label_text, self.machine.get_children()))
         threading.Thread(target=run, name=f"behaviour {label}", daemon=True).start()
 
     def run(self) -> None:

@@ -88,9 +88,7 @@ class Concurrence(Container):
             raise InvalidStateError(
                 f"'{container._path(label)}': opened() was given unknown arguments: {sorted(defaults)}"
             )
-        remapping = mapping_of(
-            remapping, container._path(label), "remapping", "state key -> container key"
-        )
+        remapping = mapping_of(remapping, container._path(label), "remapping", "state key -> container key")
         container._remappings[label] = {**given, **remapping}
         container._states[label] = state
         return state

@@ -13,7 +13,7 @@ def is_name(value: Any) -> bool:
 def text_of(name: Any) -> str:
     """A label, an outcome or a key as paths, messages and logs show it.
 
-    :return: of a text its characters, also when it is a member of an enumeration; of anything else its ``str``.
+    :return: of a text its characters, also of a member of an enumeration; of anything else its ``str``.
     """
     # str() of a member of class L(str, Enum) is 'L.ONE', and format() differs between versions of Python.
     return str.__str__(name) if isinstance(name, str) else str(name)

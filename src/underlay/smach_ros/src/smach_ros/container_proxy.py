@@ -109,7 +109,9 @@ class ContainerProxy:
         labels = {text_of(label): label for label in self.container.get_children()}
         unknown = [text for text in initial_states if text not in labels]
         if unknown:
-            raise smach.InvalidStateError(f"'{self.path}' has no states {unknown}; its states: {list(labels)}")
+            raise smach.InvalidStateError(
+                f"'{self.path}' has no states {unknown}; its states: {list(labels)}"
+            )
         userdata = smach.UserData()
         for key, value in values.items():
             userdata[key] = value

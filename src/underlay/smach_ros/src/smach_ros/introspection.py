@@ -254,9 +254,7 @@ class IntrospectionClient:
         """
         values = dict(initial_userdata._data) if initial_userdata is not None else {}
         labels = texts(initial_states)
-        command = SmachContainerInitialStatusCmd(
-            path=path, initial_states=labels, local_data=encode(values)
-        )
+        command = SmachContainerInitialStatusCmd(path=path, initial_states=labels, local_data=encode(values))
         answered = threading.Event()
 
         def receive(status: SmachContainerStatus) -> None:

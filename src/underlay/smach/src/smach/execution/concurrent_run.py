@@ -65,7 +65,7 @@ class ConcurrentRun:
             ended = self._wait(time.monotonic() + SHUTDOWN_GRACE)
             if not ended:
                 smach.logwarn(
-                    f"Concurrence '{self._container._path()}': {[label for label in self._children if label in self._left]} did not end "
+                    f"Concurrence '{self._container._path()}': {list(self._left)} did not end "
                     f"{SHUTDOWN_GRACE} s after the shutdown and are left behind"
                 )
             return False
