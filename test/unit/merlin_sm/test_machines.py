@@ -1,19 +1,27 @@
 """MerlinSM, MerlinState and the while-machine: no preempt is lost, and each end has its reason."""
 
+import enum
 import threading
 from typing import Any, List, Optional
 
 import pytest
+import rospy
 from hypothesis import given
 from hypothesis import strategies as st
 
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
-from smach import InvalidTransitionError, UserData
+from smach import CBState, InvalidTransitionError, UserData
 
 OUTCOMES = [SUCCEEDED, ABORTED, PREEMPTED]
 LIMIT = 60.0
+
+
+class Step(str, enum.Enum):
+    """Labels."""
+
+    GO, REST = "GO", "REST"
 
 
 class Wait(MerlinState):
@@ -136,3 +144,33 @@ def test_a_machine_that_leads_nowhere_is_refused_when_it_is_closed() -> None:
     """SMACH only logs that; a robot would learn of it when it runs the machine."""
     with pytest.raises(InvalidTransitionError, match="NOWHERE"), MerlinSM(OUTCOMES) as made:
         made.add("A", Wait(SUCCEEDED), {SUCCEEDED: "NOWHERE"})
+
+
+def test_a_machine_begins_each_run_without_what_the_last_one_left() -> None:
+    seen: List[List[str]] = []
+
+    def work(userdata: Any) -> str:
+        seen.append(sorted(made.userdata.keys()))
+        userdata.place = "hall"
+        return SUCCEEDED
+
+    made = MerlinSM([SUCCEEDED])
+    made.userdata.robot = "r1"
+    with made:
+        made.add("WORK", CBState(work, outcomes=[SUCCEEDED], output_keys=["place"]))
+    both = MerlinStateFactory.create("while", made, Wait())
+    for run in (made.execute, made.execute, both.execute):
+        assert run(UserData()) == SUCCEEDED
+    assert seen == [["robot"]] * 3
+    assert not MerlinStateFactory.create("while", Wait(), Wait()).keeps_userdata
+
+
+def test_labels_that_are_members_of_an_enumeration(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: List[str] = []
+    monkeypatch.setattr(rospy, "loginfo", said.append)
+    made = MerlinSM([SUCCEEDED])
+    with made:
+        made.add(Step.GO, Wait(ABORTED, "no way"), {ABORTED: Step.REST, PREEMPTED: SUCCEEDED})
+        made.add(Step.REST, Wait(SUCCEEDED), {ABORTED: SUCCEEDED, PREEMPTED: SUCCEEDED})
+    assert made.execute(UserData()) == SUCCEEDED
+    assert said == ["GO was aborted: no way"]

@@ -91,7 +91,7 @@ def test_b11_every_container_says_whether_it_runs(kit):
         assert not container.is_running() and container.wait_until_idle()
 
 
-def test_a_container_that_runs_cannot_be_executed_again(kit):
+def test_n11_a_container_that_runs_cannot_be_executed_again(kit):
     state = kit.Waiting()
     sm = kit.machine(state)
     run = kit.Running(sm)

@@ -216,6 +216,27 @@ def test_errors_of_add_say_where_and_what(kit):
 @pytest.mark.parametrize(
     "arguments", [{"outcomes": "done"}, {"input_keys": [None]}, {"outcomes": [["a"]]}, {"io_keys": "ab"}]
 )
-def test_lists_of_names_that_are_none_raise_type_error(arguments):
+def test_n4_lists_of_names_that_are_none_raise_type_error(arguments):
     with pytest.raises(TypeError):
         smach.State(**arguments)
+
+
+def test_n4_tuples_are_lists_of_names():
+    state = smach.State(outcomes=("done",), input_keys=("a",), io_keys=("b",))
+    assert state.get_registered_outcomes() == ("done",) and state.get_registered_input_keys() == ("a", "b")
+
+
+def test_n6_what_is_open_belongs_to_the_thread_and_to_no_attribute(kit):
+    with smach.StateMachine(["done"]) as sm:
+        smach.StateMachine.add("A", kit.Done())
+        assert smach.Container._currently_opened_container() is sm
+        assert not hasattr(sm, "_construction_stack") and not hasattr(sm, "_construction_lock")
+        with pytest.raises(smach.InvalidStateError, match="not a Concurrence"):
+            smach.Concurrence._currently_opened_container()
+
+    def in_another_thread():
+        with sm, pytest.raises(smach.InvalidStateError, match="Iterator"):
+            smach.Iterator._currently_opened_container()
+        return True
+
+    assert in_thread(in_another_thread)

@@ -70,7 +70,7 @@ def test_missing_input_key_is_a_warning(kit, log):
     assert any("'x'" in text for level, text in log if level == "warn")
 
 
-def test_exception_of_a_state_carries_its_path_traceback_and_cause(kit):
+def test_n9_exception_of_a_state_carries_its_path_traceback_and_cause(kit):
     def broken(ud):
         raise ZeroDivisionError("here it is")
 
@@ -136,7 +136,7 @@ def test_concurrence_outcome_by_callback_map_and_default(kit):
         run(outcome_cb=lambda outcomes: "unheard")
 
 
-def test_termination_callback_that_names_children_preempts_only_these(kit):
+def test_n8_termination_callback_that_names_children_preempts_only_these(kit):
     one, two = kit.Waiting(), kit.Waiting()
     container = smach.Concurrence(
         ["done"], "done", child_termination_cb=lambda outcomes: ["ONE"] if outcomes["ONE"] is None else []

@@ -165,7 +165,7 @@ def test_u4_missing_key_says_which_and_hasattr_is_false():
 
 
 @pytest.mark.parametrize("operation", ["view._x", "view['_x']", "setattr(view, '_x', 1)", "ud._y"])
-def test_key_that_begins_with_an_underscore_says_that_it_is_an_item(operation):
+def test_n2_key_that_begins_with_an_underscore_says_that_it_is_an_item(operation):
     ud = smach.UserData()
     ud._x = 1  # an attribute of Python, as in SMACH
     view = smach.Remapper(ud, ["_x"], ["_x"])
@@ -217,7 +217,7 @@ def test_u6_userdata_of_a_run_is_there_in_the_next_unless_runs_begin_clean(kit):
 
 
 def test_u6_a_preempted_search_continues_where_it_was_interrupted(kit):
-    """A program of users: the rooms to search are userdata of the machine, which a state takes one after another."""
+    """A program of users: rooms to search are userdata, of which a state takes one after another."""
     searched, hang = [], threading.Event()
 
     def take(ud):

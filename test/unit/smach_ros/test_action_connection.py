@@ -9,7 +9,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 from smach_ros import action_connection
-from smach_ros.action_connection import GONE, LATE_RESULT, LONGEST_LOOK, SILENCE, ActionConnection
+from smach_ros.action_connection import GONE, GREETED, LATE_RESULT, LONGEST_LOOK, SILENCE, ActionConnection
 
 SERVER = "/move_base"
 
@@ -116,6 +116,25 @@ def test_a_status_before_the_link_for_results_proves_nothing(connection, links):
     links["result_subscriber"].open()
     assert not connection.ready()
     status(connection)
+    assert connection.ready()
+
+
+def test_while_the_clock_of_ros_stands_the_link_for_results_counts_after_a_while(connection, clocks, links):
+    """actionlib's server publishes its status by ROS time: only the latched one comes, here as the first."""
+    for name, each in links.items():
+        if name != "result_subscriber":
+            each.open()
+    status(connection)
+    clocks.wall += 10 * GREETED
+    links["result_subscriber"].open()
+    assert not connection.ready()
+    clocks.wall += GREETED
+    assert connection.ready()
+    links["result_subscriber"].close()
+    assert not connection.ready()
+    links["result_subscriber"].open()
+    assert not connection.ready(), "that of the next process"
+    clocks.wall += GREETED
     assert connection.ready()
 
 

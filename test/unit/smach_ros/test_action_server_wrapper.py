@@ -1,5 +1,6 @@
 """The server of a container answers each goal, whatever users' code leaves in the result or raises."""
 
+import enum
 import io
 import threading
 from types import SimpleNamespace
@@ -62,20 +63,28 @@ class Hear(smach.State):
         return "done"
 
 
+ENDED = "outcome of the container: "
+
+
 @pytest.fixture
 def wrapper(monkeypatch: pytest.MonkeyPatch) -> ActionServerWrapper:
+    machine = smach.StateMachine(["done"], input_keys=["what"], output_keys=["heard"])
+    with machine:
+        smach.StateMachine.add("HEAR", Hear())
+    return make_wrapper(monkeypatch, machine, "done")
+
+
+def make_wrapper(monkeypatch: pytest.MonkeyPatch, machine: Any, succeeded: Any) -> ActionServerWrapper:
+    """A running server whose goals the test makes."""
     server = SimpleNamespace(start=lambda: None)
     monkeypatch.setattr(action_server_wrapper.actionlib, "ActionServer", lambda *_, **__: server)
     monkeypatch.setattr(rospy, "logerr", lambda text: None)
     monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
-    machine = smach.StateMachine(["done"], input_keys=["what"], output_keys=["heard"])
-    with machine:
-        smach.StateMachine.add("HEAR", Hear())
     made = ActionServerWrapper(
         "listen",
         ListenAction,
         machine,
-        succeeded_outcomes=["done"],
+        succeeded_outcomes=[succeeded],
         goal_slots_map={"grammar": "what"},
         result_slots_map={"text": "heard"},
     )
@@ -94,3 +103,39 @@ def test_a_goal_whose_end_cannot_be_sent_is_aborted_and_keeps_no_next_one(
     wrapper._receive_goal(good)
     assert good.ended.wait(LONG), "the next goal was never answered"
     assert good.end[:2] == ("succeeded", "good")
+
+
+class Hears(enum.Enum):
+    """An outcome."""
+
+    DONE = 0
+
+
+def test_what_a_goal_answers_is_not_what_the_one_before_left_in_a_nested_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The userdata of a container outlives its runs, the answer does not; outcomes may be members."""
+
+    def hear(userdata: Any) -> Hears:
+        runs.append(sorted(inner.userdata.keys()))
+        if userdata.what == "first":
+            userdata.heard, userdata.place = "first", "hall"
+        return Hears.DONE
+
+    runs: List[Any] = []
+    keys = {"input_keys": ["what"], "output_keys": ["heard"]}
+    inner, outer = smach.StateMachine([Hears.DONE], **keys), smach.StateMachine([Hears.DONE], **keys)
+    with outer:
+        smach.StateMachine.add("INNER", inner)
+        with inner:
+            state = smach.CBState(
+                hear, outcomes=[Hears.DONE], input_keys=["what"], output_keys=["heard", "place"]
+            )
+            smach.StateMachine.add("HEAR", state)
+    made = make_wrapper(monkeypatch, outer, Hears.DONE)
+    for what in ("first", "second"):
+        goal = Goal(what)
+        made._receive_goal(goal)
+        assert goal.ended.wait(LONG)
+        assert goal.end == ("succeeded", "first" if what == "first" else "", f"{ENDED}Hears.DONE")
+    assert runs == [["what"], ["place", "what"]]

@@ -1,5 +1,6 @@
 """Mistakes of an application are found before the robot moves, and each is one sentence."""
 
+import enum
 import sys
 import types
 
@@ -99,6 +100,25 @@ def test_a_machine_tells_what_it_needs():
         ("TELL", "sound_play"),
     )
     assert needs.unset == ("state TELL reads userdata 'order', which nothing sets; there is: heard, o, t",)
+
+
+class Step(enum.Enum):
+    DRIVE, TELL = range(2)
+
+
+class Steps(MerlinActionSM):
+    parameters = ("t",)
+
+    def build(self):
+        drive = self.state("navigation")
+        self.add(Step.DRIVE, drive, {"succeeded": Step.TELL}, remapping={"target": "t"})
+        self.add(Step.TELL, self.state("speak", "{order}."))
+
+
+def test_labels_that_are_members_of_an_enumeration_are_told_by_their_texts():
+    needs = survey(Steps())
+    assert needs.servers == (("Step.DRIVE", "move_base"), ("Step.TELL", "sound_play"))
+    assert needs.unset == ("state Step.TELL reads userdata 'order', which nothing sets; there is: t",)
 
 
 class Broken(MerlinActionSM):

@@ -1,5 +1,6 @@
 """Operators force the outcomes with which states are left; a cancel wins."""
 
+import enum
 import threading
 
 import pytest
@@ -9,6 +10,7 @@ import smach
 from merlin_pddl.breakpoints import BreakpointError
 from merlin_sm.holding.gate import gate
 from merlin_sm.holding.outcomes import NoSuchState, Outcomes
+from merlin_sm.holding.state_holds import StateHolds
 from merlin_sm.merlin_sm import MerlinSM
 
 
@@ -262,3 +264,49 @@ def test_a_cancel_ends_the_hold_though_a_wish_has_come(world):
     assert world.end() == "preempted"
     assert world.runs == ["FIRST"]
     assert [left.refused for left in world.left] == ["it was cancelled first"]
+
+
+class Part(enum.Enum):
+    """Labels and outcomes."""
+
+    INNER, WORK, GOOD, BAD = range(4)
+
+
+def test_labels_and_outcomes_that_are_members_of_an_enumeration():
+    left = []
+    outcomes = Outcomes(StateHolds())
+    outcomes.on_left = left.append
+    begun = threading.Event()
+
+    class Work(smach.State):
+        def __init__(self):
+            super().__init__([Part.GOOD, Part.BAD])
+            self.woken = threading.Event()
+
+        def request_preempt(self):
+            super().request_preempt()
+            self.woken.set()
+
+        def execute(self, userdata):
+            begun.set()
+            assert self.woken.wait(LONG)
+            return Part.BAD
+
+    inner = smach.StateMachine([Part.GOOD, Part.BAD])
+    with inner:
+        smach.StateMachine.add(Part.WORK, Work())
+    machine = MerlinSM([Part.GOOD, Part.BAD])
+    with machine:
+        machine.add(Part.INNER, inner)
+    gate(machine, "DO", outcomes)
+    ended = []
+    thread = threading.Thread(target=lambda: ended.append(machine.execute(smach.UserData())), daemon=True)
+    thread.start()
+    assert begun.wait(LONG)
+    path = "DO/Part.INNER/Part.WORK"
+    with pytest.raises(BreakpointError, match="it has Part.GOOD, Part.BAD"):
+        outcomes.leave(path, "else", "Ana")
+    outcomes.leave(path, "Part.GOOD", "Ana")
+    thread.join(LONG)
+    assert ended == [Part.GOOD]
+    assert left == [(path, "Ana", "Part.GOOD", "Part.BAD", "", ())]
