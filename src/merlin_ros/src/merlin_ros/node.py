@@ -13,7 +13,6 @@ import rosgraph
 import rospy
 from rosgraph.names import load_mappings, resolve_name
 from rosgraph.network import parse_http_host_and_port
-from rospy.client import load_command_line_node_params
 from rospy.core import is_shutdown_requested
 from rospy.impl import tcpros_base
 from rospy.impl.paramserver import get_param_server_cache
@@ -139,9 +138,9 @@ def init_node(name: str, **options: Any) -> None:
 
     :param name: unless ``__name`` is given on the command line.
     :param options: of `rospy.init_node`.
-    :raises SystemExit: with :data:`CANNOT_BEGIN`, after saying why, when the master's address is invalid,
-        parameters are given and no master takes them, or a node of this name lives; with the code of
-        :func:`run_node` when a signal ends the node before it has begun.
+    :raises SystemExit: with :data:`CANNOT_BEGIN`, after saying why, when the master's address is invalid, or
+        a node of this name lives; with the code of :func:`run_node` when a signal ends the node before it
+        has begun. Without a master it waits for one, and says so once.
     """
     global _keeper
     try:
@@ -310,10 +309,8 @@ def _wait_for_master(name: str) -> None:
             master_link.bounded_master().getPid()
             return
         except master_link.ERRORS as error:
-            uri = rosgraph.get_master_uri()
-            if load_command_line_node_params(sys.argv):
-                _refuse(name, f"no master at {uri}: {error}; is roscore running?")
             if not said:
+                uri = rosgraph.get_master_uri()
                 print(f"{name}: no master at {uri}: {error}; waiting for it", file=sys.stderr)
                 said = True
         time.sleep(MASTER_PERIOD)  # a signal ends it: its handler raises SystemExit
