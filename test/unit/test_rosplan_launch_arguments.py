@@ -1,6 +1,7 @@
 """Launch files that include ROSPlan's: every argument that those have is accepted and means what it meant."""
 
 import pytest
+from rosgraph.names import resolve_name
 from roslaunch.config import ROSLaunchConfig
 from roslaunch.xmlloader import XmlLoader
 
@@ -81,10 +82,13 @@ ARGUMENTS = {
 CASES = [(file, name) for file, arguments in ARGUMENTS.items() for name in arguments]
 
 
-def launch(file, arguments):
+def launch(file, arguments, group=""):
     """A launch file of a user, as roslaunch reads it."""
     inner = "".join(f'<arg name="{name}" value="{value}"/>' for name, value in arguments.items())
-    text = f'<launch><include file="{FOLDER}/{file}">{inner}</include></launch>'
+    include = f'<include file="{FOLDER}/{file}">{inner}</include>'
+    text = (
+        f'<launch><group ns="{group}">{include}</group></launch>' if group else f"<launch>{include}</launch>"
+    )
     config = ROSLaunchConfig()
     XmlLoader(resolve_anon=False).load_string(text, config)
     return config
@@ -109,3 +113,37 @@ def test_no_argument_is_required_and_all_together_are_accepted(file):
     assert launch(file, {}).nodes
     arguments = {name: value for name, (value, _) in ARGUMENTS[file].items()}
     assert launch(file, arguments).nodes
+
+
+#: file -> argument -> another node of the planning system, or one of its topics
+TOPICS = {
+    "planner_interface.launch": {"problem_topic": f"{PROBLEM}/problem_instance"},
+    "problem_interface.launch": {"knowledge_base": KNOWLEDGE},
+    "parsing_interface.launch": {"knowledge_base": KNOWLEDGE, "planner_topic": f"{PLANNER}/planner_output"},
+    "dispatch_interface.launch": {"knowledge_base": KNOWLEDGE, "plan_topic": f"{PARSING}/complete_plan"},
+    "simulated_action.launch": {
+        "knowledge_base": KNOWLEDGE,
+        "action_dispatch_topic": f"{DISPATCHER}/action_dispatch",
+        "action_feedback_topic": f"{DISPATCHER}/action_feedback",
+    },
+}
+LINKS = [(file, name) for file, topics in TOPICS.items() for name in topics]
+
+
+def name_of(config, name):
+    """What the node of a launch file takes for the name in a parameter."""
+    (node,) = config.nodes
+    node_name = f"{node.namespace}{node.name}"
+    remaps = {
+        resolve_name(source, node_name): resolve_name(target, node_name) for source, target in node.remap_args
+    }
+    value = f"/{config.params[f'{node_name}/{name}'].value.lstrip('/')}"  # a knowledge base has no slash
+    return remaps.get(value, value)
+
+
+@pytest.mark.parametrize("file, name", LINKS)
+@pytest.mark.parametrize("group", ["", "robot1", "fleet/robot1"])
+def test_in_a_group_with_a_namespace_nodes_are_joined_to_those_of_the_group(file, name, group):
+    config = launch(f"includes/{file}", {}, group)
+    assert name_of(config, name) == f"/{group}/{TOPICS[file][name]}".replace("//", "/")
+    assert name_of(launch(f"includes/{file}", {name: "/other/topic"}, group), name) == "/other/topic"
