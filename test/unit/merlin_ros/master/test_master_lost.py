@@ -151,7 +151,7 @@ def descriptors(node: Any) -> List[str]:
 
 def test_a_loss_of_the_master_leaves_no_descriptor_open(master: Any, nodes: Tuple[Any, Any]) -> None:
     counts = []
-    for _ in range(6):
+    for _ in range(3):
         master.kill()
         master.start()
         for node in nodes:
@@ -165,6 +165,7 @@ def test_a_loss_of_the_master_leaves_no_descriptor_open(master: Any, nodes: Tupl
     assert all(descriptors(node).count("anon_inode") <= 2 for node in nodes), list(map(descriptors, nodes))
 
 
+@pytest.mark.long
 def test_nodes_go_on_at_a_master_that_hung(master: Any, nodes: Tuple[Any, Any]) -> None:
     master.process.send(signal.SIGSTOP)
     for node in nodes:
