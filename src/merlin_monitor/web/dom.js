@@ -1,5 +1,7 @@
 // Making and keeping elements. Texts are only ever set as text, so no name can become markup.
 
+export { has, of } from "./names.js";
+
 const SVG = "http://www.w3.org/2000/svg";
 
 export const byId = (id) => document.getElementById(id);

@@ -1,5 +1,5 @@
 // The strip above all: state, worst problem, progress, next step, expected end.
-import { clockText, el, secondsText, setText } from "./dom.js";
+import { clockText, el, has, of, secondsText, setText } from "./dom.js";
 import { isHeld, unconfirmed } from "./holds.js";
 import { planTimes, stepsOf } from "./plan_times.js";
 import { say, t } from "./texts.js";
@@ -53,7 +53,7 @@ function stateOf(state) {
     return (executor.running || []).length ? [t("Working"), "good"] : [t("Preparing"), "good"];
   }
   if (executor.paused || mission.state === "paused") return [t("Paused"), "warn"];
-  if (mission.state in ENDED) return ENDED[mission.state];
+  if (has(ENDED, mission.state)) return ENDED[mission.state];
   return executor.state || mission.state ? [t("Idle"), ""] : [t("Nothing heard yet"), ""];
 }
 
@@ -68,7 +68,7 @@ function problemsOf(state) {
   if (guard.warning) found.push([0, guard.warning]);
   for (const phrase of now.trouble_said || []) found.push([1, say(phrase)]);
   for (const { name, title } of meta.panels || []) {
-    const silent = (state[name] || {}).silent;
+    const { silent } = of(state, name) || {};
     if (silent) found.push([1, t("{what}: no news since {time}", { what: t(title || "Now"), time: clockText(silent.since) })]);
   }
   for (const [name, part] of Object.entries(health.parts || {})) {
@@ -78,7 +78,7 @@ function problemsOf(state) {
   }
   const planner = plan.planner || {};
   if (PLANNER.includes(planner.state)) found.push([1, t("No plan was found")]);
-  if (map.stands) found.push([2, say(map.stands)]);
+  for (const phrase of [map.stands, map.trouble].filter(Boolean)) found.push([2, say(phrase)]);
   return found.sort(([one], [other]) => one - other);
 }
 
@@ -88,7 +88,7 @@ function progressOf({ now = {}, plan = {} }) {
   const active = Boolean(now.active);
   const done = steps.filter((step) => step.state === "succeeded").length;
   const share = active && steps.length ? done / steps.length : 0;
-  const ended = mission.state in ENDED;
+  const ended = has(ENDED, mission.state);
   const texts = [];
   if (mission.task && mission.tasks) texts.push(t("task {number} of {count}", { number: mission.task, count: mission.tasks }));
   else if (mission.task) texts.push(t("task {number}", { number: mission.task }));

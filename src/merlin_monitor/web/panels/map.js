@@ -1,6 +1,6 @@
 // Robots on the map, with their ways, their trails, what is seen, points of interest and people. Metres; y grows upwards,
 // so it is negated.
-import { byId, el, keyed, setHidden, setText, svg } from "../dom.js";
+import { byId, el, has, keyed, setHidden, setText, svg } from "../dom.js";
 import { pannable } from "../pan.js";
 import { PlaceGoals } from "../place_goals.js";
 import { say, t } from "../texts.js";
@@ -72,11 +72,12 @@ export function show(section, { store, control }) {
     const key = grid ? JSON.stringify(grid) : "";
     if (key !== shownGrid) {
       shownGrid = key;
-      if (grid) image.setAttribute("href", `/map.png?version=${grid.version}`);
+      if (grid) image.setAttribute("href", `map.png?version=${grid.version}`);
     }
     frame = bounds(map);
-    setHidden(byId("map-why"), !map.stands);
-    setText(byId("map-why"), say(map.stands));
+    const why = [map.trouble, map.stands].filter(Boolean).map(say);
+    setHidden(byId("map-why"), !why.length);
+    setText(byId("map-why"), why.join(" · "));
     if (!frame) {
       root.style.display = "none";
       setText(byId("map-note"), t("no map yet"));
@@ -86,7 +87,8 @@ export function show(section, { store, control }) {
     const now = view || frame;
     root.setAttribute("viewBox", `${now.x} ${now.y} ${now.w} ${now.h}`);
     const px = scale();
-    if (grid) place(image, { x: grid.x, y: -grid.y - grid.height, width: grid.width, height: grid.height });
+    image.style.display = grid ? "" : "none";
+    if (grid) place(image, { y: -grid.height, width: grid.width, height: grid.height, transform: `translate(${grid.x} ${-grid.y}) rotate(${(-(grid.yaw || 0) * 180) / Math.PI})` });
     drawWay(trail, path, goal, map, px);
     keyed(ways, Object.entries(map.ways || {}), ([name]) => name,
       () => svg("g", {}, svg("polyline", { class: "map-trail" }), svg("polyline", { class: "map-path" }), svg("path", { class: "map-goal", d: GOAL })),
@@ -130,7 +132,7 @@ export function show(section, { store, control }) {
         const possible = control.possible();
         place(group, possible ? { tabindex: 0, role: "button", "aria-label": t("Goals at {place}", { place: name.replace(/_/g, " ") }) } : { role: "presentation" });
         if (!possible) for (const attribute of ["tabindex", "aria-label"]) group.removeAttribute(attribute);
-        group.classList.toggle("checked", `(checked ${name})` in facts);
+        group.classList.toggle("checked", has(facts, `(checked ${name})`));
       });
   }
 
@@ -176,7 +178,8 @@ function setPlace(element, pose, stroke, scale) {
 }
 
 function bounds(map) {
-  if (map.grid) return { x: map.grid.x, y: -map.grid.y - map.grid.height, w: map.grid.width, h: map.grid.height };
+  const box = map.grid && (map.grid.box || map.grid);
+  if (box) return { x: box.x, y: -box.y - box.height, w: box.width, h: box.height };
   const seen = [...Object.values(map.points || {}), ...(map.path || []), ...(map.people || []), ...(map.robot ? [map.robot] : []), ...Object.values(map.robots || {})];
   if (!seen.length) return null;
   const xs = seen.map(([x]) => x);

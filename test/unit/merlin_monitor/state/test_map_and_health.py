@@ -1,12 +1,14 @@
 """The map's picture, the people on it, and silent parts."""
 
+import math
 import struct
 import zlib
-from typing import Any, Dict
+from typing import Any, Dict, Tuple
 
 import numpy
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Point, Pose, PoseArray
+from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
 from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import SimPeople, SimPerson
@@ -18,6 +20,7 @@ from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.map_section import MapSection, grid_picture
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.phrase import in_english
 
 
 def opacity(png: bytes) -> numpy.ndarray:
@@ -61,6 +64,75 @@ def test_the_map_is_fetched_anew_when_it_changes() -> None:
     section.grid(message)
     assert tree.get("map", "grid", "version") != first
     assert pictures.get("map") == section.picture and pictures.get("map", first) is None
+
+
+def turned_grid(yaw: float = 0.0) -> OccupancyGrid:
+    """4 x 2 m from (1, 2) on; its first cell is occupied."""
+    message = OccupancyGrid(data=[100] + [0] * 799)
+    message.info.width, message.info.height, message.info.resolution = 40, 20, 0.1
+    message.info.origin = Pose(
+        Point(1.0, 2.0, 0.0), Quaternion(z=math.sin(yaw / 2), w=math.cos(yaw / 2) if yaw else 0.0)
+    )
+    return message
+
+
+@pytest.mark.parametrize(
+    ("yaw", "box"),
+    [
+        (0.0, (1.0, 2.0, 4.0, 2.0)),
+        (math.pi / 2, (-1.0, 2.0, 2.0, 4.0)),
+        (math.pi, (-3.0, 0.0, 4.0, 2.0)),
+        (-math.pi / 4, (1.0, 2.0 - math.sqrt(8.0), 3 * math.sqrt(2.0), 3 * math.sqrt(2.0))),
+    ],
+)
+def test_what_a_turned_map_covers_and_has(yaw: float, box: Tuple[float, ...]) -> None:
+    tree = StateTree()
+    section = MapSection(tree)
+    section.grid(turned_grid(yaw))
+    found = tree.get("map", "grid")
+    assert found["yaw"] == pytest.approx(yaw) and (found["x"], found["y"]) == (1.0, 2.0)
+    assert tuple(found["box"].values()) == pytest.approx(box)
+    # What is seen at the occupied cell is that; beyond the map nothing is known.
+    turn = numpy.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    own, other, beyond = numpy.array([(0.05, 0.05), (3.5, 1.5), (-0.05, 1.0)]) @ turn.T + (1.0, 2.0)
+    section.seen(numpy.array([own, other]))
+    assert tree.get("map", "seen") == [[round(other[0], 2), round(other[1], 2)]]
+    section.seen(numpy.array([own, beyond]))
+    assert tree.get("map", "seen") == []
+
+
+@pytest.mark.parametrize(
+    ("path", "number", "said"),
+    [
+        ("origin.position.x", math.nan, "its origin is at nan, 2 m"),
+        ("origin.position.y", math.inf, "its origin is at 1, inf m"),
+        ("origin.orientation.w", math.nan, "the orientation of its origin is no unit quaternion"),
+        ("origin.orientation.w", 2.0, "the orientation of its origin is no unit quaternion"),
+        ("origin.orientation.x", 1.0, "it is not level"),
+        ("resolution", 0.0, "its resolution is 0 m"),
+        ("resolution", -0.1, "its resolution is -0.1 m"),
+        ("resolution", math.nan, "its resolution is nan m"),
+        ("width", 41, "it has not the 41 x 20 cells of its size"),
+        ("width", 0, "it has not the 0 x 20 cells of its size"),
+    ],
+)
+def test_a_map_that_cannot_be_drawn_says_why_until_another_comes(path: str, number: float, said: str) -> None:
+    tree = StateTree()
+    section = MapSection(tree)
+    section.grid(turned_grid())
+    message = turned_grid()
+    *way, field = path.split(".")
+    part = message.info
+    for name in way:
+        part = getattr(part, name)
+    setattr(part, field, number)
+    section.grid(message)
+    assert in_english(tree.get("map", "trouble")) == f"the map cannot be drawn: {said}"
+    assert tree.get("map", "grid") is None
+    section.seen(numpy.array([(1.0, 1.0)]))
+    assert tree.get("map", "seen") == [[1.0, 1.0]]
+    section.grid(turned_grid())
+    assert not tree.get("map", "trouble") and tree.get("map", "grid", "width") == 4.0
 
 
 def test_people_of_every_kind_of_message() -> None:

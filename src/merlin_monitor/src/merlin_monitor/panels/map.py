@@ -1,6 +1,5 @@
 """The panel of the map: robots on it, their paths, points of interest and people."""
 
-import math
 import re
 from typing import Any, Dict, List, Optional, Set, Tuple
 
@@ -13,6 +12,7 @@ from move_base_msgs.msg import MoveBaseActionResult
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan
 
+from merlin_monitor.drawing.grid_place import yaw_of
 from merlin_monitor.drawing.robot_track import RobotTrack
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
@@ -166,7 +166,7 @@ class MapPanel(Panel):
         except NO_TRANSFORM:
             return
         found = stamped.transform
-        points = scan_points(scan, found.translation.x, found.translation.y, _yaw(found.rotation))
+        points = scan_points(scan, found.translation.x, found.translation.y, yaw_of(found.rotation))
         self.state.inbox.put(self.state.map.seen, points)
 
     def _pose(self) -> Optional[Tuple[float, float, float]]:
@@ -214,15 +214,9 @@ def _points_of(path: Path) -> List[Tuple[float, float]]:
 
 
 def _pose_of(pose: Any) -> Tuple[float, float, float]:
-    return pose.position.x, pose.position.y, _yaw(pose.orientation)
+    return pose.position.x, pose.position.y, yaw_of(pose.orientation)
 
 
 def _pose_in(stamped: Any) -> Tuple[float, float, float]:
     found = stamped.transform
-    return found.translation.x, found.translation.y, _yaw(found.rotation)
-
-
-def _yaw(rotation: Any) -> float:
-    sine = 2.0 * (rotation.w * rotation.z + rotation.x * rotation.y)
-    cosine = 1.0 - 2.0 * (rotation.y * rotation.y + rotation.z * rotation.z)
-    return math.atan2(sine, cosine)
+    return found.translation.x, found.translation.y, yaw_of(found.rotation)

@@ -75,6 +75,7 @@ def _line(what: str, text: str) -> str:
 
 def _above(grid: Dict[str, Any], text: str) -> Tuple[float, float, float]:
     """Where a text stands beyond the upper edge of the map, so that it hides nothing of it."""
+    grid = grid.get("box") or grid
     x = grid.get("x", 0.0) + grid.get("width", 0.0) / 2
     y = grid.get("y", 0.0) + grid.get("height", 0.0)
     return x, y + HEADLINE * (text.count("\n") + 2) / 2, FLAT

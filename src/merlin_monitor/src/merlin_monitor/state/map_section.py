@@ -6,6 +6,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union
 import numpy
 
 from merlin_executor.core.base_hold import clock_text
+from merlin_monitor.drawing.grid_place import cells_of, grid_place
 from merlin_monitor.drawing.png import png
 from merlin_monitor.drawing.robot_track import RobotTrack
 from merlin_monitor.history.pictures import Pictures
@@ -20,6 +21,7 @@ NEAR_MAP = 0.2  # m around what the map shows, in which what is seen is that
 MOST_SEEN = 150  # points
 STANDS_AFTER = 3.0  # s without a move on the way to a goal
 MOVED = 0.05  # m
+LEVEL = 0.005  # x² + y² of the orientation of a map's origin: 8°
 ROOM = 0.4  # m around the goal and the way that a robot needs
 AHEAD = 1.0  # m of the way
 _INK = {"free": 0, "unknown": 40, "occupied": 255}  # opacity
@@ -50,22 +52,18 @@ class MapSection:
     def grid(self, message: Any) -> None:
         """Takes a message with the fields of nav_msgs/OccupancyGrid."""
         info = message.info
+        why = grid_trouble(info, len(message.data))
+        self._tree.set(SECTION, "trouble", why and say("the map cannot be drawn: {why}", why=why))
+        if why:
+            self.picture = self._mapped = self._info = None
+            self._tree.set(SECTION, "grid", None)
+            return
         self.picture = grid_picture(message.data, info.width, info.height)
         self._info = info
-        self._mapped = near_cells(message.data, info.width, info.height, NEAR_MAP / (info.resolution or 1.0))
+        self._mapped = near_cells(message.data, info.width, info.height, NEAR_MAP / info.resolution)
         version = self._pictures.put(SECTION, self.picture)
-        self._tree.set(
-            SECTION,
-            "grid",
-            {
-                "version": version,
-                "width": info.width * info.resolution,
-                "height": info.height * info.resolution,
-                "x": info.origin.position.x,
-                "y": info.origin.position.y,
-                "frame": message.header.frame_id,
-            },
-        )
+        place = {"version": version, "frame": message.header.frame_id, **grid_place(info)}
+        self._tree.set(SECTION, "grid", place)
 
     def robot(self, pose: Optional[Tuple[float, float, float]], at: float = 0.0) -> None:
         """Where the robot is, m and rad in the map's frame; None: not known.
@@ -92,9 +90,7 @@ class MapSection:
         :param points: x and y in the map's frame, m, as an array of two columns.
         """
         if self._mapped is not None and len(points):
-            origin = self._info.origin.position
-            columns = ((points[:, 0] - origin.x) / self._info.resolution).astype(int)
-            rows = ((points[:, 1] - origin.y) / self._info.resolution).astype(int)
+            columns, rows = cells_of(self._info, points)
             height, width = self._mapped.shape
             inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
             points = points[inside][~self._mapped[rows[inside], columns[inside]]]
@@ -187,6 +183,23 @@ def read_points(parameter: Any) -> Dict[str, List[float]]:
         except (TypeError, KeyError, ValueError, AttributeError):
             continue  # another node's parameter of that name
     return points
+
+
+def grid_trouble(info: Any, cells: int) -> Phrase:
+    """Why a grid of a nav_msgs/MapMetaData and so many cells cannot be drawn; empty: it can."""
+    at, turned = info.origin.position, info.origin.orientation
+    length = math.hypot(math.hypot(turned.x, turned.y), math.hypot(turned.z, turned.w))
+    if not cells or cells != info.width * info.height:
+        return say("it has not the {cells} cells of its size", cells=f"{info.width} x {info.height}")
+    if not 0.0 < info.resolution < math.inf:
+        return say("its resolution is {number} m", number=f"{info.resolution:g}")
+    if not math.isfinite(at.x + at.y):
+        return say("its origin is at {place} m", place=f"{at.x:g}, {at.y:g}")
+    if length == 0.0:  # nobody has set it
+        return ""
+    if not 0.9 < length < 1.1:
+        return say("the orientation of its origin is no unit quaternion")
+    return "" if turned.x**2 + turned.y**2 < LEVEL else say("it is not level")
 
 
 def near_cells(data: Sequence[int], width: int, height: int, cells: float) -> Any:
