@@ -50,6 +50,7 @@ export class GraphView {
       return;
     }
     const { width, height } = layout;
+    this.frames = new Map(layout.clusters.map((cluster) => [cluster.id, cluster]));
     const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": label });
     for (const cluster of layout.clusters) {
       const frame = svg("rect", { class: "cluster", x: cluster.x, y: cluster.y, width: cluster.w, height: cluster.h, rx: 10 });
@@ -92,11 +93,11 @@ export class GraphView {
     );
     if (node.kind !== "outcome") group.append(mark);
     if (pickable) {
-      group.addEventListener("click", () => this.onPick(node.id));
+      group.addEventListener("click", () => this.onPick(node));
       group.addEventListener("keydown", (event) => {
         if (event.key !== "Enter" && event.key !== " ") return;
         event.preventDefault();
-        this.onPick(node.id);
+        this.onPick(node);
       });
     }
     this.nodes.set(node.id, { node, group, mark, text });
@@ -136,10 +137,10 @@ export class GraphView {
     for (const [id, frame] of this.clusters) frame.classList.toggle("active", active(id));
   }
 
-  // taken: edge → false, "taken", or "maybe" (one of several)
+  // taken: edge, and the nodes that it joins → false, "taken", or "maybe" (one of several)
   markEdges(taken) {
     for (const { edge, group } of this.edges) {
-      const mark = taken(edge);
+      const mark = taken(edge, ...[edge.from, edge.to].map((id) => (this.nodes.get(id) || {}).node));
       group.classList.toggle("taken", Boolean(mark));
       group.classList.toggle("maybe", mark === "maybe");
     }

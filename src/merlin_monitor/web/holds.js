@@ -3,7 +3,8 @@ const machinesOf = (state) => Object.values((state.machines || {}).holds || {});
 
 export const breakpointsOf = (state) => [...new Set([...(((state.now || {}).executor || {}).breakpoints || []), ...machinesOf(state).flatMap((node) => node.breakpoints)])];
 
-export const heldStates = (state) => machinesOf(state).flatMap((node) => node.held);
+// Of one node, or of all.
+export const heldStates = (state, node) => Object.entries((state.machines || {}).holds || {}).filter(([name]) => !node || name === node).flatMap(([, { held }]) => held);
 
 // [state, outcome, namespace] of those that have ended and wait for an operator.
 export const unconfirmed = (state) => Object.entries((state.machines || {}).holds || {}).flatMap(([node, { confirm }]) => (confirm || []).map((each) => [...each, namespaceOf(node)]));

@@ -1,5 +1,5 @@
 // Every state machine: nested, active states marked, the last outcome of each state, userdata on click.
-import { byId, clockText, el, keyed, part, setHidden, setText } from "../dom.js";
+import { byId, clockText, el, keyed, of, part, setHidden, setText } from "../dom.js";
 import { GraphView } from "../graph.js";
 import { breakpointsOf, heldStates, namespaceOf, stateName, unconfirmed } from "../holds.js";
 import { say, t } from "../texts.js";
@@ -10,17 +10,19 @@ export function show(section, { store, control }) {
     el("p", { id: "machines-empty", class: "empty" }, t("No machine is shown by any node.")),
     el("div", { id: "userdata", role: "region", "aria-label": t("Userdata"), hidden: true }),
   );
-  const opened = new Map(); // path → whether the reader wants it unfolded, until it begins or ends
+  const opened = new Map(); // key → whether the reader wants it unfolded, until it begins or ends
   const views = new Map();
   let picked = null; // key of the container whose userdata is shown
-  let clicked = ""; // the state, as it is drawn: /NAVIGATE/DRIVE
+  let clicked = {}; // the state, as it is drawn
+  let names = new Map(); // key of a machine → its name
 
   const containers = () => (store.state.machines || {}).containers || {};
 
   function draw(machines) {
     const all = machines.containers || {};
-    const paths = new Set(Object.values(all).map((container) => `${container.server} ${container.path}`));
-    const roots = Object.keys(all).filter((key) => isRoot(all[key], paths)).sort((a, b) => runs(all[b]) - runs(all[a]) || (all[a].path < all[b].path ? -1 : 1));
+    const within = new Set(Object.entries(all).flatMap(([key, { path, children = [] }]) => children.map((label) => beside(all, key, inside(path, label))).filter((inner) => inner !== key)));
+    const roots = Object.keys(all).filter((key) => !within.has(key)).sort((a, b) => runs(all[b]) - runs(all[a]) || (all[a].path < all[b].path ? -1 : 1));
+    names = namesOf(all, roots);
     setText(byId("machines-note"), roots.length ? t("{running} of {count} running", { count: roots.length, running: roots.filter((key) => runs(all[key])).length }) : "");
     setHidden(byId("machines-empty"), roots.length > 0);
     for (const known of views.keys()) if (!roots.includes(known)) views.delete(known);
@@ -31,21 +33,22 @@ export function show(section, { store, control }) {
   function create(key) {
     const title = el("button", { type: "button", class: "name", onclick: () => fold(key) });
     const graph = el("div", { class: "graph", tabindex: 0, role: "group" });
-    views.set(key, new GraphView(graph, { onPick: (id) => pick(key, id) }));
+    views.set(key, new GraphView(graph, { onPick: (node) => pick(key, node) }));
     return el("article", { class: "machine" }, el("div", { class: "bar-of" }, title, el("span", { class: "where" })), graph);
   }
 
   function update(box, key, machines) {
     const all = machines.containers;
     const root = all[key];
-    const active = deepest(all, root);
+    const active = deepest(all, key);
     const running = String(active !== "");
     // Only what runs is unfolded; what the reader wants holds until that changes.
-    if (box.dataset.active !== running) opened.delete(root.path);
+    if (box.dataset.active !== running) opened.delete(key);
     box.dataset.active = running;
-    const shut = !(opened.has(root.path) ? opened.get(root.path) : active);
+    const shut = !(opened.has(key) ? opened.get(key) : active);
     box.classList.toggle("folded", shut);
-    setText(part(box, "name"), `${shut ? "▸" : "▾"} ${root.path.replace(/^\//, "")}`);
+    setText(part(box, "name"), `${shut ? "▸" : "▾"} ${names.get(key)}`);
+    part(box, "name").title = [root.node, root.server, root.path].filter(Boolean).join(" ");
     part(box, "name").setAttribute("aria-expanded", String(!shut));
     const ended = root.outcome ? t("ended with {outcome}", root) : t("idle");
     setText(part(box, "where"), `${active ? `▶ ${active}` : ended}${root.silent ? ` · ${t("silent")}` : ""}`);
@@ -53,38 +56,37 @@ export function show(section, { store, control }) {
     setHidden(graph, shut);
     if (shut) return;
     const view = views.get(key);
-    graph.setAttribute("aria-label", `${root.path}: ${active ? t("in {state}", { state: active }) : ended}`);
-    view.show((machines.layouts || {})[key], root.path);
+    graph.setAttribute("aria-label", `${names.get(key)}: ${active ? t("in {state}", { state: active }) : ended}`);
+    view.show(of(machines.layouts, key), names.get(key));
+    const containerAt = (path) => of(all, beside(all, key, path)) || {};
     view.mark((id, node) => {
-      const cut = id.lastIndexOf(node.kind === "outcome" ? ":" : "/");
-      const container = all[`${root.server} ${id.slice(0, cut) || "/"}`] || {};
+      const container = containerAt(homeOf(node));
       if (node.kind === "outcome") {
         const reached = container.outcome === node.text;
         return { reached, label: reached ? t("the last outcome") : "" };
       }
       const on = (container.active || []).includes(node.text);
-      const last = (container.last || {})[node.text];
+      const last = of(container.last, node.text);
       const name = stateName(root.server, id);
       const waits = waiting(root.server, name);
-      const held = waits || heldStates(store.state).includes(name);
+      const held = waits || heldStates(store.state, root.node).includes(name);
       return { active: on, glyph: held ? "⏸" : on ? "▶" : "", label: waits ? t("{outcome} waits for an operator", { outcome: waits }) : held ? t("Held") : on ? t("active") : last ? t("left with {outcome}", { outcome: last.join(" / ") }) : "" };
     });
-    view.markClusters((path) => ((all[`${root.server} ${path}`] || {}).active || []).length > 0);
-    view.markEdges((edge) => edgeMark(all, root.server, edge));
+    view.markClusters((path) => runs(containerAt(path)));
+    view.markEdges((edge, from, to) => edgeMark(containerAt, view.frames, edge, from, to));
   }
 
   function fold(key) {
-    const { path } = containers()[key] || {};
-    if (!path) return;
-    opened.set(path, !(opened.has(path) ? opened.get(path) : runs(containers()[key])));
+    const container = of(containers(), key);
+    if (!container) return;
+    opened.set(key, !(opened.has(key) ? opened.get(key) : runs(container)));
     store.refresh("machines");
   }
 
-  function pick(root, id) {
-    const { server } = containers()[root];
-    const key = `${server} ${id.slice(0, id.lastIndexOf("/")) || "/"}`;
-    picked = picked === key && clicked === id ? null : key;
-    clicked = id;
+  function pick(root, node) {
+    const key = beside(containers(), root, homeOf(node));
+    picked = picked === key && clicked.id === node.id ? null : key;
+    clicked = node;
     drawUserdata();
     if (picked) byId("userdata").scrollIntoView({ block: "nearest" });
   }
@@ -94,32 +96,32 @@ export function show(section, { store, control }) {
 
   // Its outcomes, where an operator can have the state left with one: while it runs, is held or waits.
   function outcomes(container) {
-    const label = clicked.slice(clicked.lastIndexOf("/") + 1);
-    if (!control.possible() || !(container.active || []).includes(label)) return [];
-    return [...new Set((container.edges || []).filter(([, source]) => source === label).map(([outcome]) => outcome))];
+    if (!control.possible() || !(container.active || []).includes(clicked.text)) return [];
+    return [...new Set((container.edges || []).filter(([, source]) => source === clicked.text).map(([outcome]) => outcome))];
   }
 
   function leave(outcome) {
     const { server } = containers()[picked];
-    control.ask("leave", { state: stateName(server, clicked), outcome, within: namespaceOf(server) });
+    control.ask("leave", { state: stateName(server, clicked.id), outcome, within: namespaceOf(server) });
   }
 
   function drawUserdata() {
     const box = byId("userdata");
-    const container = picked ? containers()[picked] : null;
+    const container = picked ? of(containers(), picked) : null;
     setHidden(box, !container);
     if (!container) return;
     if (!box.firstChild) {
       box.append(
         el("div", { class: "bar-of" }, el("span", { class: "title" }),
-          el("button", { type: "button", class: "small hold", onclick: () => control.ask("breakpoints", { before: [...new Set([...breakpointsOf(store.state), stateName(containers()[picked].server, clicked)])] }) }),
+          el("button", { type: "button", class: "small hold", onclick: () => control.ask("breakpoints", { before: [...new Set([...breakpointsOf(store.state), stateName(containers()[picked].server, clicked.id)])] }) }),
           el("button", { type: "button", class: "small", onclick: () => { picked = null; drawUserdata(); } }, t("Close"))),
         el("div", { class: "buttons leave", role: "group", "aria-label": t("Leave the state with") }),
         el("p", { class: "empty" }), el("dl", {}), el("ol", { class: "ran", "aria-label": t("Executed steps") }));
     }
     const rows = container.userdata || [];
     setText(part(box, "title"), t("Userdata of {path}", container));
-    const name = stateName(container.server, clicked);
+    part(box, "title").title = [container.node, container.server].filter(Boolean).join(" ");
+    const name = stateName(container.server, clicked.id);
     setText(part(box, "hold"), t("Hold before {what}", { what: name }));
     setHidden(part(box, "hold"), !control.possible() || !name.includes("/"));
     const waits = waiting(container.server, name);
@@ -145,35 +147,43 @@ export function show(section, { store, control }) {
 
 const runs = (container) => (container.active || []).length > 0;
 
-function isRoot(container, known) {
-  const parts = container.path.replace(/^\//, "").split("/");
-  for (let length = 1; length < parts.length; length += 1) {
-    if (known.has(`${container.server} /${parts.slice(0, length).join("/")}`)) return false;
-  }
-  return true;
+const inside = (path, label) => (path === "/" ? `/${label}` : `${path}/${label}`);
+
+// The key of another container of the same machine: what stands before the path are its node and its server.
+const beside = (all, key, path) => key.slice(0, key.length - all[key].path.length) + path;
+
+// The path of the container of a node; recordings of before have it in the node's name only.
+const homeOf = ({ id, kind, in: home }) => home ?? (id.slice(0, id.lastIndexOf(kind === "outcome" ? ":" : "/")) || "/");
+
+// What machines are called: by their paths, and where several have one, by their server and node as well.
+function namesOf(all, roots) {
+  const plain = ({ path, server }) => path.replace(/^\/+/, "") || server;
+  const ways = [plain, (root) => `${plain(root)} · ${root.server}`, (root) => `${plain(root)} · ${root.server} · ${root.node}`];
+  const texts = ways.map((way) => roots.map((key) => way(all[key])));
+  return new Map(roots.map((key, at) => [key, (texts.find((each) => each.indexOf(each[at]) === each.lastIndexOf(each[at])) || texts[2])[at]]));
 }
 
 // The innermost active state: DRIVE, or ASK/SAY.
-function deepest(all, root) {
+function deepest(all, key) {
   const names = [];
-  let container = root;
-  while (container && (container.active || []).length && names.length < 20) {
+  let container = all[key];
+  while (container && runs(container) && names.length < 20) {
     names.push(container.active.join(" + "));
-    container = all[`${container.server} ${container.path.replace(/\/$/, "")}/${container.active[0]}`];
+    container = of(all, beside(all, key, inside(container.path, container.active[0])));
   }
   return names.join(" / ");
 }
 
-function edgeMark(all, server, edge) {
-  // An edge that begins at an outcome belongs to the container that has it: /A/B:done → state B of /A.
-  const fromOutcome = edge.from.lastIndexOf(":") > edge.from.lastIndexOf("/");
-  const path = fromOutcome ? edge.from.slice(0, edge.from.lastIndexOf(":")) : edge.from;
-  const cut = path.lastIndexOf("/");
-  const parent = all[`${server} ${path.slice(0, cut) || "/"}`];
-  const last = parent && parent.last && parent.last[path.slice(cut + 1)];
+function edgeMark(containerAt, frames, edge, from, to) {
+  if (!from || !to) return false;
+  // An edge that begins at an outcome belongs to the container that has it: done of /A/B → state B of /A.
+  const fromOutcome = from.kind === "outcome";
+  const frame = frames.get(homeOf(from)) || {};
+  const [home, label] = fromOutcome ? [frame.in ?? frame.id.slice(0, frame.id.lastIndexOf("/")), frame.text] : [homeOf(from), from.text];
+  const last = of(containerAt(home).last, label);
   if (!last || !last.length) return false;
-  const target = edge.to.startsWith(`${parent.path}:`) ? edge.to.slice(parent.path.length + 1) : null;
-  const labels = fromOutcome ? [edge.from.slice(path.length + 1)] : edge.text ? edge.text.split(", ") : [target];
-  if (!labels.some((label) => last.includes(label))) return false;
+  const target = to.kind === "outcome" && homeOf(to) === home ? to.text : null;
+  const labels = fromOutcome ? [from.text] : edge.text ? edge.text.split(", ") : [target];
+  if (!labels.some((each) => last.includes(each))) return false;
   return last.length > 1 && !fromOutcome && !last.every((outcome) => labels.includes(outcome)) ? "maybe" : "taken";
 }

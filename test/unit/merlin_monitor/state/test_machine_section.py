@@ -92,7 +92,7 @@ def test_no_page_sees_a_part_of_a_new_container(monkeypatch: pytest.MonkeyPatch,
 def test_a_path_without_a_slash_is_drawn_too() -> None:
     _, machines, _, _ = section()
     machines.structure("/m", structure("SM_ROOT", ["A"], [("ok", "A", "None")], ["ok"]), 0.0)
-    graph = machine_graph(machines.containers_below(container_key("/m", "SM_ROOT")), "SM_ROOT")
+    graph = machine_graph(machines.containers_below(container_key("/m", "/SM_ROOT")), "/SM_ROOT")
     assert [cluster.text for cluster in graph.clusters] == ["SM_ROOT"]
 
 
@@ -122,6 +122,46 @@ def test_machines_of_two_servers_with_one_path_stay_apart() -> None:
     assert tree.get("machines", "containers", container_key("/two", "/M")).get("active") is None
     machines.server_gone("/one")
     assert tree.keys("machines", "containers") == [container_key("/two", "/M")]
+
+
+def test_machines_of_two_nodes_with_one_server_and_path_stay_apart() -> None:
+    tree, machines, _, _ = section()
+    for node, state in (("/here", "A"), ("/there", "SUB")):
+        machines.structure("/m", OUTER, 0.0, node)
+        machines.structure("/m", INNER, 0.0, node)
+        machines.status("/m", status("/M", state), 0.0, 0.0, node)
+    here, there = (container_key("/m", "/M", node) for node in ("/here", "/there"))
+    assert tree.get("machines", "containers", here, "active") == ["A"]
+    assert tree.get("machines", "containers", there, "active") == ["SUB"]
+    assert machines.root_of(container_key("/m", "/M/SUB", "/there")) == there
+    machines.server_gone("/m", "/there")
+    assert set(tree.keys("machines", "containers")) == {here, container_key("/m", "/M/SUB", "/here")}
+
+
+@pytest.mark.parametrize("root", ["/", "SM_ROOT", "//SM_ROOT", "/SM/ROOT"])
+@pytest.mark.parametrize("label", ["SUB", "[a/b]", "a:b"])
+def test_a_container_is_inside_the_one_that_has_it_as_a_child(root: str, label: str) -> None:
+    _, machines, told, pictures = section()
+    inner = f"{root.rstrip('/')}/{label}"
+    machines.structure(
+        "/m", structure(inner, ["X"], [("ok", "X", "None")], ["ok"]), 0.0
+    )  # this may come first
+    machines.structure("/m", structure(root, [label], [("ok", label, "None")], ["ok"]), 0.0)
+    path = f"/{root.strip('/')}"
+    key = container_key("/m", path)
+    assert pictures[-1] == key
+    assert machines.root_of(container_key("/m", f"/{inner.lstrip('/')}")) == key
+    for state in ("", "X"):
+        machines.status("/m", status(inner, *filter(None, [state])), 1.0, 1.0)
+        machines.status("/m", status(root, *([label] if state else [])), 1.0, 1.0)
+    name = path.strip("/")
+    assert told.texts == [f"{name or '/m'}: in {label}"], "of the machine, not of what is in it"
+    graph = machine_graph(machines.containers_below(key), path)
+    outer, within = graph.clusters
+    assert (outer.text, within.text, within.parent) == (name.split("/")[-1] or "/", label, path)
+    picture = layout(graph)
+    assert {node["in"] for node in picture["nodes"]} == {path, within.id}
+    assert {cluster["in"] for cluster in picture["clusters"]} == {"", path}
 
 
 def test_silence_is_marked_but_not_while_the_simulation_is_paused() -> None:
@@ -211,7 +251,7 @@ def test_any_order_of_messages_and_any_names(messages: list) -> None:
     for message in messages:
         if hasattr(message, "children"):
             machines.structure("/m", message, 0.0)
-            children[message.path] = message.children
+            children[message.path or "/"] = message.children
         else:
             machines.status("/m", message, 0.0, 0.0)
             active[message.path] = [state for state in message.active_states if state != "None"]

@@ -48,6 +48,13 @@ def test_everything_is_there() -> None:
     assert "\x1b" not in text
 
 
+def test_machines_of_one_path_are_told_apart() -> None:
+    one = {"server": "/one", "node": "/here", "path": "/SM", "active": ["A"]}
+    state = {"machines": {"containers": {"1": one, "2": {**one, "node": "/there", "active": []}}}}
+    text = "\n".join(paint(lines(state), 80, 100, colour=False))
+    assert "> /SM of /here /one: A" in text and "o /SM of /there /one: idle" in text
+
+
 def test_an_empty_state_is_no_reason_to_fail() -> None:
     assert paint(lines({}), 80, 24, True)
 

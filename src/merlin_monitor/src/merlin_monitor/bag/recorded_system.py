@@ -32,7 +32,7 @@ class RecordedSystem(RosSystem):
         self.clock = BagClock(recording.begin, recording.end, factors, recording.written)
         self._at, self._wall = recording.begin, self.clock.begin
         self._receivers: Dict[str, List[_Receiver]] = {}
-        self._senders: Dict[str, List[str]] = {}  # topic → the node that has published last
+        self._senders: Dict[str, List[str]] = {}  # topic → the nodes that have published, the last one first
 
     def go_to(self, wall: float) -> None:
         """Advances time.
@@ -48,7 +48,8 @@ class RecordedSystem(RosSystem):
         """
         self._at = message.at.to_sec()
         self._wall = max(self._wall, self.clock.wall(self._at))
-        self._senders[message.topic] = [message.sender]
+        others = [node for node in self._senders.get(message.topic, ()) if node != message.sender]
+        self._senders[message.topic] = [message.sender, *others]
         for receiver in list(self._receivers.get(message.topic, ())):
             if receiver.message_class._type == message.type:
                 receiver.take(self._read(message, receiver.message_class))

@@ -129,6 +129,7 @@ def _read(
                     "id": node.id,
                     "text": node.text,
                     "kind": node.kind,
+                    "in": node.cluster,
                     "x": round(x - left, 1),
                     "y": round(y - top, 1),
                     "w": round(float(item["width"]) * _POINTS, 1),
@@ -141,6 +142,7 @@ def _read(
                 {
                     "id": cluster.id,
                     "text": cluster.text,
+                    "in": cluster.parent,
                     "x": round(min(a, c) - left, 1),
                     "y": round(min(b, d) - top, 1),
                     "w": round(abs(c - a), 1),

@@ -42,6 +42,11 @@ class DrawnGraph(NamedTuple):
     direction: str = "TB"
 
 
+def inside(path: str, label: str) -> str:
+    """The path of a state or container in a container, which may be called ``/``."""
+    return f"/{label}" if path == "/" else f"{path}/{label}"
+
+
 def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> DrawnGraph:
     """The picture of a machine with the containers in it.
 
@@ -54,14 +59,19 @@ def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> DrawnGrap
     nodes: List[DrawnNode] = []
     edges: List[DrawnEdge] = []
     clusters: List[Cluster] = []
+    # A label may have slashes: what is inside what is known by the children only.
+    places = {
+        inside(path, child): (child, path)
+        for path, container in containers.items()
+        for child in container["children"]
+    }
     for path, container in containers.items():
-        parent = path.rsplit("/", 1)[0] if path != root else ""
-        clusters.append(Cluster(path, path.rsplit("/", 1)[-1], parent))
-        inside = path.rstrip("/")
+        top = (path.rsplit("/", 1)[-1] or path, "")
+        clusters.append(Cluster(path, *(top if path == root else places.get(path, top))))
         nodes += [
-            DrawnNode(f"{inside}/{child}", child, "state", path)
+            DrawnNode(inside(path, child), child, "state", path)
             for child in container["children"]
-            if f"{inside}/{child}" not in containers
+            if inside(path, child) not in containers
         ]
         outcomes = set(container["outcomes"])
         nodes += [DrawnNode(f"{path}:{outcome}", outcome, "outcome", path) for outcome in sorted(outcomes)]
@@ -71,21 +81,21 @@ def machine_graph(containers: Dict[str, Dict[str, Any]], root: str) -> DrawnGrap
             if source not in container["children"]:
                 continue
             if end in container["children"] and target:
-                head = f"{inside}/{end}"
+                head = inside(path, end)
             elif end in outcomes:
                 head = f"{path}:{end}"
             else:
                 continue
             # Of a container, the edge begins at the outcome inside it.
-            inner = containers.get(f"{inside}/{source}")
+            inner = containers.get(inside(path, source))
             if inner is not None:
-                tail = f"{inside}/{source}:{outcome}"
+                tail = f"{inside(path, source)}:{outcome}"
                 if outcome not in inner["outcomes"]:
                     continue
                 grouped.setdefault((tail, head), [])
             else:
                 label = [] if head == f"{path}:{outcome}" else [outcome]
-                grouped.setdefault((f"{inside}/{source}", head), []).extend(label)
+                grouped.setdefault((inside(path, source), head), []).extend(label)
         arrows = Counter(head for _, head in grouped)
         for (tail, head), texts in grouped.items():
             if arrows[head] > CROWD and head.startswith(f"{path}:"):
@@ -117,5 +127,5 @@ def _entry(containers: Dict[str, Dict[str, Any]], head: str) -> Tuple[Optional[s
         first = initial or list(container["children"])
         if not first:
             return None, ""
-        head = f"{head.rstrip('/')}/{first[0]}"
+        head = inside(head, first[0])
     return None, ""

@@ -35,8 +35,11 @@ class GraphWatch:
 
     def publisher_of(self, topic: str) -> str:
         """The first node that publishes a topic, as the master knew it at the last look; empty when none."""
-        nodes = self._publishers.get(topic, [])
-        return nodes[0] if nodes else ""
+        return next(iter(self.publishers_of(topic)), "")
+
+    def publishers_of(self, topic: str) -> List[str]:
+        """All nodes that publish a topic, as the master knew them at the last look."""
+        return list(self._publishers.get(topic, []))
 
     def address_of(self, service: str) -> str:
         """Where a service is served, empty when nowhere; a new address means a new process."""

@@ -98,3 +98,8 @@ class Panel:
         """The fields of this panel that the page gets."""
         script = cls.script or f"package://merlin_monitor/web/panels/{cls.name}.js"
         return {"name": cls.name, "title": cls.title, "width": cls.width, "script": script}
+
+
+def sender_of(message: Any) -> str:
+    """Name of the node that has sent a message; empty: it is not known."""
+    return str((message._connection_header or {}).get("callerid", ""))

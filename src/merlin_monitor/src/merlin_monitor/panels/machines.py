@@ -1,14 +1,14 @@
 """The panel of the state machines: every SMACH introspection server there is, ours or the original's."""
 
 from functools import partial
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Set
 
 from merlin_msgs.msg import MachineHolds, StateOutcome
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 from std_msgs.msg import String
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
-from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.panel import Panel, sender_of
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_ros.publishing import publish
 from merlin_sm.holding.node_holds import CONSOLES_TOPIC, HOLDS_TOPIC, OUTCOMES_TOPIC
@@ -27,6 +27,7 @@ class MachinesPanel(Panel):
         super().__init__(state, watch)
         self._namespace = self.ros.namespace
         self._servers: Dict[str, List[Any]] = {}
+        self._nodes: Dict[str, Set[str]] = {}  # server → nodes that have one of this name
         self._followed_at = float("-inf")
         self._consoles = self.ros.publisher(CONSOLES_TOPIC, String)
         self.subscribe(HOLDS_TOPIC, MachineHolds, self._take_holds)
@@ -71,19 +72,25 @@ class MachinesPanel(Panel):
         for server in set(self._servers) - found:
             for subscriber in self._servers.pop(server):
                 subscriber.unregister()
-            self.state.inbox.put(self.state.machines.server_gone, server)
+        nodes = {server: set(self.watch.publishers_of(server + STATUS)) for server in found}
+        for server, known in self._nodes.items():
+            for node in known - nodes.get(server, set()):
+                self.state.inbox.put(self.state.machines.server_gone, server, node)
+        self._nodes = nodes
 
     def _take_holds(self, message: MachineHolds, at: float) -> None:
         self.state.machines.holds(message, at, self.ros.wall())
         self.state.now.refresh()
 
     def _structure(self, server: str, message: SmachContainerStructure) -> None:
-        self.state.inbox.put(self.state.machines.structure, server, message, self.ros.wall())
+        self.state.inbox.put(
+            self.state.machines.structure, server, message, self.ros.wall(), sender_of(message)
+        )
 
     def _status(self, server: str, message: SmachContainerStatus) -> None:
         at = message.header.stamp.to_sec() or self.ros.time()
         self.state.inbox.put(self._take, server, message, at, self.ros.wall())
 
     def _take(self, server: str, message: SmachContainerStatus, at: float, wall: float) -> None:
-        self.state.machines.status(server, message, at, wall)
+        self.state.machines.status(server, message, at, wall, sender_of(message))
         self.state.now.refresh()

@@ -1,12 +1,10 @@
 """The panel of the present: what the mission and the Executor do, as the headline."""
 
-from typing import Any
-
 from actionlib_msgs.msg import GoalID
 from merlin_msgs.msg import ExecuteActionResult, ExecutorStatus, MissionStatus
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
-from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.panel import Panel, sender_of
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 
@@ -31,12 +29,8 @@ class NowPanel(Panel):
         return self.source_of(self._status)
 
     def _mission(self, message: MissionStatus, at: float) -> None:
-        self.state.now.mission(message, at, _sender(message))
+        self.state.now.mission(message, at, sender_of(message))
 
     def _cancel(self, message: GoalID, at: float) -> None:
-        if _sender(message) != self.ros.name:  # a cancel of ours has its operator's name in the history
-            self.state.now.cancel(message, at, _sender(message))
-
-
-def _sender(message: Any) -> str:
-    return str(message._connection_header.get("callerid", ""))
+        if sender_of(message) != self.ros.name:  # a cancel of ours has its operator's name in the history
+            self.state.now.cancel(message, at, sender_of(message))

@@ -3,6 +3,7 @@
 import re
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Tuple
 
+from merlin_monitor.drawing.machine_graph import inside
 from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say, with_reason
@@ -33,7 +34,7 @@ class _Decided(NamedTuple):
 class MachineSection:
     """Keeps the section ``machines`` of the state.
 
-    A container is known by its server and its path, so that machines of two nodes with one path stay apart.
+    A container is known by its node, its server and its path: several nodes may give either the same name.
 
     :param structure_changed: called with the key of the root container whose picture is out of date, or that
         no longer exists.
@@ -46,19 +47,22 @@ class MachineSection:
         self._local_data: Dict[str, str] = {}
         self._steps: Dict[str, Dict[str, str]] = {}  # container → userdata after its last step
         self._seen: Dict[str, float] = {}
+        self._outer: Dict[str, str] = {}  # container → the one that has it among its children
         self._holds_seen: Dict[str, float] = {}  # node → when it was heard last
         self._decided: List[_Decided] = []  # not found among the executed steps yet
         tree.set(SECTION, "containers", {})
         tree.set(SECTION, "layouts", {})
         tree.set(SECTION, "holds", {})
 
-    def structure(self, server: str, message: Any, wall: float) -> None:
+    def structure(self, server: str, message: Any, wall: float, node: str = "") -> None:
         """Takes a message with the fields of smach_msgs/SmachContainerStructure.
 
         :param server: its introspection server.
         :param wall: time in s that continues when the simulation does not.
+        :param node: that has the server.
         """
-        key = container_key(server, message.path)
+        path = _rooted(message.path)
+        key = container_key(server, path, node)
         edges = [
             [outcome, source, "" if target in ("", NO_STATE) else target]
             for outcome, source, target in zip(
@@ -67,7 +71,8 @@ class MachineSection:
         ]
         fields = {
             "server": server,
-            "path": message.path,
+            "node": node,
+            "path": path,
             "children": list(message.children),
             "edges": edges,
             "outcomes": sorted(set(message.container_outcomes)),
@@ -75,18 +80,24 @@ class MachineSection:
         changed = self._set(key, fields)
         self._is_seen(key, wall)
         if changed:
+            self._outer = {inner: outer for inner, outer in self._outer.items() if outer != key}
+            self._outer.update(
+                {container_key(server, inside(path, child), node): key for child in message.children}
+            )
             self._structure_changed(self.root_of(key))
 
-    def status(self, server: str, message: Any, at: float, wall: float) -> None:
+    def status(self, server: str, message: Any, at: float, wall: float, node: str = "") -> None:
         """Takes a message with the fields of smach_msgs/SmachContainerStatus."""
-        key = container_key(server, message.path)
+        path = _rooted(message.path)
+        key = container_key(server, path, node)
         known = self._tree.get(SECTION, "containers", key, default={})
         active = [state for state in message.active_states if state != NO_STATE]
         before = known.get("active", [])
         ended = _TERMINATED.match(message.info)
         fields: Dict[str, Any] = {
             "server": server,
-            "path": message.path,
+            "node": node,
+            "path": path,
             "active": active,
             "initial": list(message.initial_states),
         }
@@ -108,8 +119,9 @@ class MachineSection:
         left = [state for state in before if state not in active]
         if left:
             self._note_steps(key, {state: fields["last"][state] for state in left}, at)
-        if known and active != before and len(message.path.strip("/").split("/")) == 1:
-            self._report_change(message.path, active, ended and ended.group(1), at)
+        if known and active != before and self.root_of(key) == key:
+            name = path.strip("/") or server
+            self._report_change(name, active, ended and ended.group(1), at)
 
     def holds(self, message: Any, at: float, wall: float) -> None:
         """Takes a message with the fields of merlin_msgs/MachineHolds."""
@@ -178,15 +190,16 @@ class MachineSection:
             self._tree.remove(SECTION, "holds", node)
         return bool(gone)
 
-    def server_gone(self, server: str) -> None:
-        """Forgets the containers of a server that no longer exists."""
+    def server_gone(self, server: str, node: str = "") -> None:
+        """Forgets the containers of a node's server that no longer exists."""
         for key in self._tree.keys(SECTION, "containers"):
-            if self._tree.get(SECTION, "containers", key, "server") == server:
+            if key.startswith(container_key(server, "", node)):
                 self._tree.remove(SECTION, "containers", key)
                 self._tree.remove(SECTION, "layouts", key)
                 self._seen.pop(key, None)
                 self._local_data.pop(key, None)
                 self._steps.pop(key, None)
+                self._outer = {inner: outer for inner, outer in self._outer.items() if outer != key}
                 self._structure_changed(key)
 
     def check_silence(self, wall: float, paused: bool) -> None:
@@ -198,13 +211,10 @@ class MachineSection:
 
     def root_of(self, key: str) -> str:
         """The key of the outermost known container around one."""
-        server, _, path = key.partition(" ")
-        containers = set(self._tree.keys(SECTION, "containers"))
-        parts = path.strip("/").split("/")
-        for length in range(1, len(parts)):
-            outer = container_key(server, "/" + "/".join(parts[:length]))
-            if outer in containers:
-                return outer
+        seen: Set[str] = set()
+        while key in self._outer and key not in seen:
+            seen.add(key)
+            key = self._outer[key]
         return key
 
     def containers_below(self, root: str) -> Dict[str, Dict[str, Any]]:
@@ -220,10 +230,7 @@ class MachineSection:
                 continue
             seen.add(key)
             found[container["path"]] = container
-            inside = container["path"].rstrip("/")
-            waiting += [
-                container_key(container["server"], f"{inside}/{name}") for name in container["children"]
-            ]
+            waiting += [_key_in(container, name) for name in container["children"]]
         return found
 
     def layout(self, root: str, picture: Optional[Dict[str, Any]]) -> None:
@@ -247,8 +254,8 @@ class MachineSection:
             active = container.get("active") or []
             if not active:
                 return path if "/" in path else ""
-            path = f"{container['path'].strip('/')}/{active[0]}"
-            inner = self._tree.get(SECTION, "containers", container_key(container["server"], f"/{path}"))
+            path = inside(container["path"], active[0]).strip("/")
+            inner = self._tree.get(SECTION, "containers", _key_in(container, active[0]))
             if inner is None:
                 return path
             container = inner
@@ -277,7 +284,8 @@ class MachineSection:
 
     def _mark_steps(self, key: str) -> None:
         """Notes at the steps of a container what operators have decided; either message may come first."""
-        server, _, path = key.partition(" ")
+        container = self._tree.get(SECTION, "containers", key, default={})
+        server, path = container.get("server", ""), container.get("path", "")
         within = path.strip("/").split("/")[1:]
         for decided in list(self._decided):
             if decided.labels[:-1] != within or not re.fullmatch(
@@ -303,8 +311,7 @@ class MachineSection:
         self._seen[key] = wall
         self._set(key, {"silent": False})
 
-    def _report_change(self, path: str, active: List[str], outcome: Optional[str], at: float) -> None:
-        name = path.strip("/")
+    def _report_change(self, name: str, active: List[str], outcome: Optional[str], at: float) -> None:
         if active:
             said = say("in {state}", state=", ".join(active))
         else:
@@ -342,9 +349,17 @@ def _decided_words(message: Any) -> Phrase:
     return say("{what}; nothing has set {keys}", what=said, keys=", ".join(message.unset))
 
 
-def container_key(server: str, path: str) -> str:
+def container_key(server: str, path: str, node: str = "") -> str:
     """How a container is known."""
-    return f"{server} {path}"
+    return f"{node} {server} {path}"
+
+
+def _key_in(container: Dict[str, Any], label: str) -> str:
+    return container_key(container["server"], inside(container["path"], label), container["node"])
+
+
+def _rooted(path: str) -> str:
+    return f"/{path.lstrip('/')}"
 
 
 def _last_edges(

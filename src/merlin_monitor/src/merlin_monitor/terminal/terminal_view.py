@@ -1,6 +1,7 @@
 """The state as lines of a terminal. Names from ROS cannot move the cursor: only printable signs are shown."""
 
 import unicodedata
+from collections import Counter
 from typing import Any, Dict, List, NamedTuple
 
 from merlin_monitor.text.phrase import in_english
@@ -132,14 +133,18 @@ def _queue(queue: Dict[str, Any]) -> List[Line]:
 def _machines(machines: Dict[str, Any]) -> List[Line]:
     containers = machines.get("containers", {})
     shown = []
+    paths = Counter(container["path"] for container in containers.values())
     for container in sorted(containers.values(), key=lambda item: item["path"]):
+        name = container["path"]
+        if paths[name] > 1:
+            name += f" of {container.get('node', '')} {container.get('server', '')}"
         active = container.get("active", [])
         silent = ", silent" if container.get("silent") else ""
         if active:
-            shown.append(Line(f"  > {container['path']}: {', '.join(active)}{silent}", "good"))
+            shown.append(Line(f"  > {name}: {', '.join(active)}{silent}", "good"))
         elif len(container["path"].strip("/").split("/")) == 1:
             ended = f"ended with {container['outcome']}" if container.get("outcome") else "idle"
-            shown.append(Line(f"  o {container['path']}: {ended}{silent}", "soft"))
+            shown.append(Line(f"  o {name}: {ended}{silent}", "soft"))
     return _section("State machines") + shown if shown else []
 
 

@@ -1,0 +1,82 @@
+"""The panel of the state machines: nodes that use one name of a server, as they come and go. Without ROS."""
+
+import threading
+from typing import Any, Callable, Dict, Iterator, List, Tuple
+
+import pytest
+from messages import status, structure
+
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.ros_system import RosSystem, TopicGraph
+from merlin_monitor.panels.machines import STATUS, STRUCTURE, MachinesPanel
+from merlin_monitor.state.inbox import Inbox
+from merlin_monitor.state.monitor_model import MonitorModel
+
+LIMIT = 60.0  # s
+
+
+class System(RosSystem):
+    """What the panel asks, without ROS."""
+
+    namespace = "/"
+
+    def __init__(self) -> None:
+        self.receivers: Dict[str, Callable[[Any], object]] = {}
+        self.nodes: List[str] = []
+
+    def time(self) -> float:
+        return 1.0
+
+    def subscribe(self, topic: str, message_class: type, receive: Any, **_: Any) -> Any:
+        self.receivers[topic] = receive
+        return self
+
+    def publisher(self, topic: str, message_class: type) -> Any:
+        return self
+
+    def unregister(self) -> None:
+        pass
+
+    def graph(self) -> TopicGraph:
+        topics = {f"/srv{STATUS}": "smach_msgs/SmachContainerStatus"} if self.nodes else {}
+        return TopicGraph(dict.fromkeys(topics, self.nodes), topics)
+
+    def send(self, topic: str, message: Any, node: str) -> None:
+        message._connection_header = {"callerid": node}
+        self.receivers[topic](message)
+
+
+@pytest.fixture
+def panel() -> Iterator[Tuple[MachinesPanel, System, GraphWatch]]:
+    system, inbox = System(), Inbox()
+    watch = GraphWatch(lambda topics: made.look(topics), system)
+    made = MachinesPanel(MonitorModel(inbox), watch)
+    inbox.start()
+    yield made, system, watch
+    inbox.stop()
+
+
+def shown(panel: MachinesPanel) -> Dict[str, List[str]]:
+    """The active states of the machines, by their nodes."""
+    taken = threading.Event()
+    panel.state.inbox.put(taken.set)
+    assert taken.wait(LIMIT)
+    containers = panel.state.tree.get("machines", "containers")
+    return {each["node"]: each.get("active", []) for each in containers.values()}
+
+
+def test_machines_of_nodes_with_one_name_of_a_server_come_and_go_one_by_one(panel: Any) -> None:
+    made, system, watch = panel
+    system.nodes = ["/here", "/there"]
+    watch.look()
+    for node, state in (("/here", "A"), ("/there", "B")):
+        machine = structure("/SM_ROOT", ["A", "B"], [("ok", "A", "B"), ("ok", "B", "None")], ["ok"])
+        system.send(f"/srv{STRUCTURE}", machine, node)
+        system.send(f"/srv{STATUS}", status("/SM_ROOT", state), node)
+    assert shown(made) == {"/here": ["A"], "/there": ["B"]}
+    system.nodes = ["/there"]
+    watch.look()
+    assert shown(made) == {"/there": ["B"]}
+    system.nodes = []
+    watch.look()
+    assert shown(made) == {}
