@@ -60,6 +60,45 @@ def test_an_address_of_the_network_lets_in_numbers_and_named_hosts() -> None:
         assert refuses(access, host)
 
 
+def test_behind_a_proxy_a_page_of_an_allowed_name_is_not_another_sites() -> None:
+    access = WebAccess("127.0.0.1", ["Robot.lab", "desk_1.lab:8443", "[fe80::1]:81", "fe80::2"])
+    for host in ("robot.lab:8080", "robot.lab", "desk_1.lab", "desk_1.lab:8443", "[fe80::1]", "[fe80::2]:80"):
+        assert not refuses(access, host)
+    for origin in ("http://robot.lab", "https://ROBOT.lab", "https://desk_1.lab:8443", "http://[fe80::1]:81"):
+        access.check_origin(origin, "127.0.0.1:8080")
+    for origin in (
+        "http://robot.lab:81",
+        "https://desk_1.lab",
+        "http://robot.lab.evil.example",
+        "ftp://robot.lab",
+    ):
+        with pytest.raises(RequestRefused, match=r"have it pass on the header Host .*allowed_hosts:="):
+            access.check_origin(origin, "127.0.0.1:8080")
+
+
+@pytest.mark.parametrize(
+    "name", ["http://robot.lab", "robot.lab/merlin", "a b", "robot.lab:port", "me@robot.lab", ""]
+)
+def test_a_name_that_is_none_is_refused_at_the_start(name: str) -> None:
+    with pytest.raises(ValueError, match=f"--allowed-host {name} names no host; give it as robot.lab"):
+        WebAccess("127.0.0.1", [name], setting="--allowed-host ")
+
+
+def test_a_refusal_says_what_would_let_it_in() -> None:
+    with pytest.raises(RequestRefused, match=r"'robot.lab'; start it with allowed_hosts:=robot.lab\."):
+        WebAccess("127.0.0.1").check_host("robot.lab:80")
+    with pytest.raises(RequestRefused, match=r"or start it with --allowed-host robot.lab:81\."):
+        WebAccess("127.0.0.1", setting="--allowed-host ").check_origin("http://robot.lab:81", "robot.lab")
+
+
+def test_a_page_learns_why_it_gets_no_websocket(served: Served) -> None:
+    own = f"http://127.0.0.1:{served.server.port}"
+    assert ask(served.url, "live", "POST", {"Origin": own}).status == 204
+    refused = ask(served.url, "live", "POST", {"Origin": "http://robot.lab"})
+    assert refused.status == 403 and "allowed_hosts:=robot.lab" in refused.said
+    assert refused.headers["Content-Type"].startswith("text/plain")
+
+
 def origin_of(served: Served, text: str) -> Dict[str, str]:
     return {"Origin": text.format(port=served.server.port), "X-Merlin-Token": TOKEN}
 

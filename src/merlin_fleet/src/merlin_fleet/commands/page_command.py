@@ -41,7 +41,7 @@ def _serve(client: FleetClient, given: argparse.Namespace) -> None:
     server = WebServer(
         page,
         Path(rospkg.RosPack().get_path("merlin_monitor")) / "web",
-        WebAccess(given.host, given.allowed_host, operators),
+        WebAccess(given.host, given.allowed_host, operators, setting="--allowed-host "),
         FleetControl(client),
         given.host,
         given.port,

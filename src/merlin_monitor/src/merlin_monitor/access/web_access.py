@@ -23,7 +23,7 @@ HEADERS = {
 }
 TOKEN_HEADER = "X-Merlin-Token"
 _LOCAL = frozenset({"localhost", "127.0.0.1", "::1"})
-_NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,250}[A-Za-z0-9])?\Z")
+_NAME = re.compile(r"[A-Za-z0-9_]([A-Za-z0-9_.-]{0,250}[A-Za-z0-9_])?\Z")
 
 
 class RequestRefused(Exception):
@@ -42,9 +42,12 @@ class WebAccess:
 
     :param host: address that is listened on; one that is not of this machine alone lets in requests for its
         own names and for any numeric address.
-    :param names: further names under which the page may be asked for.
+    :param names: further names under which the page may be asked for, each as the browser shows it: with a
+        port where that has one. Behind a proxy, pages of these names are its own, whatever Host says.
     :param operators: those that may control the robot; without any, it is only shown.
     :param open_stop: whether everybody may stop the robot.
+    :param setting: how its user gives such a name.
+    :raises ValueError: when a name is none.
     """
 
     def __init__(
@@ -53,11 +56,20 @@ class WebAccess:
         names: Iterable[str] = (),
         operators: Optional[Operators] = None,
         open_stop: bool = False,
+        setting: str = "allowed_hosts:=",
     ) -> None:
         self.open_stop = open_stop
+        self._setting = setting
+        self._pages = frozenset(name.lower() for name in names)
+        hosts = {name: name if _is_address(name) else _host_name(name) for name in self._pages}
+        for name, known in hosts.items():
+            if known is None:
+                raise ValueError(f"{setting}{name} names no host; give it as robot.lab or robot.lab:8443")
         self._any_address = not _is_loopback(host)
         own = (socket.gethostname(), socket.getfqdn()) if self._any_address else ()
-        self._names: FrozenSet[str] = _LOCAL | {name.lower() for name in (host, *own, *names) if name}
+        self._names: FrozenSet[str] = _LOCAL | {
+            name.lower() for name in (host, *own, *hosts.values()) if name
+        }
         self._operators = operators or Operators(None)
 
     def check_host(self, host: Optional[str]) -> None:
@@ -67,10 +79,9 @@ class WebAccess:
         """
         name = _host_name(host or "")
         if name is None or not self._knows(name):
-            raise RequestRefused(
-                f"This page is not served under the name {name or 'that was asked for'!r}; "
-                "the parameter ~allowed_hosts can name it."
-            )
+            called = repr(name) if name else "that was asked for"
+            remedy = f"; start it with {self._setting}{name}" if name else ""
+            raise RequestRefused(f"This page is not served under the name {called}{remedy}.")
 
     def check_origin(self, origin: Optional[str], host: Optional[str]) -> None:
         """Refuses what another site's page sends. Programs send no Origin and may come in.
@@ -81,11 +92,15 @@ class WebAccess:
             return
         try:
             parts = urlsplit(origin)
-            own = parts.scheme in ("http", "https") and parts.netloc.lower() == (host or "").lower()
+            site = parts.netloc.lower() if parts.scheme in ("http", "https") else ""
         except ValueError:
-            own = False
-        if not own:
-            raise RequestRefused("Requests from pages of other sites are refused.")
+            site = ""
+        if not site or site not in {(host or "").lower(), *self._pages}:
+            raise RequestRefused(
+                f"Requests from pages of other sites are refused: the page is of {site or origin!r}, "
+                f"and asks {host!r}. Where a proxy stands between, have it pass on the header Host with the "
+                f"port (nginx: $http_host), or start it with {self._setting}{site or 'NAME'}."
+            )
 
     def operator(self, token: Optional[str]) -> str:
         """The name of the operator who has the token.

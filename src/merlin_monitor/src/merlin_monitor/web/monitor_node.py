@@ -52,10 +52,14 @@ def _start() -> None:
     names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
     folder = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
     tls = _tls()
+    try:
+        access = WebAccess(host, names, operators, open_stop_of_node(RosSystem()))
+    except ValueError as error:
+        raise ParameterError(str(error)) from error
     server = WebServer(
         state,
         folder,
-        WebAccess(host, names, operators, open_stop_of_node(RosSystem())),
+        access,
         control,
         host,
         port,

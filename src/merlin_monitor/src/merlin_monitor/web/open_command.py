@@ -9,7 +9,7 @@ import sys
 import termios
 import tty
 from pathlib import Path
-from typing import Iterable, Iterator
+from typing import Iterable, Iterator, Sequence
 
 import rospkg
 
@@ -25,20 +25,25 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextlib.contextmanager
-def opened(path: Path, host: str, port: int, name: str = "") -> Iterator[WebServer]:
+def opened(
+    path: Path, host: str, port: int, name: str = "", allowed: Sequence[str] = ()
+) -> Iterator[WebServer]:
     """Serves the page of a history.
 
     :param path: its file, or the folder in which it is.
     :param port: wanted; if it is taken, the next free one.
     :param name: what the page calls it; empty: its folder.
+    :param allowed: further names of the page.
     :raises HistoryError: it cannot be shown.
+    :raises ValueError: a name is none.
     :raises ServerError: it cannot be served.
     """
     folder = path if path.is_dir() else path.parent if path.name == FILE else path
     archive = Archive(path, name or _shown(folder))
     try:
         web = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
-        server = WebServer(archive, web, WebAccess(host), None, host, port, archive.scripts)
+        access = WebAccess(host, allowed, setting="--allowed-host ")
+        server = WebServer(archive, web, access, None, host, port, archive.scripts)
         server.start()
         try:
             for missing in archive.missing:
@@ -102,13 +107,17 @@ def main() -> int:
             if bag is None:
                 if given.into is not None:
                     raise BagError(f"--into is for a bag; {given.path} is a history already")
-                server = ends.enter_context(opened(given.path, given.host, given.port))
+                server = ends.enter_context(
+                    opened(given.path, given.host, given.port, "", given.allowed_host)
+                )
             else:
                 file = ends.enter_context(history_of(bag, given.into))
-                server = ends.enter_context(opened(file, given.host, given.port, _shown(bag)))
+                server = ends.enter_context(
+                    opened(file, given.host, given.port, _shown(bag), given.allowed_host)
+                )
             print(f"{server.address}  (Ctrl-C ends it)", flush=True)
             wait_for_end(key=False)
-    except (HistoryError, ServerError, BagError) as error:
+    except (HistoryError, ServerError, BagError, ValueError) as error:
         print(f"open: {error}", file=sys.stderr)
         return EXIT_MISTAKES
     except KeyboardInterrupt:
@@ -129,6 +138,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--host", default="127.0.0.1", help="address to serve on (%(default)s)")
     parser.add_argument(
         "--port", type=int, default=8080, help="if it is taken, the next free one (%(default)s)"
+    )
+    parser.add_argument(
+        "--allowed-host", action="append", default=[], metavar="NAME", help="further name of the page"
     )
     parser.add_argument(
         "--into", type=Path, metavar="FOLDER", help="where the history of a bag is kept; else it is not kept"

@@ -111,6 +111,7 @@ class WebServer:
         routes = application.router
         routes.add_get("/", self._index)
         routes.add_get("/live", self._serve_live)
+        routes.add_post("/live", self._may_follow)
         routes.add_get("/state.json", self._serve_state)
         routes.add_get("/map.png", self._serve_map)
         routes.add_get("/pictures/{name}.png", self._serve_picture)
@@ -197,6 +198,10 @@ class WebServer:
         assert request.transport is not None
         await self._live.serve(response, request.transport.abort)
         return response
+
+    async def _may_follow(self, request: web.Request) -> web.StreamResponse:
+        # For a page that gets no WebSocket, which browsers do not explain; what is refused is refused before.
+        return web.Response(status=204)
 
     async def _serve_state(self, request: web.Request) -> web.StreamResponse:
         version, state = self._state.tree.as_json()
