@@ -1,6 +1,6 @@
 // The robots of the fleet, when one was not heard of, and the goals with their owners.
-import { el, keyed, part, setHidden, setText } from "/dom.js";
-import { language, t } from "/texts.js";
+import { el, keyed, part, setHidden, setText } from "../dom.js";
+import { language, t } from "../texts.js";
 
 const GOOD = ["succeeded", "already true"];
 const CALM = ["open", "owned", "cancelling", "cancelled"];

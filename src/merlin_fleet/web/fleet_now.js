@@ -1,6 +1,6 @@
 // The headline of the fleet's page: how it is, and first of all whether that is known.
-import { byId, el, setHidden, setText } from "/dom.js";
-import { language, t } from "/texts.js";
+import { byId, el, setHidden, setText } from "../dom.js";
+import { language, t } from "../texts.js";
 
 const clock = (at) => new Date(at * 1000).toLocaleTimeString(language);
 

@@ -1,6 +1,6 @@
 // Sends a goal to the fleet, for operators.
-import { el, keyed, setHidden } from "/dom.js";
-import { t } from "/texts.js";
+import { el, keyed, setHidden } from "../dom.js";
+import { t } from "../texts.js";
 
 export function show(section, { store, control }) {
   const goal = el("input", { id: "goal", class: "code", spellcheck: "false", placeholder: "(checked kitchen)" });

@@ -29,6 +29,8 @@ function drawConnection() {
   byId("connection").dataset.state = store.connected ? shown : "lost";
   setText(byId("connection"), store.connected ? t(shown) : since);
   document.body.dataset.news = store.connected ? shown : "none";
+  setHidden(byId("refused"), !store.refused);
+  setText(byId("refused"), store.refused);
 }
 
 store.view("meta", (meta) => {
@@ -75,7 +77,7 @@ async function add({ name, title, width }) {
     setText(silent, what && t("no news since {time}: {node} {what}", { time: clockText(what.since), node: what.node || t("its source"), what: t(what.what) }));
   });
   try {
-    const panel = await import(`/panels/${name}.js`);
+    const panel = await import(`./panels/${name}.js`);
     if (panel.style) await dress(panel.style);
     panel.show(section, { store, control });
   } catch (error) {

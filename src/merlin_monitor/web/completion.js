@@ -1,4 +1,5 @@
 // Completes a goal in PDDL from the domain and the objects.
+import { of } from "./names.js";
 
 const MOST = 40;
 const WORDS = [["and", "all of these"], ["not", "the opposite"], [">=", "comparison"], ["<=", "comparison"], [">", "comparison"], ["<", "comparison"], ["=", "comparison"]];
@@ -54,22 +55,19 @@ function heads(domain, outer) {
 }
 
 function find(domain, name) {
-  for (const table of [domain.predicates, domain.functions]) {
-    if (table && Object.prototype.hasOwnProperty.call(table, name)) return table[name];
-  }
-  return null;
+  return of(domain.predicates, name) || of(domain.functions, name);
 }
 
 function arity(domain, word) {
   const signature = find(domain, word);
-  return signature === null || signature.length > 0;
+  return !signature || signature.length > 0;
 }
 
 export function isA(type, wanted, types) {
   let current = type;
   for (let steps = 0; current && steps < 50; steps += 1) {
     if (current === wanted) return true;
-    current = types[current];
+    current = of(types, current);
   }
   return wanted === "object" || !wanted;
 }

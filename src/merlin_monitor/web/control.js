@@ -1,8 +1,9 @@
 // Asks the robot to do something, for operators: each request carries the token of one.
+import { reasonOf } from "./answers.js";
 import { byId, secondsText, setHidden, setText } from "./dom.js";
 import { t } from "./texts.js";
 
-const TOKEN = "merlin-token";
+const TOKEN = `merlin-token ${new URL(".", document.baseURI).pathname}`; // one address may have several robots below it
 const PATIENCE = 15000; // ms for an answer; that of a stop comes within 3 s
 const STOP_PATIENCE = 3000; // then the press is sent again
 const STOP_AGAIN = 500; // ms
@@ -49,9 +50,12 @@ export class Control {
 
   async learnName() {
     this.name = "operator";
-    const { status, words } = await this.send("who", {}, this.token);
-    if (status === 200) this.name = words;
-    if (status === 403) this.signOut();
+    const told = await this.send("who", {}, this.token);
+    if (told.status === 200) this.name = told.words;
+    if (told.status === 403) {
+      this.signOut();
+      this.say(told);
+    }
     this.draw();
   }
 
@@ -77,7 +81,7 @@ export class Control {
     // A stop does not wait until the name is known.
     const [what, fields, answer] = this.waiting || ["who", {}, () => {}];
     const told = await this.send(what, fields, token);
-    if (told.status === 403 || told.status === 0) {
+    if (![200, 400, 409].includes(told.status)) { // what is between may answer, too
       setText(byId("sign-in-said"), told.words);
       return;
     }
@@ -145,20 +149,20 @@ export class Control {
 
   async send(what, fields, token) {
     try {
-      const answer = await fetch(`/control/${what}`, {
+      const answer = await fetch(`control/${what}`, {
         method: "POST",
         headers: { "Content-Type": "application/json", "X-Merlin-Token": encodeToken(token) },
         body: JSON.stringify(fields),
         signal: AbortSignal.timeout(what === "stop" ? STOP_PATIENCE : PATIENCE),
       });
       const text = await answer.text();
-      let words = text;
+      let words;
       let object = {};
       try {
         object = JSON.parse(text);
         words = object.done || object.error || text;
       } catch {
-        // a refusal is plain text
+        words = reasonOf(answer, text);
       }
       return { status: answer.status, object, words: words.trim(), wrong: words.includes("not the right one") };
     } catch {

@@ -1,5 +1,5 @@
 // The plan in time: lanes of steps, as planned (outlined) and as it was and is (filled), with the present as a line.
-import { clockText, secondsText, svg } from "./dom.js";
+import { clockText, has, of, secondsText, svg } from "./dom.js";
 import { pannable } from "./pan.js";
 import { planTimes, stepsOf, stepSpan } from "./plan_times.js";
 import { say, t } from "./texts.js";
@@ -54,7 +54,7 @@ export class Gantt {
 
 // The upper edge of each step: below the name of its robot, in the first lane that is free when it is planned to begin.
 function layOut(spans, { parameters = {}, robots = {} }) {
-  const robotOf = ({ step }) => ((step.parameters || []).find(([key, value]) => key === parameters[step.name] && value in robots) || [])[1] || "";
+  const robotOf = ({ step }) => ((step.parameters || []).find(([key, value]) => key === of(parameters, step.name) && has(robots, value)) || [])[1] || "";
   const owners = spans.map(robotOf);
   const tops = spans.map(() => 0);
   const names = [];

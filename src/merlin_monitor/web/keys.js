@@ -1,5 +1,5 @@
 // What the keyboard does, and the list of it.
-import { byId, el } from "./dom.js";
+import { byId, el, of } from "./dom.js";
 import { t } from "./texts.js";
 
 const HELP = [
@@ -58,10 +58,10 @@ export function keys(go) {
       return;
     }
     const link = document.querySelector(`nav a[data-key="${CSS.escape(event.key)}"]`);
-    if (!link && !does[event.key]) return;
+    const act = link ? () => link.click() : of(does, event.key);
+    if (!act) return;
     event.preventDefault();
-    if (link) link.click();
-    else does[event.key]();
+    act();
   });
 }
 

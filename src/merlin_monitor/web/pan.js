@@ -1,4 +1,5 @@
 // Moving what is larger than its box: by dragging, and with + − and the arrows while it has the focus.
+import { has } from "./names.js";
 
 const SLACK = 4; // px until a press is a drag and not a click
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -27,7 +28,7 @@ export function pannable(box, { move, zoom }) {
   }, true);
   box.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    if (event.key in ARROWS) move(...ARROWS[event.key].map((step) => 40 * step));
+    if (has(ARROWS, event.key)) move(...ARROWS[event.key].map((step) => 40 * step));
     else if (event.key === "+" || event.key === "=") zoom(1.25);
     else if (event.key === "-") zoom(0.8);
     else return;

@@ -1,4 +1,5 @@
 // What was shown at a moment, as the history has it: segments that begin with a whole state. Nothing here touches the page.
+import { askFor } from "./answers.js";
 import { applyChange } from "./store.js";
 
 const KEPT = 4; // segments
@@ -13,11 +14,9 @@ export function momentOf(hash) {
   return match && { run: Number(match[1]), wall: Number(match[2]) };
 }
 
-export async function ask(what, fields = {}) {
+export function ask(what, fields = {}) {
   const query = new URLSearchParams(Object.entries(fields).filter(([, value]) => value !== undefined));
-  const answer = await fetch(`/past/${what}?${query}`);
-  if (!answer.ok) throw new Error((await answer.text()).trim());
-  return answer.json();
+  return askFor(`past/${what}?${query}`);
 }
 
 export class Past {

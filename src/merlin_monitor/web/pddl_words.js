@@ -1,4 +1,5 @@
 // Facts, values and goals of PDDL in words, as text/phrase.py makes them, for lists too long to be sent as phrases.
+import { has } from "./names.js";
 import { say } from "./texts.js";
 
 const COMPARISONS = { ">=": "≥", "<=": "≤", ">": ">", "<": "<", "=": "=" };
@@ -39,7 +40,7 @@ function formula(part) {
   if (head === undefined) return "";
   if (head === "and") return rest.map(formula);
   if (head === "not" && rest.length === 1) return { say: "not {what}", what: formula(rest[0]) };
-  if (Object.prototype.hasOwnProperty.call(COMPARISONS, head) && rest.length === 2) {
+  if (has(COMPARISONS, head) && rest.length === 2) {
     return { say: `{left} ${COMPARISONS[head]} {right}`, left: formula(rest[0]), right: formula(rest[1]) };
   }
   if (!part.every((word) => typeof word === "string")) return part.map((each) => say(formula(each))).join(" ");

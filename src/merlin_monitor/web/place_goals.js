@@ -1,6 +1,6 @@
 // Goals for a point of interest: what the application offers for it, and what its operators can make true of it.
 import { isA } from "./completion.js";
-import { el, setText } from "./dom.js";
+import { el, of, setText } from "./dom.js";
 import { t } from "./texts.js";
 
 const MOST = 24; // goals that are offered at once
@@ -20,17 +20,17 @@ export function goalsOf(place, { control = {}, knowledge = {} }) {
 
 function reachable(place, { domain = {}, objects = {} }) {
   const types = domain.types || {};
-  const kind = (objects[place] || {}).type;
+  const kind = (of(objects, place) || {}).type;
   const goals = new Set();
   if (!kind) return goals;
   for (const [operator, effects] of Object.entries(domain.adds || {})) {
-    const variables = Object.fromEntries((domain.operators || {})[operator] || []);
+    const variables = new Map(of(domain.operators, operator) || []);
     for (const [predicate, ...names] of effects) {
       names.forEach((name, at) => {
-        if (!(name in variables) || !isA(kind, variables[name], types)) return;
+        if (!variables.has(name) || !isA(kind, variables.get(name), types)) return;
         let ways = [[]];
         names.forEach((other, position) => {
-          const choices = position === at ? [place] : other in variables ? all(objects, variables[other], types) : [other];
+          const choices = position === at ? [place] : variables.has(other) ? all(objects, variables.get(other), types) : [other];
           ways = choices.length > MANY ? [] : ways.flatMap((way) => choices.map((choice) => [...way, choice]));
         });
         for (const way of ways) goals.add(`(${[predicate, ...way].join(" ")})`);

@@ -1,8 +1,9 @@
 // When the steps of a plan began and end, as planned and as it comes: s of ROS time.
+import { of } from "./names.js";
 
 const OPEN = ["waiting", "dispatched", "running"];
 
-export const stepsOf = (plan) => (plan.order || []).map((key) => (plan.steps || {})[key]).filter(Boolean);
+export const stepsOf = (plan) => (plan.order || []).map((key) => of(plan.steps, key)).filter(Boolean);
 
 // {origin, delay, begin, end}: where the plan's time zero lies, how late it is, and its real ends; null before it began.
 export function planTimes(plan, now) {

@@ -1,13 +1,13 @@
 // The state as the monitor has it: the whole on connecting, then changes. Nothing here touches the page.
 // What is shown is that, or a moment of the past.
+import { whyNoSocket } from "./answers.js";
+import { of } from "./names.js";
 
 const FIRST_RETRY = 250; // ms
 const LAST_RETRY = 3000;
 const STALLED = 2000; // ms without a message, after which nothing that is shown counts as true
 const ABANDONED = 6000; // ms without a message, after which a connection is given up
 const LOOK = 250; // ms between two looks at the last message
-
-const own = (object, key) => Object.prototype.hasOwnProperty.call(object, key);
 
 function put(object, key, value) {
   // A fact may be called __proto__; as a plain assignment that would not be a key.
@@ -22,8 +22,8 @@ export function applyChange(state, change) {
   const [path] = change;
   let parent = state;
   for (const part of path.slice(0, -1)) {
-    const child = own(parent, part) ? parent[part] : undefined;
-    if (child === null || typeof child !== "object" || Array.isArray(child)) {
+    const child = of(parent, part);
+    if (!child || typeof child !== "object" || Array.isArray(child)) {
       put(parent, part, {}); // also for what is gone: it may have been all its parent was made for
     }
     parent = parent[part];
@@ -42,6 +42,9 @@ export class Store {
     this.afterRender = () => {};
     this.version = 0;
     this.connected = false;
+    this.refused = ""; // why there is no connection, where somebody says so
+    this.suspected = ""; // the same, said once: a monitor that begins may have answered in between
+    this.answered = false; // whether this connection has brought anything
     this.socket = null;
     this.heard = performance.now(); // when the last message came, or the connection was begun
     this.heardAt = null; // the same as a date, of the last message
@@ -107,8 +110,10 @@ export class Store {
   }
 
   connect() {
-    const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/live`);
+    const address = new URL("live", document.baseURI); // the page may lie below any path
+    address.protocol = address.protocol.replace("http", "ws");
+    const socket = new WebSocket(address);
+    this.answered = false;
     this.socket = socket;
     this.heard = performance.now();
     socket.onmessage = (event) => this.receive(JSON.parse(event.data));
@@ -130,11 +135,22 @@ export class Store {
   lost() {
     this.socket = null;
     this.told(false);
+    if (!this.answered) this.askWhy();
     setTimeout(() => this.connect(), this.retry);
     this.retry = Math.min(LAST_RETRY, this.retry * 1.7);
   }
 
+  async askWhy() {
+    const reason = await whyNoSocket(ABANDONED);
+    if (this.connected) return;
+    this.refused = reason === this.suspected ? reason : "";
+    this.suspected = reason;
+    this.told(false);
+  }
+
   receive(message) {
+    this.answered = true;
+    this.refused = this.suspected = "";
     this.heard = performance.now();
     this.heardAt = new Date();
     if (!this.connected) this.told(true);
@@ -172,7 +188,7 @@ export class Store {
       const calls = section ? this.views.get(section) : this.liveViews;
       for (const call of calls || []) {
         try {
-          call(section ? this.state[section] || {} : this.live, this.state);
+          call(section ? of(this.state, section) || {} : this.live, this.state);
         } catch (error) {
           console.error(`${section} cannot be drawn`, error); // the other sections still can
         }

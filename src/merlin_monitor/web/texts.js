@@ -1,4 +1,5 @@
 // The page's texts in the reader's language: ?lang=de, else what the browser asks for. English is the key of each.
+import { has, of } from "./names.js";
 
 const TABLES = ["de"]; // languages with a table, texts.<language>.json
 const wanted = [new URLSearchParams(location.search).get("lang"), ...(navigator.languages || [])];
@@ -11,22 +12,21 @@ document.documentElement.lang = language;
 async function load() {
   if (language === "en") return {};
   try {
-    const answer = await fetch(`/texts.${language}.json`);
+    const answer = await fetch(`texts.${language}.json`);
     return answer.ok ? await answer.json() : {};
   } catch {
     return {}; // English is better than no page
   }
 }
 
-const own = (name) => (Object.prototype.hasOwnProperty.call(table, name) ? table[name] : name);
+const own = (name) => (has(table, name) ? table[name] : name);
 
 // A text with its blanks filled in: t("step {number} of {count}", {number: 2, count: 5}).
 export function t(text, blanks = {}) {
-  return own(text).replace(/\{(\w+)\}/g, (whole, name) => (name in blanks ? String(blanks[name]) : whole));
+  return own(text).replace(/\{(\w+)\}/g, (whole, name) => (has(blanks, name) ? String(blanks[name]) : whole));
 }
 
-const filled = (text, blanks) => text.replace(/\{(\w+)\}/g, (whole, name) => (Object.prototype.hasOwnProperty.call(blanks, name) ? say(blanks[name]) : whole));
-const entry = (key) => (Object.prototype.hasOwnProperty.call(table, key) ? table[key] : null);
+const filled = (text, blanks) => text.replace(/\{(\w+)\}/g, (whole, name) => (has(blanks, name) ? say(blanks[name]) : whole));
 
 // A phrase of the monitor (text/phrase.py): a text, a list, a sentence with blanks, an action, or a fact.
 export function say(phrase) {
@@ -34,14 +34,14 @@ export function say(phrase) {
   if (typeof phrase !== "object") return String(phrase);
   if (Array.isArray(phrase)) return listed(phrase.map(say));
   if (phrase.action !== undefined) {
-    const words = entry(`action ${phrase.action}`);
-    if (words !== null) return filled(words, phrase.with || {});
+    const words = of(table, `action ${phrase.action}`);
+    if (words !== undefined) return filled(words, phrase.with || {});
     if (language === "en") return phrase.english;
     return t("doing {what}", { what: [phrase.action, ...Object.values(phrase.with || {})].join(" ").replace(/[_-]/g, " ") });
   }
   if (phrase.fact !== undefined) {
-    const words = entry(`fact ${phrase.fact}`);
-    return words !== null ? filled(words, { ...phrase.of }) : phrase.english;
+    const words = of(table, `fact ${phrase.fact}`);
+    return words !== undefined ? filled(words, { ...phrase.of }) : phrase.english;
   }
   return filled(own(String(phrase.say)), phrase);
 }

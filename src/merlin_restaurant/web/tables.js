@@ -1,5 +1,5 @@
 // The tables with what they want, and the clients at the entrance, from what the robot knows.
-import { el, keyed, part, setHidden, setText } from "/dom.js";
+import { el, keyed, part, setHidden, setText } from "../dom.js";
 
 const STATES = { needs_serving: "needs serving", already_served: "served", needs_cleaning: "needs cleaning", ready: "ready" };
 const TONES = { needs_serving: "warn", needs_cleaning: "warn", already_served: "good", ready: "good" };

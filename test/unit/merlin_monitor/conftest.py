@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Iterator
+from typing import Any, Iterator, List
 
 import pytest
 
@@ -30,3 +30,32 @@ def read_only(tmp_path: Path) -> Iterator[Served]:
     served = Served(tmp_path, "")
     yield served
     served.stop()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    from merlin_test.chromium import chromium  # the other tests do without
+
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def visits(browser: Any, served: Served) -> Iterator[Any]:
+    """Opens pages of the filled model; nothing of them may complain."""
+    from shown_page import Visit, fill
+
+    fill(served)
+    opened: List[Visit] = []
+
+    def visit(query: str = "", **options: Any) -> Visit:
+        # Axe is put in by the browser's own means, past the policy of the page.
+        opened.append(Visit(browser, served.url + query, **options))
+        opened[-1].wait_text("#glance-state", "")
+        return opened[-1]
+
+    yield visit
+    complaints = [complaint for each in opened for complaint in each.complaints]
+    for each in opened:
+        each.close()
+    assert complaints == []

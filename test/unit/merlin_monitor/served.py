@@ -95,7 +95,12 @@ class Served:
     """A running server and what belongs to it."""
 
     def __init__(
-        self, folder: Path, token: str, tls: Optional[ServerTls] = None, open_stop: bool = False
+        self,
+        folder: Path,
+        token: str,
+        tls: Optional[ServerTls] = None,
+        open_stop: bool = False,
+        names: Sequence[str] = (),
     ) -> None:
         self.state = MonitorModel(Inbox(), folder / "history.sqlite")
         self.robot = FakeRobot()
@@ -106,7 +111,7 @@ class Served:
         self.server = WebServer(
             self.state,
             WEB,
-            WebAccess("127.0.0.1", operators=Operators(self.operators), open_stop=open_stop),
+            WebAccess("127.0.0.1", names, Operators(self.operators), open_stop),
             control,
             scripts={"plan": WEB / "panels" / "plan.js"},
             tls=tls.context if tls else None,

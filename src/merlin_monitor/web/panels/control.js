@@ -1,5 +1,5 @@
 // Sends goals in PDDL, completed from the domain and the objects; plans them only; sets facts by hand.
-import { byId, el, keyed, setHidden } from "../dom.js";
+import { byId, el, has, keyed, setHidden } from "../dom.js";
 import { complete } from "../completion.js";
 import { breakpointsOf } from "../holds.js";
 import { PlanPreview } from "../plan_preview.js";
@@ -85,7 +85,7 @@ class Completion {
       return;
     }
     const moves = { ArrowDown: 1, ArrowUp: -1 };
-    if (event.key in moves) {
+    if (has(moves, event.key)) {
       this.chosen = (this.chosen + moves[event.key] + this.choices.length) % this.choices.length;
       this.draw();
     } else if (event.key === "Tab" || (event.key === "Enter" && this.choices[this.chosen].text !== this.choices[this.chosen].typed)) {

@@ -1,5 +1,5 @@
 // What the velocity guards say while a base may not drive, or does not drive as it should.
-import { el, keyed, setHidden, setText } from "../dom.js";
+import { el, has, keyed, setHidden, setText } from "../dom.js";
 import { say, t } from "../texts.js";
 
 const WORDS = { silent: t("The base is not watched"), holding: t("The base is held") };
@@ -12,12 +12,12 @@ export function show(section, { store, control }) {
   section.setAttribute("role", "alert");
   const list = el("ul", { id: "guard-robots" });
   section.append(says, list, release);
-  const words = ({ state, reason, warning, held_words: held }) => say(held) || (Object.hasOwn(WORDS, state) ? `${WORDS[state]}: ${t(reason)}` : warning || t("not held"));
+  const words = ({ state, reason, warning, held_words: held }) => say(held) || (has(WORDS, state) ? `${WORDS[state]}: ${t(reason)}` : warning || t("not held"));
   const draw = () => {
     const guard = store.state.guard || {};
     const robots = guard.robots || {};
     const held = ["stopped", "partly"].includes(guard.state); // the headline says by whom
-    const told = held || Object.hasOwn(WORDS, guard.state);
+    const told = held || has(WORDS, guard.state);
     setHidden(section, !told && !guard.warning);
     setText(says, guard.state === "stopped" ? HELD : held ? PARTLY : told ? `${WORDS[guard.state]}: ${t(guard.reason)}` : guard.warning || "");
     keyed(list, Object.keys(robots).sort(), (name) => name, () => el("li", {}),

@@ -1,5 +1,5 @@
 // What every part of the robot reports about itself: what is not well in sight, the well ones folded.
-import { byId, el, keyed, part, setHidden, setText } from "../dom.js";
+import { byId, el, keyed, of, part, setHidden, setText } from "../dom.js";
 import { t } from "../texts.js";
 
 const ORDER = { error: 0, stale: 1, warning: 2, ok: 3 };
@@ -7,7 +7,7 @@ const GLYPHS = { ok: "✓", warning: "!", error: "✕", stale: "?", silent: "…
 const TONES = { ok: "good", warning: "warn", error: "bad", stale: "warn", silent: "bad" };
 
 const word = (entry) => (entry.silent ? "silent" : entry.level || "stale");
-const rank = (entry) => (entry.silent ? -1 : ORDER[entry.level] ?? 1);
+const rank = (entry) => (entry.silent ? -1 : of(ORDER, entry.level) ?? 1);
 
 export function show(section, { store }) {
   const ill = el("ul", { class: "rows" });
@@ -41,8 +41,8 @@ function draw(list, parts) {
     (row, [, entry]) => {
       const level = word(entry);
       const chip = part(row, "level");
-      chip.className = `end chip level ${TONES[level] || "warn"}`;
-      setText(chip, `${GLYPHS[level] || "?"} ${t(level)}`);
+      chip.className = `end chip level ${of(TONES, level) || "warn"}`;
+      setText(chip, `${of(GLYPHS, level) || "?"} ${t(level)}`);
       setText(part(row, "more"), entry.message);
       const cells = (entry.values || []).flatMap(([key, value], index) => [["dt", index, key], ["dd", index, value]]);
       keyed(row.querySelector("dl"), cells, ([tag, index]) => `${tag} ${index}`, ([tag]) => el(tag, {}), (cell, [, , text]) => setText(cell, text));

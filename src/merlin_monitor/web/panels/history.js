@@ -1,5 +1,6 @@
 // What happened: bars of goals and actions over time, and events, newest first, back to the first one kept.
-import { byId, clockText, el, keyed, svg } from "../dom.js";
+import { byId, clockText, el, keyed, of, setHidden, setText, svg } from "../dom.js";
+import { askFor } from "../answers.js";
 import { say, t, told } from "../texts.js";
 import { momentLink } from "../past.js";
 
@@ -18,8 +19,9 @@ const LANES = ["goal", "action"];
 const LANE_NAMES = { goal: t("goals"), action: t("actions") };
 
 export function show(section, { store }) {
-  byId("history-note").append(el("a", { href: "/history.json", download: true }, t("export as JSON")));
+  byId("history-note").append(el("a", { href: "history.json", download: true }, t("export as JSON")));
   section.append(
+    el("p", { id: "history-trouble", class: "trouble", role: "status", hidden: true }),
     el("div", { id: "timeline", role: "img", "aria-label": t("Goals and actions over time") }),
     el("div", { id: "history-kinds", class: "choices", role: "group", "aria-label": t("Kinds of events") }),
     el("div", { id: "history-list", class: "log long", tabindex: 0, role: "list", "aria-label": t("Events, newest first") }),
@@ -71,13 +73,16 @@ export function show(section, { store }) {
     try {
       const all = events();
       const first = all.length ? `&before=${all[all.length - 1].id}` : "";
-      const answer = await fetch(`/history?limit=${PAGE}&kinds=${kinds}${first}`);
-      const page = answer.ok ? await answer.json() : [];
+      const page = await askFor(`history?limit=${PAGE}&kinds=${kinds}${first}`);
       if (kinds !== [...shown].join(",")) return; // they were chosen anew meanwhile
       exhausted = page.length < PAGE;
       for (const event of page) kept.set(event.id, event);
-    } catch {
-      return; // no connection: the next scroll asks again
+      setHidden(byId("history-trouble"), true);
+    } catch (error) {
+      if (error instanceof TypeError) return; // no connection: the next scroll asks again
+      exhausted = true;
+      setText(byId("history-trouble"), t("The history does not answer: {reason}", { reason: error.message }));
+      setHidden(byId("history-trouble"), false);
     } finally {
       loading = false;
     }
@@ -106,7 +111,7 @@ export function show(section, { store }) {
     const time = el("a", { class: "at", ...link }, el("time", { datetime: clock.toISOString() }, clockText(event.at) || clock.toLocaleTimeString()));
     const go = (click) => { if (event.id && !click.target.closest("a") && getSelection().isCollapsed) location.hash = momentLink(event); };
     return el("div", { class: "event", role: "listitem", onclick: go, "data-wall": event.wall, "data-kind": event.kind, "data-bad": BAD.test(event.text) && !WORDS.has(event.kind) },
-      time, el("span", { class: "glyph", role: "img", "aria-label": t(event.kind) }, GLYPHS[event.kind] || "·"), el("span", { class: "said" }, told(event)));
+      time, el("span", { class: "glyph", role: "img", "aria-label": t(event.kind) }, of(GLYPHS, event.kind) || "·"), el("span", { class: "said" }, told(event)));
   }
 
   const lanes = svg("svg", {});

@@ -1,5 +1,5 @@
 // Objects, facts, values and goals: searchable, of any number; what changed lights up.
-import { byId, clockText, el, keyed, part, setText } from "../dom.js";
+import { byId, clockText, el, has, keyed, of, part, setText } from "../dom.js";
 import { VirtualList } from "../virtual_list.js";
 import { factWords, valueWords } from "../pddl_words.js";
 import { t } from "../texts.js";
@@ -52,7 +52,7 @@ export function show(section, { store }) {
       return;
     }
     const [, name, key] = change[0];
-    if (!(name in keys)) return;
+    if (!has(keys, name)) return;
     if (key === undefined) {
       keys[name] = sorted(name);
       return;
@@ -85,8 +85,7 @@ export function show(section, { store }) {
   }
 
   function entry(name, key) {
-    const table = (store.state.knowledge || {})[name] || {};
-    return (Object.prototype.hasOwnProperty.call(table, key) && table[key]) || {};
+    return of((store.state.knowledge || {})[name], key) || {};
   }
 
   function draw() {
@@ -144,9 +143,9 @@ export function show(section, { store }) {
       () => el("li", {}, el("span", { class: "at" }), el("span", { class: "glyph" }), el("span", { class: "said" }, el("span", { class: "text" }), " ", el("small", { class: "who" }))),
       (row, [, change]) => {
         setText(part(row, "at"), clockText(change.at));
-        setText(part(row, "glyph"), SIGNS[change.sign]);
+        setText(part(row, "glyph"), of(SIGNS, change.sign));
         const key = change.key === undefined ? change.text : change.key; // as older recordings have it
-        const text = change.kind in NOUNS ? wordsOf(change.kind, key) : change.text;
+        const text = has(NOUNS, change.kind) ? wordsOf(change.kind, key) : change.text;
         const shown = typeof change.value === "number" ? `${text} = ${number(change.value)}` : text;
         setText(part(row, "text"), change.kind === "goals" ? t("goal {text}", { text: shown }) : shown);
         part(row, "text").title = change.text;

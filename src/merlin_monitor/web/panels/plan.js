@@ -1,5 +1,5 @@
 // The plan: its steps with state and time, the same as a graph, replans, and what the planner says.
-import { byId, clockText, el, GLYPHS, keyed, part, secondsText, setHidden, setText } from "../dom.js";
+import { byId, clockText, el, GLYPHS, has, keyed, of, part, secondsText, setHidden, setText } from "../dom.js";
 import { Gantt } from "../gantt.js";
 import { GraphView } from "../graph.js";
 import { say, t } from "../texts.js";
@@ -18,7 +18,7 @@ export function show(section, { store }) {
   );
   const graph = new GraphView(byId("plan-graph"), {
     words: ({ id }) => {
-      const step = ((store.state.plan || {}).steps || {})[id];
+      const step = of((store.state.plan || {}).steps, id);
       return step && { text: say(step.words) || step.text, detail: step.text };
     },
   });
@@ -27,7 +27,7 @@ export function show(section, { store }) {
 
   function draw(plan) {
     const steps = plan.steps || {};
-    const order = (plan.order || []).filter((key) => steps[key]);
+    const order = (plan.order || []).filter((key) => has(steps, key));
     setHidden(byId("plan-empty"), order.length > 0);
     keyed(byId("plan-steps"), order, (key) => `${plan.number} ${key}`,
       () => el("li", {}, el("span", { class: "glyph", role: "img" }), el("span", { class: "text" }), el("span", { class: "when number" }), el("span", { class: "reason" })),
@@ -43,10 +43,10 @@ export function show(section, { store }) {
       });
     graph.show(order.length > 1 || plan.layout_error ? plan.layout || (plan.layout_error ? { error: plan.layout_error } : null) : null, t("The plan as a graph"));
     graph.mark((id) => {
-      const step = steps[id];
+      const step = of(steps, id);
       return step && { glyph: GLYPHS[step.state], active: ["running", "dispatched"].includes(step.state), label: t(step.state), state: step.state };
     });
-    graph.markEdges((edge) => steps[edge.from] && steps[edge.from].state === "succeeded" && "taken");
+    graph.markEdges((edge) => (of(steps, edge.from) || {}).state === "succeeded" && "taken");
     follow(plan, order.find((key) => ["running", "dispatched"].includes(steps[key].state)));
     gantt.draw(plan, (store.state.meta || {}).time, store.state.robots);
     drawPlanner(plan.planner || {});

@@ -8,7 +8,7 @@ export function show(section, { store }) {
   section.append(list);
   const draw = () => {
     const robots = (store.state.robots || {}).robots || {};
-    const words = Object.fromEntries(stepsOf(store.state.plan || {}).map((step) => [step.text, say(step.words)]));
+    const words = new Map(stepsOf(store.state.plan || {}).map((step) => [step.text, say(step.words)]));
     setHidden(section, !Object.keys(robots).length);
     keyed(list, Object.keys(robots).sort(), (name) => name,
       () => el("li", {}, el("b", {}), " ", el("span", { class: "does" })),
@@ -16,7 +16,7 @@ export function show(section, { store }) {
         const { away, does = [] } = robots[name];
         setText(row.firstChild, name);
         row.toggleAttribute("data-away", Boolean(away));
-        setText(part(row, "does"), away || does.map((text) => words[text] || text).join(", ") || t("waits"));
+        setText(part(row, "does"), away || does.map((text) => words.get(text) || text).join(", ") || t("waits"));
       });
   };
   store.view("robots", draw);

@@ -1,5 +1,5 @@
 // The last things that were said, heard and seen, with the picture of the last look.
-import { clockText, el, keyed, part, setHidden, setText } from "../dom.js";
+import { clockText, el, keyed, of, part, setHidden, setText } from "../dom.js";
 import { say, t } from "../texts.js";
 
 const GLYPHS = { said: "❝", heard: "◗", seen: "◉" };
@@ -13,11 +13,11 @@ export function show(section, { store }) {
   store.view("said", ({ entries = [], picture: version }) => {
     setHidden(empty, entries.length > 0);
     keyed(list, entries, (entry) => entry.number,
-      (entry) => el("li", {}, el("span", { class: "at" }, clockText(entry.at)), el("span", { class: "glyph", role: "img", "aria-label": WORDS[entry.kind] }, GLYPHS[entry.kind]), el("span", { class: "said" })),
+      (entry) => el("li", {}, el("span", { class: "at" }, clockText(entry.at)), el("span", { class: "glyph", role: "img", "aria-label": of(WORDS, entry.kind) }, of(GLYPHS, entry.kind)), el("span", { class: "said" })),
       (row, entry) => setText(part(row, "said"), say(entry.words)));
     const looked = entries.find((entry) => entry.kind === "seen");
     setHidden(picture, !version);
-    const source = `/pictures/seen.png?version=${version}`;
+    const source = `pictures/seen.png?version=${version}`;
     if (version && picture.getAttribute("src") !== source) picture.setAttribute("src", source);
     picture.alt = looked ? t("Picture of the last look: {what}", { what: say(looked.words) }) : t("Picture of the last look");
   });

@@ -1,6 +1,6 @@
 """The page in Chromium: at a glance, by keyboard, on every size, and without barriers."""
 
-from typing import Any, Iterator, List
+from typing import Any, List
 
 import pytest
 import rospy
@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from merlin_msgs.msg import ExecutorStatus, GuardStatus, MachineHolds, StateOutcome
 from messages import executor, fact, status, structure
 from served import TOKEN, Served
-from shown_page import AXE, CHECK, Visit, chromium, fill
+from shown_page import AXE, CHECK, fill
 from std_msgs.msg import Header
 
 from merlin_monitor.state.knowledge_section import Contents
@@ -33,31 +33,6 @@ SCROLLS = """() => [...document.querySelectorAll("main *")].filter((element) => 
   && getComputedStyle(element).overflowY !== "visible").map((element) => element.id || element.className)"""
 CUT = """() => [document.documentElement, document.querySelector("nav")]
   .filter((element) => element.scrollWidth > element.clientWidth).length"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def visits(browser: Any, served: Served) -> Iterator[Any]:
-    """Opens pages of the filled model; nothing of them may complain."""
-    fill(served)
-    opened: List[Visit] = []
-
-    def visit(query: str = "", **options: Any) -> Visit:
-        # Axe is put in by the browser's own means, past the policy of the page.
-        opened.append(Visit(browser, served.url + query, **options))
-        opened[-1].wait_text("#glance-state", "")
-        return opened[-1]
-
-    yield visit
-    complaints = [complaint for each in opened for complaint in each.complaints]
-    for each in opened:
-        each.close()
-    assert complaints == []
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -12,19 +12,13 @@ from served import TOKEN, WEB, Served
 from merlin_monitor.state.events import Event
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_monitor.web.open_command import opened
-from merlin_test.chromium import Visit, chromium
+from merlin_test.chromium import Visit
 
 pytestmark = pytest.mark.processes
 
 LIMIT = 60.0
 PANELS = ("now", "control", "plan", "queue", "map", "machines", "health", "knowledge", "history")
 TITLED = PANELS[2:]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture
