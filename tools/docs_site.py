@@ -36,6 +36,7 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
             "docs/architecture.md",
             "docs/reliability.md",
             "docs/safety.md",
+            "docs/reverse-proxy.md",
             "docs/fleet.md",
             "docs/ontology.md",
         ),
