@@ -20,10 +20,10 @@ def machine(served: Served, server: str, path: str, *labels: str, node: str = ""
     """A node shows a machine of states that follow each other."""
     edges = [("ok", label, after) for label, after in zip(labels, [*labels[1:], "None"])]
     put, machines = served.state.inbox.put, served.state.machines
-    put(machines.structure, server, structure(path, list(labels), edges, ["ok"]), 0.0, node)
-    active = [running] if running else []
-    put(machines.status, server, status(path, info="START"), 100.0, 0.0, node)
-    put(machines.status, server, status(path, *active, info="START"), 100.0, 0.0, node)
+    of = [node] if node else []
+    put(machines.structure, server, structure(path, list(labels), edges, ["ok"]), 0.0, *of)
+    for active in ([], [running] if running else []):
+        put(machines.status, server, status(path, *active, info="START"), 100.0, 0.0, *of)
 
 
 def names(page: Any) -> List[str]:
