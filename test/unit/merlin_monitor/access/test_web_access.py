@@ -9,7 +9,7 @@ import aiohttp
 import pytest
 from served import TOKEN, Served, ask
 
-from merlin_monitor.access.web_access import RequestRefused, WebAccess
+from merlin_monitor.access.web_access import HostNameError, RequestRefused, WebAccess
 
 
 @pytest.mark.everywhere
@@ -80,7 +80,7 @@ def test_behind_a_proxy_a_page_of_an_allowed_name_is_not_another_sites() -> None
     "name", ["http://robot.lab", "robot.lab/merlin", "a b", "robot.lab:port", "me@robot.lab", ""]
 )
 def test_a_name_that_is_none_is_refused_at_the_start(name: str) -> None:
-    with pytest.raises(ValueError, match=f"--allowed-host {name} names no host; give it as robot.lab"):
+    with pytest.raises(HostNameError, match=f"--allowed-host {name} names no host; give it as robot.lab"):
         WebAccess("127.0.0.1", [name], setting="--allowed-host ")
 
 

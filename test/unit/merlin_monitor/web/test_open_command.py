@@ -47,6 +47,15 @@ def test_what_is_no_history_is_one_line(
     assert out == "" and errors.count("\n") == 1 and said in errors
 
 
+def test_a_name_that_no_host_has_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    kept(tmp_path, [])
+    monkeypatch.setattr(sys, "argv", ["open", str(tmp_path), "--port", "0", "--allowed-host", "http://lab"])
+    assert open_command.main() == open_command.EXIT_MISTAKES
+    assert capsys.readouterr().err.startswith("open: --allowed-host http://lab names no host; give it as")
+
+
 def test_a_last_state_without_panels_is_damaged(tmp_path: Path) -> None:
     with pytest.raises(HistoryError, match="damaged"):
         Archive(kept(tmp_path, None), "name")

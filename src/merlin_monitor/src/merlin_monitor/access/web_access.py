@@ -26,6 +26,10 @@ _LOCAL = frozenset({"localhost", "127.0.0.1", "::1"})
 _NAME = re.compile(r"[A-Za-z0-9_]([A-Za-z0-9_.-]{0,250}[A-Za-z0-9_])?\Z")
 
 
+class HostNameError(ValueError):
+    """A name that no host can have; the text says which."""
+
+
 class RequestRefused(Exception):
     """A request that is refused; the text is a sentence for the client."""
 
@@ -47,7 +51,7 @@ class WebAccess:
     :param operators: those that may control the robot; without any, it is only shown.
     :param open_stop: whether everybody may stop the robot.
     :param setting: how its user gives such a name.
-    :raises ValueError: when a name is none.
+    :raises HostNameError: when a name is none.
     """
 
     def __init__(
@@ -64,7 +68,7 @@ class WebAccess:
         hosts = {name: name if _is_address(name) else _host_name(name) for name in self._pages}
         for name, known in hosts.items():
             if known is None:
-                raise ValueError(f"{setting}{name} names no host; give it as robot.lab or robot.lab:8443")
+                raise HostNameError(f"{setting}{name} names no host; give it as robot.lab or robot.lab:8443")
         self._any_address = not _is_loopback(host)
         own = (socket.gethostname(), socket.getfqdn()) if self._any_address else ()
         self._names: FrozenSet[str] = _LOCAL | {

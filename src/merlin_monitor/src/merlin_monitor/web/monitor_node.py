@@ -9,7 +9,7 @@ import rospkg
 import rospy
 
 from merlin_monitor.access.tls import ServerTls, TlsError, read_tls
-from merlin_monitor.access.web_access import WebAccess
+from merlin_monitor.access.web_access import HostNameError, WebAccess
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import PanelBoard
 from merlin_monitor.panels.control import open_stop_of_node, operators_of_node, path_of_node
@@ -34,7 +34,7 @@ def history_path(text: str) -> Optional[Path]:
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run_node("monitor", _start, HistoryError, ServerError)
+    return run_node("monitor", _start, HistoryError, ServerError, HostNameError)
 
 
 def _start() -> None:
@@ -52,14 +52,10 @@ def _start() -> None:
     names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
     folder = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
     tls = _tls()
-    try:
-        access = WebAccess(host, names, operators, open_stop_of_node(RosSystem()))
-    except ValueError as error:
-        raise ParameterError(str(error)) from error
     server = WebServer(
         state,
         folder,
-        access,
+        WebAccess(host, names, operators, open_stop_of_node(RosSystem())),
         control,
         host,
         port,

@@ -13,7 +13,7 @@ from typing import Iterable, Iterator, Sequence
 
 import rospkg
 
-from merlin_monitor.access.web_access import WebAccess
+from merlin_monitor.access.web_access import HostNameError, WebAccess
 from merlin_monitor.bag.bag_history import BagError, as_bag, history_of
 from merlin_monitor.history.history_file import FILE, HistoryError
 from merlin_monitor.web.archive import Archive
@@ -35,7 +35,7 @@ def opened(
     :param name: what the page calls it; empty: its folder.
     :param allowed: further names of the page.
     :raises HistoryError: it cannot be shown.
-    :raises ValueError: a name is none.
+    :raises HostNameError: a name is none.
     :raises ServerError: it cannot be served.
     """
     folder = path if path.is_dir() else path.parent if path.name == FILE else path
@@ -104,20 +104,16 @@ def main() -> int:
     try:
         with contextlib.ExitStack() as ends:
             bag = as_bag(given.path)
-            if bag is None:
-                if given.into is not None:
-                    raise BagError(f"--into is for a bag; {given.path} is a history already")
-                server = ends.enter_context(
-                    opened(given.path, given.host, given.port, "", given.allowed_host)
-                )
+            if bag is not None:
+                file, name = ends.enter_context(history_of(bag, given.into)), _shown(bag)
+            elif given.into is not None:
+                raise BagError(f"--into is for a bag; {given.path} is a history already")
             else:
-                file = ends.enter_context(history_of(bag, given.into))
-                server = ends.enter_context(
-                    opened(file, given.host, given.port, _shown(bag), given.allowed_host)
-                )
+                file, name = given.path, ""
+            server = ends.enter_context(opened(file, given.host, given.port, name, given.allowed_host))
             print(f"{server.address}  (Ctrl-C ends it)", flush=True)
             wait_for_end(key=False)
-    except (HistoryError, ServerError, BagError, ValueError) as error:
+    except (HistoryError, ServerError, BagError, HostNameError) as error:
         print(f"open: {error}", file=sys.stderr)
         return EXIT_MISTAKES
     except KeyboardInterrupt:
