@@ -1,9 +1,9 @@
-// Answers that are none: the monitor says why in plain text, what stands between it and the page says it by a number.
+// Why an answer is none: in the monitor's own words, or by the number that something between has answered.
 import { t } from "./texts.js";
 
 export function reasonOf(answer, text) {
   const own = (answer.headers.get("Content-Type") || "").startsWith("text/plain") && text.trim();
-  return own || t("The monitor is not reached: {address} answers {status}.", { address: location.host, status: `${answer.status} ${answer.statusText}`.trim() });
+  return own || t("{address} answers {status}", { address: location.host, status: `${answer.status} ${answer.statusText}` });
 }
 
 export async function askFor(address) {
@@ -12,11 +12,11 @@ export async function askFor(address) {
   return answer.json();
 }
 
-// Why no WebSocket comes about, which the browser does not say; empty: nobody answers. A POST names the page's site as a WebSocket does.
+// Why there is no WebSocket, which browsers do not say: a POST names the page's site, too. Empty: nobody answers.
 export async function whyNoSocket(patience) {
   try {
     const answer = await fetch("live", { method: "POST", signal: AbortSignal.timeout(patience) });
-    return answer.ok ? t("The monitor is reached, but WebSockets are not let through: a proxy has to pass on Upgrade and Connection.") : reasonOf(answer, await answer.text());
+    return answer.ok ? t("WebSockets are not let through: a proxy has to pass on Upgrade") : reasonOf(answer, await answer.text());
   } catch {
     return "";
   }

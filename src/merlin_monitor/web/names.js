@@ -1,3 +1,3 @@
-// Names come from robots, and may be constructor or __proto__: only what a table has of its own is looked up.
+// Names of robots may be constructor or __proto__: only what a table has of its own is looked up.
 export const has = (table, name) => Boolean(table) && Object.hasOwn(table, name);
 export const of = (table, name) => (has(table, name) ? table[name] : undefined);

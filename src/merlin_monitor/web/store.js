@@ -42,9 +42,8 @@ export class Store {
     this.afterRender = () => {};
     this.version = 0;
     this.connected = false;
-    this.refused = ""; // why there is no connection, where somebody says so
-    this.suspected = ""; // the same, said once: a monitor that begins may have answered in between
-    this.answered = false; // whether this connection has brought anything
+    this.refused = ""; // why there is no connection
+    this.suspected = ""; // the same, said once: a monitor that begins may have said it
     this.socket = null;
     this.heard = performance.now(); // when the last message came, or the connection was begun
     this.heardAt = null; // the same as a date, of the last message
@@ -110,7 +109,7 @@ export class Store {
   }
 
   connect() {
-    const address = new URL("live", document.baseURI); // the page may lie below any path
+    const address = new URL("live", document.baseURI);
     address.protocol = address.protocol.replace("http", "ws");
     const socket = new WebSocket(address);
     this.answered = false;

@@ -120,7 +120,6 @@ export function show(section, { store, control }) {
     }
     const rows = container.userdata || [];
     setText(part(box, "title"), t("Userdata of {path}", container));
-    part(box, "title").title = [container.node, container.server].filter(Boolean).join(" ");
     const name = stateName(container.server, clicked.id);
     setText(part(box, "hold"), t("Hold before {what}", { what: name }));
     setHidden(part(box, "hold"), !control.possible() || !name.includes("/"));
@@ -149,17 +148,15 @@ const runs = (container) => (container.active || []).length > 0;
 
 const inside = (path, label) => (path === "/" ? `/${label}` : `${path}/${label}`);
 
-// The key of another container of the same machine: what stands before the path are its node and its server.
+// The key of another container of the same machine, by its path.
 const beside = (all, key, path) => key.slice(0, key.length - all[key].path.length) + path;
 
-// The path of the container of a node; recordings of before have it in the node's name only.
+// The path of a node's container; in older recordings only the node's name has it.
 const homeOf = ({ id, kind, in: home }) => home ?? (id.slice(0, id.lastIndexOf(kind === "outcome" ? ":" : "/")) || "/");
 
-// What machines are called: by their paths, and where several have one, by their server and node as well.
+// The names of machines: their paths, and where several have one, server and node as well.
 function namesOf(all, roots) {
-  const plain = ({ path, server }) => path.replace(/^\/+/, "") || server;
-  const ways = [plain, (root) => `${plain(root)} · ${root.server}`, (root) => `${plain(root)} · ${root.server} · ${root.node}`];
-  const texts = ways.map((way) => roots.map((key) => way(all[key])));
+  const texts = [1, 2, 3].map((count) => roots.map((key) => [all[key].path.replace(/^\/+/, "") || all[key].server, all[key].server, all[key].node].slice(0, count).join(" · ")));
   return new Map(roots.map((key, at) => [key, (texts.find((each) => each.indexOf(each[at]) === each.lastIndexOf(each[at])) || texts[2])[at]]));
 }
 

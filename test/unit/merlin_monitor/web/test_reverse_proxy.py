@@ -146,7 +146,7 @@ def test_what_the_proxy_forgets_is_said_on_the_page(proxy: Proxy, browser: Any) 
     for path, said in (
         ("host", f"start it with allowed_hosts:=localhost:{proxy.port}."),
         ("default", f"start it with allowed_hosts:=localhost:{proxy.port}."),
-        ("socket", "WebSockets are not let through"),
+        ("socket", "WebSockets are not let through: a proxy"),
     ):
         visit = Refused(browser, proxy.address(path))
         visit.wait_text("#refused", said)

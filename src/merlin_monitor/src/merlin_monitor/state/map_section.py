@@ -21,7 +21,7 @@ NEAR_MAP = 0.2  # m around what the map shows, in which what is seen is that
 MOST_SEEN = 150  # points
 STANDS_AFTER = 3.0  # s without a move on the way to a goal
 MOVED = 0.05  # m
-LEVEL = 0.005  # x² + y² of the orientation of a map's origin: 8°
+LEVEL = 0.07  # of a quaternion, across: 8°
 ROOM = 0.4  # m around the goal and the way that a robot needs
 AHEAD = 1.0  # m of the way
 _INK = {"free": 0, "unknown": 40, "occupied": 255}  # opacity
@@ -195,11 +195,10 @@ def grid_trouble(info: Any, cells: int) -> Phrase:
         return say("its resolution is {number} m", number=f"{info.resolution:g}")
     if not math.isfinite(at.x + at.y):
         return say("its origin is at {place} m", place=f"{at.x:g}, {at.y:g}")
-    if length == 0.0:  # nobody has set it
+    # Where nobody has set it, it has the length 0.
+    if length == 0.0 or (0.9 < length < 1.1 and math.hypot(turned.x, turned.y) < LEVEL):
         return ""
-    if not 0.9 < length < 1.1:
-        return say("the orientation of its origin is no unit quaternion")
-    return "" if turned.x**2 + turned.y**2 < LEVEL else say("it is not level")
+    return say("the orientation of its origin is no turn on the floor")
 
 
 def near_cells(data: Sequence[int], width: int, height: int, cells: float) -> Any:
