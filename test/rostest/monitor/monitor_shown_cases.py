@@ -198,7 +198,7 @@ class ShownCases(PageCases):
         visit.wait("() => document.querySelectorAll('.map-person').length === 1")
         self.assertIn("translate(0.5 -1.5)", visit.page.get_attribute(".map-person", "transform"))
         visit.wait(
-            "() => (document.querySelector('#map image').getAttribute('href') || '').startsWith('/map.png')"
+            "() => (document.querySelector('#map image').getAttribute('href') || '').startsWith('map.png')"
         )
         visit.wait_text(".map-point text", "kitchen")
         self.assertEqual(visit.page.evaluate("async () => (await fetch('/map.png')).status"), 200)
