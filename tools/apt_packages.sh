@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # Prints the packages of apt.txt that this machine needs: without those of ROS where another ROS 1 is installed, whose
-# files theirs would lie beside, and without those of CI.
-#   MERLIN_CI=1   with those of CI
+# files theirs would lie beside.
 #   --ros   prints the prefix of that ROS instead; nothing: ROS is Debian's
 #   OPT_ROS=/opt/ros   the folder where ROS One and Noetic install
 set -euo pipefail
@@ -24,6 +23,5 @@ ros=$(foreign_ros)
 if [ "${1:-}" = --ros ]; then
   echo "$ros"
 else
-  awk -v without="$ros" -v ci="${MERLIN_CI:-}" '/^# ---/ {left = $3 == "ROS" && without || $3 == "CI" && !ci}
-    !/^#/ && NF && !left {print $1}' apt.txt
+  awk -v without="$ros" '/^# ---/ {ros = $3 == "ROS"} !/^#/ && NF && !(ros && without) {print $1}' apt.txt
 fi

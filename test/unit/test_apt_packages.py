@@ -46,12 +46,6 @@ def test_with_another_ros_its_packages_are_left_out(place: str, tmp_path: Path) 
     assert wanted >= OTHERS and not wanted & OF_ROS
 
 
-def test_what_would_serve_a_port_at_once_is_for_continuous_integration_only(tmp_path: Path) -> None:
-    assert "nginx" not in ask(tmp_path)
-    assert "nginx" in ask(tmp_path, MERLIN_CI="1")
-    assert "--- CI" in (ROOT / "apt.txt").read_text() and "MERLIN_CI=1" in (ROOT / ".ci" / "run").read_text()
-
-
 def test_an_overlay_on_debians_ros_leaves_nothing_out(tmp_path: Path) -> None:
     (tmp_path / "devel" / "share" / "my_package").mkdir(parents=True)
     assert ask(tmp_path / "opt", "--ros", CMAKE_PREFIX_PATH=f"{tmp_path}/devel:/usr") == []

@@ -82,7 +82,7 @@ class Proxy:
 @pytest.fixture
 def proxy(tmp_path: Path, open_stop: Served) -> Iterator[Proxy]:
     if NGINX is None:
-        pytest.skip("nginx is missing: apt-get install nginx")
+        pytest.skip("nginx is missing: apt-get install nginx-light")
     (port,) = free_ports(1)
     for folder in ("allowing", "nginx"):
         (tmp_path / folder).mkdir()
