@@ -3,6 +3,7 @@
 Each rule returns sentences that say what was seen and when, in s since the fault. No rule means no violation.
 """
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Callable, List, Optional, Set, Tuple
@@ -330,6 +331,9 @@ def _outlives_its_client(evidence: Evidence) -> List[str]:
     trial = evidence.trial
     if CLIENT not in trial.fault.targets or trial.fault.lasts is not None:
         return []
+    before = evidence.all(events.STATUS, -math.inf, evidence.zero)
+    if before and before[-1]["state"] == IDLE:
+        return []  # it had ended by itself just before
     idle = [
         event for event in evidence.all(events.STATUS, evidence.zero, evidence.end) if event["state"] == IDLE
     ]

@@ -346,6 +346,12 @@ def test_a_dead_clients_request_is_cancelled(idle_at: Optional[float], words: st
         assert judgement.violations == ()
 
 
+def test_a_request_that_ended_before_its_client_died_outlives_nothing() -> None:
+    fault = Fault("client:kill", SIGNAL, ("client",), "KILL")
+    story = good().add(9.9, events.STATUS, state=0, stage="")
+    assert story.judge(Trial("t", fault, Moment.CANCELLING)).violations == ()
+
+
 def test_a_planner_does_not_delay_a_cancel() -> None:
     def story(at: float) -> Judgement:
         told = Story().add(9.0, events.GOALS, server="move_base", active=[], ended={"a": 3})
