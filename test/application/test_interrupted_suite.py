@@ -12,8 +12,9 @@ SUITE = Path(__file__).parents[1] / "rostest" / "knowledge" / "knowledge_base.te
 LIMIT = 200.0
 
 
-def test_no_node_outlives_its_suite() -> None:
-    command = [sys.executable, "-m", "pytest", "-p", "no:xdist", str(SUITE)]
+def test_no_node_outlives_its_suite(tmp_path: Path) -> None:
+    # The suite may run at the same time for itself: its results are below the root.
+    command = [sys.executable, "-m", "pytest", "-p", "no:xdist", f"--rootdir={tmp_path}", str(SUITE)]
     pytest_process = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
@@ -30,6 +31,7 @@ def test_no_node_outlives_its_suite() -> None:
         output, _ = pytest_process.communicate(timeout=LIMIT)
         assert b"KeyboardInterrupt" in output
         assert processes.marked(run) == []
+        assert (tmp_path / "results" / "test" / SUITE.name.partition(".")[0]).is_dir()
     finally:
         pytest_process.kill()
         pytest_process.wait()
