@@ -52,7 +52,7 @@ class Restarts:
 
     @property
     def count(self) -> int:
-        """Deaths within the span before the last one."""
+        """Deaths within the span that ends with the last one."""
         return len(self._deaths)
 
     @property

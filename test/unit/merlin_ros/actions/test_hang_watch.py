@@ -65,6 +65,18 @@ def test_after_a_hang_it_settles_whichever_thread_goes_on_first(watch, clock, be
     assert watch.unsettled() == 0.0
 
 
+def test_a_peer_is_not_silent_while_what_it_has_sent_may_be_unread(watch, clock):
+    watch.beat()
+    assert watch.silent(2.0, 1.5) and not watch.silent(1.0, 1.5)
+    clock.now += 5.0
+    assert not watch.silent(5.0, 1.5)
+    watch.beat()
+    assert not watch.silent(5.0, 1.5)
+    clock.now += SETTLE
+    watch.beat()
+    assert watch.silent(5.3, 1.5)
+
+
 def test_a_wait_ends_when_the_process_has_settled(clock):
     watch = hung(clock)
     passed = threading.Event()

@@ -5,6 +5,7 @@ from typing import List
 import pytest
 from merlin_msgs.msg import Lease
 
+from merlin_ros.actions.hang_watch import HangWatch
 from merlin_ros.actions.lease import LOSE_AFTER
 from merlin_sm.dispatching import owners as module
 from merlin_sm.dispatching.owners import DispatchOwners
@@ -23,6 +24,23 @@ def test_an_owner_lives_as_long_as_it_renews_its_lease(now: List[float]) -> None
     owners.heard(Lease(owner="/other", held=["plan"]))
     assert owners.living == "/other"
     now[0] += LOSE_AFTER
+    assert owners.living == ""
+
+
+def test_a_hang_of_this_process_is_no_silence_of_an_owner(
+    now: List[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch = HangWatch(lambda: now[0])
+    monkeypatch.setattr(module, "hangs", watch)
+    watch.beat()
+    owners = DispatchOwners("/me")
+    owners.heard(Lease(owner="/other", held=["plan"]))
+    now[0] += 10.0
+    watch.beat()
+    assert owners.living == "/other"
+    for _ in range(2):  # nothing of it was waiting here
+        now[0] += 0.5
+        watch.beat()
     assert owners.living == ""
 
 

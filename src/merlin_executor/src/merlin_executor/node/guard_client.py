@@ -11,6 +11,7 @@ from std_srvs.srv import Trigger
 
 from merlin_executor.core.base_hold import hold_words
 from merlin_executor.core.standstill import STAND_WAIT, Halt, together
+from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.deadline import Deadline
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
@@ -173,7 +174,7 @@ class _Guard:
 
     def moves(self) -> bool:
         """Whether the base moves. The last status of a robot that is gone counts for a limited time."""
-        if self._status is None or (self._robot and time.monotonic() - self._heard > FRESH):
+        if self._status is None or (self._robot and self._silent(FRESH)):
             return False
         return bool(self._status.moving)
 
@@ -181,15 +182,18 @@ class _Guard:
         """Who holds the base, as a sentence; empty: it is free, or the robot is gone."""
         if self._status is None or self._status.state != GuardStatus.STOPPED:
             return ""
-        if self._robot and time.monotonic() - self._heard > KEEP:
+        if self._robot and self._silent(KEEP):
             return ""
         return hold_words(self._robot, self._status.reason, self._status.since.to_sec())
 
     def holds_goals(self) -> bool:
         """Whether goals that ran at the last brake still run and may not move the base."""
-        if self._status is None or time.monotonic() - self._heard > FRESH:
+        if self._status is None or self._silent(FRESH):
             return False
         return self._status.state == GuardStatus.HOLDING and not self._braked.isdisjoint(self._status.goals)
+
+    def _silent(self, limit: float) -> bool:
+        return hangs.silent(time.monotonic() - self._heard, limit)
 
     def brake(self, reason: str) -> None:
         """Asks the guard to hold its base for now."""

@@ -49,6 +49,14 @@ class HangWatch:
                 return SETTLE  # the beat comes
             return max(0.0, self._settled - now)
 
+    def silent(self, age: float, limit: float) -> bool:
+        """Whether a peer is silent: not while what came during a hang of this process may be unread.
+
+        :param age: of its last message, s.
+        :param limit: from which it counts as silent, s.
+        """
+        return age >= limit and self.unsettled() == 0.0
+
     def wait_settled(self, unless: Callable[[], bool]) -> None:
         """Waits until what came during a hang is read.
 

@@ -8,7 +8,6 @@
 """
 
 import threading
-import time
 import weakref
 from typing import Any, List, Optional, Tuple
 
@@ -31,6 +30,7 @@ _serve_connection = tcpros_pubsub.robust_connect_subscriber
 _turns: "weakref.WeakValueDictionary[Tuple[str, str], Any]" = weakref.WeakValueDictionary()
 _turns_lock = threading.Lock()  # guards _turns
 _handler: Optional[Any] = None  # rospy's, of this process; it is set before the first connection
+_ends = threading.Event()  # set when the node ends
 
 
 def keep_all() -> None:
@@ -38,6 +38,7 @@ def keep_all() -> None:
     RegManager.publisher_update = _publisher_update
     ROSHandler._connect_topic = _connect_in_turn
     tcpros_pubsub.robust_connect_subscriber = _stay_connected
+    rospy.on_shutdown(_ends.set)
 
 
 def _publisher_update(manager: Any, topic: str, publishers: List[str]) -> None:
@@ -65,9 +66,8 @@ def _stay_connected(connection: Any, host: str, port: int, publisher: str, callb
     """Serves a connection to its end, in its own thread, and sees to the next one."""
     _serve_connection(connection, host, port, publisher, callback, topic)
     for attempt in range(ATTEMPTS):
-        if not _is_missed(topic, publisher):
+        if not _is_missed(topic, publisher) or _ends.wait(PAUSES[min(attempt, len(PAUSES) - 1)]):
             return
-        time.sleep(PAUSES[min(attempt, len(PAUSES) - 1)])
         try:
             answer: Any = bounded_proxy(publisher, ANSWER).getPublications(rospy.get_name())
         except ConnectionRefusedError:

@@ -4,6 +4,7 @@ from typing import Dict
 
 from merlin_msgs.msg import Lease
 
+from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.actions.lease import LOSE_AFTER
 from merlin_ros.deadline import running_time
 
@@ -23,7 +24,9 @@ class DispatchOwners:
         if lease.owner == self._node:
             return
         now = running_time()
-        self._renewed = {owner: last for owner, last in self._renewed.items() if now - last < LOSE_AFTER}
+        self._renewed = {
+            owner: last for owner, last in self._renewed.items() if not hangs.silent(now - last, LOSE_AFTER)
+        }
         if lease.held:
             self._renewed[lease.owner] = now
         else:
@@ -33,4 +36,5 @@ class DispatchOwners:
     def living(self) -> str:
         """One that lives; empty when none does."""
         now = running_time()
-        return next((owner for owner, last in self._renewed.items() if now - last < LOSE_AFTER), "")
+        living = (owner for owner, last in self._renewed.items() if not hangs.silent(now - last, LOSE_AFTER))
+        return next(living, "")
