@@ -121,7 +121,7 @@ class Fault:
 
     @property
     def takes_owner(self) -> bool:
-        """Whether a drive must end: it loses its owner, its server or its sensors, or somebody stops it.
+        """Whether a drive must end: it loses its owner, its server or its sensors, or a client stops it.
 
         A second node of a name takes none of them.
         """

@@ -59,7 +59,7 @@ class Sockets(Stroke):
 
 
 class Descriptors(Stroke):
-    """A node without a free descriptor, at whose ports somebody knocks meanwhile."""
+    """A node without a free descriptor, whose ports get connections meanwhile."""
 
     def __init__(self, system: System, fault: Fault) -> None:
         super().__init__(system, fault)

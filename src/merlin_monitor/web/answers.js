@@ -12,7 +12,7 @@ export async function askFor(address) {
   return answer.json();
 }
 
-// Why there is no WebSocket, which browsers do not say: a POST names the page's site, too. Empty: nobody answers.
+// Why there is no WebSocket, which browsers do not say: a POST names the page's site, too. Empty: no answer.
 export async function whyNoSocket(patience) {
   try {
     const answer = await fetch("live", { method: "POST", signal: AbortSignal.timeout(patience) });

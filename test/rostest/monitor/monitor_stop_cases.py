@@ -48,8 +48,8 @@ class StopCases(ControlCases):
             visit.wait_text("#control-said", "confirmed by the guard")
             self.assertTrue(self.guard.wait(lambda status: status.state == GuardStatus.STOPPED))
             self.assertFalse(self.guard.message.moving)
-            self.assertEqual(self.guard.message.reason, "stopped by somebody at 127.0.0.1")
-            visit.wait_text("#now-doing", "stopped and held by somebody at 127.0.0.1 since ")
+            self.assertEqual(self.guard.message.reason, "stopped by a visitor at 127.0.0.1")
+            visit.wait_text("#now-doing", "stopped and held by a visitor at 127.0.0.1 since ")
             visit.wait_text("#now-because", "the Executor does not answer")
             visit.wait_text("#guard-says", "until it is released")
         finally:
@@ -60,10 +60,10 @@ class StopCases(ControlCases):
         )
         # Another page says it too, and offers to release.
         other = self.operator()
-        other.wait_text("#now-doing", "stopped and held by somebody at 127.0.0.1 since ")
+        other.wait_text("#now-doing", "stopped and held by a visitor at 127.0.0.1 since ")
         self.assertEqual(self.guard.message.state, GuardStatus.STOPPED)
         other.page.click("#release")
-        other.wait_text("#confirm-said", "held by somebody at 127.0.0.1 since")
+        other.wait_text("#confirm-said", "held by a visitor at 127.0.0.1 since")
         other.page.click("#confirm-yes")
         self.assertTrue(self.guard.wait(lambda status: status.state == GuardStatus.IDLE))
         visit.wait("() => document.getElementById('guard').hidden")

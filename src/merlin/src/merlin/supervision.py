@@ -89,7 +89,7 @@ def supervise(run: Callable[[bool, Callable[[], None]], int], command: str) -> i
     :return: the exit code of the run; 128 + signal when a signal has ended it for good.
     """
     adopt_orphans()
-    signal.signal(signal.SIGCHLD, lambda *_: None)  # ignored by whoever started this, it would tell of no end
+    signal.signal(signal.SIGCHLD, lambda *_: None)  # where the parent ignores it, no end is reported
     signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS | _CHILD)
     restarts, state, again = Restarts(RUN_SPAN), _Run(), False
     while True:

@@ -18,7 +18,7 @@ class AttentionClock:
     :ivar wall: s of attention in wall time.
     :ivar world: s of attention in the time of the robot's world: it stands still while a simulator says that
         it is paused, and is slower while that says that it is slower than real time. But it is never slower
-        than ROS time: nobody's word alone stops it.
+        than ROS time: a message alone does not stop it.
     :ivar back_at: `wall` when the guard last came back after a gap; 0.0 before the first one.
     :ivar order: of what is stamped with ROS time.
     """

@@ -26,7 +26,7 @@ class DriveWatch:
         self._drives_since: Optional[float] = None
         self._commanded_at = 0.0
         self._pushes_since: Optional[float] = None  # when velocities began that have to move the base
-        self._place: Optional[Tuple[float, ...]] = None  # of odometry that nobody has looked at
+        self._place: Optional[Tuple[float, ...]] = None  # of odometry that was not looked at
         self._stands_at: Optional[Tuple[float, ...]] = None
         self._stands_since = 0.0
         self._stuck = False

@@ -28,11 +28,11 @@ class GuardParameters(NamedTuple):
     """Index of the button of `joy` that stops the base; -1: none."""
     limits: VelocityLimits
     limits_given: bool
-    """Whether somebody has set them all, for this robot."""
+    """Whether all of them are set for this robot."""
     refuse: bool
     """Whether zero is sent in place of a velocity above a limit, and not a smaller one."""
     base_timeout: float
-    """s without a command after which the base stops by itself; 0: nobody knows."""
+    """s without a command after which the base stops by itself; 0: not known."""
 
     def unknown_of_base(self) -> str:
         """What should be known of the base and is not, one sentence; empty: nothing."""
@@ -42,7 +42,7 @@ class GuardParameters(NamedTuple):
             said.append(f"not all limits of this robot are set; what holds: {names}")
         if not self.base_timeout:
             said.append(
-                "nobody has said whether the base stops by itself when this guard dies; check it as "
+                "it is not set whether the base stops by itself when this guard dies; check it as "
                 'docs/real-robot.md says under "The time-out of the base", and set base_timeout'
             )
         elif self.base_timeout > LONGEST_TIMEOUT:
@@ -86,7 +86,7 @@ def read_parameters() -> GuardParameters:
 
 
 def _given(name: str) -> Any:
-    """A parameter; None when it is missing, or empty as an argument of a launch file that nobody gave."""
+    """A parameter; None when it is missing, or empty as an argument of a launch file that was not given."""
     value = rospy.get_param(name, None)
     return None if value == "" else value
 

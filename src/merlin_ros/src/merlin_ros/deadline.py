@@ -24,7 +24,7 @@ LONGEST_SLEEP = 1.0  # s of wall time between two looks for a shutdown where not
 def simulated() -> bool:
     """Whether ROS time is a simulator's: ``/use_sim_time`` was set when this node began.
 
-    On a robot no topic of a simulator may have an effect: whoever listens to one asks this first.
+    On a robot no topic of a simulator may have an effect: a listener asks this first.
     """
     return not rospy.rostime.is_wallclock()
 

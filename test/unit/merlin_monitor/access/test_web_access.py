@@ -250,7 +250,7 @@ def test_bad_requests_say_what_is_wrong(served: Served, what: str, body: Any, st
 def test_everybody_may_stop_where_that_is_open_and_nothing_else(open_stop: Served, token: Any) -> None:
     headers = {"X-Merlin-Token": token} if token is not None else {}
     assert ask(open_stop.url, "control/stop", "POST", headers).status == 200
-    assert open_stop.robot.calls == [("stop", "somebody at 127.0.0.1")]
+    assert open_stop.robot.calls == [("stop", "a visitor at 127.0.0.1")]
     assert ask(open_stop.url, "control/release", "POST", headers).status == 403
     other_site = {**headers, "Origin": "http://evil.example"}
     assert ask(open_stop.url, "control/stop", "POST", other_site).status == 403

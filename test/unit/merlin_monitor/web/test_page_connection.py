@@ -77,6 +77,6 @@ def test_a_stop_on_a_link_that_stalls_is_sent_until_it_is_confirmed(open_stop: S
         link.go_on()
         visit.wait_text("#control-said:not([data-bad])", "stopped until")
         assert len(set(open_stop.robot.presses)) == 1 and open_stop.robot.presses[0]
-        assert set(open_stop.robot.calls) == {("stop", "somebody at 127.0.0.1")}
+        assert set(open_stop.robot.calls) == {("stop", "a visitor at 127.0.0.1")}
         visit.close()
     link.close()

@@ -97,14 +97,14 @@ def test_a_stop_and_its_release_reach_each_robot_and_one_that_joins(robots: Robo
         visit.page.click("#stop")  # no token is needed
         visit.wait_text("#control-said", "ria held, tom held")
         for robot in ("ria", "tom"):
-            robots.held(robot, "somebody at 127.0.0.1")
-        visit.wait_text("#now-doing", "tom stopped and held by somebody at 127.0.0.1")
+            robots.held(robot, "a visitor at 127.0.0.1")
+        visit.wait_text("#now-doing", "tom stopped and held by a visitor at 127.0.0.1")
         robots.start("uwe")  # joins while the stop stands
-        robots.held("uwe", "somebody at 127.0.0.1")
-        visit.wait_text("#guard-robots", "uwe: stopped and held by somebody")
+        robots.held("uwe", "a visitor at 127.0.0.1")
+        visit.wait_text("#guard-robots", "uwe: stopped and held by a visitor")
         sign_in(visit)
         visit.page.click("#release")
-        visit.wait_text("#confirm-said", "robot ria is held by somebody at 127.0.0.1 since")
+        visit.wait_text("#confirm-said", "robot ria is held by a visitor at 127.0.0.1 since")
         visit.page.click("#confirm-yes")
         visit.wait_text("#control-said", "ria may drive again, tom may drive again, uwe may drive again")
         for robot in ("ria", "tom", "uwe"):

@@ -11,7 +11,7 @@ def clock_text(at: float) -> str:
 
 
 def holder_of(reason: str) -> str:
-    """Who stopped a base, of the guard's reason; empty: it names nobody (``stopped on the topic …``)."""
+    """Who stopped a base, of the guard's reason; empty: it names no operator (``stopped on the topic …``)."""
     return reason.partition("stopped by ")[2]
 
 

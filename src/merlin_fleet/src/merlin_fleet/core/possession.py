@@ -63,7 +63,7 @@ class Possession:
         self._in_vain = 0
         """How many claims in a row were lost before this robot saw the other claim."""
         self._free_at: Dict[str, float] = {}
-        """Goal whose claim is gone → when whoever had it stands."""
+        """Goal whose claim is gone → when its owner stands."""
         self._read = (0, 0.0)
         """The revision at which all keys were read, and when all stand who had lost a goal until then."""
 

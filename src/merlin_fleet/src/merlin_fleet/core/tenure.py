@@ -8,7 +8,7 @@ class LeaseTimes(NamedTuple):
 
     The robot counts from the moment at which it sent the last renewal that was answered, by its own clock,
     leaves `drift` for the difference of the speeds, and begins to stop `stop_time` before `ttl` has passed.
-    The store received that renewal after it was sent, and had the lease then. So whoever sees a claim
+    The store received that renewal after it was sent, and had the lease then. So a robot that sees a claim
     vanish, for whatever reason, and waits for `ttl` from then on, knows that its owner stands.
     """
 

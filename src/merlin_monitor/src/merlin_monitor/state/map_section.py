@@ -195,7 +195,7 @@ def grid_trouble(info: Any, cells: int) -> Phrase:
         return say("its resolution is {number} m", number=f"{info.resolution:g}")
     if not math.isfinite(at.x + at.y):
         return say("its origin is at {place} m", place=f"{at.x:g}, {at.y:g}")
-    # Where nobody has set it, it has the length 0.
+    # Where it is not set, it has the length 0.
     if length == 0.0 or (0.9 < length < 1.1 and math.hypot(turned.x, turned.y) < LEVEL):
         return ""
     return say("the orientation of its origin is no turn on the floor")

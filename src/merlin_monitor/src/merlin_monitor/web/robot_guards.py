@@ -69,7 +69,7 @@ class RobotGuards:
             return {robot: guard.confirmed for robot, guard in self._counting().items()}
 
     def holders_but(self, by: str) -> str:
-        """Who holds bases beside an operator, and since when; empty: nobody else."""
+        """Who holds bases beside an operator, and since when; empty: no other operator."""
         with self._changed:
             return " and ".join(
                 hold_words(robot, guard.status.reason, guard.status.since.to_sec())

@@ -261,7 +261,7 @@ class WebServer:
                 if wrong:
                     await self._wrong_tokens.slow_down(address)
                 raise
-            by = f"somebody at {address}"
+            by = f"a visitor at {address}"
         try:
             fields = json.loads(await silent_connections.body_of(request) or "{}")
             if not isinstance(fields, dict):

@@ -1,4 +1,4 @@
-"""The port of a node's topics and services, with an entrance that nobody blocks.
+"""The port of a node's topics and services, with an entrance that no client blocks.
 
 rospy reads the greetings of connections one after the other, in the thread that takes them. It waits for
 each as long as it takes, lets five more wait, and takes none any more after an error.

@@ -1,4 +1,4 @@
-"""The XML-RPC server of a node, a master or a launch, with an entrance that nobody blocks."""
+"""The XML-RPC server of a node, a master or a launch, with an entrance that no client blocks."""
 
 import re
 import threading

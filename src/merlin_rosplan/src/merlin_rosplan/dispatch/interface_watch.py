@@ -17,7 +17,7 @@ GRACE = 0.9  # s after that in which what an interface that lives has announced 
 class InterfaceWatch:
     """Remembers when each operator's interface was last announced; thread-safe.
 
-    Where this process was stalled, nobody was silent: announcements may wait to be read.
+    Where this process was stalled, no interface was silent: announcements may wait to be read.
 
     :param clock: s, monotonic; should stand still while the simulator is paused.
     """
