@@ -19,7 +19,7 @@ SRC = Path(__file__).resolve().parent.parent / "src"
 MOST_MODULES = 15
 
 #: Most lines in one file, tests included.
-MOST_LINES = 400
+MOST_LINES = 500
 
 #: Package → the packages of MERLIN that it may import.
 MAY_IMPORT: Dict[str, Tuple[str, ...]] = {

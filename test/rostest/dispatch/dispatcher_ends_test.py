@@ -13,8 +13,10 @@ from xmlrpc.client import ServerProxy
 import rosgraph
 import rosnode
 import rospy
-from dispatch_fixture import LONG, Interfaces, named
-from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
+from dispatch_fixture import LONG, Interfaces, named, publisher
+from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
+from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse, ParsingService
+from std_srvs.srv import Empty, EmptyResponse
 
 import rostest
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
@@ -115,6 +117,37 @@ class DispatcherEnds(unittest.TestCase):
         ended = result()
         self.assertTrue(ended.timed_out)
         self.assertEqual((ended.cancelled, ended.unstopped), (False, ("(paint ann leg)",)))
+
+    def test_one_as_rosplans_that_loses_an_action_is_cancelled_and_says_so(self):
+        """The esterel dispatcher waits for ever for an action that its queue of one has dropped."""
+        name, lost = "/forgetful_dispatcher", threading.Event()
+        actions = publisher(f"{name}/action_dispatch", ActionDispatch, queue_size=10)
+        answers = publisher(f"{name}/action_feedback", ActionFeedback, queue_size=10)
+
+        def dispatch(_request):
+            while not (actions.get_num_connections() and answers.get_num_connections()):
+                rospy.rostime.wallsleep(0.01)
+            actions.publish(ActionDispatch(action_id=1, name="paint"))
+            for status in (ActionFeedback.ACTION_ENABLED, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE):
+                answers.publish(ActionFeedback(action_id=1, status=status))
+            actions.publish(ActionDispatch(action_id=2, name="paint"))  # only the client receives it
+            lost.wait(LONG)
+            return DispatchServiceResponse(success=True, goal_achieved=False)
+
+        def cancel(_request):
+            lost.set()
+            return EmptyResponse()
+
+        for service in (
+            rospy.Service(f"{name}/dispatch_plan", DispatchService, dispatch),
+            rospy.Service(f"{name}/cancel_dispatch", Empty, cancel),
+        ):
+            self.addCleanup(service.shutdown)
+        client = DispatchClient(name, cancel_deadline=LONG, stuck_after=0.5)
+        result = client.dispatch(lambda interrupt: None)
+        self.assertEqual((result.goal_achieved, result.cancelled, result.gone), (False, False, False))
+        self.assertIn("has sent nothing for 0.5 s, and nothing takes (paint)", result.reason)
+        self.assertEqual(client.steps_done, 1)
 
 
 if __name__ == "__main__":

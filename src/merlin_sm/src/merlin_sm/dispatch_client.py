@@ -2,7 +2,8 @@
 
 import itertools
 import threading
-from typing import Callable, List, Optional, Sequence
+from functools import partial
+from typing import Callable, List, Optional, Sequence, Set
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, Lease, RunningAction
@@ -30,6 +31,7 @@ STATUS_GRACE = 0.5  # s of running time for the dispatcher's status behind its a
 ANSWER_GRACE = 0.3  # s of running time for an interface's answer behind the end of the dispatch
 ORPHAN_GRACE = 1.0  # s of running time for the actions of a dispatcher that is gone to end
 SLACK = 1.0  # s that a dispatcher gets beyond its own cancel deadline
+STUCK_AFTER = 20.0  # s of running time without an action under way, for a dispatcher without status
 FOREIGN_WAIT = 6.0  # s of running time for the plan of another client to end, where a cancel has no limit
 OWNER_LOOK = 0.5  # s between two looks whether the owner of a foreign dispatch still lives
 LISTEN = 1.0  # s after which a client has received the lease of any other owner of the dispatch
@@ -46,6 +48,8 @@ class DispatchClient:
     :param dispatcher: its name (scope).
     :param knowledge_base: where action interfaces announce themselves.
     :param cancel_deadline: s of running time for a cancelled dispatch to end; zero or less: no limit.
+    :param stuck_after: s of running time without an action under way, after which a dispatch is given up at a
+        dispatcher that would wait for ever, as ROSPlan's do; zero or less: never.
     :param on_change: called when the running actions, the steps done or the hold change, by a subscriber.
     """
 
@@ -55,7 +59,10 @@ class DispatchClient:
         knowledge_base: str = DEFAULT_KNOWLEDGE_BASE,
         cancel_deadline: float = 5.0,
         on_change: Callable[[], None] = lambda: None,
+        stuck_after: float = STUCK_AFTER,
     ) -> None:
+        self._stuck_after = stuck_after
+        self._takers: Set[str] = set()  # operators whose interfaces say when they take an action
         self.name = rospy.resolve_name(dispatcher)
         self.cancel_deadline = cancel_deadline
         self._on_change = on_change
@@ -206,7 +213,7 @@ class DispatchClient:
     ) -> DispatchResult:
         with self._changed:
             first = ground(plan[0].name, [entry.value for entry in plan[0].parameters]) if plan else None
-            self._progress = DispatchProgress(first)
+            self._progress = DispatchProgress(first, self._takers)
             self._kind.begin()
             self._active = True
             self._ended = self._cancelling = self._cancel_sent = self._requested = self._silent = False
@@ -258,10 +265,9 @@ class DispatchClient:
         # The dispatcher keeps the same deadline and names what did not answer; it gets a moment longer.
         slack = None if patience is None else patience + SLACK
         with self._changed:
-            Deadline(None).wait(
-                self._changed,
-                lambda: self._ended or self._cancelling or self._silent or bool(self._progress.failed),
-            )
+            if self._wait_while_it_runs():
+                rospy.logwarn(f"{self._progress.failed_reason}; the plan is cancelled")
+                self._cancelling = True
             if self._silent:
                 self._cancelling = True
             if not self._ended and not self._cancelling:
@@ -278,6 +284,27 @@ class DispatchClient:
         self._send_cancel()
         with self._changed:
             return Deadline(slack).wait(self._changed, lambda: self._ended)
+
+    def _wait_while_it_runs(self) -> bool:
+        """Waits, with the lock held, while nothing has failed; returns whether the dispatch stands still."""
+        progress = self._progress
+
+        def over() -> bool:
+            return self._ended or self._cancelling or self._silent or bool(progress.failed)
+
+        def stands() -> bool:
+            return progress.stands and not self._kind.reports
+
+        def changed(seen: int) -> bool:
+            return over() or progress.messages != seen
+
+        while not over() and not rospy.is_shutdown():
+            patience = Deadline(limit(self._stuck_after) if stands() else None)
+            patience.wait(self._changed, partial(changed, progress.messages))
+            if patience.expired and stands() and not over():
+                progress.stand_still(self._stuck_after)
+                return True
+        return False
 
     def _stale(self, result: DispatchResult) -> bool:
         """Whether a dispatcher of ROSPlan's ran something else than the plan that was meant."""
@@ -362,10 +389,10 @@ class DispatchClient:
         if found is None:
             return
         with self._changed:
-            if not self._active or not self._progress.answered(feedback.action_id, feedback.plan_id, *found):
-                return
+            ends = self._active and self._progress.answered(feedback.action_id, feedback.plan_id, *found)
             self._changed.notify_all()
-        self._on_change()
+        if ends:
+            self._on_change()
 
     def _receive_status(self, status: DispatchStatus) -> None:
         with self._changed:

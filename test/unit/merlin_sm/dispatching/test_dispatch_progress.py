@@ -1,6 +1,6 @@
 """The book of a dispatch: what failed, what may still run, and how the dispatch ended."""
 
-from typing import List, Tuple
+from typing import List, Set, Tuple
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -29,6 +29,32 @@ def book(*actions: Action, taken: bool = True) -> DispatchProgress:
         if taken:
             progress.answered(action.id, action.plan_id, DispatchAnswer.TAKEN, {})
     return progress
+
+
+def test_a_dispatch_stands_while_nothing_is_under_way() -> None:
+    progress = DispatchProgress()
+    assert progress.stands
+    progress.answered(1, 7, DispatchAnswer.TAKEN, {})  # before the action itself
+    assert not progress.stands
+    progress.dispatched(NAVIGATE)
+    assert not progress.stands
+    progress.answered(1, 7, DispatchAnswer.SUCCEEDED, {})
+    assert progress.stands
+
+
+def test_an_action_that_nothing_takes_stands_where_its_interface_would_say_so() -> None:
+    takers: Set[str] = set()
+    first = DispatchProgress(takers=takers)
+    first.dispatched(NAVIGATE)
+    assert not first.stands  # an interface that never says so may have taken it
+    first.answered(1, 7, DispatchAnswer.TAKEN, {})
+    second = DispatchProgress(takers=takers)
+    second.dispatched(NAVIGATE)
+    assert second.stands
+    second.stand_still(20.0)
+    result = second.result(Reply())
+    assert (result.cancelled, result.action) == (False, "")
+    assert "for 20 s, and nothing takes (navigate hall kitchen)" in result.reason
 
 
 def test_actions_run_until_they_are_answered() -> None:

@@ -131,7 +131,7 @@ class Client(DispatchClient):
         self.name, self.cancel_deadline = "/dispatcher", LONG
         self._changed = threading.Condition()
         self._kind, self._progress = SilentDispatcher(), DispatchProgress()
-        self._active = False
+        self._active, self._takers, self._stuck_after = False, set(), 0.0
         self._on_change = lambda: None
         self._numbers = iter(range(9))
         self._lease: Any = type("Lease", (), {"release": lambda *_: None})()

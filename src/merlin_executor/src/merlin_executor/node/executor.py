@@ -43,7 +43,7 @@ from merlin_ros.health import OK, WARN, Health
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.breakpoint_service import BreakpointService
-from merlin_sm.dispatch_client import DispatchClient
+from merlin_sm.dispatch_client import STUCK_AFTER, DispatchClient
 from merlin_sm.introspection import start_introspection
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
@@ -68,6 +68,8 @@ class Executor:
     :param goals_file: where it notes the goals it added; empty: on the parameter server.
     :param return_wait: s of running time for a planning system that was ended to return.
     :param stand_wait: s of running time for the base to come to rest after everything has ended.
+    :param stuck_after: s of running time without an action under way, after which a plan is given up at a
+        dispatcher that would wait for ever; zero or less: never.
     :raises OSError: when that file cannot be written.
     """
 
@@ -81,12 +83,15 @@ class Executor:
         goals_file: str = "",
         return_wait: float = 8.0,
         stand_wait: float = STAND_WAIT,
+        stuck_after: float = STUCK_AFTER,
     ) -> None:
         self._knowledge = knowledge
         self._max_replans = max_replans
         self._told = threading.Event()  # set when statuses may be published
         self._own = OwnGoals(knowledge, goals_file, LeaseHolder(f"{knowledge.name}/goals/lease"))
-        self._dispatcher = DispatchClient(dispatcher, knowledge.name, cancel_deadline, self._dispatch_changed)
+        self._dispatcher = DispatchClient(
+            dispatcher, knowledge.name, cancel_deadline, self._dispatch_changed, stuck_after
+        )
         self._recovery = Recovery(knowledge, self._dispatcher)
         self._guard = GuardClient(knowledge.name, stand_wait, brakes=cancel_deadline > 0.0)
         system = PlanningSystem(

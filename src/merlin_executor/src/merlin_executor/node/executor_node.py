@@ -13,6 +13,7 @@ from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.master.namesake import living_namesake
 from merlin_ros.node import keep_foreign_nodes, run_node
 from merlin_ros.parameters import ParameterError, number
+from merlin_sm.dispatch_client import STUCK_AFTER
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_sm.planning_client import PlanningClient, StageError
 
@@ -51,6 +52,7 @@ def _start() -> None:
             goals_file=str(rospy.get_param("~goals_file", "")),
             return_wait=number("~planning_system_return", 8.0, 0.0),
             stand_wait=number("~stand_wait", STAND_WAIT, 0.0),
+            stuck_after=number("~stuck_after", STUCK_AFTER, -math.inf),
         )
     except OSError as error:
         raise ParameterError(f"parameter ~goals_file cannot be used: {error}") from error

@@ -99,9 +99,13 @@ class DispatchProgress:
     """The book of one dispatch. Not thread-safe.
 
     :param first: the action that the plan begins with; None: not known.
+    :param takers: operators whose interfaces say when they take an action; those of this dispatch are added.
     """
 
-    def __init__(self, first: Optional[Ground] = None) -> None:
+    def __init__(self, first: Optional[Ground] = None, takers: Optional[Set[str]] = None) -> None:
+        self._takers = set() if takers is None else takers
+        self.messages = 0
+        """Messages that counted for this dispatch."""
         self.running: Dict[int, Action] = {}
         self.steps_done = 0
         self.failed = ""
@@ -131,8 +135,29 @@ class DispatchProgress:
         """The dispatch is to be cancelled: an action that fails from now on was cancelled."""
         self._stopping = True
 
+    @property
+    def stands(self) -> bool:
+        """Whether nothing is under way, as far as the answers say.
+
+        An action that nothing has taken does not count where its interface would have said so: ROSPlan's
+        dispatchers publish with a queue of one, which drops what is sent close behind another message.
+        """
+        running = any(
+            action.id in self._taken or action.name.lower() not in self._takers
+            for action in self.running.values()
+        )
+        return not running and all(len(answers) > 1 for answers in self._early.values())
+
+    def stand_still(self, seconds: float) -> None:
+        """The dispatch is given up: nothing was under way, nothing failed, and it did not end."""
+        lost = ", ".join(action.text for action in self.running.values())
+        why = f", and nothing takes {lost}" if lost else ""
+        self.failed_reason = f"{PART} has sent nothing for {seconds:g} s{why}"
+        self.failed_by_itself = True
+
     def dispatched(self, action: Action) -> None:
         """An action was dispatched; what has been answered to it before counts now."""
+        self.messages += 1
         if self._seen is None:
             self._seen = action.ground
         self.running[action.id] = action
@@ -154,8 +179,10 @@ class DispatchProgress:
             return False
         if plan_id not in (0, action.plan_id):
             return False
+        self.messages += 1
         if answer is DispatchAnswer.TAKEN:
             self._taken.add(action_id)
+            self._takers.add(action.name.lower())
             return False
         del self.running[action_id]
         if answer is DispatchAnswer.SUCCEEDED:
