@@ -81,7 +81,7 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
 #: beside them, of which one may be named by itself. A package that is missing here has no sub-packages.
 LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_pddl": (".", "analysis", "checks"),
-    "merlin_ros": ("alarms", "master ports", ".", "actions"),
+    "merlin_ros": ("alarms work", "master ports", ".", "actions"),
     "merlin_sm": ("dispatching", ".", "states", "holding trees", "breakpoint_client state_factory"),
     "merlin_rosplan": (
         "knowledge planning dispatch",
@@ -120,8 +120,8 @@ WITHOUT_ROS: Dict[str, str] = {
     "merlin_monitor": "access history",
     "merlin_rosplan": "knowledge planning dispatch storage supervision",
 }
-#: Likewise, package → its modules.
-MODULES_WITHOUT_ROS: Dict[str, str] = {"merlin_ros": "alarms"}
+#: Likewise, package → those of its modules and sub-packages that such a one may import.
+MODULES_WITHOUT_ROS: Dict[str, str] = {"merlin_ros": "alarms work"}
 ROS = re.compile(r"(ros\w+|actionlib|smach\w*|tf2_ros|diagnostic_updater|bondpy|\w+_msgs|\w+_srvs)\Z")
 
 #: Imported name → what a manifest calls it.
@@ -243,7 +243,7 @@ def ros_in_a_core(package: str, root: Path, found: Import) -> Iterator[str]:
     foreign = (
         found.package.startswith("merlin_")
         and WITHOUT_ROS.get(found.package) != "*"
-        and found.module.split(".")[1:2] != MODULES_WITHOUT_ROS.get(found.package, "").split()
+        and not set(found.module.split(".")[1:2]) & set(MODULES_WITHOUT_ROS.get(found.package, "").split())
     )
     if (room in rooms or "*" in rooms) and (
         ROS.match(found.package) or (foreign and found.package != package)

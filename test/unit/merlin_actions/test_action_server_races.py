@@ -92,7 +92,7 @@ def test_a_goal_that_has_ended_meanwhile_is_not_preempted(server: MerlinActionSe
     waits = server.machine.waits  # type: ignore[attr-defined]
     assert waits.begun.wait(LONG)
     with server._changed:
-        late = server._slot.cancel(goal.id, "cancelled")
+        late = server._book.cancel(goal.id, "cancelled")
     waits.goes_on.set()
     assert goal.ended.wait(LONG)
     server._carry_out(late)
@@ -103,8 +103,8 @@ def test_a_goal_is_preempted_before_it_has_its_machine(server: MerlinActionServe
     goal = Goal("a")
     with server._changed:
         server._goals[goal.id] = goal  # type: ignore[assignment]
-        begins = server._slot.arrive(goal.id)
-        stops = server._slot.cancel(goal.id, "a newer goal takes its place")
+        begins = server._book.arrive(goal.id)
+        stops = server._book.cancel(goal.id, "a newer goal takes its place")
     server._carry_out(stops)
     server._carry_out(begins)
     assert goal.ended.wait(LONG)
@@ -159,7 +159,7 @@ def test_a_goal_that_was_answered_while_it_waited_does_not_run(
     second.abort()
     waits.goes_on.set()
     run.join(LONG)
-    assert not server._slot.running and not waits.begun.is_set()
+    assert not server._book.running and not waits.begun.is_set()
 
 
 class Odd(MerlinState):

@@ -18,8 +18,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from merlin_actions.answers import QUEUE, answer_of
 from merlin_actions.core.declared import bound, numeric_apart
 from merlin_actions.core.ending import Ending, after_closing, closing_of
-from merlin_actions.core.execution import Execution
-from merlin_actions.core.execution_queue import ExecutionQueue, Key, QueueDecision, QueueStep, at_once
+from merlin_actions.core.execution import Execution, Key, at_once
 from merlin_actions.core.latched import LATCH_GRACE, Latched, PutAside
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
@@ -35,6 +34,7 @@ from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.node import master_is_lost
 from merlin_ros.publishing import Subscribed, publish
 from merlin_ros.service_proxy import ServiceError
+from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 from merlin_sm.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeClient,
@@ -86,7 +86,7 @@ class ActionInterface:
         self._latched = Latched()
         self._put_aside = PutAside()
         self._executions: Dict[Key, Execution] = {}
-        self._queue = ExecutionQueue(at_once(self.concurrent))
+        self._book: WorkBook[Key] = WorkBook(Policy.IN_TURN, at_once(self.concurrent))
         self._stopped = threading.Event()
         # Of the announcements: a process latches but the last one of its actions.
         self._newcomers = Subscribed()
@@ -123,15 +123,15 @@ class ActionInterface:
         self._dispatcher_status.unregister()
         self._owners.shutdown()
         with self._changed:
-            decisions = self._queue.cancel_all("its action interface shuts down")
+            decisions = self._book.cancel_all("its action interface shuts down")
         self._carry_out(decisions)
         with self._changed:
-            wait_ticks(lambda tick: self._changed.wait_for(lambda: self._queue.idle, tick), SHUTDOWN_WAIT)
+            wait_ticks(lambda tick: self._changed.wait_for(lambda: self._book.idle, tick), SHUTDOWN_WAIT)
 
     def master_lost(self) -> None:
         """Stops what runs: nothing else of the system can be found any more."""
         with self._changed:
-            decisions = self._queue.cancel_all(MASTER_LOST)
+            decisions = self._book.cancel_all(MASTER_LOST)
         self._carry_out(decisions)
 
     def executions(self) -> List[Execution]:
@@ -185,7 +185,7 @@ class ActionInterface:
 
     def _cancel(self, execution: Execution, reason: str) -> None:
         with self._changed:
-            decisions = self._queue.cancel(execution.key, reason)
+            decisions = self._book.cancel(execution.key, reason)
         self._carry_out(decisions)
 
     def _owner_changed(self, change: LeaseChange) -> None:
@@ -217,7 +217,7 @@ class ActionInterface:
         execution = Execution(dispatch, [KeyValue(key, given[key]) for key in variables], LIFE)
         execution.lane = self._lane(execution)
         with self._changed:
-            decisions = self._queue.arrive(execution.key, execution.lane)
+            decisions = self._book.arrive(execution.key, execution.lane, dispatch.plan_id)
             if decisions:
                 self._executions[execution.key] = execution
         if not decisions:
@@ -229,18 +229,18 @@ class ActionInterface:
         self._owners.tell(execution.lease)  # which came before it
         self._carry_out(decisions)
 
-    def _carry_out(self, decisions: List[QueueDecision]) -> None:
-        """Carries out the queue's decisions; without the lock."""
+    def _carry_out(self, decisions: List[Decision]) -> None:
+        """Carries out the book's decisions; without the lock."""
         for decision in decisions:
             with self._changed:
                 execution = self._executions.get(decision.key)
             if execution is None:
                 continue
-            if decision.what is QueueStep.RUN:
+            if decision.what is Step.RUN:
                 self._spawn(execution)
-            elif decision.what is QueueStep.INTERRUPT:
+            elif decision.what is Step.STOP:
                 execution.cancel(decision.reason)
-            elif decision.what is QueueStep.WAIT:
+            elif decision.what is Step.WAIT:
                 name = f"wait of {execution.text}"
                 threading.Thread(target=self._limit_wait, args=(execution,), name=name, daemon=True).start()
             else:
@@ -251,7 +251,7 @@ class ActionInterface:
         """Refuses an execution that waits for too long."""
         if not Deadline(WAIT_LIMIT).wait_event(execution.left_queue):
             with self._changed:
-                decisions = self._queue.waited_too_long(execution.key)
+                decisions = self._book.overdue(execution.key)
             self._carry_out(decisions)
 
     def _spawn(self, execution: Execution) -> None:
@@ -275,7 +275,7 @@ class ActionInterface:
         execution.left_queue.set()
         with self._changed:
             self._executions.pop(execution.key, None)
-            decisions = self._queue.end(execution.key)
+            decisions = self._book.end(execution.key)
         ownership.resume(execution.token)
         self._owners.forget(execution.lease)
         try:
@@ -339,7 +339,7 @@ class ActionInterface:
             execution.interruptible(None)
 
     def _lane(self, execution: Execution) -> str:
-        """Executions of different lanes do not wait for each other; see :class:`.ExecutionQueue`."""
+        """Executions of different lanes do not wait for each other; see :class:`.WorkBook`."""
         return ""
 
     def _param(self, execution: Execution) -> str:
@@ -350,7 +350,7 @@ class ActionInterface:
         """Allows as many parallel executions as the action's class declares, and starts waiting ones."""
         if CONCURRENT in declared and not execution.lane:
             with self._changed:
-                decisions = self._queue.allow(at_once(declared[CONCURRENT]))
+                decisions = self._book.allow(at_once(declared[CONCURRENT]))
             self._carry_out(decisions)
 
     def _declared(self, execution: Execution) -> Dict[str, Any]:

@@ -6,7 +6,7 @@ from diagnostic_msgs.msg import KeyValue
 from rosplan_dispatch_msgs.msg import ActionFeedback
 
 from merlin_actions.core.ending import Ending, information_of
-from merlin_actions.core.execution_queue import Key
+from merlin_actions.core.execution import Key
 
 #: Answers that wait for the dispatcher's connection; rospy drops the oldest of more, and says nothing.
 QUEUE = 1000

@@ -4,8 +4,7 @@ from typing import List, NamedTuple
 
 import rospy
 
-from merlin_actions.core.execution import Token
-from merlin_actions.core.execution_queue import Key
+from merlin_actions.core.execution import Key, Token
 from merlin_actions.effects import APPLY_LIMIT
 from merlin_ros.actions.lease_holder import LIFE
 from merlin_sm.execution_journal import ExecutionJournal

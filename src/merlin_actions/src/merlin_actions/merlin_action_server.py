@@ -10,13 +10,13 @@ from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
 import smach
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN
 from merlin_actions.core.machine_end import GoalEnd, MachineEnd, answer_of
-from merlin_actions.core.machine_slot import MachineSlot, SlotDecision, SlotStep
 from merlin_actions.core.names import CONCURRENT, DECLARED, action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
+from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 from merlin_sm.autonomy import label_text
 from merlin_sm.holding.gate import gate
 from merlin_sm.holding.node_holds import node_holds
@@ -51,7 +51,7 @@ class MerlinActionServer:
         self._pool = self._instances(machine)  # of the present class
         self._free = list(self._pool)
         self._machines: Dict[str, MerlinActionSM] = {}  # of the goals that were started
-        self._slot = MachineSlot(len(self._pool))
+        self._book: WorkBook[str] = WorkBook(Policy.NEWEST, len(self._pool))
         self._goals: Dict[str, ServerGoal] = {}  # accepted or waiting, not answered
         self._crash = ""  # what the last run raised
         self._threads: Dict[str, threading.Thread] = {}  # of the goals
@@ -82,8 +82,8 @@ class MerlinActionServer:
         pool = self._instances(machine)
         with self._changed:
             self._pool, self._free = pool, list(pool)
-            running = bool(self._slot.running)
-            decisions = self._slot.resize(len(pool))
+            running = bool(self._book.running)
+            decisions = self._book.allow(len(pool))
         self._carry_out(decisions)
         self._declare()
         if not running:
@@ -114,12 +114,12 @@ class MerlinActionServer:
     def shutdown(self) -> None:
         """Preempts what runs, waits until it has stopped, at most ``SHUTDOWN_WAIT``, and stops serving."""
         with self._changed:
-            running = self._slot.running
-            decisions = self._slot.cancel_all("its host shuts down")
+            running = self._book.running
+            decisions = self._book.cancel_all("its host shuts down")
         self._carry_out(decisions)
         with self._changed:
             wait_ticks(
-                lambda tick: self._changed.wait_for(lambda: not set(running) & set(self._slot.running), tick),
+                lambda tick: self._changed.wait_for(lambda: not set(running) & set(self._book.running), tick),
                 SHUTDOWN_WAIT,
             )
         self._server.shutdown()
@@ -130,13 +130,13 @@ class MerlinActionServer:
     def master_lost(self) -> None:
         """Stops what runs: nothing else of the system can be found any more."""
         with self._changed:
-            decisions = self._slot.cancel_all("the ROS master is lost")
+            decisions = self._book.cancel_all("the ROS master is lost")
         self._carry_out(decisions)
 
     def health(self) -> Health:
         """What the machine does; a warning when its last run raised an exception, or one still hangs."""
         with self._changed:
-            running, crash = bool(self._slot.running), self._crash
+            running, crash = bool(self._book.running), self._crash
             self._abandoned = [thread for thread in self._abandoned if thread.is_alive()]
             hanging = len(self._abandoned)
         doing = "running" if running else "idle"
@@ -149,36 +149,36 @@ class MerlinActionServer:
     def _receive(self, goal: ServerGoal) -> None:
         with self._changed:
             self._goals[goal.id] = goal
-            decisions = self._slot.arrive(goal.id)
+            decisions = self._book.arrive(goal.id)
         self._carry_out(decisions)
 
     def _cancel(self, goal: ServerGoal) -> None:
         with self._changed:
-            decisions = self._slot.cancel(goal.id, goal.cancel_reason)
+            decisions = self._book.cancel(goal.id, goal.cancel_reason)
         self._carry_out(decisions)
 
-    def _carry_out(self, decisions: List[SlotDecision]) -> None:
-        """Carries out the slot's decisions; without the lock."""
+    def _carry_out(self, decisions: List[Decision]) -> None:
+        """Carries out the book's decisions; without the lock."""
         for decision in decisions:
             with self._changed:
-                goal = self._goals.get(decision.goal)
+                goal = self._goals.get(decision.key)
             if goal is None:  # it has ended since that was decided
                 continue
-            if decision.what is SlotStep.RECALL:
+            if decision.what is Step.REFUSE:
                 self._forget(goal)
                 goal.cancelled(RunActionResult(outcome=PREEMPTED, reason=decision.reason), decision.reason)
                 continue
-            if decision.what is SlotStep.PREEMPT:
+            if decision.what is Step.STOP:
                 goal.request_cancel(decision.reason)  # first: a run that begins just now looks at it
             with self._changed:
-                if decision.what is SlotStep.START:
+                if decision.what is Step.RUN:
                     self._machines[goal.id] = self._free.pop() if self._free else self.machine
                 machine = self._machines.get(goal.id)
             if machine is None:
                 continue
-            if decision.what is SlotStep.START:
+            if decision.what is Step.RUN:
                 self._begin(goal, machine)
-            elif decision.what is SlotStep.PREEMPT:
+            elif decision.what is Step.STOP:
                 # In threads of their own: users' code may loop in its preempt.
                 self._start_thread("limit of", self._limit, goal, machine)
                 if not self._start_thread("preempt", self._preempt, goal, machine):
@@ -234,9 +234,9 @@ class MerlinActionServer:
 
     def _limit(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
         with self._changed:
-            if Deadline(self._cancel_limit).wait(self._changed, lambda: goal.id not in self._slot.running):
+            if Deadline(self._cancel_limit).wait(self._changed, lambda: goal.id not in self._book.running):
                 return
-            decisions = self._slot.limit_passed(goal.id)
+            decisions = self._book.overdue(goal.id)
         self._carry_out(decisions)
 
     def _abandon(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
@@ -289,10 +289,10 @@ class MerlinActionServer:
         :param crash: what it raised; empty: nothing.
         """
         with self._changed:
-            if goal.id not in self._slot.running:  # its limit has passed: it is, or just is being, abandoned
+            if goal.id not in self._book.running:  # its limit has passed: it is, or just is being, abandoned
                 return
             self._crash = crash
-            decisions = self._slot.end(goal.id)
+            decisions = self._book.end(goal.id)
             self._release(goal)
         self._forget(goal)
         try:

@@ -1,6 +1,6 @@
 """One dispatched action: which execution a cancel stops, and that no cancel is lost whenever it arrives."""
 
-from typing import List
+from typing import List, Union
 
 import pytest
 from diagnostic_msgs.msg import KeyValue
@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_actions.action_classes import make_machines
-from merlin_actions.core.execution import Execution, Token
+from merlin_actions.core.ending import Closing, Ending, after_closing, closing_of
+from merlin_actions.core.execution import Execution, Token, at_once
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_sm.states.function_state import FunctionState
 
@@ -133,3 +134,19 @@ def test_a_token_tells_the_life_that_has_begun_it() -> None:
     for text in ("of another program", "3/1", "a/b/life_1/7"):
         other = Token.read(text)
         assert not (other.key and other.life) and not other.left_by_earlier("life_2")
+
+
+@pytest.mark.parametrize("said, limit", [(False, 1), (True, 0), (1, 1), (3, 3), (0, 1)])
+def test_a_class_says_how_many_run_at_once(said: Union[bool, int], limit: int) -> None:
+    assert at_once(said) == limit
+
+
+@given(st.builds(Ending, st.booleans(), st.text(max_size=3), st.booleans(), st.text(max_size=3)))
+def test_effects_count_only_when_they_came_true(ending: Ending) -> None:
+    closing = closing_of(ending)
+    assert (closing is Closing.END) == ending.succeeded
+    assert (closing is Closing.ROLLBACK) == (not ending.succeeded and not ending.begun)
+    assert after_closing(ending, []) == ending
+    failed = after_closing(ending, ["the disk is full"])
+    assert not failed.succeeded and "the disk is full" in failed.reason
+    assert failed.unstopped == ending.unstopped

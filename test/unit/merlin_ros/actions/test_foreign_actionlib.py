@@ -10,6 +10,7 @@ import actionlib, rospy
 from merlin_msgs.msg import ListenAction, ListenResult
 
 rospy.init_node("server")
+rospy.set_param("listen/status_list_timeout", 300.0)  # s for which the second process finds the stamp
 server = actionlib.SimpleActionServer(
     "listen", ListenAction, lambda goal: server.set_succeeded(ListenResult(text="heard")), auto_start=False
 )

@@ -3,13 +3,23 @@
 import itertools
 import logging
 import threading
-from typing import Callable, Dict, NamedTuple, Optional, Protocol, Sequence
+from typing import Callable, Dict, NamedTuple, Optional, Protocol, Sequence, Tuple, Union
 
-from merlin_actions.core.execution_queue import Key
 from merlin_pddl.formula import call_text
+
+#: Plan id and action id.
+Key = Tuple[int, int]
 
 _log = logging.getLogger(__name__)
 _numbers = itertools.count(1)
+
+
+def at_once(concurrent: Union[bool, int]) -> int:
+    """How many executions may run at once; 0: any number.
+
+    :param concurrent: a number, or whether they may.
+    """
+    return 0 if concurrent is True else max(1, int(concurrent))
 
 
 class Token(NamedTuple):

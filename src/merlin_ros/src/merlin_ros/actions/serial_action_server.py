@@ -2,11 +2,12 @@
 
 import threading
 import traceback
-from typing import Callable, Optional
+from typing import Callable, Dict, List, Optional
 
 import rospy
 
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
+from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 
 
 class SerialActionServer:
@@ -26,15 +27,15 @@ class SerialActionServer:
         name: str,
         action_spec: type,
         execute: Callable[[ServerGoal], None],
-        on_cancel: Optional[Callable[[ServerGoal], None]] = None,
+        on_cancel: Callable[[ServerGoal], None] = lambda goal: None,
     ) -> None:
         self.server = ActionServer(name, action_spec, self._receive, self._cancel)
         self.name = self.server.name
         self._execute = execute
         self._on_cancel = on_cancel
         self._changed = threading.Condition()  # guards the three fields below
-        self._running: Optional[ServerGoal] = None
-        self._next: Optional[ServerGoal] = None
+        self._book: WorkBook[str] = WorkBook(Policy.NEWEST, asked=True)
+        self._goals: Dict[str, ServerGoal] = {}  # that wait or run
         self._stopping = False
         self._worker = threading.Thread(target=self._work, name=f"action {self.name}", daemon=True)
 
@@ -47,49 +48,59 @@ class SerialActionServer:
         """Cancels what runs, stops serving and waits up to a second for the worker."""
         with self._changed:
             self._stopping = True
-            running = self._running
+            decisions = self._book.cancel_all("the server ends")
             self._changed.notify_all()
-        if running is not None and running.request_cancel():
-            self._cancel(running)
+        self._carry_out(decisions)
         if threading.current_thread() is not self._worker:
             self._worker.join(1.0)
         self.server.shutdown()
 
     def _receive(self, goal: ServerGoal) -> None:
         with self._changed:
-            waiting, self._next = self._next, goal
-            running = self._running
+            self._goals[goal.id] = goal
+            decisions = self._book.arrive(goal.id)
             self._changed.notify_all()
-        if waiting is not None:
-            waiting.cancelled(text="a newer goal took its place")
-        if running is not None and running.request_cancel():
-            self._cancel(running)
+        self._carry_out(decisions)
 
     def _cancel(self, goal: ServerGoal) -> None:
         with self._changed:
-            if self._next is goal:
-                self._next = None
-                goal.cancelled(text="cancelled before it began")
-                return
-        if self._on_cancel is None:
-            return
-        try:
-            self._on_cancel(goal)
-        except Exception:  # the execution sees its event all the same, and the newer goal is not concerned
-            rospy.logerr(f"action {self.name}: {traceback.format_exc()}")
+            decisions = self._book.cancel(goal.id, "cancelled before it began")
+        self._carry_out(decisions)
+
+    def _carry_out(self, decisions: List[Decision]) -> None:
+        """Stops and answers goals; without the lock."""
+        for decision in decisions:
+            with self._changed:
+                goal = self._goals.get(decision.key)
+                if decision.what is Step.REFUSE:
+                    self._goals.pop(decision.key, None)
+            if goal is None:  # it has ended since that was decided
+                continue
+            if decision.what is Step.REFUSE:
+                goal.cancelled(text=decision.reason)
+                continue
+            goal.request_cancel()
+            try:
+                self._on_cancel(goal)
+            except (
+                Exception
+            ):  # the execution sees its event all the same, and the newer goal is not concerned
+                rospy.logerr(f"action {self.name}: {traceback.format_exc()}")
 
     def _work(self) -> None:
+        goal: Optional[ServerGoal] = None
         while True:
             with self._changed:
-                self._running = None
-                while self._next is None:
-                    if self._stopping:
-                        return
+                if goal is not None:
+                    self._book.end(goal.id)
+                    del self._goals[goal.id]
+                key = self._book.begin()
+                while key is None and not self._stopping:
                     self._changed.wait()
-                if self._stopping:
+                    key = self._book.begin()
+                if key is None or self._stopping:
                     return
-                goal, self._next = self._next, None
-                self._running = goal
+                goal = self._goals[key]
             if not goal.accept():  # it was answered meanwhile: nothing may run for it
                 continue
             try:

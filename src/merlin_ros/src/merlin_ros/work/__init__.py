@@ -1,0 +1,1 @@
+"""What all work that runs for somebody shares, without ROS."""

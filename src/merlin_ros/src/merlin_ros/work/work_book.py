@@ -1,0 +1,178 @@
+"""Which work runs, which waits, and which has to stop: events in, decisions out.
+
+The book of every server that runs something for a client: the executions of an operator, the goals of a state
+machine, the goals of a serial action server. What differs between them is a :class:`Policy`. Pure and not
+thread-safe: the owner's lock is held around each call, and decisions are carried out without it.
+"""
+
+from enum import Enum
+from typing import Any, Dict, Generic, Hashable, List, NamedTuple, Optional, TypeVar
+
+#: Work that waits in turn at most.
+WAITING = 1000
+TAKEN = "a newer goal took its place"
+STUCK = "it runs already, and the execution before it does not end"
+
+K = TypeVar("K", bound=Hashable)
+
+
+class Policy(Enum):
+    """What becomes of work that finds its lane full."""
+
+    IN_TURN = "in turn"
+    """It waits for its turn. What a lane runs of an older batch is stopped: its client has gone on."""
+    NEWEST = "newest"
+    """It takes the place of what waits, and the oldest that runs is stopped."""
+
+
+class Step(Enum):
+    """What to do with a piece of work."""
+
+    RUN = "run"
+    WAIT = "wait"
+    """Where a wait has a limit: call :meth:`WorkBook.overdue` when it has passed."""
+    STOP = "stop"
+    """Likewise where a stop has one."""
+    REFUSE = "refuse"
+    """It ends without having begun."""
+    ABANDON = "abandon"
+    """It did not stop in time, and no longer keeps others from running."""
+
+
+class Decision(NamedTuple):
+    """What to do with one piece of work, and why."""
+
+    what: Step
+    key: Any
+    reason: str = ""
+
+
+class _Work(Generic[K]):
+    def __init__(self, key: K, lane: str, batch: int) -> None:
+        self.key, self.lane, self.batch = key, lane, batch
+        self.stops = False
+
+
+class WorkBook(Generic[K]):
+    """The work of one server. Each piece that arrives ends once: by `end`, REFUSE or ABANDON.
+
+    Each runs in a lane, and those of different lanes do not wait for each other. That the lane is full is
+    never a lasting state: what is in the way is stopped, or what waits is refused when it is overdue.
+
+    :param policy: for a full lane.
+    :param room: how many run at once in a lane; 0: any number.
+    :param asked: nothing runs before :meth:`begin`; for an owner whose worker takes one after the other.
+    """
+
+    def __init__(self, policy: Policy, room: int = 1, asked: bool = False) -> None:
+        self._policy = policy
+        self._room = room
+        self._asked = asked
+        self._running: Dict[K, _Work[K]] = {}  # the oldest first
+        self._waiting: List[_Work[K]] = []
+
+    @property
+    def running(self) -> List[K]:
+        """What runs, the oldest first."""
+        return list(self._running)
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing runs or waits."""
+        return not self._running and not self._waiting
+
+    def allow(self, room: int) -> List[Decision]:
+        """Sets how many run at once in a lane; what runs continues."""
+        self._room = room
+        return self._promote()
+
+    def arrive(self, key: K, lane: str = "", batch: int = 0) -> List[Decision]:
+        """Work has come; none for a key that is in the book already: it runs once.
+
+        :param batch: what belongs together, as the actions of a plan.
+        """
+        if key in self._running or any(work.key == key for work in self._waiting):
+            return []
+        work = _Work(key, lane, batch)
+        before = [each for each in self._waiting if each.lane == lane]
+        self._waiting.append(work)
+        if not before and self._free(lane):
+            return self._promote()
+        if self._policy is Policy.NEWEST:
+            return self._replace(before, lane)
+        if len(self._waiting) > WAITING:
+            self._waiting.remove(work)
+            return [Decision(Step.REFUSE, key, f"{WAITING} wait already; no more may")]
+        decisions = [Decision(Step.WAIT, key)]
+        for other in self._running.values():
+            if other.lane == lane and other.batch != batch:
+                decisions += self._stop(other, f"plan {batch} has taken the place of plan {other.batch}")
+        return decisions
+
+    def begin(self) -> Optional[K]:
+        """The next that runs from now on; None when none may. Where the owner asks for it."""
+        work = next((work for work in self._waiting if self._free(work.lane)), None)
+        if work is None:
+            return None
+        self._waiting.remove(work)
+        self._running[work.key] = work
+        return work.key
+
+    def cancel(self, key: K, reason: str) -> List[Decision]:
+        """Work has to stop."""
+        if self._leave(key):
+            return [Decision(Step.REFUSE, key, reason)]
+        return self._stop(self._running[key], reason) if key in self._running else []
+
+    def cancel_all(self, reason: str) -> List[Decision]:
+        """All has to stop; what waits first, which would begin when the rest has ended."""
+        keys = [*(work.key for work in self._waiting), *self._running]
+        return [decision for key in keys for decision in self.cancel(key, reason)]
+
+    def overdue(self, key: K) -> List[Decision]:
+        """The limit for what waits, or for what has to stop, has passed."""
+        if self._leave(key):
+            return [Decision(Step.REFUSE, key, STUCK)]
+        if key not in self._running or not self._running[key].stops:
+            return []
+        return [Decision(Step.ABANDON, key), *self.end(key)]
+
+    def end(self, key: K) -> List[Decision]:
+        """What runs has ended."""
+        return [] if self._running.pop(key, None) is None else self._promote()
+
+    def _free(self, lane: str) -> bool:
+        return not self._room or sum(work.lane == lane for work in self._running.values()) < self._room
+
+    def _promote(self) -> List[Decision]:
+        """Runs what has waited, the oldest of a lane first."""
+        decisions: List[Decision] = []
+        while not self._asked:
+            key = self.begin()
+            if key is None:
+                break
+            decisions.append(Decision(Step.RUN, key))
+        return decisions
+
+    def _replace(self, before: List[_Work[K]], lane: str) -> List[Decision]:
+        for work in before:
+            self._waiting.remove(work)
+        decisions = [Decision(Step.REFUSE, work.key, TAKEN) for work in before]
+        running = [work for work in self._running.values() if work.lane == lane]
+        if any(work.stops for work in running) or self._free(lane):
+            return decisions  # what stops makes room
+        return decisions + self._stop(running[0], "a newer goal takes its place")
+
+    def _leave(self, key: K) -> bool:
+        """Whether work has waited; it waits no more."""
+        left = [work for work in self._waiting if work.key != key]
+        waited = len(left) < len(self._waiting)
+        self._waiting = left
+        return waited
+
+    @staticmethod
+    def _stop(work: _Work[K], reason: str) -> List[Decision]:
+        if work.stops:
+            return []
+        work.stops = True
+        return [Decision(Step.STOP, work.key, reason)]
