@@ -71,7 +71,7 @@ class Owner(DispatchFixture, unittest.TestCase):
     def setUp(self):
         super().setUp()
         self.leases, self.owners = [
-            Leases(f"{self.dispatcher}/{topic}") for topic in ("lease", "dispatch_plan/lease")
+            Leases(f"{self.dispatcher}/{topic}") for topic in ("lease", "dispatch_plan_action/lease")
         ]
         for leases in (self.leases, self.owners):
             self.addCleanup(leases.subscriber.unregister)
@@ -106,7 +106,7 @@ class Owner(DispatchFixture, unittest.TestCase):
         self.leases.has_heard(lambda lease: goal in lease.suspended)
         self.interfaces.wait(named("cancel_action"))
         status = self.last_status()
-        self.assertRegex(status.reason, "its owner /victim_owner_[0-9_]+ is gone")
+        self.assertRegex(status.reason, "its client /victim_owner_[0-9_]+ is gone")
         self.assertEqual(self.interfaces.names().count("paint"), 1)
         self.leases.wait(lambda lease: not lease.held)
 

@@ -31,7 +31,7 @@ class Client(DispatchClient):
         self.held: List[str] = []
         self._watch = mock.Mock(goals_of=lambda owner: self.held)
         self._ended = self._cancelling = self._cancel_sent = self._requested = self._silent = False
-        self._takers, self._stuck_after = set(), 0.0
+        self._takers, self._stuck_after, self._goal = set(), 0.0, None
         self.calls: List[str] = []
 
     def _call_cancel(self) -> bool:

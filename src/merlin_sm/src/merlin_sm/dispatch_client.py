@@ -1,23 +1,28 @@
 """Dispatches a plan, follows its actions, and cancels it, over our dispatchers and ROSPlan's own."""
 
-import itertools
 import threading
 from functools import partial
 from typing import Callable, List, Optional, Sequence, Set
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, Lease, RunningAction
-from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
+from rosplan_dispatch_msgs.msg import (
+    ActionDispatch,
+    ActionFeedback,
+    NonBlockingDispatchAction,
+    NonBlockingDispatchGoal,
+)
 from rosplan_dispatch_msgs.srv import DispatchService
 from rospy.core import is_shutdown_requested
 from std_srvs.srv import Empty
 
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.lease import LeaseChange, LeaseState
-from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.deadline import Deadline, limit, running_time
 from merlin_ros.publishing import publish
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 from merlin_sm.dispatching.action_messages import CANCEL_ACTION, answer_in, cancel_of, dispatched_action
 from merlin_sm.dispatching.kinds import DispatcherKind, Hold, ReportingDispatcher, SilentDispatcher
 from merlin_sm.dispatching.owners import DispatchOwners
@@ -30,6 +35,7 @@ from merlin_sm.planning_client import Interruptible
 STATUS_GRACE = 0.5  # s of running time for the dispatcher's status behind its answer
 ANSWER_GRACE = 0.3  # s of running time for an interface's answer behind the end of the dispatch
 ORPHAN_GRACE = 1.0  # s of running time for the actions of a dispatcher that is gone to end
+SERVER_WAIT = 2.0  # s of running time for the connection to a dispatcher's action server to be complete
 SLACK = 1.0  # s that a dispatcher gets beyond its own cancel deadline
 STUCK_AFTER = 20.0  # s of running time without an action under way, for a dispatcher without status
 FOREIGN_WAIT = 6.0  # s of running time for the plan of another client to end, where a cancel has no limit
@@ -43,7 +49,8 @@ _BUSY = "is being dispatched already"
 class DispatchClient:
     """One dispatcher.
 
-    It owns what it has dispatched: while that runs it renews the lease ``<dispatcher>/dispatch_plan/lease``.
+    A dispatcher that publishes its status gets a goal of ``dispatch_plan_action``, which this client leases.
+    The others are ROSPlan's own, and get the call of a service.
 
     :param dispatcher: its name (scope).
     :param knowledge_base: where action interfaces announce themselves.
@@ -68,13 +75,14 @@ class DispatchClient:
         self._on_change = on_change
         self._dispatch = ServiceProxy(f"{dispatcher}/dispatch_plan", DispatchService)
         self._cancel = ServiceProxy(f"{dispatcher}/cancel_dispatch", Empty, timeout=2.0)
-        self._numbers = itertools.count(1)
-        self._lease = LeaseHolder(f"{dispatcher}/dispatch_plan/lease")
+        self._server = ActionClient(f"{dispatcher}/dispatch_plan_action", NonBlockingDispatchAction)
+        self._goal: Optional[ClientGoal] = None  # of the present dispatch, written by its thread
         self._begun = running_time()
         self._changed = threading.Condition()  # guards the fields below
         self._progress = DispatchProgress()
         self._active = self._cancelling = self._requested = self._cancel_sent = False
         self._ended = True
+        self._number = 0  # of the present dispatch
         self._silent = False  # whether the dispatcher no longer renews the lease of what it carries out
         self._kind: DispatcherKind = SilentDispatcher()
         self._owners = DispatchOwners(rospy.get_name())
@@ -85,7 +93,7 @@ class DispatchClient:
             ("action_dispatch", ActionDispatch, self._receive_dispatch),
             ("action_feedback", ActionFeedback, self._receive_feedback),
             ("dispatch_status", DispatchStatus, self._receive_status),
-            ("dispatch_plan/lease", Lease, self._receive_lease),
+            ("dispatch_plan_action/lease", Lease, self._receive_lease),
         ):
             rospy.Subscriber(f"{dispatcher}/{topic}", message_class, callback, tcp_nodelay=True)
         self._watch = LeaseWatch(f"{dispatcher}/lease", self._dispatcher_changed)
@@ -217,44 +225,62 @@ class DispatchClient:
             self._kind.begin()
             self._active = True
             self._ended = self._cancelling = self._cancel_sent = self._requested = self._silent = False
-            silent = not self._kind.reports
+            silent, number = not self._kind.reports, self._number
         answers: List[object] = []
-        dispatch, number = self._dispatch, f"{LIFE}-dispatch-{next(self._numbers)}"
 
-        def call() -> None:
-            try:
-                answers.append(dispatch())
-            except BaseException as error:  # the thread that waits for the end must learn of it
-                answers.append(error)
+        def ended(answer: object) -> None:
             with self._changed:
-                if self._dispatch is dispatch:
+                if number == self._number:
+                    answers.append(answer)
                     self._ended = True
                 self._changed.notify_all()
 
         interruptible(self.cancel)
         try:
+            there = True
             if silent:
                 self._readiness.wait(plan, lambda: self._requested)
+            else:
+                there = self._server.wait_for_server(SERVER_WAIT, lambda: self._requested)
             with self._changed:
                 if self._requested:
                     self._ended = True
                     return DispatchResult(False, cancelled=True, reason=WITHDRAWN)
-            self._lease.hold(number, owner)
-            threading.Thread(target=call, name=f"dispatch of {self.name}", daemon=True).start()
+            if not there:
+                ended(ServiceUnavailable(self._server.missing))
+            elif silent:
+                self._call(ended)
+            else:
+                self._goal = self._server.send(NonBlockingDispatchGoal(), ended, owner=owner)
             if self._wait_for_end():
                 return self._result(answers[0])
             with self._changed:
                 return self._progress.hung(self.name, self.cancel_deadline)
         finally:
             interruptible(None)
-            self._lease.release(number)
+            goal, self._goal = self._goal, None
             with self._changed:
                 self._active = False
-                if not self._ended:
-                    # The call hangs in its thread; the next dispatch gets a connection of its own.
-                    self._dispatch = ServiceProxy(f"{self.name}/dispatch_plan", DispatchService)
-                    self._ended = True
+                hangs, self._ended = not self._ended, True
+                self._number += 1
+            if hangs and silent:
+                # The call hangs in its thread; the next dispatch gets a connection of its own.
+                self._dispatch = ServiceProxy(f"{self.name}/dispatch_plan", DispatchService)
+            elif hangs and goal is not None:
+                self._server.give_up(goal, "its dispatch does not end")
             self._on_change()
+
+    def _call(self, ended: Callable[[object], None]) -> None:
+        """Calls the service, in a thread of its own."""
+        dispatch = self._dispatch
+
+        def call() -> None:
+            try:
+                ended(dispatch())
+            except BaseException as error:  # the thread that waits for the end must learn of it
+                ended(error)
+
+        threading.Thread(target=call, name=f"dispatch of {self.name}", daemon=True).start()
 
     def _wait_for_end(self) -> bool:
         """False when a dispatch that is cancelled, or whose action failed, does not end in time.
@@ -278,8 +304,12 @@ class DispatchClient:
                 self._cancelling = True
             if self._ended:
                 return True
-            begun = self._kind.started
-            if not Deadline(patience).wait(self._changed, lambda: self._ended or begun(self._progress)):
+            # ROSPlan's dispatchers lose a cancel that comes before the plan; that of a goal names the goal.
+            takes_cancel = Deadline(patience).wait(
+                self._changed,
+                lambda: self._ended or self._goal is not None or self._kind.started(self._progress),
+            )
+            if not takes_cancel:
                 return False
         self._send_cancel()
         with self._changed:
@@ -319,7 +349,10 @@ class DispatchClient:
                 return
             self._cancel_sent = True
             running = self._kind.to_cancel(self._progress)
-        self._call_cancel()
+        if self._goal is not None:
+            self._goal.cancel()
+        else:
+            self._call_cancel()
         self._cancel_actions(running)
 
     def _cancel_actions(self, actions: Sequence[Action]) -> None:

@@ -88,7 +88,6 @@ def quiet(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for level in ("loginfo", "logwarn", "logerr"):
         monkeypatch.setattr(rospy, level, lambda *_: None)
     monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
-    monkeypatch.setattr(dispatch_owner, "LeaseWatch", Leases)
     yield
     ownership.resume("goal")
 
@@ -118,36 +117,6 @@ def test_an_owner_that_comes_back_while_its_goal_is_taken_is_not_taken_for_silen
     leases.now, leases.on_read = SUSPENDED, back
     send(server)
     assert not ownership.suspended("goal")
-
-
-def test_an_owner_that_comes_back_while_its_dispatch_begins_is_not_taken_for_silent() -> None:
-    owner, dispatch = DispatchOwner("/dispatcher"), Dispatch()
-    watch: Any = owner._watch
-    leases = watch.book
-
-    def back() -> None:
-        leases.now = HELD
-        owner._lease_changed(LeaseChange("goal", HELD, ""))
-
-    leases.goals, leases.now, leases.on_read = ["goal"], SUSPENDED, back
-    owner.begin("/client")
-    owner.attach(dispatch, "key")  # type: ignore[arg-type]
-    assert not dispatch.suspended
-
-
-def test_a_lease_that_came_behind_its_call_is_not_that_of_the_next_dispatch() -> None:
-    owner, dispatch = DispatchOwner("/dispatcher"), Dispatch()
-    watch: Any = owner._watch
-    owner.begin("/client")
-    watch.book.goals = ["first"]
-    owner.end()
-    owner.begin("/client")  # the call is faster than the lease again
-    owner.attach(dispatch, "key")  # type: ignore[arg-type]
-    owner._lease_changed(LeaseChange("first", LOST, "/client has let go of it", let_go=True))
-    assert dispatch.reasons == []
-    watch.book.goals = ["second"]
-    owner._lease_changed(LeaseChange("second", SUSPENDED, "/client is silent"))
-    assert dispatch.suspended
 
 
 # --- a dispatcher whose client is asked for -------------------------------------------------------------

@@ -132,9 +132,8 @@ class Client(DispatchClient):
         self._changed = threading.Condition()
         self._kind, self._progress = SilentDispatcher(), DispatchProgress()
         self._active, self._takers, self._stuck_after = False, set(), 0.0
+        self._goal, self._number = None, 0
         self._on_change = lambda: None
-        self._numbers = iter(range(9))
-        self._lease: Any = type("Lease", (), {"release": lambda *_: None})()
         self._dispatch: Any = lambda: pytest.fail("the plan was dispatched")
         self._readiness = DispatchReadiness("/dispatcher", "/kb", self._changed)
 

@@ -18,7 +18,7 @@ import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 from merlin_ros.actions.hang_watch import hangs
-from merlin_ros.actions.lease import LeaseChange, LeaseState
+from merlin_ros.actions.lease import LOSE_AFTER, LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.sending_order import SendingOrder
@@ -157,6 +157,7 @@ class ActionServer:
         process has sent on behalf of the goal, and LOST cancels the goal. None: always so.
     :param own_result: makes the result of a goal that this server itself ends, from its last status: one
         whose cancel overtook it, or that runs at :meth:`shutdown`. None of it: an empty one.
+    :param lose_owner_after: s of its silence after which the owner of a goal counts as gone.
     """
 
     def __init__(
@@ -167,6 +168,7 @@ class ActionServer:
         on_cancel: Callable[[ServerGoal], None],
         on_owner: Optional[Callable[[ServerGoal, LeaseState, str], Optional[bool]]] = None,
         own_result: Callable[[GoalStatus], Any] = lambda status: None,
+        lose_owner_after: float = LOSE_AFTER,
     ) -> None:
         self.name = rospy.resolve_name(name)
         action = action_spec()
@@ -177,6 +179,7 @@ class ActionServer:
         self._on_cancel = on_cancel
         self._on_owner = on_owner
         self._own_result = own_result
+        self._lose_owner_after = lose_owner_after
         self._leases: Optional[LeaseWatch] = None
         self.lock = threading.RLock()  # guards the goals and keeps results and statuses in order
         self._goals: Dict[str, ServerGoal] = {}
@@ -197,7 +200,9 @@ class ActionServer:
             self.name + "/feedback", self._feedback_type, queue_size=50
         )
         self._publishers = [self._status_publisher, self._result_publisher, self._feedback_publisher]
-        self._leases = LeaseWatch(self.name + "/lease", self._owner_changed)
+        self._leases = LeaseWatch(
+            self.name + "/lease", self._owner_changed, lose_after=self._lose_owner_after
+        )
         self._subscribers = [
             rospy.Subscriber(self.name + "/goal", self._goal_type, self._receive_goal, tcp_nodelay=True),
             rospy.Subscriber(self.name + "/cancel", GoalID, self._receive_cancel, tcp_nodelay=True),

@@ -93,8 +93,7 @@ class PlanDispatcher(Component):
         self._settler = self.own(
             DispatchSettler(self.knowledge_base, self._topics.seconds_silent, self._limits.liveness)
         )
-        lose_owner_after = self.number("owner_timeout", LOSE_AFTER, SUSPEND_AFTER)
-        self._owner = self.own(DispatchOwner(self.scope, lose_owner_after))
+        self._owner = DispatchOwner(self.scope)
         feedback_topic = str(self.param("action_feedback_topic", "action_feedback"))
         self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback)  # no answer may be dropped
         KnowledgeEvents(self, self._put)
@@ -109,6 +108,7 @@ class PlanDispatcher(Component):
                 self._accept,
                 self._cancel_goal,
                 self._goal_owner_changed,
+                lose_owner_after=self.number("owner_timeout", LOSE_AFTER, SUSPEND_AFTER),
             )
         )
         self._server.start()
@@ -200,7 +200,7 @@ class PlanDispatcher(Component):
             goal.abort(result, text)
 
     def _begin_goal(self, goal: ServerGoal) -> None:
-        self._owner.begin("")
+        self._owner.begin(goal.sender, goal.id)
         self._server.tell_owner(goal)  # what changed while the dispatcher was another goal's
         goal.accept()
 
@@ -224,11 +224,13 @@ class PlanDispatcher(Component):
     # --- one dispatch -------------------------------------------------------------------------------
 
     def _take_over(self, goal: Optional[ServerGoal]) -> str:
-        """Makes a busy dispatcher the caller's when the owner of its dispatch is gone.
+        """Makes a busy dispatcher the caller's when its dispatch is cancelled, or its owner is gone.
 
         Returns why not, as a sentence; empty when it is.
         """
-        stays = self._owner.abandoned()
+        with self._state:
+            ends = self._goal is not None and self._goal.cancel_requested
+        stays = "" if ends else self._owner.abandoned()
         if not stays and self._occupy(goal, wait=True):
             return ""
         return f"a plan is being dispatched already, {stays or 'and does not end'}"
