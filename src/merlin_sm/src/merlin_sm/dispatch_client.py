@@ -230,7 +230,11 @@ class DispatchClient:
 
         def ended(answer: object) -> None:
             with self._changed:
-                if number == self._number:
+                if number != self._number:
+                    return
+                if isinstance(answer, ClientGoal) and answer.hangs:
+                    self._silent = True  # it has not ended
+                else:
                     answers.append(answer)
                     self._ended = True
                 self._changed.notify_all()

@@ -358,6 +358,7 @@ class ActionClient:
                     and goal.status not in (GoalStatus.PREEMPTING, GoalStatus.RECALLING)
                 ]
             for goal, why in ended:
+                goal.hangs = connected and self._silence.silent(goal) > CONNECTED_SILENCE
                 self._lose(goal, why)
             for goal in again:
                 self._send_cancel(goal)

@@ -46,6 +46,7 @@ class ClientGoal:
         self.status = GoalStatus.PENDING
         self.text = ""
         self.result: Any = None
+        self.hangs = False  # it is LOST to a server that is connected and silent
         self.feedback: Any = None
         self._on_done = on_done
         self.on_feedback = on_feedback

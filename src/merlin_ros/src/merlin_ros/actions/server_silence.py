@@ -73,6 +73,10 @@ class ServerSilence:
             for goal in goals:
                 goal.alone = self._ticks.now
 
+    def silent(self, goal: ClientGoal) -> float:
+        """How long the server has said nothing, s, at most since a goal was sent."""
+        return self._ticks.now - max(self._heard or 0.0, goal.sent)
+
     def why_lost(self, goal: ClientGoal, publishes: bool, connected: bool) -> str:
         """Why the server will not answer a goal any more; empty: it still may.
 
@@ -80,7 +84,7 @@ class ServerSilence:
         :param connected: whether all connections to it are open.
         """
         now, heard = self._ticks.now, self._heard or 0.0
-        silent = now - max(heard, goal.sent)
+        silent = self.silent(goal)
         if silent > GONE_SILENCE and self._heard is not None and not publishes:
             return f"the process of the action server {self._action} is gone"
         if silent > (CONNECTED_SILENCE if connected else SILENCE):
