@@ -45,6 +45,7 @@ class ClientGoal:
         self.owner = owner
         self.status = GoalStatus.PENDING
         self.text = ""
+        self.said = ""  # what the server says of it while it runs
         self.result: Any = None
         self.feedback: Any = None
         self._on_done = on_done
