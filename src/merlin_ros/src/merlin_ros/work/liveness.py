@@ -1,0 +1,200 @@
+"""Which peers live, judged by what they say and by their silence. Pure: words and passing time go in.
+
+A peer is whatever a watcher listens to: the owner of goals, the host of a robot, an action interface. Each
+process of a peer is one of its lives. Time is the watcher's own (:class:`merlin_ros.alarms.TickClock`): what
+a watcher has missed is not its peers' silence. A watcher asks after each word and each look, and makes its
+own changes of the answers.
+"""
+
+import math
+from collections import OrderedDict
+from enum import Enum
+from typing import Generic, Hashable, Iterator, List, NamedTuple, TypeVar
+
+KEEP_LIVES = 8  # of a peer, which are over, that are remembered
+PEERS = 1000  # that are remembered at most: any node may name some
+SLOWEST = 10.0  # times its period that a peer may take from one word to the next
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+class Limits(NamedTuple):
+    """What a watcher expects of its peers, in s of its own time."""
+
+    gone: float
+    """Silence after which a peer is GONE."""
+    silent: float = math.inf
+    """Silence after which it is SILENT; more than `gone`: it is never only silent."""
+    closed: float = math.inf
+    """Silence after which it is GONE when its connection is closed."""
+    keep: float = 0.0
+    """Silence from which it may be forgotten for another one, when there are too many."""
+    period: float = 0.0
+    """Time between two words, as a rule. A peer that takes longer is given proportionally more of everything.
+    0: all are treated alike."""
+    settle: float = 0.0
+    """Time after a stall of the watcher in which what came meanwhile is read: until then the stall is not
+    counted as silence."""
+
+
+class Presence(Enum):
+    """What is believed of a peer."""
+
+    UNKNOWN = "unknown"
+    """It has said nothing that is remembered."""
+    ALIVE = "alive"
+    SILENT = "silent"
+    GONE = "gone"
+    """Its silence has been too long. The same life may come back: a process that got SIGSTOP gets SIGCONT."""
+    LEFT = "left"
+    """It has said that it ends. Only another life comes back."""
+
+
+class Word(Enum):
+    """What a word of a peer means."""
+
+    REFUSED = "refused"
+    """It does not count: too many peers are there."""
+    LATE = "late"
+    """It does not count: it is of a life that is over."""
+    FIRST = "first"
+    """The peer was not there before."""
+    AGAIN = "again"
+    """It is still there."""
+    REBORN = "reborn"
+    """Another life of it is there: what the life before it did is over."""
+
+
+class _Peer:
+    def __init__(self, now: float, life: str) -> None:
+        self.life = life
+        self.over: List[str] = []  # lives
+        self.heard = now
+        self.since = now  # it is there
+        self.gap = 0.0  # s between its last two words
+        self.left = False
+
+
+class Liveness(Generic[Key]):
+    """The peers of one watcher, the one that is silent for longest first. Not thread-safe.
+
+    :param limits: of all of them.
+    :param room: peers that are remembered at most.
+    """
+
+    def __init__(self, limits: Limits, room: int = PEERS) -> None:
+        self._limits = limits
+        self._room = room
+        self._now = 0.0
+        self._stall, self._back = 0.0, -math.inf  # the last one's length and end, s
+        self._peers: OrderedDict[Key, _Peer] = OrderedDict()
+
+    def __iter__(self) -> Iterator[Key]:
+        return iter(self._peers)
+
+    def __contains__(self, key: Key) -> bool:
+        return key in self._peers
+
+    def __len__(self) -> int:
+        return len(self._peers)
+
+    def pass_time(self, seconds: float, stalled: bool = False) -> None:
+        """Time passes, as the watcher counts it.
+
+        :param stalled: whether the watcher was held up for it, so that words may wait to be read.
+        """
+        self._now += seconds
+        if stalled:
+            self._stall, self._back = seconds, self._now
+
+    def heard(self, key: Key, life: str = "") -> Word:
+        """A peer says that it lives.
+
+        :param life: names its process; empty: it does not say.
+        """
+        peer = self._peers.get(key)
+        if peer is None:
+            if not self._make_room():
+                return Word.REFUSED
+            self._peers[key] = _Peer(self._now, life)
+            return Word.FIRST
+        if life in peer.over:
+            return Word.LATE
+        self._peers.move_to_end(key)
+        word = Word.AGAIN
+        if peer.life not in ("", life):
+            word = Word.REBORN
+            peer.over = [*peer.over[1 - KEEP_LIVES :], peer.life]
+        elif peer.left or self._silence(peer, self._now - peer.heard) > self._limits.gone:
+            word = Word.FIRST
+        if word is not Word.AGAIN:
+            peer.since = self._now
+        peer.gap = self._now - peer.heard
+        peer.heard, peer.life, peer.left = self._now, life, False
+        return word
+
+    def expect(self, key: Key) -> None:
+        """Something is expected of a peer from now on: its silence begins here."""
+        if key in self._peers or self._make_room():
+            self._peers.setdefault(key, _Peer(self._now, "")).heard = self._now
+            self._peers.move_to_end(key)
+
+    def left(self, key: Key) -> None:
+        """A peer says that it ends. Its life is over."""
+        peer = self._peers.get(key)
+        if peer is not None:
+            peer.over = [*peer.over[1 - KEEP_LIVES :], *filter(None, [peer.life])]
+            peer.life, peer.left = "", True
+            self._peers.move_to_end(key, last=False)
+
+    def forget(self, key: Key) -> None:
+        """A peer is not watched any more, and everything about it is forgotten."""
+        self._peers.pop(key, None)
+
+    def presence(self, key: Key, connected: bool = True) -> Presence:
+        """What is believed of a peer now.
+
+        :param connected: whether its connection is open; True: not known.
+        """
+        peer = self._peers.get(key)
+        if peer is None:
+            return Presence.UNKNOWN
+        if peer.left:
+            return Presence.LEFT
+        silence = self.silence(key)
+        if silence > (self._limits.gone if connected else min(self._limits.gone, self._limits.closed)):
+            return Presence.GONE
+        return Presence.SILENT if silence > self._limits.silent else Presence.ALIVE
+
+    def silence(self, key: Key) -> float:
+        """The silence of a peer that is remembered, s; less for one whose words come slowly.
+
+        :raises KeyError: it is not remembered.
+        """
+        peer = self._peers[key]
+        seconds = self._now - peer.heard
+        if peer.heard < self._back and self._now - self._back < self._limits.settle:
+            seconds -= self._stall
+        return self._silence(peer, seconds)
+
+    def age(self, key: Key) -> float:
+        """For how long a peer has been there, GONE, LEFT and other lives apart, s; infinite: it is not."""
+        return self._now - self._peers[key].since if key in self._peers else math.inf
+
+    def life(self, key: Key) -> str:
+        """The present life of a peer; empty: it has named none."""
+        return self._peers[key].life if key in self._peers else ""
+
+    def _silence(self, peer: _Peer, seconds: float) -> float:
+        period = self._limits.period
+        return seconds / min(max(1.0, peer.gap / period), SLOWEST) if period else seconds
+
+    def _make_room(self) -> bool:
+        """Whether one more can be remembered; the one that is silent for longest is forgotten for it."""
+        if len(self._peers) < self._room:
+            return True
+        key, peer = next(iter(self._peers.items()))
+        if not peer.left and self._now - peer.heard < self._limits.keep:
+            return False
+        del self._peers[key]
+        return True
