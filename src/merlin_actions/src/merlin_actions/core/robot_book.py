@@ -93,7 +93,7 @@ class RobotBook:
         robot = self._robots.pop(word.robot, None) or _Robot()
         self._robots[word.robot] = robot
         heard = robot.hosts.heard(word.node, word.life)
-        if heard in (Word.LATE, Word.REFUSED):
+        if heard is Word.IGNORED:
             return []
         changes: List[RobotChange] = []
         if heard is Word.REBORN:

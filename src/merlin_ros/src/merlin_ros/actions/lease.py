@@ -107,7 +107,7 @@ class LeaseBook:
         :param held: all of its goals.
         :param suspended: those of them whose own owner is silent.
         """
-        if self._owners.heard(owner, life) is Word.LATE:
+        if self._owners.heard(owner, life) is Word.IGNORED:
             return []
         changes: List[LeaseChange] = []
         let_go = (

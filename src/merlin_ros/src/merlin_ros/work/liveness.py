@@ -7,9 +7,9 @@ own changes of the answers.
 """
 
 import math
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from enum import Enum
-from typing import Generic, Hashable, Iterator, List, NamedTuple, TypeVar
+from typing import Callable, Generic, Hashable, Iterator, List, NamedTuple, Optional, TypeVar
 
 KEEP_LIVES = 8  # of a peer, which are over, that are remembered
 PEERS = 1000  # that are remembered at most: any node may name some
@@ -27,8 +27,8 @@ class Limits(NamedTuple):
     """Silence after which it is SILENT; more than `gone`: it is never only silent."""
     closed: float = math.inf
     """Silence after which it is GONE when its connection is closed."""
-    keep: float = 0.0
-    """Silence from which it may be forgotten for another one, when there are too many."""
+    keep: float = -1.0
+    """Silence after which it may be forgotten for another one, when there are too many; negative: at once."""
     period: float = 0.0
     """Time between two words, as a rule. A peer that takes longer is given proportionally more of everything.
     0: all are treated alike."""
@@ -53,26 +53,28 @@ class Presence(Enum):
 class Word(Enum):
     """What a word of a peer means."""
 
-    REFUSED = "refused"
-    """It does not count: too many peers are there."""
-    LATE = "late"
-    """It does not count: it is of a life that is over."""
-    FIRST = "first"
-    """The peer was not there before."""
-    AGAIN = "again"
-    """It is still there."""
+    IGNORED = "ignored"
+    """It does not count: it is of a life that is over, or too many peers are there."""
+    COUNTS = "counts"
     REBORN = "reborn"
-    """Another life of it is there: what the life before it did is over."""
+    """It is of another life: what the life before it did is over."""
 
 
 class _Peer:
-    def __init__(self, now: float, life: str) -> None:
-        self.life = life
+    def __init__(self, now: float, source: str) -> None:
+        self.source = source
+        self.life = ""
         self.over: List[str] = []  # lives
         self.heard = now
         self.since = now  # it is there
         self.gap = 0.0  # s between its last two words
         self.left = False
+
+    def end(self) -> None:
+        """Its life is over."""
+        if self.life:
+            self.over = [*self.over[1 - KEEP_LIVES :], self.life]
+        self.life = ""
 
 
 class Liveness(Generic[Key]):
@@ -80,14 +82,24 @@ class Liveness(Generic[Key]):
 
     :param limits: of all of them.
     :param room: peers that are remembered at most.
+    :param room_of_one: those of them that one node may name; one that names more costs no other node a peer.
+    :param on_forget: called with a peer that is forgotten for another one.
     """
 
-    def __init__(self, limits: Limits, room: int = PEERS) -> None:
+    def __init__(
+        self,
+        limits: Limits,
+        room: int = PEERS,
+        room_of_one: int = PEERS,
+        on_forget: Callable[[Key], None] = lambda key: None,
+    ) -> None:
         self._limits = limits
-        self._room = room
+        self._room, self._room_of_one = room, room_of_one
+        self._on_forget = on_forget
         self._now = 0.0
-        self._stall, self._back = 0.0, -math.inf  # the last one's length and end, s
+        self._stall, self._back = 0.0, -math.inf  # s that stalls took that are not settled; their end
         self._peers: OrderedDict[Key, _Peer] = OrderedDict()
+        self._named: Counter[str] = Counter()  # by each node
 
     def __iter__(self) -> Iterator[Key]:
         return iter(self._peers)
@@ -95,61 +107,48 @@ class Liveness(Generic[Key]):
     def __contains__(self, key: Key) -> bool:
         return key in self._peers
 
-    def __len__(self) -> int:
-        return len(self._peers)
-
     def pass_time(self, seconds: float, stalled: bool = False) -> None:
         """Time passes, as the watcher counts it.
 
         :param stalled: whether the watcher was held up for it, so that words may wait to be read.
         """
+        settled = self._now - self._back >= self._limits.settle
         self._now += seconds
         if stalled:
-            self._stall, self._back = seconds, self._now
+            self._stall, self._back = seconds + (0.0 if settled else self._stall), self._now
 
-    def heard(self, key: Key, life: str = "") -> Word:
+    def heard(self, key: Key, life: str = "", source: str = "") -> Word:
         """A peer says that it lives.
 
         :param life: names its process; empty: it does not say.
+        :param source: the node that says so.
         """
-        peer = self._peers.get(key)
-        if peer is None:
-            if not self._make_room():
-                return Word.REFUSED
-            self._peers[key] = _Peer(self._now, life)
-            return Word.FIRST
-        if life in peer.over:
-            return Word.LATE
-        self._peers.move_to_end(key)
-        word = Word.AGAIN
-        if peer.life not in ("", life):
-            word = Word.REBORN
-            peer.over = [*peer.over[1 - KEEP_LIVES :], peer.life]
-        elif peer.left or self._silence(peer, self._now - peer.heard) > self._limits.gone:
-            word = Word.FIRST
-        if word is not Word.AGAIN:
+        peer = self._peer(key, source)
+        if peer is None or life in peer.over:
+            return Word.IGNORED
+        reborn = peer.life not in ("", life)
+        gap = self._now - peer.heard
+        if reborn:
+            peer.end()
+        if reborn or peer.left or self._silence(peer, gap) > self._limits.gone:
             peer.since = self._now
-        peer.gap = self._now - peer.heard
-        peer.heard, peer.life, peer.left = self._now, life, False
-        return word
+        peer.heard, peer.gap, peer.life, peer.left = self._now, gap, life, False
+        self._peers.move_to_end(key)
+        return Word.REBORN if reborn else Word.COUNTS
 
     def expect(self, key: Key) -> None:
         """Something is expected of a peer from now on: its silence begins here."""
-        if key in self._peers or self._make_room():
-            self._peers.setdefault(key, _Peer(self._now, "")).heard = self._now
+        peer = self._peer(key, "")
+        if peer is not None:
+            peer.heard = self._now
             self._peers.move_to_end(key)
 
     def left(self, key: Key) -> None:
         """A peer says that it ends. Its life is over."""
-        peer = self._peers.get(key)
-        if peer is not None:
-            peer.over = [*peer.over[1 - KEEP_LIVES :], *filter(None, [peer.life])]
-            peer.life, peer.left = "", True
+        if key in self._peers:
+            self._peers[key].end()
+            self._peers[key].left = True
             self._peers.move_to_end(key, last=False)
-
-    def forget(self, key: Key) -> None:
-        """A peer is not watched any more, and everything about it is forgotten."""
-        self._peers.pop(key, None)
 
     def presence(self, key: Key, connected: bool = True) -> Presence:
         """What is believed of a peer now.
@@ -174,7 +173,7 @@ class Liveness(Generic[Key]):
         peer = self._peers[key]
         seconds = self._now - peer.heard
         if peer.heard < self._back and self._now - self._back < self._limits.settle:
-            seconds -= self._stall
+            seconds = max(0.0, seconds - self._stall)
         return self._silence(peer, seconds)
 
     def age(self, key: Key) -> float:
@@ -185,16 +184,32 @@ class Liveness(Generic[Key]):
         """The present life of a peer; empty: it has named none."""
         return self._peers[key].life if key in self._peers else ""
 
+    def crowded(self, source: str) -> bool:
+        """Whether a node names as many peers as it may."""
+        return self._named[source] >= self._room_of_one
+
     def _silence(self, peer: _Peer, seconds: float) -> float:
         period = self._limits.period
         return seconds / min(max(1.0, peer.gap / period), SLOWEST) if period else seconds
 
-    def _make_room(self) -> bool:
+    def _peer(self, key: Key, source: str) -> Optional[_Peer]:
+        """The peer, a new one where it is not remembered; None: there is no room for it."""
+        if key not in self._peers and self._make_room(source):
+            self._peers[key] = _Peer(self._now, source)
+            self._named[source] += 1
+        return self._peers.get(key)
+
+    def _make_room(self, source: str) -> bool:
         """Whether one more can be remembered; the one that is silent for longest is forgotten for it."""
-        if len(self._peers) < self._room:
+        crowded = self.crowded(source)
+        if not crowded and len(self._peers) < self._room:
             return True
-        key, peer = next(iter(self._peers.items()))
-        if not peer.left and self._now - peer.heard < self._limits.keep:
+        key, peer = next(each for each in self._peers.items() if not crowded or each[1].source == source)
+        if not peer.left and self._now - peer.heard <= self._limits.keep:
             return False
         del self._peers[key]
+        self._named[peer.source] -= 1
+        if not self._named[peer.source]:
+            del self._named[peer.source]
+        self._on_forget(key)
         return True
