@@ -20,7 +20,7 @@ def test_what_was_never_heard_is_unknown():
     book = peers()
     book.left("/a")
     assert book.presence("/a") is Presence.UNKNOWN and "/a" not in book and list(book) == []
-    assert book.life("/a") == "" and book.age("/a") == math.inf
+    assert book.age("/a") == math.inf
     with pytest.raises(KeyError):
         book.silence("/a")
 
@@ -51,7 +51,7 @@ def test_another_life_takes_the_place_of_the_one_before_whose_late_words_do_not_
     book = peers()
     book.heard("/a", "one")
     book.pass_time(1.0)
-    assert book.heard("/a", "two") is Word.REBORN and book.life("/a") == "two" and book.age("/a") == 0.0
+    assert book.heard("/a", "two") is Word.REBORN and book.age("/a") == 0.0
     book.pass_time(1.0)
     assert book.heard("/a", "one") is Word.IGNORED
     assert book.silence("/a") == 1.0, "a late word is no sign of life"
@@ -92,12 +92,12 @@ def test_lives_that_are_over_do_not_grow_without_end():
 def test_the_silence_of_an_expected_peer_begins_when_it_is_expected():
     book = peers()
     book.expect("/a")
-    assert book.presence("/a") is Presence.ALIVE and book.life("/a") == ""
+    assert book.presence("/a") is Presence.ALIVE
     book.pass_time(5.0)
     assert book.presence("/a") is Presence.GONE
     book.expect("/a")
     assert book.presence("/a") is Presence.ALIVE
-    assert book.heard("/a", "one") is Word.COUNTS and book.life("/a") == "one"
+    assert book.heard("/a", "one") is Word.COUNTS and book.heard("/a", "two") is Word.REBORN
 
 
 def test_the_watchers_own_stall_is_nobodys_silence():
@@ -216,7 +216,7 @@ def test_whatever_happens_a_word_that_counts_makes_its_peer_alive_and_silence_on
     forgotten = set()
     book = Liveness(Limits(3.0, 0.6, 0.9, keep, period=1.0, settle=0.5), 3, on_forget=forgotten.add)
     for name, *arguments in events:
-        before = {key: (book.presence(key), book.life(key)) for key in "abcd"}
+        before = {key: book.presence(key) for key in "abcd"}
         forgotten.clear()
         word = getattr(book, name)(*arguments)
         assert len(list(book)) <= 3 and forgotten.isdisjoint(book)
@@ -224,13 +224,9 @@ def test_whatever_happens_a_word_that_counts_makes_its_peer_alive_and_silence_on
             presence, closed = book.presence(key), book.presence(key, connected=False)
             assert (presence is Presence.UNKNOWN) == (key not in book)
             assert closed is presence or closed is Presence.GONE
-            if name == "pass_time" and before[key][0] is Presence.LEFT:
+            if name == "pass_time" and before[key] is Presence.LEFT:
                 assert presence is Presence.LEFT
         if name == "heard":
-            key, life = arguments
-            if word is Word.IGNORED:
-                assert (book.presence(key), book.life(key)) == before[key]
-            else:
-                assert book.presence(key) is Presence.ALIVE and book.life(key) == life
-            if word is Word.REBORN:
-                assert before[key][1] not in ("", life)
+            key, _ = arguments
+            assert book.presence(key) is (before[key] if word is Word.IGNORED else Presence.ALIVE)
+            assert word is not Word.REBORN or before[key] not in (Presence.UNKNOWN, Presence.LEFT)

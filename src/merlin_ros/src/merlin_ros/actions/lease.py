@@ -138,7 +138,7 @@ class LeaseBook:
 
     def leases(self, client: str) -> bool:
         """Whether a node has ever sent a lease, as far as that is remembered."""
-        return bool(self._owners.life(client))
+        return client in self._owners
 
     def arrive(self, goal: str, owner: str = "") -> None:
         """A goal is received. One whose client leases it is not foreign before it was named: the client may
@@ -167,7 +167,9 @@ class LeaseBook:
                     self._set(changes, name, goal, state, reason)
             elif goal.age > KEEP_UNKNOWN:
                 del self._goals[name]
-        self._forget_lost()
+        lost = sorted((goal.age, name) for name, goal in self._goals.items() if goal.state is LeaseState.LOST)
+        for _, name in lost[KEEP_LOST:]:
+            del self._goals[name]
         return changes
 
     def _judge(self, goal: _Goal, connected: bool) -> Tuple[LeaseState, str]:
@@ -184,11 +186,6 @@ class LeaseBook:
         if not goal.life and goal.age > UNNAMED_SUSPEND_AFTER:
             return LeaseState.SUSPENDED, "its client has not named it yet"
         return LeaseState.SUSPENDED, f"its client {owner} is silent" if presence is Presence.SILENT else ""
-
-    def _forget_lost(self) -> None:
-        lost = [(goal.age, name) for name, goal in self._goals.items() if goal.state is LeaseState.LOST]
-        for _, name in sorted(lost, reverse=True)[: max(0, len(lost) - KEEP_LOST)]:
-            del self._goals[name]
 
     def forget(self, goal: str) -> None:
         """A goal has ended."""

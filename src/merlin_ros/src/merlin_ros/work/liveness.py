@@ -19,22 +19,25 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 class Limits(NamedTuple):
-    """What a watcher expects of its peers, in s of its own time."""
+    """What a watcher expects of its peers, in s of its own time.
+
+    :param gone: silence after which a peer is GONE.
+    :param silent: silence after which it is SILENT.
+    :param closed: silence after which it is GONE when its connection is closed.
+    :param keep: silence after which it may be forgotten for another one, when there are too many; negative:
+        at once.
+    :param period: from one word to the next. A peer that takes longer is given proportionally more of
+        everything. 0: all are treated alike.
+    :param settle: time behind a stall of the watcher in which what came meanwhile is read: only then the
+        stall counts as silence.
+    """
 
     gone: float
-    """Silence after which a peer is GONE."""
     silent: float = math.inf
-    """Silence after which it is SILENT; more than `gone`: it is never only silent."""
     closed: float = math.inf
-    """Silence after which it is GONE when its connection is closed."""
     keep: float = -1.0
-    """Silence after which it may be forgotten for another one, when there are too many; negative: at once."""
     period: float = 0.0
-    """Time between two words, as a rule. A peer that takes longer is given proportionally more of everything.
-    0: all are treated alike."""
     settle: float = 0.0
-    """Time after a stall of the watcher in which what came meanwhile is read: until then the stall is not
-    counted as silence."""
 
 
 class Presence(Enum):
@@ -179,10 +182,6 @@ class Liveness(Generic[Key]):
     def age(self, key: Key) -> float:
         """For how long a peer has been there, GONE, LEFT and other lives apart, s; infinite: it is not."""
         return self._now - self._peers[key].since if key in self._peers else math.inf
-
-    def life(self, key: Key) -> str:
-        """The present life of a peer; empty: it has named none."""
-        return self._peers[key].life if key in self._peers else ""
 
     def crowded(self, source: str) -> bool:
         """Whether a node names as many peers as it may."""
