@@ -1,1 +1,1 @@
-"""What watchers and servers of all kinds share. Without ROS."""
+"""What all work that runs for somebody shares, without ROS."""
