@@ -186,6 +186,9 @@ def test_a_node_that_names_peers_without_end_costs_no_other_node_a_peer():
     book.pass_time(6.0)
     assert book.heard("ghost9", source="/flood") is Word.COUNTS and forgotten == ["ghost1"]
     assert book.heard("c", source="/c") is Word.COUNTS and forgotten == ["ghost1", "a"]
+    book.pass_time(11.0)
+    assert [book.heard(each, source="/d") for each in "de"] == [Word.COUNTS] * 2
+    assert forgotten[2:] == ["b", "ghost0"] and not book.crowded("/flood")
 
 
 def test_what_has_left_makes_room_first():
